@@ -200,8 +200,8 @@ class Client:
             found = None
         if not isinstance(found, dict):
             raise ServiceError(
-                f"{answer.url} answered {answer.text[:LONGEST]!r}, which is no JSON object: is a gear-rattle service "
-                f"at {self._http.base_url}? Give its address."
+                f"{answer.url} answered {answer.text[:LONGEST]!r}, which is not a JSON object: is a gear-rattle "
+                f"service at {self._http.base_url}? Give its address."
             )
         return found
 

@@ -47,7 +47,7 @@ def states_of(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDArra
         raise
     except ValueError as error:
         raise ParameterError(f"the shapes of tau and v do not broadcast: {error}") from None
-    require(phases.size > 0, "there must be a state at least")
+    require(phases.size > 0, "give at least one state")
     require(phases.size <= MOST_SAMPLES, f"{phases.size} states are too many at once: at most {MOST_SAMPLES}")
     require(bool(np.isfinite(phases).all()), "tau must be finite")
     require(bool((np.isfinite(speeds) & (speeds > 0.0)).all()), "v must be finite and greater than 0")

@@ -335,7 +335,7 @@ def _rate(problem: ContinuationProblem, direction: Array, index: int, x: Array) 
 def _reason(path: Path, why: Test) -> str:
     """Return in words why a path ends."""
     if path.outside is None:
-        return "the equations become singular: it cannot be followed on"
+        return "the equations become singular: the curve cannot be followed further"
     return why(path.outside) or "the edge of its existence"
 
 

@@ -19,7 +19,7 @@ def rests_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.boo
 
 
 def _refused(what: str) -> NoReturn:
-    raise RattleError(f"{what} are not computed for the inelastic gear: use the impacting or the stiff one")
+    raise RattleError(f"{what} are not computed for the inelastic gear: use the impacting or the stiff gear")
 
 
 def diagram(*_: Any, **__: Any) -> NoReturn:

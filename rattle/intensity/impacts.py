@@ -77,7 +77,7 @@ def _repeated(one: Impacts, motion: Motion, periods: float) -> Impacts:
     if periods == math.inf:
         return one
     times = math.ceil(periods / motion.m)
-    require(times * one.time.size <= MOST_IMPACTS, f"more than {MOST_IMPACTS} impacts: ask for fewer periods")
+    require(times * one.time.size <= MOST_IMPACTS, f"more than {MOST_IMPACTS} impacts: give fewer periods")
     time = (one.time + motion.m * np.arange(times)[:, None]).ravel()
     kept = time <= motion.tau + periods + ROUNDING
     return Impacts(time[kept], *(np.tile(column, times)[kept] for column in one[1:]))

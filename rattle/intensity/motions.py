@@ -46,7 +46,9 @@ def kind_of(motion: Motion) -> str:
     kind = getattr(motion, "kind", "periodic")
     require(kind in ("quiet", "periodic", "chaotic", "undecided"), f"there is no motion of kind {kind!r}")
     if kind != "quiet":
-        require(motion.v > 0.0, f"the motion must leave Σ⁺ with a speed above 0, got {motion.v}: it is a virtual one")
+        require(
+            motion.v > 0.0, f"the motion must leave Σ⁺ with a speed above 0, got {motion.v}: this motion is virtual"
+        )
     return str(kind)
 
 

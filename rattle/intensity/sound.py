@@ -26,7 +26,7 @@ def sound(
     ring, decay = require_number("ring", ring, positive=True), require_number("decay", decay, positive=True)
     rate = require_integer("rate", rate, 1, MOST_SAMPLES)
     require(ring < 0.5 * rate, f"ring must be below half the rate of {rate} Hz, got {ring:g} Hz: choose a higher rate")
-    require(seconds * rate <= MOST_SAMPLES, f"more than {MOST_SAMPLES} samples: ask for fewer seconds")
+    require(seconds * rate <= MOST_SAMPLES, f"more than {MOST_SAMPLES} samples: give fewer seconds")
     turn = 60.0 / rpm
     impacts = impacts_of(motion, point, seconds / turn)
     # on rigid walls the force of a contact phase is static and makes no sound

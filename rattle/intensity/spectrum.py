@@ -71,7 +71,7 @@ def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resol
         )
     spacing = 1.0 / {"quiet": 1, "periodic": motion.m, "chaotic": resolution}[kind]
     count = int(highest / spacing * (1.0 + 1e-12)) + 1
-    require(count <= MOST_ORDERS, f"more than {MOST_ORDERS} orders: lower the highest")
+    require(count <= MOST_ORDERS, f"more than {MOST_ORDERS} orders: give a smaller highest")
     order = np.asarray(spacing * np.arange(count), np.float64)
     if kind == "chaotic":
         length = float(resolution)

@@ -116,7 +116,10 @@ def components_of(
     for name, mesh in AMPLITUDES.items():
         if not np.any(numbers.get(name, 0.0)):
             continue
-        require(teeth is not None or mesh == 0, f"{name} is an error once a tooth mesh: give teeth too")
+        require(
+            teeth is not None or mesh == 0,
+            f"{name} has an order of the tooth mesh, which depends on the number of teeth: give teeth too",
+        )
         found.append((turns if mesh == 0 else Fraction(mesh * (teeth or 1)), numbers[name], 0.0))
     found.extend((Fraction(order), size, phase) for order, size, phase in errors)
     found.extend((order * turns, size, phase) for order, size, phase in driven_errors)

@@ -139,7 +139,8 @@ def lacking(capability: Capability, model: Model | type[Model]) -> CapabilityErr
     """Return the error for a capability that a model lacks. Its message names the models that have the capability."""
     having = [name for name, each in MODELS.items() if capability in each.has]
     words = capability[0].upper() + capability[1:]
-    return CapabilityError(f"{words} known of the {' and '.join(having)} model only, not of the {model.name} one.")
+    only = " and ".join(having)
+    return CapabilityError(f"{words} available only for the {only} model, not for the {model.name} model.")
 
 
 def require_capability(capability: Capability, model: Model | type[Model]) -> None:

@@ -264,7 +264,9 @@ def ratio(base: Array, other: Array, again: Array) -> Estimate:
     same, shared = x * z, 0.5 * (x + z) * y  # the mean over both samples of the same gears
     whole, error = float(same.mean()), 1.0 / np.sqrt(same.size)
     if whole <= Z_95 * float(same.std()) * error:
-        raise RattleError("the gears do not differ by more than their samples do: give more pairs, or a larger count")
+        raise RattleError(
+            "the gears differ by no more than the sampling error of each: give more pairs, or a larger count"
+        )
     value = float(shared.mean()) / whole
     deviation = float((shared - value * same).std()) * error / whole
     return Estimate(*(float(np.clip(value + step * Z_95 * deviation, 0.0, 1.0)) for step in (0, -1, 1)))

@@ -183,7 +183,9 @@ class _Solver:
             require_integer("budget", budget, 1, LARGEST_BUDGET),
         )
         fewest = math.ceil(4.0 * share / (1.0 - share))
-        require(count >= fewest, f"{count} samples cannot tell a share of {share:g}: let count be {fewest} or more")
+        require(
+            count >= fewest, f"{count} samples are too few for a share of {share:g}: give a count of {fewest} or more"
+        )
         self.of = of
         self.given = {name: value for name, value in given.items() if value is not None and name != of}
         one = between[0] if between else 1.0

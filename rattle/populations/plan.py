@@ -88,7 +88,9 @@ class Plan:
         require_integer("pairs", self.pairs, 0, MOST_GEARS)
         require_integer("judged", self.judged, 1, MOST_GEARS)
         by_one = self.share is None or self.margin is None
-        require(by_one, "a gear passes by its share of quiet runs or by its margin: give one")
+        require(
+            by_one, "a gear passes by its share of quiet runs or by its margin: give either share or margin, not both"
+        )
         samples = self.rows * self.count
         require(
             samples <= MOST_SAMPLES,

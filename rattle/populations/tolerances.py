@@ -230,7 +230,8 @@ def require_known(given: Mapping[str, Any]) -> None:
     plain = [name for name in own if name not in OF_EITHER]
     if plain and of_machine:
         raise ParameterError(
-            f"{' and '.join(plain)} and a machine's {' and '.join(of_machine)} say it twice: give one of both"
+            f"{' and '.join(plain)} (dimensionless) and {' and '.join(of_machine)} (of a machine) both define the "
+            "gear: give only one of these two groups"
         )
     lacking = [name for name in (NEEDED if of_machine else ("delta", "epsilon")) if name not in given]
     require(not lacking, f"{' and '.join(lacking)} must be given too")

@@ -106,7 +106,9 @@ def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_
     step = (about * column(here.residual)).entries()
     moved = max(abs(float(each)) for each in step)
     if not moved < MOST_MOVED:
-        raise NotProvedError(f"the nearest solution of the equations is not this one: it is {moved:.1e} away")
+        raise NotProvedError(
+            f"the nearest exact solution is {moved:.1e} away from the computed motion: compute the motion again"
+        )
     x = [(a - b).mid() for a, b in zip(x, step, strict=True)]
     step = (about * column(equations(x).residual)).entries()
     return about, [nearest(a - b, PLACES) for a, b in zip(x, step, strict=True)]

@@ -92,7 +92,8 @@ def figure(
     for option, given in options.items():
         if given is not None:
             raise typer.BadParameter(
-                f"{option} is for figures of the paper, and {what[0]!r} is none", param_hint="STORE"
+                f"{option} is for figures of the paper, and {what[0]!r} is not the number of a figure",
+                param_hint="STORE",
             )
     if len(what) > 2:
         raise typer.BadParameter(

@@ -44,7 +44,7 @@ def open_engine(url: str | URL, pool: dict[str, Any] = POOL) -> Engine:
     if kind == "sqlite" and ":memory:" not in (parsed.database or ":memory:") and "mode" not in parsed.query:
         return _open_sqlite(parsed, pool)
     raise DataDirectoryError(
-        f"The job database {shown(parsed)} would not last: use sqlite:///FILE or postgresql://USER@HOST/DATABASE."
+        f"The job database {shown(parsed)} is lost when the service ends: use sqlite:///FILE or postgresql://USER@HOST/DATABASE."
     )
 
 

@@ -108,9 +108,7 @@ def _both(first: str, one: T | None, last: str, other: T | None) -> tuple[T, T] 
     if one is None and other is None:
         return None
     if one is None or other is None:
-        raise LimitError(
-            f"query.{first if one is None else last}", f"give both {first} and {last}, or neither of both."
-        )
+        raise LimitError(f"query.{first if one is None else last}", f"give both {first} and {last}, or neither.")
     return one, other
 
 

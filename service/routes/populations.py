@@ -198,9 +198,7 @@ async def answers(request: Request, front: FrontState, population_id: Population
     """Return the probability of quiet running, yield, quantiles of the intensity, Sobol indices and the worst gears."""
     job, place = await run_in_threadpool(front.stored, population_id, KIND)
     if job.state != State.SUCCESSFUL:
-        raise MissingError(
-            f"Population {population_id} is {job.state}: its answers can be read when it is successful. Try again then."
-        )
+        raise MissingError(f"Population {population_id} is {job.state}: its answers can be read once it has completed.")
     headers = {"ETag": picture_tag(job.id, job.last_event, "answers"), "Cache-Control": REVALIDATE}
     if is_known(request, headers):
         return Response(status_code=304, headers=headers)

@@ -195,7 +195,7 @@ class _Search:
     def _resolve(self, n: int, label: Label) -> str | None:
         """Find the curve that explains why the cells of a pair differ in a label; return the reason if none does."""
         if label == QUIET_LABEL:
-            return "quiet is below its limit on both sides: its share is small" if self._quiet(n) else "quiet limit"
+            return "quiet motion exists on both sides: its basin fraction is small" if self._quiet(n) else "quiet limit"
         if label[0] == CHAOTIC:
             return "chaos begins or ends by itself: a crisis, or a transient longer than the observation time"
         here, there, attractor = self._side(n, label)
@@ -205,7 +205,7 @@ class _Search:
             return "the motion could not be solved for"
         found = self._follow(n, start, self.grid.point(there), self.often[label] >= WORTH_A_CURVE)
         if isinstance(found, PeriodicOrbit):
-            return "the motion attracts on both sides: its share is small, one sample missed it"
+            return "the motion attracts on both sides: its basin fraction is small, and one sample missed it"
         if found is None:
             return "the motion could not be followed"
         return None if label not in self.uncovered(n) else f"{found.kind} of another motion on the way"

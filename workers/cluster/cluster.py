@@ -274,7 +274,7 @@ def embedded_cluster(
         `n_workers` is below 1, the processes do not start, or start-up was cancelled.
     """
     if n_workers < 1:
-        raise SurveyError(f"a cluster of {n_workers} processes cannot compute: use 1 process or more")
+        raise SurveyError(f"n_workers must be at least 1, got {n_workers}")
     with ExitStack() as stack:
         # The cluster's event loop logs every lost connection with a traceback until it ends. dask's own option
         # `silence_logs` does not silence the last of these, because it is reset earlier.

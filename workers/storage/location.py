@@ -135,7 +135,7 @@ def place_of(where: str | Path | Place) -> Place:
     if "://" not in str(where):
         return Directory(where)
     if not str(where).startswith(SCHEME):
-        raise SurveyError(f"{where} is no location of a store: give a path, or {SCHEME}BUCKET/PREFIX")
+        raise SurveyError(f"{where} is not a location of a store: give a path, or {SCHEME}BUCKET/PREFIX")
     return _bucket(str(where))
 
 

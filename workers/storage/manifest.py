@@ -52,7 +52,7 @@ def read_file(place: Place, key: str) -> bytes | None:
         return None
     except OSError as error:
         if error.errno != errno.EIO:
-            raise SurveyError(f"{place} cannot be read ({error}): make it readable") from error
+            raise SurveyError(f"{place} cannot be read ({error}): give this user permission to read it") from error
         return None
 
 

@@ -192,7 +192,7 @@ def words_of(detail: Mapping[str, Any]) -> str:
     if kind == "extra_forbidden":
         name = str(detail["loc"][-1])
         known = sorted(_fields_below(Strict) - {name})
-        return f"is no field here{did_you_mean(name, known) or ': remove it'}"
+        return f"is not a known field{did_you_mean(name, known) or ': remove it'}"
     if kind in ("too_long", "too_short"):
         ends = [f"at {end} {context[key]}" for end, key in _ENDS if context.get(key) is not None]
         return f"has {context.get('actual_length')} entries: give {' and '.join(ends)}"

@@ -211,7 +211,7 @@ class SurveyRequest(_Numbers):
             raise ValueError(f"{info.field_name} must be positive: raise start ({value.start}) above 0")
         most = math.inf if info.field_name not in ADDED else ADDED[info.field_name].greatest
         if value.stop > most:
-            raise ValueError(f"{info.field_name} reaches to {most:g} at most: lower stop ({value.stop})")
+            raise ValueError(f"{info.field_name} must be at most {most:g}: lower stop ({value.stop})")
         if value.num > MAX_SLICES:
             raise ValueError(f"a third axis has {MAX_SLICES} values at most: lower num ({value.num})")
         return value
@@ -259,7 +259,7 @@ class SurveyRequest(_Numbers):
         if len(self.third_axis) > 1:
             raise ValueError(f"a survey has one third axis: give one number for {', or for '.join(self.third_axis)}")
         if self.slots_by == BY_FAMILY and Group.FAMILIES not in self.quantities:
-            raise ValueError("slots by family need the families: name these quantities too, or leave slots_by out")
+            raise ValueError("slots_by family needs the quantity families: add it to quantities, or leave slots_by out")
         known = groups_of(self.model, bool(self.harmonics))
         if unknown := set(self.quantities).difference(known):
             names, whose = ", ".join(sorted(unknown)), f"the {self.model} model"
@@ -293,7 +293,7 @@ class SurveyRequest(_Numbers):
     @model_validator(mode="after")
     def _has_what_it_proves(self) -> Self:
         if self.certify and Group.ATTRACTORS not in self.quantities:
-            raise ValueError("certify proves attractors: name this quantity too, or leave certify out")
+            raise ValueError("certify needs the quantity attractors: add it to quantities, or leave certify out")
         if self.certify and Capability.PROOFS not in MODELS[self.model].has:
             raise ValueError(f"periodic motions of the {self.model} model cannot be proved: leave certify out")
         if self.certify and self.third:

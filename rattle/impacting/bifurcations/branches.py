@@ -268,7 +268,11 @@ def _both_ways(itinerary: Itinerary, line: ParameterLine, start: Array) -> Branc
 
 def _end(itinerary: Itinerary, path: Path) -> str:
     if path.outside is None:
-        return "followed far enough" if len(path.points) >= MOST_POINTS else "the equations become singular"
+        return (
+            "the branch has its largest number of points"
+            if len(path.points) >= MOST_POINTS
+            else "the equations become singular"
+        )
     return _degenerate(itinerary, path.outside) or "span"
 
 

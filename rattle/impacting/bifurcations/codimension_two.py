@@ -77,7 +77,7 @@ POINTS = {
     "COD20": Condition("C flips as it grazes: a multiplier is −1", _flip, {"PDC": -1, "G1": -1}),
     "COD21": Condition("the multipliers of the grazing C become equal, and real", _equal_multipliers, {"G1": -1}),
     "COD23": Condition(
-        "SN2 and PD1 end on G1: beyond, D and not B is what C meets",
+        "SN2 and PD1 end on G1: beyond this point C meets D instead of B",
         _no_square_root,
         {"SN2": -1, "PD1": -1, "G1": -1},
     ),

@@ -129,7 +129,8 @@ CURVES: dict[str, Definition] = {
     "PD2": Definition(
         (1, -1),
         Kind.FLIP,
-        "flip at which D, P(1,1,1), becomes stable again at high ε; beyond its fold, where D loses stability once more",
+        "flip at which D, P(1,1,1), becomes stable again at high ε; beyond the fold of this curve, at "
+        "which D loses stability again",
         "not in the paper",
         _later_flips,
     ),

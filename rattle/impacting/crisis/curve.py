@@ -104,7 +104,7 @@ def _down(start: Crisis, to: float, resolution: float, end: float) -> tuple[list
             if step < SMALLEST * end:
                 why = f"at delta = {known[-1].delta:.5f} {error}"
                 if chaotic < len(known) - 1:
-                    why = f"below delta = {known[chaotic].delta:.5f} what attracts W^u(A) is not chaotic, and {why}"
+                    why = f"below delta = {known[chaotic].delta:.5f} the attractor of W^u(A) is not chaotic, and {why}"
                 return known[: chaotic + 1], why
             continue
         known.append(replace(found, chaotic=is_chaotic_below(found)))
@@ -112,8 +112,10 @@ def _down(start: Crisis, to: float, resolution: float, end: float) -> tuple[list
         if known[-1].chaotic:
             chaotic = len(known) - 1
         elif known[chaotic].delta - delta > WIDEST * end:
-            return known[: chaotic + 1], f"below delta = {known[chaotic].delta:.5f} what attracts W^u(A) is not chaotic"
-    return known, "as asked"
+            return known[
+                : chaotic + 1
+            ], f"below delta = {known[chaotic].delta:.5f} the attractor of W^u(A) is not chaotic"
+    return known, "the requested end"
 
 
 def _up(start: Crisis, top: float, end: float) -> tuple[list[Crisis], str]:
@@ -125,7 +127,7 @@ def _up(start: Crisis, top: float, end: float) -> tuple[list[Crisis], str]:
             known.append(in_gap(known, gap, end))
         except RattleError as error:
             return known, str(error)
-    return known, "it goes on into COD22, closer than it is followed"
+    return known, "it continues to COD22, and is not followed this close to SN1"
 
 
 def _changes(points: list[Crisis]) -> list[Crisis]:
@@ -175,11 +177,11 @@ def crisis_curve(
     require(bottom < top, f"low must be below high, got {bottom} and {top}")
     start = boundary_crisis(min(max(START * end, bottom), top), beta)
     falling, low_end = _down(start, bottom, resolution, end)
-    rising, high_end = [start], "as asked"
+    rising, high_end = [start], "the requested end"
     if top > start.delta:
         rising, high_end = _up(start, top, end)
         if rising[-1].delta > top:
-            rising, high_end = rising[:-1], "as asked"
+            rising, high_end = rising[:-1], "the requested end"
             rising.append(in_delta(rising, top))
     points = [*falling[:0:-1], *rising]
     return CrisisCurve(beta, tuple(points), tuple(_changes(points)), low_end, high_end)

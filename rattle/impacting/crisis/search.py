@@ -200,7 +200,7 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
     if delta < WEAKEST:
         raise RattleError(
             f"damping is too weak at delta = {delta:g} for boundary crises: below {WEAKEST:g} motions take thousands "
-            "of impacts to come to rest, and what W^u(A) goes to is hardly ever chaotic; rattle.crisis_side tells "
+            "of impacts to come to rest, and the attractor of W^u(A) is hardly ever chaotic; rattle.crisis_side tells "
             "whether it goes to rest"
         )
     gaps = _gaps(delta, beta)
@@ -215,15 +215,15 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
             reasons.append(str(error))
             continue
         if not is_chaotic_below(found):
-            reason = "what attracts W^u(A) there is not chaotic"
+            reason = "the attractor of W^u(A) there is not chaotic"
         elif outlived(found):
-            reason = "the chaotic attractor outlives it"
+            reason = "the chaotic attractor continues at larger epsilon"
         else:
             return found
         reasons.append(f"at epsilon = {found.epsilon:.6f} W^u(A) touches W^s(A), but {reason}")
     if gone[0]:
-        reasons.append("W^u(A) escapes from where A is born")
+        reasons.append("W^u(A) already escapes at the smallest epsilon that was tried")
     raise RattleError(
         f"no chaotic attractor ends in a contact with A at delta = {delta}, beta = {beta}: "
-        + ("; ".join(reasons) or f"W^u(A) stays up to epsilon = {sn1_formula(delta) + gaps[-1]:.7f}")
+        + ("; ".join(reasons) or f"no part of W^u(A) becomes quiet up to epsilon = {sn1_formula(delta) + gaps[-1]:.7f}")
     )

@@ -350,7 +350,7 @@ def check(text: str) -> str:
         side = {"G1": 1, "G2": -1}.get(claim.name, 0)
         require(
             side == 0 or is_positive(side * sine_and_cosine(x[0])[1]),
-            "the grazing motion is C for the name G1 and A for G2: it is the other one here",
+            "the grazing motion of G1 is C and that of G2 is A: here name and motion do not fit",
         )
         where = ", ".join(f"{name} = {value}" for name, value in document["known"].items())
         return f"{claim.name} of {document['walls']}, at {where}: {', '.join(claim.free)} to {max_width(claim):.0e}"

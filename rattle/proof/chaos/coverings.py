@@ -164,7 +164,9 @@ def _halves(part: SetPart, grown: Sequence[float]) -> list[SetPart]:
     """Return the two halves of a part, cut across the side that adds more to the image. Raises NotProvedError."""
     xi, eta, width, height = part
     if max(width, height) < FINEST:
-        raise NotProvedError("it is undecided which walls the motions of a set meet")
+        raise NotProvedError(
+            "which walls the motions of a set meet is undecided, even in its smallest parts: use a smaller set"
+        )
     if (grown[0] * (width > 0), width) >= (grown[1], height):
         return [SetPart(xi + side * width / 2, eta, width / 2, height) for side in (-1, 1)]
     return [SetPart(xi, eta + side * height / 2, width, height / 2) for side in (-1, 1)]

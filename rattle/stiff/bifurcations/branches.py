@@ -97,7 +97,7 @@ def _follower(line: MotionsOnLine, span: tuple[float, float], resolution: int) -
 def both_ways(line: MotionsOnLine, start: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
     """Return the branch through a solution y on a line, in both directions, while its last unknown is in `span`."""
     if not line.is_admissible(start):
-        raise RattleError("the motion does not happen at its own parameters: take it from stiff_orbit or from_limit")
+        raise RattleError("the motion is virtual at its own parameters: take it from stiff_orbit or from_limit")
     followed = _follower(line, span, resolution).both_ways(start, -1, MOST_POINTS)
     ends = (_End(CLOSED), _End(CLOSED))
     if followed.paths is not None:
@@ -135,9 +135,13 @@ def _end(line: MotionsOnLine, path: Path, span: tuple[float, float]) -> _End:
         if flip is not None:
             return _End(HALF_PERIOD, flip=half[0].orbit(flip))
     if path.outside is None:
-        return _End("followed far enough" if len(path.points) >= MOST_POINTS else "the equations become singular")
+        return _End(
+            "the branch has its largest number of points"
+            if len(path.points) >= MOST_POINTS
+            else "the equations become singular"
+        )
     if c == 1 and line.m - line.itinerary(last).softness * last[1] < LEAST_FLIGHT:
-        return _End("it becomes quiet")
+        return _End("the motion becomes quiet")
     shortest = int(np.argmin(last[c : 2 * c]))
     grazes = last[c + shortest] < LIGHT
     why = f"contact {shortest} with {_name(line.walls[shortest])} {LOST}" if grazes else "a contact is made"
@@ -231,7 +235,7 @@ def stiff_curve(
     itinerary = event.orbit.itinerary
 
     def left(x: Array) -> str | None:
-        return None if admissible(itinerary, x) else "the motion does not happen"
+        return None if admissible(itinerary, x) else "the motion is virtual"
 
     found = pieces(condition(itinerary, event.kind), [event.orbit.unknowns], window, left, itinerary.contacts)
     if not found:

@@ -51,7 +51,8 @@ MEANINGS = {
     "G1": "saddle-node at which C, which has begun to touch Σ⁻, and B meet, next to the graze; ends with SN2 in a cusp",
     "G2": "saddle-node at which A, which has begun to touch Σ⁻, and D meet, next to the graze; goes on as SN1",
     "PDC": "flip at which C, P(1,1,0), loses stability as ε grows; ends where C begins to touch Σ⁻",
-    "PD2": "flip at which D, P(1,1,1), becomes stable again at high ε; beyond its fold, where D loses it once more",
+    "PD2": "flip at which D, P(1,1,1), becomes stable again at high ε; beyond the fold of this curve, at which D loses "
+    "stability again",
     QUIET: "limit of permanent contact with Σ⁺: above it the teeth separate",
 }
 NAMES = tuple(MEANINGS)
@@ -192,7 +193,7 @@ def _left(name: str, y: Array, cycle: Cycle) -> str | None:
         return f"graze: contact with Σ⁻ is lost{GOES_ON.get(name, '')}"
     if not is_admissible(y, cycle):
         meets = c == 1 and not np.isnan(struck(y, cycle))
-        return f"graze: contact with Σ⁻ is made{GOES_ON.get(name, '')}" if meets else "the motion does not happen"
+        return f"graze: contact with Σ⁻ is made{GOES_ON.get(name, '')}" if meets else "the motion is virtual"
     if name in ("SN2", "G1") and _is_greatest(y, cycle) != (name == "G1"):
         return "cusp: SN2 and G1 meet"
     return None

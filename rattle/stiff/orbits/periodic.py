@@ -140,9 +140,8 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
     path = follow_from_limit(ContinuationProblem(equations), start, np.eye(n + 1)[n], (0.0, end), lambda _: True)
     last = path.points[-1]
     if path.outside is None or abs(last[-1] - end) > 1e-12 * end:
-        raise RattleError(
-            f"the motion ends before kappa = {kappa:g}: it folds back at {0.5 / max(path.points[:, -1]) ** 2:g}"
-        )
+        fold = 0.5 / max(path.points[:, -1]) ** 2
+        raise RattleError(f"the motion ends before kappa = {kappa:g}: its branch folds back at kappa = {fold:g}")
     itinerary = StiffItinerary(orbit.walls, orbit.m, orbit.beta, end)
     found = at_parameters(itinerary, np.concatenate([last[:n], plane]))
     if found is None or not admissible(itinerary, found):
@@ -189,9 +188,9 @@ def follow_contacts(
             break
         status, s, wall, position, w, *_ = piece(wall, phase, position, w, delta, epsilon, beta, kappa, np.inf)
         if status == QUIET:
-            raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: it becomes quiet")
+            raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: the motion from this state becomes quiet")
         if status != OK or len(walls) > MOST_IMPACTS:
-            raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: it stays on Σ⁻")
+            raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: the motion from this state stays on Σ⁻")
         time += s
         if leaves:
             walls.append(int(wall))

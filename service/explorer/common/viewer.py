@@ -66,7 +66,7 @@ class Viewer:
             raise UnauthorizedError("Your API key was revoked, or you have signed out. Sign in again.")
         caller = Caller(key, session)
         if not caller.may(scope):
-            raise ForbiddenError(f"Your API key may look only: this needs one with the scope {scope}.")
+            raise ForbiddenError(f"Your API key can only read. This action needs a key with the scope {scope}.")
         return caller
 
     @property

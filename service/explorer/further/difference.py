@@ -24,7 +24,7 @@ def require_small(request: SurveyRequest) -> None:
     """Raise SurveyError if a survey has too many cells for a difference, which is held in memory."""
     if (size := math.prod(request.shape)) > MOST_CELLS:
         raise SurveyError(
-            f"A difference is of surveys of {MOST_CELLS:,} cells and fewer, not {size:,}: "
+            f"A difference needs surveys of at most {MOST_CELLS:,} cells, and this one has {size:,}: "
             "save a window as a survey, or read both in Python."
         )
 
@@ -48,7 +48,7 @@ class Difference(MapPlane):
             The maps show families, which each survey numbers in its own way.
         """
         if first.plane.name == LARGEST:
-            raise SurveyError("The families of two surveys have numbers of their own: choose another map.")
+            raise SurveyError("Families are numbered differently in each survey: choose another map.")
         self._first = first
         self.id, self.number, self.request = f"{first.id} {other.id}", first.number, first.request
         self.delta, self.epsilon, self._levels = first.delta, first.epsilon, halvings(first.request.shape)

@@ -34,7 +34,7 @@ from rattle import RattleError
 
 SHOWN = "shown"
 GONE = "This survey is no longer there."
-NO_FIRST = "The first map is of no survey: choose one."
+NO_FIRST = "Choose a survey for the first map."
 MINUS = "first map less this one"
 
 

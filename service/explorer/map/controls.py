@@ -177,7 +177,7 @@ class Controls:
 def own_limits(low: float | None, high: float | None, log: bool) -> Pair | str:
     """Return the limits that a viewer has entered, or a message that says why they are not valid."""
     if low is None or high is None:
-        return "Colours need two limits: a number each."
+        return "Enter two numbers as colour limits."
     if not low < high:
         return f"Colours cannot span {low:g} to {high:g}: the first limit must be below the second."
     if log and high <= 0:

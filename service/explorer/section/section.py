@@ -28,7 +28,7 @@ from gear_rattle.workers import SurveyRequest
 from rattle import RattleError
 
 OTHER_GEAR = "This point is of another gear than the survey, which has no profile of it."
-NO_WAY = "A way leads to a δ above 0 and an ε of 0 or more."
+NO_WAY = "The end point needs a δ above 0 and an ε of at least 0."
 
 
 class Section:
