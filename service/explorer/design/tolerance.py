@@ -19,8 +19,9 @@ from rattle.parameters import Harmonic
 HELD = 0.95  # share of the gears inside the ellipse
 RADIUS = math.sqrt(-2.0 * math.log(1.0 - HELD))  # standard deviations
 SIDES = 96  # of the polygon that stands for the ellipse
-COUNT, JUDGED = 8, 256  # initial conditions a gear; gears of which it is decided whether they pass
-NOT_GIVEN = ("speed", "eccentricity", "errors", "driven_errors")  # fields of a machine that are not passed so
+COUNT, JUDGED = 8, 256  # initial conditions per gear; gears that are checked for passing
+# Fields of a machine that `rattle.population` does not get under these names.
+NOT_GIVEN = ("speed", "eccentricity", "errors", "driven_errors")
 LEAST = 0.1  # least speed and damping of a gear, relative to the mean
 
 
@@ -45,7 +46,7 @@ class Yield(NamedTuple):
 
 
 def tolerance_outline(delta: float, epsilon: float, machine: Machine | None, widths: Tolerance) -> NDArray[np.float64]:
-    """Return the ellipse (k, 2) around a point in (δ, ε); with a machine, of normal speed and eccentricity."""
+    """Return the ellipse (k, 2) around a point in (δ, ε); with a machine, its speed and eccentricity vary."""
     angle = np.linspace(0.0, 2.0 * np.pi, SIDES + 1)
     first, second = widths.first * RADIUS * np.cos(angle), widths.second * RADIUS * np.sin(angle)
     if machine is None:
@@ -57,7 +58,7 @@ def tolerance_outline(delta: float, epsilon: float, machine: Machine | None, wid
 
 
 def given_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[str, Any]:
-    """Return the numbers of the gears as `rattle.population` takes them. Raises ParameterError if a phase is not 0."""
+    """Return the gears' numbers as `rattle.population` takes them. Raises ParameterError if a harmonic has a phase."""
     if machine is None:
         others: dict[str, Any] = {**model_at(gear).numbers, **_amplitudes("harmonic", gear.parameters.harmonics)}
         pair = {"delta": gear.delta, "epsilon": gear.epsilon}

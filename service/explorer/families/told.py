@@ -51,8 +51,8 @@ class FamilyDescription:
     """Description of one family.
 
     row: its numbers in the survey's table of families, by name. of_plane: its share of the finished cells. of_samples:
-    its share of all their samples. borders: for each curve, the number of pairs of neighbouring cells that the curve
-    separates and of which only one has the family. extents: its longest row and column of cells.
+    its share of the samples of these cells. borders: for each curve, the number of pairs of neighbouring cells that
+    the curve separates and of which only one has the family. extents: its longest row and column of cells.
     """
 
     name: str

@@ -18,7 +18,7 @@ MOST_KEPT = 16 << 20  # bytes of responses in memory
 
 
 class Assets:
-    """Serve these files, and keep whole responses in memory, because each page waits for all its scripts and styles."""
+    """Serve scripts and styles, and keep whole responses in memory, because each page waits for all its files."""
 
     def __init__(self, load: Callable[[], Awaitable[Pages]]) -> None:
         self._load = load

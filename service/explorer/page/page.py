@@ -140,7 +140,7 @@ class Page:
         self._viewer.change(lambda: self.store.learn({each.job.id: each for each in standings}))
 
     def _with_asked(self, standings: Sequence[JobStatus]) -> Sequence[JobStatus]:
-        """Return the statuses, and also the status of the address's survey if the newest surveys lack it."""
+        """Return the statuses, and also the status of the survey in the address if the newest surveys lack it."""
         asked = self.store.view.survey
         if asked and all(each.job.id != asked for each in standings):
             with suppress(UnknownSurveyError):

@@ -14,7 +14,7 @@ from gear_rattle.workers.pictures.look import LARGEST
 from gear_rattle.workers.survey.families import FAMILY
 from rattle.models import ADDED
 
-STORED = {LARGEST: FAMILY}  # by map that no variable stores: the stored variable from which it is made
+STORED = {LARGEST: FAMILY}  # maps that are not stored: the stored variable from which each is made
 
 
 def row_of(standing: JobStatus, view: View, owned: bool) -> dict[str, Any]:

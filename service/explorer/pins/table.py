@@ -100,7 +100,7 @@ def _largest_exponent(known: PinResults) -> str:
 
 
 def _cell(known: PinResults | None, name: str) -> str:
-    """Return the basin fractions and largest exponents of a point's attractors of this name; a dash without any."""
+    """Return the basin fractions and largest exponents of a point's attractors of one name; a dash for none."""
     if known is None:
         return ""
     return "; ".join(_share(each) for called, each in _motions(known) if called == name) or "–"

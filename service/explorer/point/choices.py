@@ -23,7 +23,7 @@ from rattle.models import AnyGear
 from rattle.plot import Palette, legend_name
 
 POINTS = 3000  # computed points of a motion
-PERIODS, MOST_PERIODS, CHAOTIC_PERIODS = 12.0, 60.0, 30.0  # shown forcing periods: least, most, chaotic
+PERIODS, MOST_PERIODS, CHAOTIC_PERIODS = 12.0, 60.0, 30.0  # forcing periods shown: 3 m of a P(m, n₊, n₋) within limits
 CLICKED = -1  # number of the motion from the clicked state, in the list of motions
 NO_ATTRACTOR = "#8a96a3"
 
@@ -91,7 +91,7 @@ class Choices:
         self._choose(replace(self._chosen, tab=tab))
 
     def offer(self, attractors: tuple[rattle.Attractor, ...]) -> None:
-        """Offer the point's attractors, which are known now, its diagram and tolerances to choose from."""
+        """Offer the point's attractors, its diagram and tolerances to choose from, once the attractors are known."""
         self._attractors = attractors
         self._offer_motions()
         self._panel.show_direction(self._chosen.direction)

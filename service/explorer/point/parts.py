@@ -43,7 +43,7 @@ class Chances(NamedTuple):
 
 
 class PeriodOneOrbits(NamedTuple):
-    """The number of the region in `rattle.REGIONS`, and the motions A to D that exist there."""
+    """The number of a point's region in `rattle.REGIONS`, and the motions A to D that exist at the point."""
 
     region: int
     orbits: tuple[rattle.Orbit, ...]
@@ -124,7 +124,7 @@ class Happening(NamedTuple):
 
 
 class DiagramLines(NamedTuple):
-    """A one-parameter diagram: branches, events, and the states (n,) of attractors that sweeps see.
+    """A one-parameter diagram: branches, events, and the states (n,) of attractors that sweeps found.
 
     direction: the axis of x, "epsilon" or "delta". If `to` is not None, x is instead the fraction of the way to this
     point. span: the range of x. upward: whether x grew in the sweep that found a state.
@@ -321,7 +321,7 @@ def elsewhere(gear: AnyGear, side: int, method: str) -> Elsewhere:
 
 
 def motion_from(gear: AnyGear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:
-    """Return the motion from the state (τ, v)."""
+    """Return the motion from the state (τ, v) over `periods` forcing periods, at `points` times."""
     return gear.trajectory(tau, v, periods, points)
 
 
