@@ -22,7 +22,7 @@ MODELS: dict[str, type[Model]] = {
     Impacting.name: Impacting,
     Stiff.name: Stiff,
     Inelastic.name: Inelastic,
-}
+}  # a new model goes above this line
 DEFAULT_MODEL = next(iter(MODELS))
 #: The parameters that models add to δ, ε and β, by name. No two models add the same parameter.
 ADDED: dict[str, Parameter] = {each.name: each for model in MODELS.values() for each in model.added}

@@ -21,7 +21,7 @@ from gear_rattle.service.explorer.common.watch import Watch, on_press
 from gear_rattle.service.explorer.further.difference import Difference, require_small
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring
 from gear_rattle.service.explorer.map.figure import MapFigure
-from gear_rattle.service.explorer.map.overlays import WHOLE, Lines
+from gear_rattle.service.explorer.map.overlays import WHOLE, MapLines
 from gear_rattle.service.explorer.map.picture import as_seen, links, picture_query
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, map_names
 from gear_rattle.service.explorer.map.readout import cell_in_words
@@ -44,7 +44,7 @@ class ComparisonMap(SurveyMap):
     def __init__(self, shared: Shared, viewer: Viewer, store: Store, figure: MapFigure, sheet: str, place: int) -> None:
         super().__init__(shared, viewer, store, figure, Heading(sheet), Text("", sheet))
         self._place = place
-        self.lines = Lines(viewer, figure)
+        self.lines = MapLines(viewer, figure)
         self.key, self.links = Text("", sheet), Text("", sheet)
         self._watch = Watch()
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}

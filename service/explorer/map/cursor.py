@@ -37,7 +37,7 @@ WINDOWS = {"back": "Back to the window before", "forward": "Forward to the windo
 GO = "point "  # prefix of a point that a link names
 
 
-class Keys:
+class CursorKeys:
     """Keyboard control of the map of a page: it dispatches events for the messages of keyboard.js."""
 
     def __init__(self, document: Document, plot: figure, store: Store) -> None:

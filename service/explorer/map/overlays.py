@@ -40,7 +40,7 @@ LABELS = {"quiet_limit": "quiet limit", LIMIT: "design limit", POINTS: "COD20–
 WHOLE = frozenset({CRISIS, LIMIT})  # lines that are computed once for all windows
 
 
-class Lines:
+class MapLines:
     """Lines over a map: curves and points of a model, each computed by a task of its own."""
 
     def __init__(self, viewer: Viewer, figure: MapFigure) -> None:
@@ -97,7 +97,7 @@ class Lines:
         """Write in the key the progress of a line (`note`), or why the line is missing. Here there is no key."""
 
 
-class KeyedLines(Lines):
+class KeyedLines(MapLines):
     """Lines over the first map. panel: the key, in which a viewer chooses lines."""
 
     def __init__(self, overlaid: Overlaid, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:

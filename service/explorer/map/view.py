@@ -19,7 +19,7 @@ from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade
 from gear_rattle.service.explorer.map.controls import meaning_of
-from gear_rattle.service.explorer.map.cursor import Keys
+from gear_rattle.service.explorer.map.cursor import CursorKeys
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import KeyedLines
 from gear_rattle.service.explorer.map.picture import as_seen
@@ -45,7 +45,7 @@ class MapView(SurveyMap):
     def __init__(self, shared: Shared, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
         super().__init__(shared, viewer, store, figure, Heading(sheet), Text("", sheet, is_spoken=True))
         self.lines = KeyedLines(shared.overlaid, viewer, store, figure, sheet)
-        self.keys = Keys(viewer.document, figure.figure, store)
+        self.keys = CursorKeys(viewer.document, figure.figure, store)
         self.readout = Text(HINT, sheet)
         self._reading: asyncio.Task[None] | None = None
         self._settled: tuple[str, str] | None = None  # id and state of the survey
