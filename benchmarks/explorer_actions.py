@@ -207,7 +207,7 @@ class Visitor:
 
 
 def longest_task(trace: bytes) -> tuple[float, float]:
-    """Return milliseconds of wall-clock and of thread time of the longest tasks of the pages' main threads."""
+    """Return the wall-clock and the thread time of the longest task in a trace of the pages' main threads, in ms."""
     events = json.loads(trace)["traceEvents"]
     named = (each for each in events if each["name"] == "thread_name" and each["args"]["name"] == MAIN_THREAD)
     pages = {(each["pid"], each["tid"]) for each in named}

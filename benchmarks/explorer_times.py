@@ -1,10 +1,11 @@
-"""How long the explorer keeps a viewer waiting, and how much memory its pages take, in Chromium against a real server.
+"""Measure how long a user of the explorer waits, and how much memory its pages take, in Chromium with a real server.
 
     python benchmarks/explorer_times.py [--side 600] [--trials 7] [--pages 20] [--chromium PATH]
 
-The first map and a click: medians and ranges in milliseconds, as the page's own clock sees them, frame by frame; of
-every step also the time that the server's process and the page's main thread were at work, which depends less on
-others. Then the memory of the server's process and of a page's scripts, with one page and with twenty.
+The program prints the time until the first map and until each part of a clicked point is on the screen: median and
+range in milliseconds by the page's own clock. It also prints how long the server's process and the page's main thread
+worked for each of these steps, which depends less on other programs. At the end it prints the memory of the server's
+process without a page, with one page and with twenty, and the memory of one page's scripts.
 """
 
 from __future__ import annotations
@@ -25,14 +26,15 @@ import psutil
 from playwright.sync_api import Browser, CDPSession, Page, sync_playwright
 from server import server
 
-#: The one that times were measured with, or what tests use where that is not there.
+#: The browser with which the published times were measured, or else the headless one that the tests use.
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-headless-shell")
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update"]
 POINTS = ((0.6, 0.1), (0.55, 0.08), (0.7, 0.12))  # clicked one after the other
 PARTS = ("answer", "own answer", "margin")
-IDLE, PATIENCE = 200.0, 30  # milliseconds of work in a second, and seconds until then
+#: A page is idle if it works for less than IDLE milliseconds in a second. The longest wait for it is PATIENCE seconds.
+IDLE, PATIENCE = 200.0, 30
 
-#: Notes, at every frame, since when something has been on the screen.
+#: Script for a page. At every frame it records the time at which each awaited part has appeared on the screen.
 WATCH = r"""
 window.seen = {}
 const text = (node) => node.nodeType === 3 ? node.data : node.tagName === "STYLE" || node.tagName === "SCRIPT" ? "" :
@@ -71,21 +73,21 @@ PLACE = """([delta, epsilon]) => {
 
 
 class Work:
-    """Milliseconds that the server's process and the main thread of a page have been at work."""
+    """Measures for how many milliseconds the server's process and the main thread of a page have worked."""
 
     def __init__(self, server: psutil.Process, cdp: CDPSession) -> None:
         self._server, self._cdp = server, cdp
         cdp.send("Performance.enable")
 
     def now(self) -> tuple[float, float]:
-        """(server, page), since they began."""
+        """Return the milliseconds of work of the server and of the page since each of them began."""
         times = self._server.cpu_times()
         metrics = {each["name"]: each["value"] for each in self._cdp.send("Performance.getMetrics")["metrics"]}
         return 1e3 * (times.user + times.system), 1e3 * metrics["TaskDuration"]
 
 
 class Table(dict[str, list[float]]):
-    """Measured values by name."""
+    """Measured milliseconds or megabytes, as a list for each name."""
 
     def add(self, name: str, value: float) -> None:
         self.setdefault(name, []).append(value)
@@ -98,7 +100,7 @@ class Table(dict[str, list[float]]):
 
 
 def wait_until(condition: Callable[[], Any], seconds: float = 300.0) -> Any:
-    """Poll until the condition is true; its value."""
+    """Call `condition` ten times a second until its result is true, and return this result."""
     deadline = time.monotonic() + seconds
     while not (value := condition()):
         assert time.monotonic() < deadline, "it took too long"
@@ -107,7 +109,7 @@ def wait_until(condition: Callable[[], Any], seconds: float = 300.0) -> Any:
 
 
 def submitted(url: str, side: int) -> str:
-    """The id of a survey of side × side cells that is done."""
+    """Submit a survey of side × side cells, wait until it is complete, and return its id."""
     body = {
         "delta": {"start": 0.4, "stop": 1.0, "num": side},
         "epsilon": {"start": 0.005, "stop": 0.3, "num": side},
@@ -120,7 +122,7 @@ def submitted(url: str, side: int) -> str:
 
 
 def settled(page: Page, work: Work) -> None:
-    """Wait until neither the server nor the page has much to do."""
+    """Wait until the server and the page each work for less than IDLE milliseconds in a second."""
     before = work.now()
     for _ in range(PATIENCE):
         page.wait_for_timeout(1000)
@@ -131,7 +133,7 @@ def settled(page: Page, work: Work) -> None:
 
 
 def visit(browser: Browser, url: str, process: psutil.Process, waited: Table, worked: Table) -> None:
-    """One visitor without a memory: the first map, the same again, and some clicks."""
+    """Measure one user whose browser has an empty cache: the first map, the same map again, and some clicks."""
     context = browser.new_context(viewport={"width": 1280, "height": 800})
     context.set_default_timeout(120_000)
     try:
@@ -145,7 +147,7 @@ def visit(browser: Browser, url: str, process: psutil.Process, waited: Table, wo
                 worked.add(f"{name}: {whose}", later - earlier)
 
         for name in ("first map", "map again"):
-            before = work.now()[0], 0.0  # a new page
+            before = work.now()[0], 0.0  # the page is new, so its work starts at 0
             page.goto(url)
             page.wait_for_function("() => seen.map")
             waited.add(name, page.evaluate("seen.map"))
@@ -165,7 +167,7 @@ def visit(browser: Browser, url: str, process: psutil.Process, waited: Table, wo
 
 
 def memory(browser: Browser, url: str, process: psutil.Process, pages: int) -> Table:
-    """Return MB of the server's process with no page, one and several, and of the scripts of one page."""
+    """Return MB of memory: of the server with no page, with one and with `pages`, and of the scripts of a page."""
     found = Table()
     contexts = []
     try:
@@ -195,7 +197,7 @@ def memory(browser: Browser, url: str, process: psutil.Process, pages: int) -> T
 
 
 def main() -> None:
-    """Measure, and print."""
+    """Run the measurements and print them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--side", type=int, default=0, help="cells along each axis of a survey; 0: the example")
     parser.add_argument("--trials", type=int, default=7)
@@ -211,7 +213,7 @@ def main() -> None:
     ):
         page = f"{url}/?survey={submitted(url, given.side)}" if given.side else url
         browser = playwright.chromium.launch(executable_path=given.chromium, args=FLAGS)
-        visit(browser, page, process, Table(), Table())  # the service warms up
+        visit(browser, page, process, Table(), Table())  # loads kernels, so it does not count
         held = memory(browser, page, process, given.pages)
         for _ in range(given.trials):
             visit(browser, page, process, waited, worked)

@@ -11,7 +11,7 @@ LEAST = 0.05  # steps that take less than this many seconds are not recorded
 
 
 def note(path: Path) -> None:
-    """Write each long step of the event loop to a file, as a JSON line: thread's seconds, clock's seconds, and name."""
+    """Write each long step of the event loop to a file, as a JSON line: seconds of the thread, seconds in all, name."""
     run = asyncio.Handle._run  # the event loop calls this method of the class for each step
     lines = path.open("a", buffering=1)
 

@@ -23,7 +23,7 @@ import httpx
 import psutil
 from server import server
 
-BUSY = {  # chaotic everywhere: it takes longer than the test, with several tiles a second
+BUSY = {  # a chaotic plane: the survey outlasts the test and writes several tiles a second
     "delta": {"start": 0.4, "stop": 1.0, "num": 400},
     "epsilon": {"start": 0.2, "stop": 0.3, "num": 400},
     "tile": {"delta": 8, "epsilon": 8},
@@ -45,7 +45,7 @@ class Latencies(list[float]):
     """A list of latencies in milliseconds."""
 
     async def of(self, call: Awaitable[httpx.Response], *statuses: int) -> httpx.Response:
-        """Wait for an answer, record its latency, and require one of some statuses."""
+        """Wait for an answer, record its latency, and require that its status is one of `statuses`."""
         began = time.perf_counter()
         answer = await call
         self.append((time.perf_counter() - began) * 1000)

@@ -38,7 +38,7 @@ class Drawn(NamedTuple):
     """Drawn cells (k,) of a survey, with the values in the store.
 
     region: their regions, or None. labels (k, slots): a number for the label of each periodic attractor, else 0.
-    shares: the fraction of each kind, by its name. unlisted: the fraction of attractors beyond the slots.
+    shares: the basin fraction of each kind, by its name. unlisted: the fraction of attractors beyond the slots.
     """
 
     request: SurveyRequest
@@ -52,7 +52,7 @@ class Drawn(NamedTuple):
 
 
 def number(*label: np.ndarray) -> np.ndarray:
-    """Return a number for each label (m, n_plus, n_minus), whose parts are below 2²⁰."""
+    """Return a unique number for each label (m, n_plus, n_minus), if all three numbers are below 2²⁰."""
     m, n_plus, n_minus = (np.asarray(part, np.int64) for part in label)
     found: np.ndarray = ((m << 20 | n_plus) << 20) | n_minus
     return found
@@ -97,7 +97,7 @@ def _drawn(request: SurveyRequest, seed: int, cells: xr.Dataset) -> Drawn:
 
 
 def compared(cells: Drawn) -> dict[str, np.ndarray]:
-    """Compute cells, and return flags of the wrong ones for each kind of error."""
+    """Compute the drawn cells, and return for each kind of error flags (k,) of the wrong cells."""
     request, n = cells.request, cells.delta.size
     wrong: dict[str, np.ndarray] = {}
     model = request.gear_model
@@ -133,7 +133,7 @@ def main() -> None:
         if survey.attrs.get("refined_cells_filled", 1) == 0 or "source_level" not in survey:
             raise SystemExit(f"{known.store} has no filled cells")
         parts = list(drawn(survey, known.cells, known.seed))
-        # After a time limit, the computed cells are from the whole plane.
+        # The tiles are shuffled, so that after a time limit the computed cells are from the whole plane.
         np.random.default_rng(known.seed).shuffle(parts)  # type: ignore[arg-type]
         for found in pool.imap_unordered(compared, parts):
             found["any of these"] = np.logical_or.reduce(list(found.values()))

@@ -2,10 +2,10 @@
 
     PYTHONPATH=. python benchmarks/scale.py --seconds 300
 
-The service and the dask scheduler are real. The workers are simulated: many in a process, some of which leave and are
-replaced, and whose tiles are copies of files that were encoded once. The program prints a table of tiles, time per
-tile, memory and rows; then the time to resume after SIGKILL, and the time of `rattle verify` by one process and by
-several. Processor times are printed too, because other programs on the machine do not change them.
+The service and the dask scheduler are real. The workers are simulated: each process has many, now and then one of them
+leaves and a new one comes, and all tiles are copies of files that were encoded once. The program prints a table of
+tiles, time per tile, memory and rows; then the time to resume after SIGKILL, and the time of `rattle verify` by one
+process and by several. Processor times are printed too, because other programs on the machine do not change them.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ _PLACES = {
 }
 
 _ACCESSOR = "gear_rattle.workers.pictures.accessor"  # registers `survey.rattle` with xarray
-_SURVEYS = ("Client", "open_survey", "run_survey")  # names that return surveys, which need the accessor
+_SURVEYS = ("Client", "open_survey", "run_survey")  # these return surveys, which need the accessor
 
 __all__ = [
     "Client",

@@ -1,4 +1,4 @@
-"""The entry point of the command ``rattle``. It is also installed if the packages that the command needs are not."""
+"""The entry point of the command ``rattle``. It is installed even without the packages that the command needs."""
 
 import gc
 import os

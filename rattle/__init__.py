@@ -2,9 +2,10 @@
 
 `Gear(delta, epsilon, beta)` is one parameter point. `regions`, `period_one`, `grazing`, `sn1`, `flip` and `quiet_limit`
 take whole arrays. `periodic_orbit` solves for any periodic motion. `branch`, `doubled`, `beyond` and `cascade` follow
-it in one parameter, and `diagram` follows all motions along a segment. `curves` has the bifurcation curves of the (δ,
-ε) plane. `rattle.stiff` is the gear with stiff contact, whose limit is this gear. `certify` proves periodic motions of
-both. `Machine` is a pair of gears in SI units. `rattle.comparison` compares measured impacts with the model.
+a periodic motion in one parameter, and `diagram` follows all motions along a segment. `curves` has the bifurcation
+curves of the (δ, ε) plane. `rattle.stiff` is the gear with a mesh stiffness, which becomes this gear as the stiffness
+grows. `certify` proves periodic motions of both gears. `Machine` is a pair of gears in SI units. `rattle.comparison`
+compares measured impacts with the model.
 """
 
 from importlib import import_module
@@ -62,7 +63,8 @@ if TYPE_CHECKING:
     from rattle.resilience.shocks import LeastShock, smallest_shock
     from rattle.resilience.tipping import Tipping, tipping
 
-#: Names that are loaded on first use, because they need both gears and make the import half as long again.
+#: Names that are loaded on first use, because their modules import both gears: `import rattle` would take half as long
+#: again.
 _OF_BOTH_GEARS = {
     "Accumulator": "rattle.resilience.accumulate",
     "accumulated": "rattle.resilience.accumulate",

@@ -1,6 +1,7 @@
-"""The boundary crisis of the chaotic attractor: the ε at which W^u(A), on the side of the attractor, meets W^s(A).
+"""The boundary crisis of the chaotic attractor: the ε at which the unstable and the stable manifold of A first meet.
 
-`boundary_crisis` finds it at one damping, `crisis_curve` follows it over a range. docs/crisis.md.
+Only the branch of the unstable manifold on the side of the attractor counts. `boundary_crisis` finds this ε at one
+damping, and `crisis_curve` follows it over a range of dampings. See docs/crisis.md.
 """
 
 from rattle.impacting.crisis.contact import Crisis

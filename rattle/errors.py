@@ -10,10 +10,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-LONGEST_NAME = 80  # characters that are compared; the time grows as their square, and no known name is longer
-LEAST_PART = 3  # least number of equal characters that suggest a name
+LONGEST_NAME = 80  # no known name is longer; a longer text is not compared, as the time grows as its length squared
+LEAST_PART = 3  # a known name is suggested if it contains the given text of at least this length
 MOST_MEANT = 3  # most names that a message suggests
-MAY_BE_ZERO = ("epsilon", "load")  # parameters that may be 0; all others must be greater
+MAY_BE_ZERO = ("epsilon", "load")  # parameters that may be 0; all others must be greater than 0
 AT_MOST = {"restitution": (1.0, "1 is an elastic impact")}
 
 
@@ -54,19 +54,20 @@ def require(ok: bool, message: str) -> None:
 
 
 def did_you_mean(name: object, known: Iterable[str]) -> str:
-    """Return ": did you mean …?" for a misspelt name, or nothing where no known name is like it.
+    """Return ": did you mean …?" for a misspelt name, or an empty string if no known name is similar.
 
     Parameters
     ----------
     name : object
-        What was given, of any type.
+        The given name; a value that is not a string is like no known name.
     known : iterable of str
-        The names that would be right.
+        The valid names.
 
     Returns
     -------
     str
-        An ending for an error message, three names at most: those that contain it first, then the most similar ones.
+        The end of an error message, with at most three names: first the names that contain the given one, then the most
+        similar names.
     """
     if not (isinstance(name, str) and 0 < len(name) <= LONGEST_NAME):
         return ""
@@ -101,7 +102,7 @@ def real_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
 
 
 def _shortened(value: object) -> str:
-    """Return the value as text for a message, shortened; a huge integer cannot be printed in full."""
+    """Return the value as text of at most 80 characters, or a description if it is an integer too large to print."""
     try:
         return repr(value)[:80]
     except ValueError:
@@ -143,7 +144,9 @@ def require_pair(name: str, value: ArrayLike) -> tuple[float, float]:
 
 
 def parameters(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **others: ArrayLike) -> list[NDArray[np.float64]]:
-    """Broadcast and validate parameters: all positive except `MAY_BE_ZERO`, and none larger than `AT_MOST`.
+    """Broadcast parameters to one shape, and check that they are finite and inside their domains.
+
+    A parameter must be > 0, or ≥ 0 if `MAY_BE_ZERO` has its name, and at most the value of its name in `AT_MOST`.
 
     Returns
     -------

@@ -56,7 +56,7 @@ class Tabular:
         Raises
         ------
         MissingExtraError
-            Without pandas.
+            If pandas is not installed.
         """
         return dataframe_of(self)
 
@@ -83,7 +83,7 @@ def dataframe_of(result: Shown) -> DataFrame:
 def dataset_of(
     variables: Mapping[str, tuple[Any, ...]], coordinates: Mapping[str, Any], attributes: Mapping[str, Any]
 ) -> Dataset:
-    """Return an xarray.Dataset, with the arguments of its constructor. Raises MissingExtraError without xarray."""
+    """Return an xarray.Dataset, given the arguments of its constructor. Raises MissingExtraError without xarray."""
     try:
         import xarray
     except ModuleNotFoundError as error:
@@ -92,9 +92,10 @@ def dataset_of(
 
 
 def figure_of(result: Shown, drawn_by: str) -> Figure:
-    """Return the picture of a result; drawn_by: the name of the function of `rattle.plot` that draws it.
+    """Return the picture of a result.
 
-    The function is loaded by its name, because `rattle.plot` imports the modules of all results.
+    drawn_by: the name of the function of `rattle.plot` that draws the result. The function is loaded by its name,
+    because `rattle.plot` imports the modules of all results.
 
     Returns
     -------
@@ -104,7 +105,7 @@ def figure_of(result: Shown, drawn_by: str) -> Figure:
     Raises
     ------
     MissingExtraError
-        Without matplotlib.
+        If matplotlib is not installed.
     """
     drawn: Figure = getattr(import_module("rattle.plot"), drawn_by)(result)
     return drawn
@@ -116,7 +117,7 @@ def motion_label(m: int, n_plus: int, n_minus: int) -> str:
 
 
 def table_of(columns: Columns) -> str:
-    """Return columns as plain text: a line of names, then a line for each row."""
+    """Return a table as plain text: a line with the names of the columns, then a line for each row."""
     texts = [[name, *map(_text, values)] for name, values in columns.items()]
     widths = [max(map(len, column)) for column in texts]
     return "\n".join(
@@ -126,7 +127,7 @@ def table_of(columns: Columns) -> str:
 
 
 def html(caption: str, columns: Columns) -> str:
-    """Return a table as HTML; of a long table the first and the last rows."""
+    """Return a table as HTML. A table with more than ROWS rows shows only its first and its last rows."""
     length = max((len(values) for values in columns.values()), default=0)
     shown: Iterable[int | None] = range(length)
     if length > ROWS:
@@ -137,13 +138,13 @@ def html(caption: str, columns: Columns) -> str:
 
 
 def _cells(columns: Columns, row: int | None) -> str:
-    """Return the HTML cells of a row; None: the row of dots in the middle of a long table."""
+    """Return the HTML cells of row number `row`; None stands for the row of dots in the middle of a long table."""
     texts = ("…" if row is None else _text(values[row]) for values in columns.values())
     return "".join(f"<td>{escape(text)}</td>" for text in texts)
 
 
 def _text(value: Any) -> str:
-    """Return a value as text with at most six digits."""
+    """Return a value as text; real and complex numbers have at most six digits."""
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, complex | np.complexfloating):

@@ -1,4 +1,4 @@
-"""The parameters of models: the declaration of one (`Parameter`), and the values of all (`Parameters`)."""
+"""The parameters of models: a `Parameter` declares one of them, and `Parameters` holds the values of all."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.errors import parameters
 
 Array = NDArray[np.float64]
-Harmonic = tuple[int, float, float]  # (order, amplitude over that of the first harmonic, phase in turns)
-#: Most harmonics of a forcing, and their highest order.
+Harmonic = tuple[int, float, float]  # (order, amplitude relative to the first harmonic, phase in turns)
+#: Largest allowed number of harmonics of a forcing, and largest allowed order of a harmonic.
 MOST_HARMONICS, HIGHEST_ORDER = 64, 1000
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """The declaration of a parameter besides δ and ε, which has one value in all cells of a (δ, ε) plane.
+    """The declaration of a parameter other than δ and ε. It has the same value in all cells of a (δ, ε) plane.
 
     Parameters
     ----------
@@ -51,11 +51,11 @@ class Parameter:
     may_be_zero : bool
         Whether the value 0 is allowed; all values are at least 0.
     machine_number : str, optional
-        The number of a `rattle.Machine` that determines the parameter.
+        The name of the field of `rattle.Machine` that determines the parameter; None if no field does.
     machine_text, machine_absent : str
-        A description of this number, and the meaning of its absence, for options and forms.
+        A description of this field, and what it means to leave the field out, for options and forms.
     of_machine : callable, optional
-        Function of this number and of a `rattle.machine.conversion.Reduced` that returns the value.
+        Function of the value of this field and of a `rattle.machine.conversion.Reduced` that returns the parameter.
     """
 
     name: str
@@ -83,7 +83,7 @@ class Parameter:
 
     @property
     def in_words(self) -> str:
-        """The name for a list of what a gear has, such as "walls of stiffness κ"."""
+        """The name as it stands in a list of a gear's properties, such as "walls of stiffness κ"."""
         part = self.of.removeprefix("the ")
         return f"{part} of {self.long_name}" if part else self.long_name
 
@@ -101,7 +101,7 @@ class Parameter:
 def parameters_in(module: str) -> tuple[Parameter, ...]:
     """Return the parameters that the file `declaration.toml` in the folder of a module declares.
 
-    They are declared in a file because commands and the client read them without loading the library.
+    The declarations are in a file, because commands and the client read them without loading the library.
 
     Returns
     -------
@@ -172,7 +172,7 @@ class Parameters:
         return self._each(lambda x: np.array(x, order="C").ravel())
 
     def take(self, which: Any) -> Parameters:
-        """Return the points of an index, a slice or a mask."""
+        """Return the points that an index, a slice or a mask selects."""
         return self._each(lambda x: np.ascontiguousarray(x[which]))
 
     def repeat(self, count: int) -> Parameters:
@@ -180,7 +180,7 @@ class Parameters:
         return self._each(lambda x: np.repeat(x, count))
 
     def towards(self, other: Parameters, share: float) -> Parameters:
-        """Return the points at a share of the way to other points of the same model."""
+        """Return the points at a share of the way to other points of the same model; share 1 gives the other points."""
         if share == 1.0:
             return other
         mixed = {name: x + share * (other.named[name] - x) for name, x in self.named.items()}
@@ -192,7 +192,7 @@ class Parameters:
         return replace(self, harmonics=harmonics)
 
     def point(self, number: int = 0) -> dict[str, float]:
-        """Return the values at one of many points by name."""
+        """Return the values at point number `number`, by name."""
         return {name: float(x[number]) for name, x in self.named.items()}
 
     def _each(self, change: Any) -> Parameters:

@@ -34,10 +34,10 @@ def precompile(*, preload: bool = False, optional: bool = False, **added: float 
     optional : bool
         Whether to compile also the kernels of families and intensities, which only some surveys need.
     preload : bool
-        Whether to load also the kernels that follow samples, so that the first tile need not.
+        Whether to load also the kernels that follow samples, so that the first tile need not load them.
     **added : float, optional
-        A model's further parameters, such as the stiffness of the stiff gear, which select its kernels; by default
-        those of the impacting gear.
+        Further parameters of a model, such as the stiffness of the stiff gear. Their names select the model whose
+        kernels are compiled; without them it is the impacting gear.
 
     Raises
     ------
@@ -51,12 +51,12 @@ def precompile(*, preload: bool = False, optional: bool = False, **added: float 
 
 
 def example_of(name: str) -> Model:
-    """Return the model of this name, and the parameters with which its kernels are compiled."""
+    """Return the model of this name, with the parameters with which its kernels are compiled."""
     return MODELS[name](BETA.example, **{each.name: each.example for each in MODELS[name].added})
 
 
 def survey(name: str) -> Steps:
-    """Return functions that compile, by running them, the kernels that every survey of this model needs."""
+    """Return functions, by name, that run the kernels that every survey of this model needs, and so compile them."""
     model, delta, epsilon, few = _cells(name)
 
     def orbits() -> None:
@@ -86,7 +86,7 @@ def survey(name: str) -> Steps:
 
 
 def by_request(name: str) -> Steps:
-    """Return functions that compile the kernels of optional quantities of a survey of this model."""
+    """Return functions, by name, that run the kernels of optional quantities of a survey, and so compile them."""
     model, delta, epsilon, few = _cells(name)
 
     def families() -> None:
@@ -101,7 +101,7 @@ def by_request(name: str) -> Steps:
 
 
 def _cells(name: str) -> tuple[Model, NDArray[np.float64], NDArray[np.float64], SampleSpec]:
-    """Return a model, δ and ε of a few cells, and their sample."""
+    """Return the model of this name, δ (n,) and ε (n,) of the example cells, and the specification of their samples."""
     model = example_of(name)
     epsilon = np.array(model.compiled_at)
     return model, np.full(epsilon.size, DELTA), epsilon, SampleSpec(COUNT)

@@ -43,7 +43,7 @@ from rattle.numerics import leave_working_directory
 if TYPE_CHECKING:
     from distributed import Client
 
-#: What pages of the origins in `Settings.cors_origins` may do.
+#: Methods and headers that pages of the origins in `Settings.cors_origins` may use.
 READING: dict[str, Any] = {
     "allow_methods": ["GET", "HEAD"],
     "allow_headers": ["Authorization", "If-None-Match", "Range"],

@@ -200,8 +200,8 @@ class Client:
             found = None
         if not isinstance(found, dict):
             raise ServiceError(
-                f"{answer.url} answered {answer.text[:LONGEST]!r}, which is no JSON object: is a gear-rattle service "
-                f"at {self._http.base_url}? Give its address."
+                f"{answer.url} answered {answer.text[:LONGEST]!r}, which is not a JSON object: is a gear-rattle "
+                f"service at {self._http.base_url}? Give its address."
             )
         return found
 
@@ -421,7 +421,8 @@ def _with_axes(fields: Mapping[str, Any], names: Sequence[str]) -> Document:
 
 
 def _axis(value: Any) -> Any:
-    is_one = isinstance(value, (list, tuple)) and len(value) == len(AXIS)  # the service explains errors of other values
+    # Other values are sent unchanged, and the service explains what is wrong with them.
+    is_one = isinstance(value, (list, tuple)) and len(value) == len(AXIS)
     return dict(zip(AXIS, value, strict=True)) if is_one else value
 
 

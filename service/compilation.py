@@ -1,4 +1,4 @@
-"""Compute small examples, so that all kernels that requests need of a model are compiled."""
+"""Compile the kernels of a model that requests to a service need, by computing small examples."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ AT = 0.6, 0.1  # δ, ε of the computed example
 
 
 def answers(name: str) -> Steps:
-    """Return the steps that compile the kernels of answers to requests, as far as surveys do not need them."""
+    """Return the steps that compile the kernels of a model that requests need but surveys do not. name: the model."""
     model, (delta, epsilon) = example_of(name), AT
     gear = model.gear(delta, epsilon)
 

@@ -1,4 +1,4 @@
-"""Kernels of a service, compiled in a process of their own, so that requests do not time out because of them.
+"""Compile the kernels of a service in a process of its own, while requests wait for them with a time limit.
 
 A fresh installation compiles for a minute. The kernels of surveys, for which workers wait, are compiled when the
 service starts; those of other models are compiled when a request first needs them.
@@ -22,7 +22,7 @@ from rattle.precompile import BY_REQUEST, SURVEY
 
 log = logging.getLogger(__name__)
 
-#: Functions that compile kernels; those of surveys come first, because workers wait for them.
+#: Functions that compile kernels. The function for surveys comes first, because workers wait for these kernels.
 WORKS = (SURVEY, BY_REQUEST, "gear_rattle.service.compilation:answers")
 
 
@@ -32,12 +32,12 @@ def compile_kernels(model: str) -> None:
 
 
 class Kernels:
-    """The kernels of one service, in its event loop."""
+    """Compiles the kernels of each model once, and lets requests wait for them. It belongs to one event loop."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
         self._compiled: dict[str, asyncio.Future[None]] = {}
-        self.waiting = 0  # requests that wait
+        self.waiting = 0  # number of requests that wait for kernels
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
@@ -50,7 +50,7 @@ class Kernels:
             await asyncio.gather(*self._compiled.values(), return_exceptions=True)
 
     def begin(self, model: str = DEFAULT_MODEL) -> None:
-        """Compile the kernels of a model, unless that has begun or an earlier process has done it."""
+        """Begin to compile the kernels of a model, unless this has begun before or an earlier process compiled them."""
         if model in self._compiled:
             return
         loop = asyncio.get_running_loop()
@@ -77,12 +77,12 @@ class Kernels:
         model : str
             Name of the model.
         patience : float, optional
-            Seconds to wait; by default the most time of a point.
+            Seconds to wait; by default the service's time limit for a point.
 
         Raises
         ------
         KernelsError
-            They are still being compiled, or too many requests wait for them.
+            The kernels are still being compiled, or too many requests wait for kernels.
         """
         self.begin(model)
         if self.has(model):
@@ -100,7 +100,7 @@ class Kernels:
 
 
 async def _compile(model: str) -> None:
-    """Compile in a process that is killed when the service ends, together with its own child."""
+    """Compile kernels in a process that is killed, with its own child process, when the service ends."""
     try:
         await to_process.run_sync(compile_kernels, model, cancellable=True)
     except BrokenWorkerProcess as error:  # requests then compile kernels themselves, and report errors

@@ -20,7 +20,7 @@ STORE_URL = re.compile(r"https?://[^/]+/(.*/)?v1/(surveys|populations)/[0-9a-f]+
 
 
 def key_headers(key: str | None = None) -> dict[str, str]:
-    """Return the HTTP header with an API key; no header if there is no key. By default the key of ``RATTLE_API_KEY``.
+    """Return the HTTP header with an API key, by default that of ``RATTLE_API_KEY``; no header if there is no key.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
 def open_family(
     store: str | Path, number: int, headers: Mapping[str, str] | None = None, slice_number: int | None = None
 ) -> xr.Dataset:
-    """Open one family of a survey from disk or from a service as a map, like `gear_rattle.open_family`, with a key.
+    """Open one family of a survey as a map, like `gear_rattle.open_family`, and send an API key to a service.
 
     Returns
     -------

@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 def population_of(where: str | Path | Place) -> Population:
     """Read the population from a store whose gears are all computed.
 
-    The result is that of `rattle.population`. Samples of a failed gear count as undecided.
+    The result equals that of `rattle.population`. The samples of a failed gear count as undecided.
 
     Returns
     -------
     Population
-        The plan of the gears, and their attractors, one row a gear.
+        The plan from which the gears are drawn, and the attractors of each gear in one row.
 
     Raises
     ------
@@ -46,12 +46,12 @@ def population_of(where: str | Path | Place) -> Population:
 
 
 def population_in(dataset: "xr.Dataset", name: str) -> Population:
-    """Read the population from an opened store, for example of a service. name: what messages call the store.
+    """Read the population from an opened store, for example that of a service. name: name of the store in messages.
 
     Returns
     -------
     Population
-        The plan of the gears, and their attractors, one row a gear.
+        The plan from which the gears are drawn, and the attractors of each gear in one row.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def _population(request: PopulationRequest, column: Callable[[str], np.ndarray],
         raise SurveyError(f"{name} lacks {missing} gears: wait until it is finished, or run it again to resume it")
     found = gears_of(request, column)
     failed = status == FAILED
-    if failed.any():  # failed gears have fill values; their numbers and parts follow from the plan
+    if failed.any():  # the store has fill values for failed gears, so their numbers and parts come from the plan
         rows = np.flatnonzero(failed)
         found.part[rows], found.values[rows] = request.plan.parts(rows), request.plan.values(rows)
     return Population(request.plan, found)

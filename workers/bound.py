@@ -26,7 +26,7 @@ COUNTED = (SOURCE_LEVEL, AUDIT, LEAF)
 
 
 def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Return whether a survey has a requested bound that is not known to be met yet. All its tiles must be computed."""
+    """Return whether a survey requests a bound that is not known to be met. All its tiles must be computed."""
     return request.is_bounded and TOLD[-1] not in attributes_of(place_of(where))
 
 
@@ -39,16 +39,16 @@ def meet_bound(
 ) -> bool:
     """Compute rounds of audits until the bound of a survey is met. All tiles of the survey must be computed.
 
-    The caller holds the lock of the store, and its families are not joined yet. The content of a tile follows from the
-    request and the rounds, and a round follows from the findings in all tiles. So the size of tiles, the number of
-    workers and interruptions change nothing.
+    The caller holds the lock of the store, and the survey's families are not joined yet. The content of a tile follows
+    from the request and the rounds, and each round follows from the audit counts of all tiles. So the result does not
+    depend on the size of tiles, the number of workers or interruptions.
 
     Parameters
     ----------
     each : Each
-        Function that runs tasks.
+        Function that runs a task for each of several items, such as `here`.
     at_once : int
-        Number of tiles in a group of tasks.
+        Number of tiles in a group; each tile is one task.
     should_pause : Callable[[], bool]
         Called after each group of tiles. If it returns true, the remaining work is left to another call.
 
@@ -70,7 +70,8 @@ def meet_bound(
     later = tuple(Round(*asked) for asked in json.loads(attributes_of(place).get(ROUNDS, "[]")))
     while True:
         tiles = [(replace(tile, rounds=later),) for tile in tiles_of(request)]
-        # The findings of all tiles are read at once: in groups, a pause could come before any tile is computed.
+        # The counts of all tiles are read in one group, because a pause between groups could end the call before
+        # any tile is computed.
         found = each(found_in, request, str(place), tiles)
         waiting = iter([tile for tile, counts in zip(tiles, found, strict=True) if counts is None])
         with noting(place) as note:
@@ -92,7 +93,7 @@ def meet_bound(
 
 
 def found_in(_request: SurveyRequest, path: str, tile: Tile) -> Counts | None:
-    """Read the findings of the last of `tile.rounds` from the store; None if the stored tile is of other rounds."""
+    """Read a tile's audit counts of the last of `tile.rounds`; None if the store has the tile with other rounds."""
     place = place_of(path)
     with reading(f"the audit of {place}"):
         stored = {name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[tile.at]) for name in COUNTED}
@@ -105,7 +106,7 @@ def take_through(request: SurveyRequest, path: str, tile: Tile) -> tuple[Counts,
     Returns
     -------
     tuple[Counts, dict[str, str]]
-        Findings of the last round, and digests of the tile's chunks by key.
+        Audit counts of the last round, and digests of the tile's chunks by key.
     """
     values, _ = compute_tile(request, tile)
     files = write_tile(request, path, tile, values)
@@ -115,7 +116,7 @@ def take_through(request: SurveyRequest, path: str, tile: Tile) -> tuple[Counts,
 
 
 def _counts(tile: Tile, values: Mapping[str, np.ndarray]) -> Counts | None:
-    """Return the findings of the last of `tile.rounds` from a tile's variables; None if these are of other rounds."""
+    """Return the audit counts of the last of `tile.rounds`; None if `values` were computed with other rounds."""
     source, audit, leaf = (values[name] for name in COUNTED)
     now = (leaf > 0) & (leaf // KINDS == len(tile.rounds))
     filled = source > 0

@@ -1,8 +1,8 @@
 """Prove a survey's periodic attractors, and keep their certificates in a store beside the survey's.
 
 The store has the certificates as documents in a file, and variables that follow from this file. Each result is appended
-to the file at once, so that a stopped run can be continued. The next run tries unproved attractors again. Checksums of
-all files are written at the end.
+to the file at once, so that a stopped run can be continued. The next run attempts the unproved attractors again.
+Checksums of all files are written at the end.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 
 #: Files with a document in each line: the certificates of proved attractors, and the reasons for unproved ones.
 CERTIFICATES, REFUSED = "certificates.jsonl", "refused.jsonl"
-SEAL = "checksums.json"  # file with the checksums of all other files, written when all attractors have been tried
+#: File with the checksums of all other files. It is written when the proof of every attractor has been attempted.
+SEAL = "checksums.json"
 MEANINGS = ("none", "orbit")
 ORBIT = MEANINGS.index("orbit")
 SLOT = ("attractor", *CELL)
@@ -52,7 +53,7 @@ Answers = list[tuple[Place, dict[str, Any] | str]]
 
 
 class AttractorClaim(NamedTuple):
-    """A periodic attractor of a survey to prove. place: slot and cell. tau, v: a state on it. label: (m, n₊, n₋)."""
+    """A periodic attractor to prove. place: its slot and cell. tau, v: one of its states. label: (m, n₊, n₋)."""
 
     place: Place
     model: Model
@@ -141,7 +142,7 @@ def certify_survey(
     at_once : int
         Number of lists in a call of `prove`; their results are stored together.
     on_done : Callable[[int, int], None]
-        Called with the number of attractors that have been tried, in earlier runs too, and the number of all.
+        Called with the number of attractors whose proof was attempted, in this run or earlier ones, and their total.
     should_stop : Callable[[], bool]
         Called after each call of `prove`. If it returns true, the run ends with the results so far.
 
@@ -197,7 +198,7 @@ def certify_survey(
 
 
 def _begun(survey: xr.Dataset, out: Path) -> dict[Place, float]:
-    """Create the store, or return the radii from an earlier run, by place. Raises OSError and SurveyError."""
+    """Create the store, or return the radii that an earlier run proved, by place. Raises OSError and SurveyError."""
     import xarray as xr  # here, because it takes half a second to load
 
     sealed, files = _sealed(out)
@@ -307,7 +308,7 @@ def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrit
     out : pathlib.Path
         The store.
     ended : bool
-        The run that proves has certainly ended, so that missing checksums count as lost.
+        True if the run that proves has certainly ended, so that missing checksums count as lost.
 
     Returns
     -------
@@ -325,7 +326,7 @@ def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrit
 
 
 def examine_beside(where: str | Path | Location) -> list[CertificatesIntegrity]:
-    """Examine the stores of certificates beside a survey, for the survey and its slices; none beside a bucket."""
+    """Examine the stores of certificates beside a survey and its slices. A survey in a bucket has no such stores."""
     place = place_of(where)
     if not isinstance(place, Directory):
         return []
@@ -357,7 +358,7 @@ def _below(path: Path) -> list[Path]:
 
 
 def _checksums(out: Path, files: Iterable[str]) -> dict[str, str]:
-    """Return the checksums of files by key, without files that cannot be read."""
+    """Return the checksums of files by key. Files that cannot be read are left out."""
     found: dict[str, str] = {}
     for key in files:
         with suppress(OSError):
@@ -391,6 +392,7 @@ def _written(survey: xr.Dataset, out: Path, radii: dict[Place, float]) -> xr.Dat
     }
     found = xr.Dataset(variables, coordinates, attributes)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ZarrUserWarning)  # that other libraries may not read consolidated metadata
+        # zarr warns that other libraries may not read consolidated metadata.
+        warnings.simplefilter("ignore", ZarrUserWarning)
         found.to_zarr(out, mode="a", zarr_format=3)
     return found

@@ -35,11 +35,11 @@ def complete(
     Parameters
     ----------
     each : Each
-        Function that runs tasks.
+        Function that runs a task for each of several items, such as `here`.
     at_once : int
         Number of tasks in a group; the results of a group are stored together.
     on_proved : Callable[[int, int], None]
-        Called with the number of attractors that have been tried to prove, and the number of all.
+        Called with the number of attractors whose proof was attempted, and the number of all attractors.
     should_pause : Callable[[], bool]
         Called after each group. If it returns true, the remaining work is left to another call.
 
@@ -58,7 +58,7 @@ def complete(
         return
     if lacks_families(request, where):
         join_survey(request, where, each, at_once)
-    if lacks_levels(request, where):  # after the join, which changes slots
+    if lacks_levels(request, where):  # levels are built after families are joined, because the join changes slots
         make_levels(request, where, each)
-    if lacks_certificates(request, where):  # also after the join, because certificates name slots
+    if lacks_certificates(request, where):  # certificates name slots, which the join changes
         prove_survey(request, where, each, at_once, on_proved, should_pause)

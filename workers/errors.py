@@ -71,7 +71,7 @@ def reading(what: str) -> Iterator[None]:
         ) from error
 
 
-#: Causes that may pass, so that the same survey can continue later.
+#: Error numbers of failures that may pass, so that the same survey can continue later.
 _PASSING = {
     errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.ESTALE, errno.ENOMEM, errno.EMFILE, errno.ENFILE,
 }  # fmt: skip

@@ -48,8 +48,7 @@ def run_tiles_here(
 ) -> None:
     """Compute tiles in this process, one after the other, and write them to an existing store.
 
-    The results are equal to the bit to those of `run_tiles`. There is no protection: a cell that kills its process ends
-    this process.
+    The results are equal to the bit to those of `run_tiles`. A cell that would kill a worker kills this process.
 
     Parameters
     ----------

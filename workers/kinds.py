@@ -53,7 +53,7 @@ def compute_tile(
     Parameters
     ----------
     outcomes : Iterable[CellOutcome] | None
-        The outcome of each cell, in their order, if the cells are computed elsewhere.
+        The outcomes of the cells in their order, if they are computed elsewhere; None to compute them here.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def template_of(request: AnyRequest, created: str | None = None) -> Template:
 
 
 def blank(request: AnyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
-    """Create empty arrays in memory. Return their files, the arrays, and the pattern of each variable's chunk keys."""
+    """Create empty arrays in memory. Return their files by key, the arrays, and patterns of chunk keys by variable."""
     found: tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]] = _template(request).blank(request)
     return found
 
@@ -92,7 +92,7 @@ def described(request: AnyRequest, tile: AnyTile) -> str:
 
 
 def place_of_cell(request: AnyRequest, i: int, j: int) -> dict[str, int]:
-    """Return the position of a failed cell by name of the axis: indices in the grid, or the row of a gear."""
+    """Return the position of a failed cell: its indices by name of the axis, or the row of a gear in a population."""
     if isinstance(request, PopulationRequest):
         return {"gear": j}
     along, i = divmod(i, request.shape[0])
@@ -100,7 +100,7 @@ def place_of_cell(request: AnyRequest, i: int, j: int) -> dict[str, int]:
 
 
 def tile_error(request: AnyRequest, tile: AnyTile, error: BaseException) -> SurveyError:
-    """Return the exception with which a run ends if a tile cannot be computed or written."""
+    """Return the exception that ends a run if a tile cannot be computed or written."""
     what = described(request, tile)
     if isinstance(error, StorageError):
         return StorageError(f"{what} cannot be written: {error}")

@@ -1,4 +1,7 @@
-"""Build the levels of a survey after its tiles and its join. Each task handles one block, here or on a cluster."""
+"""Build the pyramid levels of a survey when its tiles are computed and its families joined.
+
+Each task handles one block of cells, in this process or on a cluster.
+"""
 
 from __future__ import annotations
 
@@ -83,7 +86,7 @@ def _values(place: Place, block: LevelBlock, quantity: Quantity) -> np.ndarray:
 def _chunks(
     request: SurveyRequest, block: LevelBlock, quantity: Quantity, values: np.ndarray, known: np.ndarray
 ) -> Iterator[tuple[str, bytes]]:
-    """Yield the chunks of a variable's arrays in each level, by key; for codes also their shares and occurrences."""
+    """Yield the chunks of a block in each level, by key. Codes (regions) also have arrays of shares and occurrences."""
     levels = levels_of(request.shape)
     arrays = level_arrays(quantity)
     beside = values.shape[:-2]
@@ -104,7 +107,7 @@ def _chunks(
 def _reduced(
     quantity: Quantity, values: np.ndarray, known: np.ndarray, request: SurveyRequest
 ) -> Iterator[tuple[np.ndarray, ...]]:
-    """Yield for each level the arrays of one map, in the order of `level_arrays`."""
+    """Reduce one map to each level, and yield the resulting arrays of the level, in the order of `level_arrays`."""
     steps = steps_of(levels_of(request.shape))
     if words := meanings(quantity):
         yield from reduce.codes(values, known, steps, len(words))
@@ -114,6 +117,6 @@ def _reduced(
 
 
 def _stacked(made: Sequence[np.ndarray], beside: tuple[int, ...]) -> np.ndarray:
-    """Stack the maps of a variable into one array."""
+    """Stack the maps of a variable into one array. beside: lengths of the variable's dimensions other than δ and ε."""
     statistics = made[0].shape[:-2]
     return np.stack(made, axis=len(statistics)).reshape(*statistics, *beside, *made[0].shape[-2:])

@@ -48,12 +48,12 @@ def bench(
 
     kernel: nanoseconds per impact, the scaling over two threads and processes, and the cost of x86-64-v3.
 
-    cell: milliseconds per cell, and the impacts that every outcome costs.
+    cell: milliseconds per cell, and the mean number of impacts of a sample by its outcome.
 
-    survey: cells per second, where the processes' time goes, and peak memory; and the processor time of a cell by ε
-    over the quiet limit, beside an older version's.
+    survey: cells per second, where the processes' time goes, and peak memory. The processor time of a
+    cell by its ε divided by the quiet limit is compared with that of an older version.
 
-    curves: seconds to trace Figures 7 and 8, for branches of motions and for a period-doubling cascade.
+    curves: seconds to trace the curves of Figures 7 and 8, branches of motions, and a period-doubling cascade.
 
     global: basins and their boundaries, manifolds, a boundary crisis, the diagram of Figure 5.
 

@@ -40,7 +40,7 @@ CELLS = {
     "chaos alone (0.6, 0.25)": (0.6, 0.25),
     "near the quiet limit (0.6, 0.1885)": (0.6, 0.1885),
 }
-NEIGHBOURS = 1e-4  # half the width in δ of the row of cells around a named one
+NEIGHBOURS = 1e-4  # half the width in δ of the row of cells around each of CELLS
 PLANE = (0.4, 1.0), (0.005, 0.3)  # (δ, ε) of Figure 7
 LARGE = 1_000_000  # cells of the survey whose time is extrapolated
 #: Variables that make numba compile for x86-64-v3: a Haswell has just these instructions, and the empty second variable
@@ -178,7 +178,7 @@ def _in_step(thin: int, barrier: Any, index: int) -> tuple[list[float], NDArray[
 
 
 def portable(thin: int = 1) -> dict[str, tuple[float, float]]:
-    """Measure workload A compiled for this processor and for x86-64-v3; `_workload_a` explains both numbers."""
+    """Measure workload A for this processor and for x86-64-v3: ns per impact without and with the tangent map."""
     native, other = list[list[float]](), list[list[float]]()
     measured = _workload_a(thin)
     with _elsewhere(thin) as ask:
@@ -243,7 +243,7 @@ class Outcome:
 
 
 def _attractors(delta: NDArray[np.float64], epsilon: Any, count: int) -> tuple[list[Outcome], Callable[[], Any]]:
-    """Return the outcomes of some cells, and the function that computes them."""
+    """Return the outcomes of some cells, and a function without arguments that computes these cells again."""
     import rattle
 
     run = partial(rattle.attractors_of, delta, epsilon, 0.6, count, 7.0, 0)
@@ -310,7 +310,7 @@ class SurveyCost:
 
 
 def survey(cells_per_side: int, count: int, n_workers: int, tile: int | None = None) -> SurveyCost:
-    """Measure a survey of the plane of Figure 7 on an embedded cluster. tile: cells along a tile, by default few."""
+    """Measure a survey of the plane of Figure 7 on an embedded cluster. tile: cells along a tile; None: few cells."""
     from distributed import get_task_stream
 
     from gear_rattle import workers as w
@@ -324,7 +324,7 @@ def survey(cells_per_side: int, count: int, n_workers: int, tile: int | None = N
         store = Path(directory) / "survey.zarr"
         w.create_store(request, store)
         with get_task_stream(client) as stream:
-            began = time.time()  # dask's clock
+            began = time.time()  # dask's task stream has times of this clock
             w.run_tiles(request, store, w.tiles_of(request), client, records.append, lambda: False)
             ended = time.time()
         w.finish_store(store)

@@ -49,7 +49,7 @@ class Runner(Protocol):
     """A function that computes Πⁿ of states with another integrator."""
 
     def __call__(self, starts: Starts, n: int) -> Iterates:
-        """Return the final states. n_plus < n marks a lost trajectory, whose state means nothing."""
+        """Return Πⁿ of the states. A trajectory with n_plus < n is lost, and its final state has no meaning."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Peer:
     nanoseconds, rattle_nanoseconds: per impact on either wall, on one core, for the same trajectories at δ = 0.6,
     ε = 0.1. phase_error, speed_error: largest differences from `rattle.Gear.impact` after one Π, absolute in phase and
     relative in speed, without lost trajectories. compared: number of compared trajectories. lost: how many of these
-    passed through a wall, stopped, or met other walls than rattle's.
+    passed through a wall, stopped, or had another number of impacts on Σ⁻ than with rattle.
     """
 
     name: str
@@ -210,7 +210,7 @@ class Heyoka:
     def _on_upper(self) -> Callable[[object, int, int], bool]:
         """Return a callback that reflects on Σ⁺ and stops when a trajectory has ended.
 
-        The callback is no bound method, because heyoka would copy its `self`.
+        The callback is not a bound method, because heyoka would copy the object to which the method is bound.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Decide which attractor a state goes to; basins, and how they intermingle. Independent of the gear."""
+"""Decide which attractor a state of any gear goes to; compute basins of attraction and how they intermingle."""
 
 from rattle.attractors.basins import classified
 from rattle.attractors.classify import BUDGET, PERIODS, WATCH

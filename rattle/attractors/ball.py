@@ -1,13 +1,13 @@
 """Capture regions: neighbourhoods of stable periodic points from which every trajectory converges (compiled).
 
-DΠ^k at the point contracts in the norm zᵀMz, where M solves M − JᵀMJ/ρ² = Q and ρ lies between the spectral radius and
-1. The region is the ellipse zᵀMz < radius². The radius grows while, on the ellipse and on the one of half its size, two
-conditions hold at each sampled direction: Π^k makes as many impacts on Σ⁻ as the orbit does, and its tangent contracts
-in that norm. Half the largest such radius is used.
+The tangent map J = DΠ^k at the point contracts in the norm zᵀMz, where M solves M − JᵀMJ/ρ² = Q and ρ lies between the
+spectral radius of J and 1. The region is the ellipse zᵀMz < radius². Its radius is half the largest tried radius with
+two properties, which are checked in several directions on the ellipse of that radius and on the ellipse of half that
+radius: Π^k makes as many impacts on Σ⁻ as the orbit does, and DΠ^k contracts in that norm.
 
 Where Π^k is smooth and DΠ^k contracts on a convex set around its fixed point, the set is mapped into itself and shrinks
-to the point. docs/decisions/0007-survey-cost.md states what this assumes between the sampled directions, and how that
-is tested.
+to the point. The conditions are assumed to hold between the sampled directions too; docs/decisions/0007-survey-cost.md
+says how this assumption is tested.
 """
 
 import math
@@ -24,7 +24,7 @@ from rattle.orbits.return_map import point_of, power_map, step
 
 LARGEST, SMALLEST = 0.25, 1e-5  # first and last radius to try, in units of phase; each is half the previous one
 SPEED_WEIGHT = 1.0 / 16.0  # the distance is (Δτ)² + (Δv)²/16, because phases are of order 1 and speeds of order 4 units
-DIRECTIONS = 8
+DIRECTIONS = 8  # directions that are checked on each of the two ellipses
 COSINES, SINES = (np.array([f(math.pi * i / DIRECTIONS) for i in range(2 * DIRECTIONS)]) for f in (math.cos, math.sin))
 BALLS_PER_ORBIT = 4
 
@@ -35,7 +35,7 @@ class Centres(NamedTuple):
     Attributes
     ----------
     cell, orbit
-        The cell, and the number of the orbit in it.
+        Number of the cell, and number of the orbit in the cell.
     n_plus, n_minus
         Impacts on Σ⁺ and on Σ⁻ in a period.
     tau, v
@@ -43,7 +43,8 @@ class Centres(NamedTuple):
     m00, m01, m11
         The matrix M of the norm.
     radius
-        First the largest radius to try, in the end the radius found; 0 where there is none.
+        Radius of the capture region: before the search the largest radius to try, after the search the radius found; 0
+        where there is none.
     """
 
     cell: Any
@@ -60,7 +61,13 @@ class Centres(NamedTuple):
 
 @kernel
 def contracting_norm(a, b, c, d, q):
-    """Return (found, m00, m01, m11) of the norm zᵀMz in which [[a, b], [c, d]] contracts, for Q = diag(1, q)."""
+    """Return the matrix M of a norm zᵀMz in which [[a, b], [c, d]] contracts, for Q = diag(1, q).
+
+    Returns
+    -------
+    tuple[bool, float, float, float]
+        (found, m00, m01, m11); `found` is False if the spectral radius of the matrix is not below 1.
+    """
     determinant, trace = a * d - b * c, a + d
     inside = 0.25 * trace * trace - determinant
     radius = math.sqrt(abs(determinant)) if inside <= 0.0 else abs(0.5 * trace) + math.sqrt(inside)
@@ -112,7 +119,7 @@ def placed(centres, i, direction, radius):
 
 @kernel
 def contracts(tau, v, i, centres, point):
-    """Return whether Π^k at this state makes the Σ⁻ impacts of the orbit of centre i, with a contracting tangent.
+    """Return whether Π^k at this state has as many impacts on Σ⁻ as the orbit of centre i, and its tangent contracts.
 
     Returns
     -------
@@ -153,7 +160,7 @@ def impacts_between_centres(n_plus):
 
 @kernel
 def fill_centres(grown, orbits, cells, whole, real):
-    """Fill the columns of `centres_of` in a compiled loop."""
+    """Fill the integer columns `whole` and the float columns `real` of `centres_of` in a compiled loop."""
     n = 0
     for cell in range(grown.size):
         for j in range(grown[cell], orbits.n[cell]):
@@ -178,14 +185,15 @@ def fill_centres(grown, orbits, cells, whole, real):
 
 
 def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
-    """Return the centres of the orbits of every cell, beginning with orbit number grown[cell].
+    """Return the centres of capture regions for the orbits of every cell, beginning with orbit number grown[cell].
 
-    Orbits with contact phases have no centres: all samples that enter the same contact leave it in the same state.
+    Orbits with contact phases need no capture regions and have no centres: all samples that enter the same contact
+    leave it in the same state.
 
     Returns
     -------
     Centres
-        With the largest radius to try, or 0 where Π^k does not contract.
+        The centres; their radius is the largest radius to try, or 0 where Π^k does not contract.
     """
     number = np.arange(orbits.n_plus.shape[1])
     new = (number >= grown[:, None]) & (number < orbits.n[:, None])
@@ -199,7 +207,7 @@ def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
 
 @kernel
 def enter_balls(centres, balls):
-    """Add the capture regions of these centres to those of their cells, whose tables must have room."""
+    """Append the capture regions of these centres to the tables of their cells, which must have room."""
     for i in range(centres.radius.size):
         radius = centres.radius[i]
         if radius > 0.0:

@@ -3,8 +3,8 @@
 With every method the classifier of `rattle.attractors.table` alone distinguishes attractors. Cell mapping replaces the
 map of states by a map of cells (the image of each centre under Π^k) and finds its periodic groups in one pass. One
 member of each group is then followed exactly, together with the sample of `Gear.attractors`. A group that is only an
-artefact of the grid therefore gets the label of the true attractor. Refinement follows more cells exactly. Their labels
-spread to neighbouring cells, and to all cells that the map of cells sends there.
+artefact of the grid therefore gets the label of the true attractor. Refinement follows more cells exactly: a lattice of
+cells, and then the cells at basin boundaries. The label of such a cell holds for all cells that the map sends to it.
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 Range = tuple[float, float] | None
 
 METHODS = ("cells", "direct", "refined")
-FINEST = 4096  # cells along each axis: 16 million trajectories, some gigabytes of memory
+FINEST = 4096  # most cells along each axis; 4096² cells need 16 million trajectories and some gigabytes of memory
 SAMPLE = 256  # initial conditions, besides the cells, that search for attractors
 LATTICE = 8  # method "refined": one cell in 8 along τ and v is followed exactly, whatever the map of cells says
 RETURNS = 8  # steps of the cell map in which a state above v_max may return to the box before it is followed exactly
@@ -102,13 +102,15 @@ class Basins(Tabular):
     tau, v : ndarray, (n,)
         Centres of the cells: phase in forcing periods, and dimensionless speed.
     labels : ndarray of int, (n, n)
-        Index into `attractors` of each cell; rows are speeds.
+        For each cell the index of its attractor in `attractors`; rows are speeds.
     attractors : tuple of Attractor
-        By falling fraction of the cells.
+        The attractors, ordered by falling fraction of the cells.
     steps : ndarray of int, (n, n)
-        Impacts on Σ⁺ until convergence was certain, in whole steps of the cell map where one was used; −1 if chaotic or
-        undecided.
-    box : tuple
+        Impacts on Σ⁺ until convergence was certain; where cell mapping was used, the impacts up to an exactly followed
+        cell are counted in whole steps of the map. −1 if chaotic or undecided.
+    method : str
+        The method: one of `METHODS`.
+    box : Box
         Ranges of τ and v, by default [0, 1) × (0, v_max).
     """
 
@@ -144,7 +146,7 @@ class Basins(Tabular):
 
 
 def classified(plane: StatePlane, tau: Array, v: Array) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
-    """Return the table of attractors that states (n,) go to, the row of each state, and its impacts."""
+    """Return the table of attractors that states (n,) go to, and the table's row and the impacts of each state."""
     classifier = plane.classify(tau, v)
     table, rows = tabulated(classifier)
     return table, rows, classifier.samples.impacts
@@ -179,8 +181,8 @@ def boundary(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.b
 def _images(plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impacts: int) -> NDArray[np.int64]:
     """Return the map of cells (n² + 1,). Its last cell is the sink of states that become quiet.
 
-    A cell whose trajectory does not return to the box maps to itself. It is then a group of its own and followed
-    exactly.
+    A cell whose trajectory does not return to the box maps to itself. Such a cell is a group of its own, which is
+    followed exactly.
 
     Returns
     -------
@@ -210,7 +212,15 @@ class States:
         self.tau, self.v = np.zeros((2, 0))
 
     def follow(self, tau: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return `classified` of states as rows of the common table, in which known attractors keep their rows."""
+        """Classify states, and return the row of each in the common table, and its impacts.
+
+        Attractors that are in the table already keep their rows.
+
+        Returns
+        -------
+        tuple[NDArray[np.int64], NDArray[np.int64]]
+            Rows and impacts of the states.
+        """
         known, tau, v = self.tau.size, np.append(self.tau, tau), np.append(self.v, v)
         table, rows, impacts = classified(self.plane, tau, v)
         row_of = self._known(table, rows[:known])
@@ -222,7 +232,15 @@ class States:
         return row_of[rows[known:]], impacts[known:]
 
     def _known(self, table: AttractorTable, reached: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the row here of each row of another table, −1 if new; `reached` are rows there of the kept states."""
+        """Return for each row of `table` the row of the same attractor in the common table, −1 if it is new.
+
+        reached: the row of `table` that the kept state of each attractor of the common table goes to.
+
+        Returns
+        -------
+        NDArray[np.int64]
+            Rows of `self.table`.
+        """
         here, there = self.table, table.take((slice(None), None))
         near = SAME_POINT * self.plane.unit
         same = (np.abs(wrapped(there.tau - here.tau)) < SAME_POINT) & (np.abs(there.v - here.v) < near)
@@ -239,10 +257,10 @@ class States:
 def _by_cells(
     plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impacts: int, refine: bool
 ) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
-    """Return `classified` of the centres of all cells, by simple cell mapping.
+    """Classify the centres of all cells by simple cell mapping.
 
-    With `refine`, a lattice of cells and then every cell at a basin boundary are followed exactly, until no label
-    changes.
+    With `refine`, a lattice of cells and then every cell at a basin boundary are followed exactly, until all cells at
+    boundaries have been.
 
     Returns
     -------
@@ -282,7 +300,7 @@ def _by_cells(
 def basins(
     plane: StatePlane, resolution: int, v_max: float, method: str, impacts: int, tau: Range = None, v: Range = None
 ) -> Basins:
-    """Return the basins of `rattle.Gear.basins` for the states of this plane."""
+    """Return the basins of attraction on a grid of this plane; `rattle.Gear.basins` explains the arguments."""
     n = require_integer("resolution", resolution, 1, FINEST)
     v_max = require_number("v_max", v_max, positive=True)
     phases, speeds = box_of((0.0, 1.0) if tau is None else tau, (0.0, v_max) if v is None else v)

@@ -48,9 +48,10 @@ def cell_of(tau, v, n, box, delta, epsilon, capture, cell):
 def find_groups(image, group, steps):
     """Follow every cell of the map to the periodic group in which it ends.
 
-    The function writes the number of the group and the steps to it for each cell; cells of a group have 0 steps.
-    `group` must hold UNSEEN everywhere before. One pass suffices: a chain of images is followed to a known cell, and
-    then written from its first cell on. While a chain is open, `steps` holds the positions of its cells.
+    For each cell the function writes the number of its group to `group`, and the number of steps of the map until the
+    group to `steps`; cells of a group have 0 steps. `group` must hold UNSEEN everywhere before. One pass suffices: a
+    chain of images is followed until it meets a cell whose group is known, or one of its own cells. Then the results
+    of all its cells are written. While a chain is followed, `steps` holds the positions of its cells in the chain.
 
     Returns
     -------

@@ -3,9 +3,10 @@
 The module also decides which chaotic trajectories lie on one attractor, by comparing the boxes of the (τ, v) plane that
 they visited.
 
-The tangent vector is kept in (t, v²/2), where a flight of duration s has determinant e^(−δs). There λ₁ + λ₂ = −δ holds
-at finite time, which tests every matrix. λ₁ comes from the growth of one vector. After re-orthonormalisation the second
-diagonal entry is the determinant over the first, so λ₂ needs no second vector. Exponents are per forcing period.
+The tangent vector is kept in (t, v²/2), where a flight of duration s has determinant e^(−δs). In these coordinates
+λ₁ + λ₂ = −δ holds at finite times too, which tests every tangent matrix. λ₁ comes from the growth of one vector. After
+re-orthonormalisation the second diagonal entry of the triangular factor is the determinant over the first entry, so λ₂
+needs no second vector. Exponents are per forcing period.
 """
 
 import math
@@ -21,8 +22,8 @@ SAME_FOOTPRINT = 0.2  # two trajectories that share this part of the smaller set
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 BATCHES = 32
-LEAKS_MISSED = 3.0  # expected number of lost samples without any loss, which a leaking set has with probability e^(−3)
-LEAST_GROWTH = 8.0
+LEAKS_MISSED = 3.0  # a leaking set from which this many losses are expected shows none with probability e^(−3)
+LEAST_GROWTH = 8.0  # least growth of ln stretch over the second half of the batches, in chaotic motion
 T_95 = 2.0395  # 97.5 % point of Student's t with 31 degrees of freedom
 PAIRS, FOURS, EIGHTS, SUM = (np.uint64(int(x * 8, 16)) for x in ("55", "33", "0f", "01"))
 ONE, TWO, FOUR, TOP = (np.uint64(x) for x in (1, 2, 4, 56))
@@ -52,8 +53,8 @@ def group_numbers(boxes, size, group):
     """Write the number of the attractor of each visited-cell bitmap to group (k,).
 
     Bitmaps of one cell whose visited cells share SAME_FOOTPRINT of the smaller set are joined, until no two can be
-    joined. The number of an attractor is the place of its first member among the bitmaps of its cell. The cells have
-    `size` of the bitmaps `boxes` (k, GRID) each; `boxes` is overwritten.
+    joined. The number of an attractor is the place of its first bitmap among the bitmaps of its cell. Cell i has
+    size[i] consecutive rows of `boxes` (k, GRID), which holds the bitmaps and is overwritten.
     """
     begin = 0
     for cell in range(size.size):
@@ -77,7 +78,7 @@ def group_numbers(boxes, size, group):
 
 @kernel
 def exponents(sums):
-    """Return the Lyapunov exponents from rows of time, ln stretch and ln|det|.
+    """Return the Lyapunov exponents from batch sums: a row of time, ln stretch and ln|det| for each batch.
 
     The error bar is that of a ratio estimate over batches, which are long compared with the correlation time.
 
@@ -106,8 +107,8 @@ def exponents(sums):
 def is_chaotic(sums):
     """Return whether λ₁ exceeds its error bar and the tangent grows faster than by shear.
 
-    In regular motion a vector grows as ln t, by ln 2 over the second half of the batches. Chaos must exceed
-    LEAST_GROWTH there.
+    In regular motion the logarithm of a tangent vector's length grows as ln t, by ln 2 over the second half of the
+    batches. In chaotic motion it must grow by more than LEAST_GROWTH over that half.
 
     Returns
     -------
@@ -145,7 +146,7 @@ def fill_exponents(sums, size, found):
 
 
 def pooled(sums: Sequence[Array]) -> Array:
-    """Return the exponents of n attractors, each from several trajectories on it.
+    """Return the Lyapunov exponents of n attractors, pooled over several trajectories on each attractor.
 
     Parameters
     ----------
@@ -184,9 +185,9 @@ def fill_standing(cells, status, impacts, first, left, leaks):
 def standing(cells: Counts, status: Counts, impacts: Counts, first: Counts) -> tuple[Counts, NDArray[np.bool_]]:
     """Return the number of unresolved samples in each of these cells (k,), and whether more of them may still settle.
 
-    They may if other samples settled after the first stage, whose impacts are `first` (n_cells,), and the unresolved
-    ones have not been followed for long enough since. If they were on the same leaking set, LEAKS_MISSED more would
-    have left it by now, at the rate until the last one did.
+    More samples may settle if others settled after the first stage, and the unresolved samples have not been followed
+    for long enough since the last of these losses. The observation is long enough if, at the rate of loss until then,
+    at least LEAKS_MISSED more samples would have settled.
 
     Parameters
     ----------

@@ -1,12 +1,12 @@
 """Classify the samples of many cells by attractor, with as few impacts as certainty allows.
 
 Every sample is followed until it is captured or has made FIRST impacts. In a cell with unresolved samples a few of
-them, the probes, are then followed for longer with a tangent vector. They show whether the unresolved samples are
-chaotic, or whether all must be followed for longer.
+them, the probes, are then followed for longer with a tangent vector. The probes show whether the unresolved samples are
+chaotic, or whether all unresolved samples must be followed for longer.
 
 Unresolved samples count as chaotic only if their probes were followed for WATCH relaxation times 1/δ: phase space
-contracts by e^(−δ) a period, and transients last a multiple of 1/δ. docs/labels.md has the procedure,
-docs/decisions/0007-survey-cost.md and 0026-labels.md its reasons and figures.
+contracts by e^(−δ) a period, and transients last a multiple of 1/δ. docs/labels.md describes the procedure;
+docs/decisions/0007-survey-cost.md and 0026-labels.md give its reasons and measured errors.
 """
 
 from abc import ABC, abstractmethod
@@ -24,8 +24,8 @@ from rattle.attractors.samples import GRID, Outcome, Sets, Trajectories, empty_t
 from rattle.numerics.compile import compile_apart
 from rattle.parameters import Parameters
 
-PILOT = 8  # samples per cell that are followed first; the others use the orbits that these find
-FIRST, SECOND = 64, 512  # impacts of every sample before its cell is judged, and before it is judged again
+PILOT = 8  # samples per cell that are followed first; the other samples use the orbits that these find
+FIRST, SECOND = 64, 512  # impacts that a sample may make until the end of the first and of the second stage
 GROWTH = 4  # each further stage lasts this many times as long as the previous one
 STAGES = 4  # number of stages at strong damping; weak damping has as many as the budget allows
 FEW = 8  # a cell where at most one sample in this many is unresolved gets one more stage
@@ -33,17 +33,17 @@ MEASURED, PERIODS = 2000, 1000.0  # least impacts and forcing periods for which 
 CHATTERING = 0.5  # a sample that uses up its impacts in less than this share of its periods may be chattering
 # least relaxation times 1/δ for which a probe is followed; where this exceeds PERIODS, all stages are longer
 WATCH = 100.0
-# damping below which the neighbour test uses CROWDS, and relative speed difference of its neighbours
+# damping below which the neighbour test uses CROWDS, and relative difference in speed between a sample and a neighbour
 WEAK, BESIDE = 0.3, 1e-9
 CROWDS = (256, 1024)  # samples and neighbours of the neighbour test, in its first and its second round
 BUDGET = 1_000_000  # default budget of impacts of a sample; a sample that is still unresolved then is undecided
 MOST_MEASURED = 20_000  # most impacts of a probe that does not complete its periods
-MANY = 64  # a cell with fewer samples follows neighbours of them too, so that its verdict of chaos is as reliable
+MANY = 64  # in a cell with fewer samples, their neighbours are followed too, so that "chaotic" is as reliable there
 CROWD_OF_FEW = 256  # samples and neighbours of such a cell if it has a quiet motion, where slow losses are frequent
-WITNESSES = 12  # probes per cell: if a chaotic set loses one in 3000 periods, 98 % of the cells show it
+WITNESSES = 12  # probes per cell: if a chaotic set loses one sample in 3000 periods, 98 % of the cells show the loss
 TRACED = 1000  # impacts over which every visited cell is recorded
 LONGER = 4  # probes that seem to lie on different attractors are followed this many times as long
-EXTENSIONS = 3  # most repetitions of an unclear exponent, each over twice the impacts
+EXTENSIONS = 3  # most repetitions of the measurement of an unclear exponent, each over twice as many impacts
 ROOM = 8  # initial room for orbits in each cell, doubled when a cell needs more
 
 
@@ -53,9 +53,9 @@ class Chaos(NamedTuple):
     Attributes
     ----------
     samples : ndarray of int
-        Numbers of the samples on it.
+        Numbers of the samples on the attractor.
     sums : ndarray, (k, BATCHES, 3)
-        Batch sums of the measured samples.
+        Batch sums of the samples whose exponents were measured.
     watched : float
         Forcing periods for which the measured samples were followed.
     """
@@ -75,14 +75,15 @@ class Seen(NamedTuple):
 class Classifier(ABC):
     """Classify the samples of a block of cells.
 
-    The class holds the samples, the known orbits and the chaotic attractors of the cells. Subclasses say how the states
-    of a gear are followed.
+    The class holds the samples, the known orbits and the chaotic attractors of the cells. Subclasses implement how the
+    states of a gear are followed.
     """
 
     model: ClassVar[str]  # the gear's name, which selects its kernels
     #: Convert parameters (n,) to the record of cells that kernels take.
     cells_of: ClassVar[Callable[..., Any]]
-    #: Return the largest v³/g that is certain to become quiet at the first point, 0 if a speed does not decide it.
+    #: Return, at the first parameter point, the largest v³/g (speed v, contact force g) at which a bounce is certain to
+    #: become quiet; 0 if the speed alone does not decide.
     quiet_invariant: ClassVar[Callable[..., float]]
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
@@ -99,7 +100,7 @@ class Classifier(ABC):
         self.grown = np.zeros(n_cells, np.int64)  # number of orbits with capture regions
         self.chaos: dict[int, list[Chaos]] = {}
         self.stage = np.zeros(n_cells, np.int64)
-        # cells whose probes decided nothing, where measuring again would not help
+        # cells whose probes all stayed unresolved but were not all chaotic: measuring them again would not help
         self.unclear = np.zeros(n_cells, np.bool_)
         self.enter_known_orbits()
 
@@ -120,7 +121,7 @@ class Classifier(ABC):
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
         """Return the states (k,) after a number of returns, at one parameter point or k, and flags of quiet states.
 
-        A quiet state is returned where it became certain, although its bounces go on.
+        A state that becomes quiet is returned as it was when this became certain, although its bounces go on.
         """
 
     @classmethod
@@ -152,7 +153,7 @@ class Classifier(ABC):
 
     @abstractmethod
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
-        """Follow these samples to their ends or limits, in place. With `early`, most of them are soon captured."""
+        """Follow these samples to their attractors or limits, in place. early: most of them will soon be captured."""
 
     @abstractmethod
     def watch(
@@ -190,8 +191,8 @@ class Classifier(ABC):
     ) -> NDArray[np.int64]:
         """Return the outcomes (k,) of other states of these cells after at most `most` impacts; all arrays are (k,).
 
-        A state that reaches no attractor by then remains UNRESOLVED. Orbits that the states find are added to the
-        cells.
+        A state that reaches no attractor within `most` impacts remains UNRESOLVED. Orbits that the states find are
+        added to the tables of the cells.
 
         Returns
         -------
@@ -203,7 +204,7 @@ class Classifier(ABC):
         return np.asarray(others.status)
 
     def most(self, impacts: Any, cell: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the limit of impacts of these cells, larger at weak damping (slow relaxation), within the budget."""
+        """Return a limit of impacts for samples of these cells: more at weak damping, at most the budget."""
         return np.minimum(impacts * self.longer[cell], self.budget).astype(np.int64)
 
     @property
@@ -223,7 +224,7 @@ class Classifier(ABC):
         return Sets(cells[row] * self.count + column, left.sum(axis=1))
 
     def settle(self, which: NDArray[np.int64], samples: Trajectories, early: bool = False) -> None:
-        """Follow samples to their limits. A recurrent sample finds an orbit of its cell, or is followed further."""
+        """Follow samples to their limits. For a recurrent sample an orbit is searched, else it is followed further."""
         while which.size:
             self.advance(which, samples, early)
             which = which[samples.status[which] == Outcome.RECURRENT]
@@ -251,7 +252,7 @@ class Classifier(ABC):
         self.grown[:] = self.orbits.n
 
     def make_room(self, most: int) -> None:
-        """Double the room for orbits in each cell until it is at least `most`."""
+        """Double the room for orbits in each cell until each cell has room for at least `most` orbits."""
         while self.orbits.m.shape[1] < most:
             self.orbits, self.balls = with_twice_the_room(self.orbits), with_twice_the_room(self.balls)
 
@@ -264,7 +265,16 @@ class Classifier(ABC):
         self.settle(which[self.samples.impacts[which] < self.samples.limit[which]], self.samples)
 
     def judge(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Measure probes in these cells. A cell is decided if all its probes are chaotic and none settled."""
+        """Measure probes in these cells, and return flags (k,) of the cells that are decided.
+
+        A cell is decided if all its probes are chaotic and, where samples may be lost slowly, all unresolved samples
+        stay unresolved for as long as the probes.
+
+        Returns
+        -------
+        NDArray[np.bool_]
+            True where the unresolved samples are chaotic.
+        """
         if not cells.size:
             return np.zeros(0, np.bool_)
         chosen = self.left_in(cells).evenly(WITNESSES)
@@ -281,19 +291,19 @@ class Classifier(ABC):
         return decided
 
     def may_leak(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags (k,) of cells where sets that lose samples slowly are frequent, so that probes miss the loss."""
+        """Return flags (k,) of cells where chaotic sets often lose samples slowly, so that probes miss the losses."""
         return np.asarray(self.weak[cells] | self.has_quiet[cells] | (self.count < MANY))
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags (k,) of cells whose unresolved samples are not judged while other samples still settle."""
+        """Return flags (k,) of cells in which no probes are measured while other samples still settle."""
         return np.ones(cells.size, np.bool_)
 
     def outlast(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return whether all unresolved samples of these cells stay unresolved for as long as the longest probe.
 
         At weak damping, and in cells with a quiet motion, sets that lose samples slowly are frequent, and twelve probes
-        do not reveal the loss. There all unresolved samples are followed. At weak damping, and in cells with fewer
-        samples than MANY, neighbours of them are followed too.
+        do not reveal the loss. In these cells all unresolved samples are followed. At weak damping, and in cells with
+        fewer samples than MANY, neighbours of these samples are followed too.
 
         Returns
         -------
@@ -326,7 +336,8 @@ class Classifier(ABC):
     def crowd_lasts(self, cells: NDArray[np.int64], first: int, last: int) -> NDArray[np.bool_]:
         """Return whether neighbours of the unresolved samples of these cells stay unresolved too (neighbour test).
 
-        Each neighbour is followed for as many impacts as any sample. In chaos neighbours soon become independent.
+        first, last: the range of numbers of the followed states, as in `states_beside`. Each neighbour is followed for
+        as many impacts as the unresolved sample with the most impacts. In chaos, neighbours soon become independent.
 
         Returns
         -------
@@ -337,24 +348,26 @@ class Classifier(ABC):
             return np.zeros(0, np.bool_)
         left, each = self.left_in(cells), np.arange(first, last)
         others = self.states_beside(left, each, left.largest(self.samples.impacts))
-        fresh = (each >= left.size[:, None]).ravel()  # lower numbers are the samples themselves
+        # flags of neighbours; lower numbers are the samples themselves, which need not be followed again
+        fresh = (each >= left.size[:, None]).ravel()
         gone, others = np.zeros(fresh.size, np.bool_), others.take(fresh)
         self.settle(np.arange(others.cell.size), others)
-        strong = ~self.weak[others.cell]  # at weak damping the larger number of neighbours makes up for it
+        # at weak damping chattering neighbours are not sorted out, because more neighbours are followed there
+        strong = ~self.weak[others.cell]
         chattering = self.may_rest(others.cell, others.time, PERIODS * self.longer[others.cell])
         gone[fresh] = (others.status != Outcome.UNRESOLVED) | (strong & chattering)
         return ~np.asarray(gone.reshape(-1, each.size).any(axis=1))
 
     def states_beside(self, left: Sets, number: NDArray[np.int64], most: NDArray[np.int64]) -> Trajectories:
-        """Return the unresolved samples of each cell in turn, then neighbours of them with slightly larger speeds.
+        """Return new trajectories from the unresolved samples of each cell, and from neighbours with larger speeds.
 
         Parameters
         ----------
         left : Sets
             The unresolved samples of n cells.
         number : ndarray of int, (k,) or (n, k)
-            Numbers of the states: the first numbers are the samples, higher ones their first neighbours, then their
-            second.
+            Numbers of the states in a cell: the lowest numbers are the samples themselves, then come the first
+            neighbours of all samples, then the second neighbours, and so on.
         most : ndarray of int, (n,)
             Impacts that a state of each cell may make.
 
@@ -371,11 +384,13 @@ class Classifier(ABC):
     def may_rest(
         self, cell: NDArray[np.int64], time: NDArray[np.float64], periods: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
-        """Return whether samples may be chattering: they took only `time` where `periods` were expected."""
+        """Return whether samples may be chattering: their impacts took only a fraction of the expected `periods`."""
         return np.asarray(self.has_quiet[cell] & (time < CHATTERING * periods))
 
     def measure(self, which: NDArray[np.int64], times: float = 1.0) -> tuple[Seen, NDArray[np.bool_]]:
         """Follow these samples with a tangent vector, and for longer where the exponent is unclear.
+
+        times: the least factor by which the observation is longer than MEASURED impacts and PERIODS periods.
 
         Returns
         -------
@@ -409,8 +424,8 @@ class Classifier(ABC):
     def declare_chaos(self, cells: NDArray[np.int64], witnesses: Sets, seen: Seen) -> NDArray[np.bool_]:
         """Declare the unresolved samples of these cells to be on the chaotic attractor of the probes.
 
-        If the probes of a cell seem to lie on several attractors, they are followed for longer, and finally all
-        unresolved samples are.
+        If the probes of a cell seem to lie on several attractors, the probes are followed for longer, and if they still
+        do, all unresolved samples of the cell are followed.
 
         Returns
         -------
@@ -476,7 +491,7 @@ class Classifier(ABC):
         return prints
 
     def watched(self, which: NDArray[np.int64]) -> float:
-        """Return the forcing periods for which all of these samples were followed at least."""
+        """Return the least number of forcing periods for which any of these samples was followed."""
         return float(self.samples.time[which].min())
 
 

@@ -18,10 +18,11 @@ LONGEST_BOX = 4096
 
 
 class BasinEntropy(NamedTuple):
-    """Entropy per box (nats) over all boxes and over those at boundaries, with the numbers of both.
+    """Mean entropy per box in nats: over all boxes, and over the boxes at basin boundaries.
 
-    The entropy over boundaries is NaN if there are none. Both are NaN if a cell is undecided, because its basin is
-    unknown. Source: Daza et al., Scientific Reports 6 (2016) 31416.
+    `boxes` and `boundary_boxes` are the numbers of these boxes. The entropy over boundaries is NaN if there are none.
+    Both entropies are NaN if a cell is undecided, because its basin is unknown. Source: Daza et al., Scientific Reports
+    6 (2016) 31416.
     """
 
     entropy: float
@@ -42,7 +43,7 @@ class Uncertainty(NamedTuple):
     fractions, low, high : ndarray, (k,)
         Fraction of uncertain pairs, and its 95 % Wilson interval.
     pairs : ndarray of int, (k,)
-        Pairs whose fates are both decided.
+        Number of pairs at each distance in which both states reach an attractor or are chaotic.
     """
 
     exponent: float
@@ -123,7 +124,7 @@ def basin_entropy(basins: Basins, box: int = 5) -> BasinEntropy:
 def _pairs(
     sizes: NDArray[np.float64], pairs: int, v_max: float, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return random states τ, v (sizes, 2, pairs): uniform ones, and partners at given distances from them."""
+    """Return phases and speeds (sizes, 2, pairs) of random pairs: a uniform state, and a state at a given distance."""
     random = np.random.default_rng(seed)
     shape = (sizes.size, pairs)
     tau, v = random.random(shape), 1.0 - random.random(shape)
@@ -164,7 +165,7 @@ def power_law(
 
 
 def uncertainty(plane: StatePlane, pairs: int, v_max: float, seed: int) -> Uncertainty:
-    """Return the uncertainty exponent of `rattle.Gear.uncertainty` for the states of this plane."""
+    """Return the uncertainty exponent of this plane's basin boundary; see `rattle.Gear.uncertainty`."""
     pairs = require_integer("pairs", pairs, 1, MOST_PAIRS // 16)
     v_max = require_number("v_max", v_max, positive=True)
     seed = require_integer("seed", seed, 0, (1 << 128) - 1)

@@ -1,4 +1,4 @@
-"""Methods of every gear that start from its states: attractors of a sample or of given states, basins, uncertainty."""
+"""Methods of every gear that follow states (τ, v): attractors, basins, and the uncertainty exponent of boundaries."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class Reached:
     Attributes
     ----------
     attractors : tuple of Attractor
-        By falling share of the states.
+        The attractors, ordered by falling share of the states.
     which : ndarray of int
-        Index into `attractors`, in the shape of the states.
+        For each state the index of its attractor in `attractors`; it has the shape of the states.
     impacts : ndarray of int
-        Impacts on Σ⁺ until the end of each state was certain; −1 for chaotic and undecided states.
+        Impacts on Σ⁺ until the attractor of each state was certain; −1 for chaotic and undecided states.
     """
 
     attractors: tuple[Attractor, ...]
@@ -40,14 +40,14 @@ class Reached:
 
 
 def states_of(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[int, ...]]:
-    """Return flat phases in [0, 1) and positive speeds of states that broadcast, and their shape."""
+    """Check and broadcast phases and speeds; return them as flat arrays, phases in [0, 1), with their common shape."""
     try:
         phases, speeds = np.broadcast_arrays(real_array("tau", tau), real_array("v", v))
     except ParameterError:
         raise
     except ValueError as error:
         raise ParameterError(f"the shapes of tau and v do not broadcast: {error}") from None
-    require(phases.size > 0, "there must be a state at least")
+    require(phases.size > 0, "give at least one state")
     require(phases.size <= MOST_SAMPLES, f"{phases.size} states are too many at once: at most {MOST_SAMPLES}")
     require(bool(np.isfinite(phases).all()), "tau must be finite")
     require(bool((np.isfinite(speeds) & (speeds > 0.0)).all()), "v must be finite and greater than 0")
@@ -55,7 +55,7 @@ def states_of(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDArra
 
 
 def reached(plane: StatePlane, tau: ArrayLike, v: ArrayLike) -> Reached:
-    """Return the result of `rattle.Gear.reached` for the states of this plane."""
+    """Return the attractors that given states of this plane go to; see `rattle.Gear.reached`."""
     phases, speeds, shape = states_of(tau, v)
     table, rows, impacts = classified(plane, phases, speeds)
     count = np.bincount(rows, minlength=table.kind.size)
@@ -87,8 +87,8 @@ class Sampled:
     ) -> tuple[Attractor, ...]:
         """Return the attractors that a uniform low-discrepancy sample of (τ, v) ∈ [0, 1) × (0, v_max) finds.
 
-        Attractors come by falling fraction, followed by stable orbits that exist but that no sample reached, with
-        fraction 0 and the upper bound of its interval. The result is deterministic in all arguments.
+        Attractors are ordered by falling fraction. Last come stable orbits that exist but that no sample reached; they
+        have fraction 0, and an interval from 0 to its upper bound. The same arguments give the same result.
 
         Parameters
         ----------
@@ -119,7 +119,7 @@ class Sampled:
         - quiet: a bounce so small that all later ones are certain to die out;
         - periodic: a stable fixed point of Π^k that the trajectory approaches, with its exact label;
         - chaotic: no attractor is reached within 1000 periods and 100 relaxation times 1/δ, and λ₁ exceeds its error
-        bar;
+          bar;
         - undecided: all other samples.
 
         For the stiff gear quiet means permanent contact, and labels P(m, n₊, n₋) count contacts. Above a stiffness of
@@ -151,11 +151,11 @@ class Sampled:
             1987) of Π^impacts, where a state that is certain to become quiet goes to a sink, and one above v_max is
             followed until it returns or settles. "refined" adds to "cells" exact trajectories of every eighth cell
             along τ and v and of cells at basin boundaries, until no label changes. Only "direct" is sure to see a basin
-            thinner than a cell, and "refined" one of eight cells across (docs/decisions/0009-basins.md).
+            thinner than a cell; "refined" is sure to see a basin eight cells across (docs/decisions/0009-basins.md).
         impacts : int
-            Impacts of one step of the cell map.
+            Impacts on Σ⁺ in one step of the cell map; weak damping needs more and takes proportionally more.
         tau, v : tuple of float, optional
-            Ranges (low, high) of a smaller box.
+            Ranges (low, high) of the box; by default [0, 1) × (0, v_max).
 
         Returns
         -------
@@ -171,7 +171,7 @@ class Sampled:
         return basins(self.states, resolution, self._speed(v_max), method, impacts, tau, v)
 
     def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached:
-        """Return the attractors that given states go to, distinguished as those of the sample in `attractors`.
+        """Return the attractors that given states go to. Attractors are distinguished as in `attractors`.
 
         Parameters
         ----------
@@ -182,8 +182,8 @@ class Sampled:
         Returns
         -------
         Reached
-            The attractors by falling share of these states; for each state its attractor, and the impacts until that
-            was certain.
+            The attractors, ordered by falling share of these states; and for each state its attractor, and the impacts
+            until this attractor was certain.
 
         Raises
         ------
@@ -211,7 +211,7 @@ class Sampled:
         Returns
         -------
         Uncertainty
-            The exponent with its error, and the distances that it follows from.
+            The exponent with its error, and the distances and fractions from which it is computed.
 
         Raises
         ------

@@ -28,7 +28,16 @@ def unit_at(point):
 
 @kernel
 def approaches(tau, v, star_tau, star_v, k, most, point):
-    """Return whether the trajectory is observed to approach the orbit."""
+    """Return whether the trajectory from (tau, v) is observed to approach an orbit.
+
+    The orbit goes through (star_tau, star_v) and has k impacts on Σ⁺ in a period. The trajectory is followed for at
+    most `most` impacts on Σ⁺.
+
+    Returns
+    -------
+    bool
+        False also if the trajectory does not come closer within these impacts.
+    """
     unit = unit_at(point)
     start = math.hypot(wrapped(tau - star_tau), (v - star_v) / unit)
     if start < ARRIVED:
@@ -48,7 +57,7 @@ def approaches(tau, v, star_tau, star_v, k, most, point):
 
 @kernel
 def first_return(tau, v, gap, point):
-    """Return the impacts to the first return to (τ, v). `gap` is a known return, and the largest possible result."""
+    """Return the number of impacts until the first return to (τ, v). A return after `gap` impacts is known."""
     t, speed, unit = tau, v, unit_at(point)
     for j in range(1, gap):
         status, t, speed, _time, _below = step(t, speed, point)
@@ -61,12 +70,13 @@ def first_return(tau, v, gap, point):
 
 @kernel
 def stable_orbit(tau, v, gap, most, point):
-    """Return the stable orbit that attracts a trajectory that is at (τ, v) and again there after `gap` impacts.
+    """Return the stable orbit that attracts a trajectory that is at (τ, v) and again close to it after `gap` impacts.
 
     Returns
     -------
     tuple
-        (found, m, n₊, n₋, τ and v of its fastest point, both ln|multiplier|/m); 0 or NaN where none is found.
+        (found, m, n₊, n₋, τ and v of the orbit's fastest point, ln|multiplier|/m of both multipliers). If `found` is
+        False, the other values have no meaning.
     """
     nothing = (False, 0, 0, 0, tau, v, math.nan, math.nan)
     if gap > LONGEST_PERIOD:
@@ -87,7 +97,7 @@ def stable_orbit(tau, v, gap, most, point):
 
 @kernel
 def known(m, n_plus, n_minus, tau, v, cell, orbits, point):
-    """Return the index of this orbit among those of the cell, −1 if it is new.
+    """Return the index of this orbit among the known orbits of the cell, −1 if it is new.
 
     All points of the orbit are compared, because rounding may decide between two almost equally fast points.
 
@@ -110,7 +120,7 @@ def known(m, n_plus, n_minus, tau, v, cell, orbits, point):
 
 @inline
 def remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits):
-    """Add an orbit to those of the cell, which must have room, and return its index."""
+    """Append an orbit to the table of the cell, which must have room, and return its index there."""
     j = orbits.n[cell]
     orbits.m[cell, j], orbits.n_plus[cell, j], orbits.n_minus[cell, j] = m, n_plus, n_minus
     orbits.tau[cell, j], orbits.v[cell, j] = tau, v
@@ -136,19 +146,20 @@ def fill_footprints(which, impacts, cells, samples, footprints):
 def mark_footprints(
     which: NDArray[np.int64], impacts: int, cells: Any, samples: Trajectories, footprints: NDArray[np.uint64]
 ) -> None:
-    """Enter every state of a further stretch of these samples into their visited-cell bitmaps.
+    """Mark every state of the next `impacts` impacts on Σ⁺ of these samples in their visited-cell bitmaps.
 
-    A measured lane is inspected only every few flights. A set whose bands are visited in turn could keep step with that
-    and show only some of its bands.
+    While exponents are measured, a bitmap receives only the state after every few flights. If a chaotic set has several
+    bands that are visited in turn, these states may lie in some of the bands only. Therefore every state is marked
+    here.
     """
     fill_footprints(which, impacts, cells, samples.for_kernels(), footprints)
 
 
 @kernel
 def remember_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
-    """Add stable orbits of period one to those of their cells, which must have room.
+    """Append stable orbits of period one to the tables of their cells, which must have room.
 
-    The arrays are (n_cells, room); `n` (n_cells,) is the number of orbits in each row.
+    The arrays are (n_cells, room); `n` (n_cells,) is the number of orbits in each row, `trace` that of the tangent map.
     """
     for cell in range(n.size):
         for j in range(n[cell]):
@@ -189,7 +200,10 @@ def resolve_all(which, cells, samples, orbits, balls, grown, waiting):
 def resolve(
     which: NDArray[np.int64], cells: Any, samples: Trajectories, orbits: Orbits, balls: Balls, grown: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Find the orbits of recurrent samples. Those with a stable orbit become PERIODIC, others UNRESOLVED with a pause.
+    """Find the orbits of recurrent samples.
+
+    A sample with a stable orbit becomes PERIODIC. Another sample becomes UNRESOLVED, and no new recurrence of it is
+    searched until it has made a number of further impacts.
 
     A sample must wait if its cell has found an orbit in this call whose capture regions do not exist yet (orbits from
     number grown[cell] on), or if its cell has no room for another orbit.

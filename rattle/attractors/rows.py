@@ -13,10 +13,22 @@ Counts = NDArray[np.int64]
 
 
 class Rows(NamedTuple):
-    """Rows (n,) of a table of attractors, cell by cell, in each cell by kind and number.
+    """Rows (n,) of a table of attractors, ordered by cell, and within a cell by kind and number.
 
-    A row has its cell, its kind, its number among those of its cell and kind, the number of its first sample (that of
-    the last of all, if it has none), the number of samples, the sum of their impacts and their least time.
+    Attributes
+    ----------
+    cell, kind
+        Number of the cell, and the attractor's kind, an `Outcome`.
+    which
+        Number of the attractor among the attractors of its cell and kind.
+    one
+        Number of the first sample that reached the attractor; number of the last of all samples if none did.
+    number
+        Number of samples that reached the attractor.
+    impacts
+        Sum of the impacts of these samples.
+    watched
+        Shortest time for which one of these samples was followed, in forcing periods; inf if there are none.
     """
 
     cell: Any
@@ -30,7 +42,7 @@ class Rows(NamedTuple):
 
 @inline
 def row_of_outcome(kind, which, orbits):
-    """Return the number of an attractor in its cell: first quiet motion, then the orbits, then chaotic sets."""
+    """Return the position of an attractor in its cell: quiet motion first, then `orbits` orbits, then chaotic sets."""
     if kind == Outcome.QUIET:
         return 0
     return 1 + which if kind == Outcome.PERIODIC else 1 + orbits + which
@@ -87,10 +99,11 @@ def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, r
 
 
 def rows_of(kind: Counts, which: Counts, impacts: Counts, time: Array, known: Counts, row: Counts) -> Rows:
-    """Return the rows of all attractors that samples reach; every cell has the same number of samples, cell by cell.
+    """Return the rows of all attractors that samples reach.
 
-    A sample is given by its kind, the number of its attractor among those of its cell and kind, its impacts and its
-    time. Every cell also has a row for each of its known orbits. `row` receives the row of every sample.
+    The samples are ordered by cell, and every cell has the same number of them. For each sample, `kind` is the kind of
+    its attractor, `which` the attractor's number within its cell and kind, `impacts` and `time` are those of the
+    sample. Each cell also has rows for its first `known` orbits. The row of every sample is written to `row`.
 
     Returns
     -------

@@ -34,7 +34,7 @@ class Outcome(IntEnum):
     CHAOTIC
         The sample is on a chaotic attractor.
     UNDECIDED
-        The sample reached no attractor within its budget and is not proved chaotic.
+        The sample reached no attractor and did not pass the test for chaos within its budget.
     RECURRENT
         The sample has returned close to an earlier state, and its orbit is searched. This outcome is temporary.
     FAILED
@@ -57,8 +57,8 @@ class Outcome(IntEnum):
 class Trajectories(StructOfArrays):
     """Samples (n,): cell, state, impacts so far, limit of impacts, outcome, and the orbit that captured each.
 
-    After a recurrence `gap` holds the impacts between both visits, and `pause` the impacts before which no new
-    recurrence is searched. `time` holds the forcing periods so far.
+    After a recurrence `gap` holds the number of impacts between the two close states, and `pause` the number of impacts
+    before which no new recurrence is searched. `time` holds the forcing periods so far.
     """
 
     cell: Any
@@ -74,7 +74,7 @@ class Trajectories(StructOfArrays):
 
 
 class Sets(NamedTuple):
-    """The samples (k,) of several cells (n,), ordered by cell, and the number in each cell."""
+    """Numbers (k,) of samples of several cells (n,), ordered by cell, and how many each cell has (`size`)."""
 
     which: NDArray[np.int64]
     size: NDArray[np.int64]
@@ -105,20 +105,21 @@ class Sets(NamedTuple):
         return np.asarray(np.bincount(cell[~holds], minlength=self.size.size) == 0)
 
     def largest(self, values: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the largest of these values of samples in each cell. Every cell must have a sample."""
+        """Return the largest value in each cell, from the values of all samples. Every cell must have a sample."""
         return np.asarray(np.maximum.reduceat(values[self.which], self.starts))
 
     def smallest(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the smallest of these values of samples in each cell. Every cell must have a sample."""
+        """Return the smallest value in each cell, from the values of all samples. Every cell must have a sample."""
         return np.asarray(np.minimum.reduceat(values[self.which], self.starts)) if self.size.size else np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
 class Orbits(StructOfArrays):
-    """Stable orbits known in each cell, (n_cells, room), of which n are used: label, fastest point, ln|multipliers|/m.
+    """Stable orbits known in each cell: arrays (n_cells, room), of which the first n entries of a row are used.
 
-    `contacts` is the number of contact phases in a period. A label counts a run of impacts that ends in contact once;
-    `merged` is the number of impacts on Σ⁺ that the label leaves out for this reason. Both are 0 for elastic impacts.
+    An orbit has its label (m, n₊, n₋), its fastest point (τ, v) and ln|multiplier|/m of both multipliers. `contacts` is
+    the number of contact phases in a period. A label counts a run of impacts that ends in contact once; `merged` is the
+    number of impacts on Σ⁺ that the label leaves out for this reason. Both are 0 for elastic impacts.
     """
 
     n: Any
@@ -135,9 +136,9 @@ class Orbits(StructOfArrays):
 
 @dataclass(frozen=True, eq=False)
 class Balls(StructOfArrays):
-    """Capture regions of points of these orbits, (n_cells, room) each, of which n are used.
+    """Capture regions around points (τ, v) of the known orbits: arrays (n_cells, room), the first n of a row are used.
 
-    A state is captured where c00 Δτ² + 2 c01 Δτ Δv + c11 Δv² < 1.
+    A state is captured where c00 Δτ² + 2 c01 Δτ Δv + c11 Δv² < 1. `orbit` is the number of the orbit in its cell.
     """
 
     n: Any
@@ -194,14 +195,17 @@ def top_speed(epsilon, unit):
 
 @inline
 def mark(tau, v, top, footprint):
-    """Set the box of (τ, v) in a visited-cell bitmap. Rows are phases, bits are speeds, the last bit open above."""
+    """Set the bit of the state (τ, v) in a visited-cell bitmap.
+
+    Rows are intervals of phase, bits of a row are intervals of speed; the last bit stands for all higher speeds.
+    """
     row = min(int(tau * GRID), GRID - 1)
     column = min(int(v / top * GRID), GRID - 1)
     footprint[row] |= np.uint64(1) << np.uint64(column)
 
 
 class Reference(NamedTuple):
-    """A reference state of Brent's cycle search, its number, and the number at which the reference is moved."""
+    """A reference state of Brent's cycle search: the state after n returns, replaced after `following` returns."""
 
     tau: float
     v: float
@@ -217,7 +221,14 @@ def begun(tau, v):
 
 @inline
 def looked(tau, v, n, k, reference, samples, balls, unit):
-    """Check sample k after n returns for capture and recurrence, and return (status, orbit, reference)."""
+    """Check sample k after n returns for capture and recurrence.
+
+    Returns
+    -------
+    tuple
+        (status, orbit, reference): the outcome, the number of the capturing orbit (−1 if none), and the reference state
+        for the next check.
+    """
     orbit = capturing_orbit(tau, v, samples.cell[k], balls)
     if orbit >= 0:
         return Outcome.PERIODIC, orbit, reference
@@ -232,7 +243,7 @@ def looked(tau, v, n, k, reference, samples, balls, unit):
 
 @inline
 def finish(tau, v, n, total, k, status, orbit, samples):
-    """Write the end of a stretch of n returns, of total duration `total`, to sample k."""
+    """Write the state of sample k after n more returns, which took `total` forcing periods, and its outcome."""
     samples.tau[k], samples.v[k], samples.status[k], samples.orbit[k] = tau, v, status, orbit
     samples.impacts[k] += n
     samples.time[k] += total

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SampleSpec:
-    """The initial conditions of each cell, and the budget of each.
+    """The initial conditions of each cell, and the budget of impacts of each initial condition.
 
     Parameters
     ----------
@@ -43,9 +43,9 @@ class SampleSpec:
     budget : int
         Impacts on Σ⁺ after which a sample that reached no attractor is undecided.
     tau : tuple of float
-        The phases of the box, low and high.
+        The lowest and the highest phase of the sampled box.
     v_min : float
-        The least speed of the box.
+        The lowest speed of the sampled box.
 
     Raises
     ------
@@ -87,8 +87,8 @@ def in_paper_plane(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool
 def sampled_speeds(v_max: SpeedLimit, delta: Array, epsilon: Array, beta: Array) -> Array:
     """Return the largest speed of a sample in each of these cells (n,).
 
-    `v_max` is a number for all cells, "natural" for 1.5 √(16πδβ) + 2πε of each, or None for 7 in the paper's plane and
-    the natural one elsewhere.
+    `v_max` is a number for all cells; or "natural", which means 1.5 √(16πδβ) + 2πε of each cell; or None, which means 7
+    in the paper's plane and the natural speed elsewhere.
 
     Returns
     -------
@@ -111,7 +111,15 @@ def sampled_speeds(v_max: SpeedLimit, delta: Array, epsilon: Array, beta: Array)
 
 
 def read_speed(text: str | None) -> SpeedLimit:
-    """Read a speed limit from text: a number, or a word for `sampled_speeds` to check. Empty text gives None."""
+    """Return a speed limit given as text: a number, or None if the text is empty.
+
+    Other text is returned as it is; `sampled_speeds` checks it.
+
+    Returns
+    -------
+    float, str or None
+        The speed limit.
+    """
     text = (text or "").strip()
     try:
         return float(text) if text else None

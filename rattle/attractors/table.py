@@ -112,22 +112,27 @@ class AttractorTuple(tuple[Attractor, ...]):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class AttractorTable(StructOfArrays):
-    """The attractors of many cells as arrays (n,): cell by cell, in each by falling number of samples.
+    """The attractors of many cells as arrays (n,), ordered by cell, and in a cell by falling number of samples.
 
-    Fields are those of `Attractor`, and:
+    Fields that are not listed here have the same meaning as those of `Attractor`.
 
     Attributes
     ----------
+    cell : ndarray of int
+        Number of the cell.
     kind : ndarray of int
         Index into `KINDS`.
     samples : ndarray of int
-        Samples that reached it; 0 for a known orbit that none reached.
+        Number of samples that reached the attractor; 0 for a known orbit that no sample reached.
+    first, second, error : ndarray
+        Both Lyapunov exponents per forcing period, and the 95 % half-width of the first.
     impacts : ndarray of int
-        Impacts on Σ⁺ of these samples.
+        Sum of the impacts on Σ⁺ of these samples.
     watched : ndarray
-        Forcing periods for which a chaotic attractor, or undecided samples, were followed at least; NaN for others.
+        Least number of forcing periods for which the samples of a chaotic attractor, or undecided samples, were
+        followed; NaN for other kinds.
     contacts : ndarray of int, optional
-        Contact phases; none by default.
+        Number of contact phases in m periods; by default 0 for all attractors.
     """
 
     cell: NDArray[np.int64]
@@ -159,7 +164,7 @@ class AttractorTable(StructOfArrays):
         return cls(**columns)
 
     def label(self, row: int | np.integer) -> tuple[int, int, int]:
-        """Return (m, n₊, n₋) of a row, 0 unless periodic."""
+        """Return (m, n₊, n₋) of a row; all three are 0 unless the attractor is periodic."""
         return int(self.m[row]), int(self.n_plus[row]), int(self.n_minus[row])
 
     def _caption(self) -> str:
@@ -176,11 +181,11 @@ class AttractorTable(StructOfArrays):
         return html_of(self)
 
     def to_dataframe(self) -> DataFrame:
-        """Return a row for each attractor, kinds in words. Raises MissingExtraError without pandas."""
+        """Return a DataFrame with a row for each attractor. Raises MissingExtraError without pandas."""
         return dataframe_of(self)
 
 
-#: An older name of the same class.
+#: An older name of `AttractorTable`.
 Attractors = AttractorTable
 
 
@@ -268,12 +273,12 @@ def of_samples(classifier: type[Classifier], parameters: Parameters, sample: Sam
 def attractors_of_cell(table: AttractorTable, samples: NDArray[np.int64]) -> tuple[Attractor, ...]:
     """Return the attractors of one cell's rows, with fractions computed from the given numbers of samples (rows,).
 
-    The numbers may differ from those of the table.
+    These numbers may differ from the table's column `samples`.
 
     Returns
     -------
     tuple[Attractor, ...]
-        In the order of the rows.
+        The attractors, in the order of the rows.
     """
     count = int(samples.sum())
     low, high = wilson_interval(samples, count)

@@ -17,12 +17,12 @@ from rattle.flight.law import speed_unit
 from rattle.intensity.intensity import Intensity
 from rattle.models import AnyGear, model_at
 
-#: Default of `tolerance`.
+#: Default of the argument `tolerance` of `compare`.
 TOLERANCE = 0.05
 #: Forcing periods for which a chaotic attractor is followed.
 WATCHED = 1000.0
 MOST_BINS = 10_000
-#: Distance in forcing periods that an impact counts which only one of two motions has.
+#: Distance, in forcing periods, that an impact adds if only one of two motions has it.
 FARTHEST = 0.5
 #: Number of phases at which distributions are compared.
 GRID = 720
@@ -32,9 +32,15 @@ Array = NDArray[np.float64]
 class Near(NamedTuple):
     """An attractor of the gear, compared with the measured impacts.
 
-    intensity: its intensity. histogram (2, bins): its impacts, as in `Comparison`.
-    distance: the sum of the phase shifts, in forcing periods, that move the impacts of one forcing period to the
-    measured ones, wall by wall; an impact too many or too few counts 1/2.
+    Attributes
+    ----------
+    attractor, intensity
+        The attractor, and its intensity.
+    histogram
+        Impacts of the attractor (2, bins), as in `Comparison`.
+    distance
+        The sum of the phase shifts, in forcing periods, that move the attractor's impacts of one forcing period to the
+        measured impacts, wall by wall. An impact too many or too few adds 1/2.
     """
 
     attractor: Attractor
@@ -49,19 +55,32 @@ class Comparison:
 
     A false impact is a measured impact that does not belong to the motion.
 
-    impacts: the number of impacts per forcing period, without false ones.
-    energy: Σv²/2 per forcing period, None without measured speeds.
-    label: (m, n₊, n₋) if the impacts repeat, else None.
-    wall (n,): the wall of each impact, as measured or as fits best; 0 for a false impact.
-    offset: the time of phase 0 in forcing periods, as given or as fits best.
-    offset_interval: its 95 % interval, of width 0 if it was given.
-    other_offsets: other times of phase 0 that fit about as well, with their intervals.
-    is_sure (n,): whether an impact has the same wall at both ends of the interval and at all other offsets; False for a
-    false impact.
-    misfit: the mean relative change of speed at an impact, from 0 to 1, where speeds follow from the times. It is 0 for
-    motions of this gear and near 1/2 for random times; then walls, label and offset mean nothing.
-    histogram (2, bins): impacts per forcing period on Σ⁺ and Σ⁻ in equal intervals of the phase.
-    near: the attractors of the gear, the nearest first.
+    Attributes
+    ----------
+    impacts : float
+        Number of impacts per forcing period, without false impacts.
+    energy : float or None
+        Σv²/2 per forcing period; None without measured speeds.
+    label : tuple of int or None
+        (m, n₊, n₋) if the impacts repeat, else None.
+    wall : ndarray of int, (n,)
+        The wall of each impact, as measured or as fits best; 0 for a false impact.
+    offset : float
+        The time of phase 0 in forcing periods, as given or as fits best.
+    offset_interval : tuple of float
+        The 95 % interval of `offset`; its width is 0 if the offset was given.
+    other_offsets : tuple
+        Other times of phase 0 that fit about as well, each with its interval.
+    is_sure : ndarray of bool, (n,)
+        Whether an impact has the same wall at both ends of the interval and at all other offsets; False for a false
+        impact.
+    misfit : float
+        Mean relative change of speed at an impact, from 0 to 1, with speeds computed from the times. It is 0 for
+        motions of this gear and near 1/2 for random times; near 1/2, walls, label and offset mean nothing.
+    histogram : ndarray, (2, bins)
+        Impacts per forcing period on Σ⁺ and Σ⁻ in equal intervals of the phase.
+    near : tuple of Near
+        The attractors of the gear, the nearest first.
     """
 
     impacts: float
@@ -96,14 +115,15 @@ def compare(
     gear : AnyGear
         The gear.
     offset : float | None
-        The time of phase 0 in forcing periods, at which the transmission error closes the gap at Σ⁺ most. By default
-        the time that fits best.
+        The time of phase 0 in forcing periods; at phase 0 the transmission error closes the gap at Σ⁺ most. None: the
+        time that fits best.
     bins : int
         Number of intervals of the phase in histograms.
     tolerance : float
-        Largest scatter of the times after a whole period, over the mean time between impacts, of impacts that repeat.
+        Impacts repeat if their times scatter, after a whole period, by at most this factor times the mean time between
+        impacts.
     count, seed : int
-        The sample that finds the attractors, as in `Gear.attractors`.
+        Number and seed of the initial conditions that find the attractors, as in `Gear.attractors`.
 
     Returns
     -------
@@ -134,12 +154,12 @@ def compare(
 
 
 def _badness(found: Comparison) -> float:
-    """Return how badly an offset fits: the misfit, plus the distance of the nearest attractor."""
+    """Return how badly the offset of a comparison fits: the misfit plus the distance of the nearest attractor."""
     return found.misfit + (found.near[0].distance if found.near else 0.0)
 
 
 def _with_errors(fitting: Fitting, found: Comparison, near: list[Fit]) -> Comparison:
-    """Return a comparison with intervals and sure walls, from its own fit, the first, and others that are as good."""
+    """Return the comparison with its intervals and `is_sure`; near: its own fit, then other fits as good."""
     own, *others = (interval(fitting, each) for each in near)
     sharp = fitting._replace(unit=near[0].unit)
     walls = [fit(sharp, end).wall for end in own] + [each.wall for each in near]
@@ -152,7 +172,10 @@ def _with_errors(fitting: Fitting, found: Comparison, near: list[Fit]) -> Compar
 
 
 class _Known(NamedTuple):
-    """An attractor with the sorted phases of its impacts on Σ⁺ and Σ⁻; rate: impacts per period for each of them."""
+    """An attractor with the sorted phases of its impacts on Σ⁺ and Σ⁻.
+
+    rate: the number of impacts per forcing period that each of these phases stands for.
+    """
 
     attractor: Attractor
     intensity: Intensity
@@ -170,7 +193,7 @@ def _known(attractor: Attractor, gear: AnyGear, bins: int) -> _Known:
 
 
 def _compared(measured: MeasuredImpacts, fit: Fit, known: list[_Known], bins: int, tolerance: float) -> Comparison:
-    """Compare the measured impacts, with the walls and the offset of a fit, with all attractors."""
+    """Compare the measured impacts, with the walls and the offset of a fit, with all known attractors."""
     true = fit.wall != 0
     time, wall, number = measured.time[true], fit.wall[true], int(np.count_nonzero(true))
     label = period_of(time, wall, tolerance)
@@ -207,20 +230,20 @@ def _phases(time: ArrayLike, wall: NDArray[np.int64]) -> list[Array]:
 
 
 def _histogram(phases: list[Array], rate: float, bins: int) -> Array:
-    """Return impacts per forcing period (2, bins) in equal intervals of the phase."""
+    """Return impacts per forcing period (2, bins) on Σ⁺ and Σ⁻ in equal intervals of the phase."""
     return np.array([rate * np.histogram(each, bins, (0.0, 1.0))[0] for each in phases])
 
 
 def _distance(a: Array, rate_a: float, b: Array, rate_b: float) -> float:
     """Return the earth mover's distance of two distributions of phases on the circle.
 
-    rate_a, rate_b: impacts per period for each phase in a and b. With the distribution functions F and G the distance
-    is the mean of |F − G − median(F − G)|.
+    rate_a, rate_b: the number of impacts per forcing period that each phase in a or b stands for. With the distribution
+    functions F of a and G of b, the distance for one impact is the mean of |F − G − median(F − G)|.
 
     Returns
     -------
     float
-        The distance in forcing periods; an impact that only one distribution has counts FARTHEST.
+        The distance in forcing periods; an impact that only one distribution has adds FARTHEST.
     """
     here, there = rate_a * a.size, rate_b * b.size
     unmatched = FARTHEST * abs(here - there)

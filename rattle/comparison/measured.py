@@ -1,4 +1,4 @@
-"""Measured impacts: check them, read them from a table, and find the period with which they repeat."""
+"""Check measured impacts, read them from a table, and find the period with which the impacts repeat."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rattle.numerics.tables import read_columns
 LEAST = 8
 #: Least time between the first and the last impact, in forcing periods.
 SHORTEST = 1e-9
-#: Most impacts of a repeating period.
+#: Most impacts in one period of a repeating motion.
 LONGEST = 512
 #: Least number of repetitions of a period in the data.
 REPEATS = 3
@@ -30,8 +30,15 @@ Array = NDArray[np.float64]
 class MeasuredImpacts(NamedTuple):
     """Measured impacts in their order, as arrays (n,).
 
-    time: times in forcing periods. speed: speeds before the impact in the model's unit, None if not measured.
-    wall: 1 for the driving flank of the teeth (Σ⁺) and −1 for the other one, None if not measured.
+    Attributes
+    ----------
+    time
+        Times in forcing periods.
+    speed
+        Speeds before the impacts in the model's unit; None if they were not measured.
+    wall
+        1 for an impact on the driving flank of the teeth (Σ⁺), −1 for one on the other flank (Σ⁻); None if the walls
+        were not measured.
     """
 
     time: Array
@@ -50,7 +57,7 @@ class MeasuredImpacts(NamedTuple):
 
 
 def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | None = None) -> MeasuredImpacts:
-    """Check measured impacts (n,).
+    """Check the times, speeds and walls of measured impacts, all (n,).
 
     Parameters
     ----------

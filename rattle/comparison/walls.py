@@ -3,8 +3,8 @@
 A flight from wall a at t₀ to wall b at t₁ has velocities w₀ and w₁ in closed form (`rattle.flight.between`). For the
 right walls w₀ points away from a and w₁ points towards b, and an elastic impact gives the next flight w₀ = −w₁. The
 walls that fit best are found by dynamic programming (Viterbi), for many offsets at once. An offset is the time of phase
-0. Up to
-MOST_FALSE impacts in a row may be false: they do not belong to the motion.
+0. The cost of walls is the sum of the squared errors of w₀ + w₁, in units of the speed tolerance, of the measured
+speeds, and of penalties. Up to MOST_FALSE impacts in a row may be false: they do not belong to the motion.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rattle.flight.law import speed_unit, wrapped
 from rattle.models import AnyGear
 from rattle.numerics.compile import inline, kernel
 
-#: Number of offsets that are tried; the FEW best are refined.
+#: Number of offsets that are tried in the first search; the FEW best offsets are refined.
 PHASES = 96
 FEW = 8
 #: A second search has FINER_PHASES offsets and a speed tolerance smaller by the factor FINER.
@@ -30,15 +30,15 @@ FINER, FINER_PHASES = 16.0, 384
 #: Number of offsets at which the walls of the MOST_TWINNED best fits are tried again, because A and C have the same
 #: walls.
 TWINS, MOST_TWINNED = 1024, 3
-#: Misfit above which impacts are not those of this gear.
+#: Misfit above which the impacts are not impacts of this gear.
 POOR = 0.25
-#: Largest difference of two offsets that are the same.
+#: Offsets that differ by at most this count as the same, in forcing periods.
 SAME_OFFSET = 1e-4
 #: Intervals in each refinement of an offset, and the number of refinements.
 MORE, ROUNDS = 16, 4
 #: Accuracy of an offset in forcing periods.
 RESOLUTION = (2.0 / MORE) ** ROUNDS / PHASES
-#: Number of impacts from which the offset is found.
+#: Number of impacts, the first ones, from which the offset is found.
 LISTENED = 256
 #: Fits are kept if their misfit is at most this factor times the least one plus this summand: before refinement, and at
 #: the end.
@@ -47,13 +47,13 @@ AS_GOOD = 3.0, 0.02
 #: The speed tolerance is reduced SHARPENINGS times by at most the factor SHARPER, down to FINEST times the unit of
 #: speeds.
 SHARPENINGS, SHARPER, FINEST = 5, 4.0, 1e-3
-#: The reduced speed tolerance, over the median error of speeds.
+#: Least value of the reduced speed tolerance over the median error of speeds.
 SCATTER = 4.0
 #: Largest cost of an impact, and cost of a flight in the wrong direction.
 WORST = 4.0
 #: Cost of a false impact, and most false impacts in a row.
 FALSE, MOST_FALSE = 6.0, 2
-#: Misfit of a false impact.
+#: Misfit that a false impact counts.
 AT_RANDOM = 0.5
 #: Largest distance from an offset in which its interval is searched, in forcing periods, and the number of steps.
 FARTHEST, STEPS = 0.25, 128
@@ -68,11 +68,16 @@ Walls = NDArray[np.int64]
 class Fit(NamedTuple):
     """The walls and the offset with which impacts fit a gear.
 
-    wall (n,): the wall of each impact, 0 for a false impact.
-    offset: the time of phase 0, in [0, 1).
-    misfit: the mean of |w₀ + w₁|/(|w₀| + |w₁|) over the impacts, with 1/2 for each false impact; 0 for motions of the
-    gear.
-    unit: the speed tolerance, the unit of errors of speeds.
+    Attributes
+    ----------
+    wall
+        The wall of each impact (n,); 0 for a false impact.
+    offset
+        The time of phase 0, in [0, 1).
+    misfit
+        The mean of |w₀ + w₁|/(|w₀| + |w₁|) over the impacts, with 1/2 for each false impact; 0 for motions of the gear.
+    unit
+        The speed tolerance, in units of which errors of speeds are counted.
     """
 
     wall: Walls
@@ -84,7 +89,8 @@ class Fit(NamedTuple):
 class Fitting(NamedTuple):
     """Measured impacts, and the gear to which they are fitted.
 
-    unit: the speed tolerance. dwell: the duration of a contact in forcing periods, 0 for impacts.
+    unit: the speed tolerance, in units of which errors of speeds are counted.
+    dwell: the duration of a contact in forcing periods; 0 for a gear with rigid teeth.
     """
 
     measured: MeasuredImpacts
@@ -101,7 +107,7 @@ class Fitting(NamedTuple):
 
 
 def fits(fitting: Fitting) -> list[Fit]:
-    """Return the fits of impacts to a gear. There may be several, because motions such as A and C have the same times.
+    """Return the fits of impacts to a gear. There may be several, because A and C, for example, have the same times.
 
     Returns
     -------
@@ -136,7 +142,15 @@ def _lowest(costs: Array) -> NDArray[np.int64]:
 
 
 def _good(found: list[Fit], margin: tuple[float, float]) -> list[Fit]:
-    """Return the fits with a misfit up to factor · least + summand, the best first; margin: factor and summand."""
+    """Return the fits whose misfit is at most factor · least misfit + summand, the best first.
+
+    margin: (factor, summand).
+
+    Returns
+    -------
+    list[Fit]
+        The fits by rising misfit.
+    """
     found = sorted(found, key=lambda each: each.misfit)
     times, more = margin
     return [each for each in found if each.misfit <= times * found[0].misfit + more]
@@ -154,7 +168,7 @@ def _sharpened(few: Fitting, found: Fit) -> Fit:
 
 
 def _refined(few: Fitting, offset: float, width: float = 1.0 / PHASES) -> float:
-    """Return the offset of least cost within a width of an offset."""
+    """Return the offset of least cost among those at most `width` forcing periods from the given offset."""
     for _ in range(ROUNDS):
         near = offset + width * np.linspace(-1.0, 1.0, MORE + 1)
         offset = float(near[np.argmin(_followed(few, near)[0])])
@@ -163,7 +177,7 @@ def _refined(few: Fitting, offset: float, width: float = 1.0 / PHASES) -> float:
 
 
 def fit(fitting: Fitting, offset: float) -> Fit:
-    """Return the best fit of impacts to a gear at an offset."""
+    """Return the fit of impacts to a gear at an offset, with the walls of least cost."""
     wall = _followed(fitting, np.array([offset]))[1]
     leaves, arrives = _velocities(fitting, wall, np.array([offset]))
     off = np.abs(leaves + arrives) / (np.abs(leaves) + np.abs(arrives))
@@ -175,8 +189,9 @@ def fit(fitting: Fitting, offset: float) -> Fit:
 def interval(fitting: Fitting, found: Fit) -> tuple[float, float]:
     """Return the 95 % interval of the offset of a fit.
 
-    It contains the offsets whose cost exceeds that of the fit by at most the standard error of the difference, from the
-    scatter over impacts. If the cost is a parabola, this is two standard errors of the offset.
+    The interval contains the offsets whose cost exceeds the cost of the fit by at most the standard error of this
+    difference, which follows from the scatter over impacts. If the cost is a parabola, the ends of the interval are two
+    standard errors from the offset.
 
     Returns
     -------
@@ -196,7 +211,7 @@ def interval(fitting: Fitting, found: Fit) -> tuple[float, float]:
 
 
 def _costs(fitting: Fitting, wall: Walls, offsets: Array) -> Array:
-    """Return the costs (k, n − 2) of all impacts but the first and the last, with these walls, at offsets (k,)."""
+    """Return the cost (k, n − 2) of each impact but the first and the last, with these walls, at offsets (k,)."""
     leaves, arrives = _velocities(fitting, wall, offsets)
     costs = np.minimum(((leaves + arrives) / fitting.unit) ** 2, WORST)
     if fitting.measured.speed is not None:
@@ -206,7 +221,7 @@ def _costs(fitting: Fitting, wall: Walls, offsets: Array) -> Array:
 
 
 def _velocities(fitting: Fitting, wall: Walls, offsets: Array) -> tuple[Array, Array]:
-    """Return w₀ after and w₁ before all impacts but the first and the last, with these walls, at offsets (k,)."""
+    """Return w₀ after and w₁ before each impact but the first and the last, with these walls, at offsets (k,)."""
     gear, time = fitting.gear, fitting.measured.time[wall != 0]
     gaps = gear.beta * np.diff(wall[wall != 0]).astype(np.float64)
     w0, w1 = (np.empty((offsets.size, gaps.size)) for _ in range(2))
@@ -233,14 +248,14 @@ def _followed(fitting: Fitting, offsets: Array) -> tuple[Array, Walls]:
 
 @inline
 def _ends(t0, t1, dwell):
-    """Return when the flight between impacts at t0 and t1 begins and ends, and the phase factors at both times.
+    """Return when the flight between impacts at t0 and t1 begins and ends, and sine and cosine of the phase then.
 
-    It begins `dwell` after t0, but at most half way to t1.
+    The flight begins when the contact after the impact ends: `dwell` after t0, but at the latest half way to t1.
 
     Returns
     -------
     tuple
-        Both times, and the phase factors.
+        Both times, and (sine, cosine) at each.
     """
     a = complex(min(t0 + dwell, 0.5 * (t0 + t1)))  # the contact must be over before t1
     b = complex(t1)
@@ -262,17 +277,20 @@ def _between(time, gaps, offsets, dwell, delta, epsilon, w0, w1):
 def _square(off):
     """Return the cost of an error `off` of a speed, in units of the speed tolerance."""
     cost = off * off
-    return cost if cost < WORST else WORST  # also if the error is not finite
+    return cost if cost < WORST else WORST  # WORST also if the error is not finite
 
 
 @kernel
 def _best(time, speed, known, offsets, dwell, delta, epsilon, beta, unit, cost, before, last):
     """Write the least cost of walls at each offset (k,), by dynamic programming.
 
-    A flight that arrives at impact i is one of (MOST_FALSE + 1) × 4 choices: the number of false impacts that it skips,
-    and its walls in ENDS. For the last offset, before (n, MOST_FALSE + 1, 4) has the best choice of the flight before,
-    −1 if there is none; and last (2,) has the impact at which the best flight ends and its choice. speed (n,): NaN if
-    not known. known (n,): walls, 0 if not known.
+    For the flight that arrives at impact i there are (MOST_FALSE + 1) × 4 choices: the number of false impacts that the
+    flight skips, and the index of its two walls in ENDS.
+
+    cost (k,): the least costs. For the last offset two more results are written:
+    before (n, MOST_FALSE + 1, 4): for each choice at each impact the best choice of the preceding flight, −1 if none.
+    last (2,): the impact at which the last flight of the best walls ends, and the choice of this flight.
+    speed (n,): measured speeds, NaN where not known. known (n,): measured walls, 0 where not known.
     """
     n, ways = time.size, before.shape[1] * before.shape[2]
     total, arrives = np.empty(before.shape), np.empty(before.shape)

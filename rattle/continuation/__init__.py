@@ -1,4 +1,4 @@
-"""Continuation for any gear: pseudo-arclength, curves in the plane, the search of branches, sweeps, diagrams."""
+"""Continuation for any gear: pseudo-arclength, curves in the plane, the search for branches, sweeps, diagrams."""
 
 from rattle.continuation.arclength import plane_scale
 from rattle.continuation.curves import FARTHEST

@@ -1,7 +1,9 @@
 """Pseudo-arclength continuation: follow the solutions of N equations in N + 1 unknowns through folds.
 
-Secant predictor, Newton corrector in the hyperplane across the step, steps that adapt to the corrector and to the
-turning of the curve. Source: H. B. Keller, Numerical solution of bifurcation and nonlinear eigenvalue problems (1977).
+A step goes along the tangent of the curve, and Newton's method then corrects it in the hyperplane normal to the
+tangent. The length of steps adapts to the number of corrections and to the turning of the curve.
+
+Source: H. B. Keller, Numerical solution of bifurcation and nonlinear eigenvalue problems (1977).
 """
 
 from collections.abc import Callable, Sequence
@@ -16,24 +18,24 @@ from rattle.numerics.complex_step import Array, Function, derivatives
 MOST_CORRECTIONS = 8
 #: Correction, relative to the unknowns and their scale, at which Newton's method has converged.
 SMALLEST_CORRECTION = 1e-13
-#: Correction below which the next one would be smaller than rounding, if the one before was much larger.
+#: Correction below which the next one would be smaller than rounding, if the previous one was 1000 times as large.
 QUADRATIC_CORRECTION = 1e-8
 #: Correction above which a step is given up.
 LARGEST_CORRECTION = 0.3
-#: Correction above which the equations are prepared again, which takes as long as to evaluate them.
+#: Correction above which the equations are prepared again, which takes as long as evaluating them.
 LARGE_CORRECTION = 1e-3
 #: Correction that rounding may leave where the equations are nearly singular.
 ACCEPTED_CORRECTION = 1e-11
 #: Step below which a curve is not followed further.
 SHORTEST_STEP = 1e-10
-#: Least rate of the parameter along a branch that limits the step.
+#: Lower limit of the rate |dp/ds| of the parameter p along a branch, where the step is limited to a step of p.
 LEAST_RATE = 1e-12
 #: Largest angle between the tangents of neighbouring points, in radians.
 LARGEST_TURN = 0.2
-#: Most points of a path, and most bisections for its edge.
+#: Largest number of points of a path, and of bisections for the edge at which it ends.
 MOST_POINTS = 4000
 MOST_BISECTIONS = 200
-#: Largest distance of two points that are the same, and of two solutions that are.
+#: Largest distance between points that count as the same, and between solutions that count as the same.
 SAME_POINT = 1e-12
 SAME_SOLUTION = 1e-8
 CLOSED = "closed: it comes back to its start"
@@ -59,8 +61,8 @@ class ContinuationProblem:
     """N equations in N + 1 unknowns, whose solution curve is to be followed.
 
     equations: the function (…, N + 1) → (…, N).
-    prepare: called with points (…, N + 1) before the equations are evaluated near them, at (…, N + 1, N + 1); it may
-    rescale the equations.
+    prepare: a function that is called with points (…, N + 1) before the equations are evaluated near these points, at
+    N + 1 points (…, N + 1, N + 1) for each. It may rescale the equations.
     scale: the size of each unknown at a point, a number or (N + 1,), relative to which corrections are small.
     """
 
@@ -70,7 +72,15 @@ class ContinuationProblem:
 
 
 def line_scale(origin: Array, direction: Array) -> Callable[[Array], Array]:
-    """Return the scale of unknowns (N,) whose last one is p; the parameters are origin + p direction, δ and ε first."""
+    """Return the `scale` of a `ContinuationProblem` whose parameters are on a line, origin + p direction.
+
+    The last of the N unknowns is p; δ and ε are the first two parameters.
+
+    Returns
+    -------
+    callable
+        Function of the unknowns (N,) that returns the size of each, (N,).
+    """
     length = float(np.hypot(*direction[:2]))
     last = min(1.0, plane_scale(origin[0]) / length) if length else 1.0
 
@@ -94,9 +104,9 @@ class Path:
     """A curve that was followed in one direction.
 
     points, tangents: points (k, N + 1) and unit tangents.
-    outside: the first point that is not inside; None if the curve closed, could not be followed further, or has the
-    most points.
-    closed: whether it returned to its start, which is then the last point too.
+    outside: the first point outside the bounds or not admissible; None if the curve closed, could not be followed
+    further, or has the largest allowed number of points.
+    closed: whether the curve returned to its start, which is then the last point too.
     """
 
     points: Array
@@ -108,7 +118,7 @@ class Path:
 class Course(NamedTuple):
     """A curve that was followed in both directions from a start.
 
-    points, tangents: points (k, N + 1) and unit tangents. start: the number of the start.
+    points, tangents: points (k, N + 1) and unit tangents (k, N + 1). start: the index of the start in `points`.
     paths: the paths backward and forward from the start, or None if the curve is closed.
     """
 
@@ -119,7 +129,7 @@ class Course(NamedTuple):
 
 
 def newton_on_curve(problem: ContinuationProblem, x: Array, constraint: Array) -> tuple[Array, int] | None:
-    """Solve the equations in the hyperplane through x normal to `constraint`: (solution, corrections), or None."""
+    """Return (solution, number of corrections) in the hyperplane through x normal to `constraint`; None on failure."""
     x, scale = x.copy(), problem.scale(x)
     size, right = np.inf, np.zeros(x.size)
     for i in range(MOST_CORRECTIONS):
@@ -204,7 +214,7 @@ def _solved_each(matrix: Array, right: Array) -> Array:
 
 
 def with_value(problem: ContinuationProblem, x: Array, index: int, value: float) -> Array | None:
-    """Return the solution near x whose unknown number `index` has this value, or None."""
+    """Return the solution near x whose unknown number `index` has this value, or None if Newton's method fails."""
     guess, fixed = x.copy(), np.zeros(x.size)
     guess[index], fixed[index] = value, 1.0
     found = newton_on_curve(problem, guess, fixed)
@@ -239,7 +249,7 @@ def oriented_tangent(problem: ContinuationProblem, x: Array, direction: Array) -
 
 
 def solution_above_chord(problem: ContinuationProblem, a: Array, b: Array, share: float) -> Array | None:
-    """Return the solution in the hyperplane normal to the chord from a to b, at a share of the chord; or None."""
+    """Return the solution in the hyperplane normal to the chord from a to b, at a share of it; None on failure."""
     found = newton_on_curve(problem, a + share * (b - a), b - a)
     return None if found is None else found[0]
 
@@ -263,8 +273,8 @@ def last_inside(
 ) -> tuple[Array, Array]:
     """Return the last admissible solution between a and b, and the first one that is not admissible.
 
-    a is admissible and b is not. They are found by bisection, to rounding. If Newton's method fails near a singular
-    solution, the steps follow the tangent, because b may belong to another branch, and become shorter.
+    a is admissible and b is not. Bisection finds both solutions to rounding. If Newton's method fails near a singular
+    solution, the bisection steps along the tangent instead, because b may belong to another branch, with shorter steps.
 
     Returns
     -------
@@ -290,7 +300,15 @@ def last_inside(
 
 
 def longest_step(span: tuple[float, float], resolution: int, longest: float) -> Callable[[Array], float]:
-    """Return a function of a unit tangent: the longest step with at least `resolution` points over the span of p."""
+    """Return a function of a unit tangent that returns the longest step.
+
+    The step is at most `longest`, and gives at least `resolution` points over the span (low, high) of the last unknown.
+
+    Returns
+    -------
+    callable
+        The function.
+    """
     step = (span[1] - span[0]) / resolution
     return lambda tangent: min(longest, step / max(abs(float(tangent[-1])), LEAST_RATE))
 
@@ -299,7 +317,7 @@ def longest_step(span: tuple[float, float], resolution: int, longest: float) -> 
 class Follower:
     """A continuation problem with the rules by which its curve is followed.
 
-    bounds: the curve is followed within them. is_admissible: and as long as this is true.
+    bounds, is_admissible: the curve is followed as long as its points are "inside": within the bounds and admissible.
     longest: the longest step, as a function of the unit tangent, in the Euclidean norm of the unknowns.
     twins(start, x): all ways (…, N + 1) to write the solution `start`, each as near to x as possible.
     """
@@ -317,8 +335,8 @@ class Follower:
     def follow(self, start: Array, tangent: Array, most: int = MOST_POINTS, first: float = np.inf) -> Path:
         """Follow the curve from a solution inside, in the direction of `tangent`, until it leaves the inside or closes.
 
-        If it leaves, the last point is the edge of the inside, to rounding. `first` is the largest first step; it is
-        given if curves cross at the start.
+        If the curve leaves the inside, the last point is the edge of the inside, to rounding. `most` is the largest
+        number of points. `first` is the largest first step; it is given if curves cross at the start.
 
         Returns
         -------
@@ -373,7 +391,7 @@ class Follower:
         return Course(points, tangents, len(back.points) - 1, (back, on))
 
     def _closing(self, start: Array, a: Array, b: Array) -> Array | None:
-        """Return the start in the form of the points a and b, if the curve returns to it between them; else None."""
+        """Return the twin of `start` that lies between the points a and b of the curve; None if no twin does."""
         chord = b - a
         for twin in self.twins(start, b):
             share = float((twin - a) @ chord / (chord @ chord))
@@ -408,7 +426,7 @@ def root_between(
     """
 
     def value(share: float) -> float:
-        """Return the test function at a share of the way. Raises ArithmeticError if there is no solution."""
+        """Return the test function at a share of the way. Raises ArithmeticError if Newton's method fails there."""
         x = solution_above_chord(problem, a, b, share)
         if x is None:
             raise ArithmeticError

@@ -33,8 +33,9 @@ def scale_at(x: Array) -> Array:
 def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> ContinuationProblem:
     """Return the equations (…, n + 2) → (…, n + 1) of a bifurcation in two parameters.
 
-    The unknowns are the n times, δ and ε. The condition besides the motion's equations is det J(1) = 0 for SN and
-    det J(−1) = 0 for PD. For GR it is that impact number `impact` is reached with velocity 0.
+    The unknowns are the n unknowns of the motion, δ and ε. The condition besides the motion's n equations is
+    det J(1) = 0 for SN and det J(−1) = 0 for PD, where J(λ) is the Jacobian for perturbations that grow by the factor λ
+    over a period. For GR the condition is that the speed at impact number `impact` is 0.
 
     Returns
     -------
@@ -44,7 +45,7 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Co
     Raises
     ------
     RattleError
-        If a graze is requested without its impact.
+        If `kind` is GR and `impact` is None.
     """
     if kind is Kind.GRAZING:
         if impact is None:
@@ -60,7 +61,7 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Co
         borders[:] = (side[..., None] * left[..., -1])[..., None, :], right[..., None, -1, :]
 
     def equations(x: NDArray) -> NDArray:
-        """Return the residual of the motion, and a function that is 0 where det J is."""
+        """Return the residual of the motion, and after it a number that is 0 where det J is 0."""
         residual, jacobian = itinerary.with_jacobian(x, multiplier)
         return np.concatenate([residual, bordered(jacobian, *borders)[..., None]], axis=-1)
 

@@ -1,7 +1,7 @@
 """Bifurcation curves in the (δ, ε) plane: the result `Curve`, and how a curve is followed through a window.
 
-A curve has connected pieces. A piece is followed in both directions from a solution, until it ends or leaves the
-window.
+A curve consists of connected pieces. A piece is followed in both directions from one of its solutions, until it ends or
+leaves the window.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -28,18 +28,18 @@ from rattle.errors import require, require_number, require_pair
 from rattle.notebook import Columns, Tabular
 from rattle.numerics.complex_step import Array
 
-#: Largest distance in δ and ε of two points that are the same, times `plane_scale`.
+#: Largest distance in δ and ε, in units of `plane_scale`, between points that count as the same.
 SAME_POINT = 1e-9
-#: Longest step in the times of a motion.
+#: Longest step in the times of a motion, in forcing periods.
 LONGEST = 0.05
-#: Largest difference of the unknowns of two solutions that are the same.
+#: Largest difference in an unknown between solutions that count as the same.
 SAME_SOLUTION = 1e-7
 #: Least number of points of a curve across the width of the window.
 POINTS_ACROSS = 60
 Test = Callable[[Array], str | None]
-#: Number of dampings at which a curve is searched; all pieces wider than their spacing are found.
+#: Number of dampings at which a curve is searched. Every piece that is wider than the spacing of these is found.
 STARTS = 33
-#: Largest allowed δ and ε of a window; beyond it too few digits are left.
+#: Largest allowed δ and ε of a window; for larger ones double precision has too few digits.
 FARTHEST = 1e6
 #: The only curve on which no orbit bifurcates.
 QUIET_LIMIT = "quiet_limit"
@@ -47,7 +47,7 @@ QUIET_LIMIT = "quiet_limit"
 
 @dataclass(frozen=True)
 class End:
-    """An end of a piece: the index of its point, and why the curve ends there."""
+    """An end of a piece of a curve: the index of the last point, and the reason in words why the curve ends there."""
 
     index: int
     reason: str
@@ -56,7 +56,8 @@ class End:
 class CurvePiece(NamedTuple):
     """A connected piece of a curve.
 
-    points: unknowns (k, N), the last two of which are δ and ε. reasons: why it ends at its first and its last point.
+    points: unknowns (k, N), the last two of which are δ and ε. reasons: in words, why the
+    piece ends at its first and at its last point.
     """
 
     points: Array
@@ -64,7 +65,10 @@ class CurvePiece(NamedTuple):
 
 
 class CurveDescription(NamedTuple):
-    """The motion that bifurcates at a point of a curve: phase and speed after its impact on Σ⁺, and multipliers."""
+    """The motion that bifurcates at a point of a curve.
+
+    tau, v: the phase of its impact on Σ⁺, and the speed after this impact. multipliers (2,): its Floquet multipliers.
+    """
 
     tau: float
     v: float
@@ -77,7 +81,8 @@ class Curve(Tabular):
 
     delta, epsilon (n,): the points.
     tau, v (n,): phase in [0, 1) and speed after the impact on Σ⁺ of the motion that bifurcates.
-    multipliers (2, n): its Floquet multipliers; on a grazing curve those of the motion that just misses the wall.
+    multipliers (2, n): the Floquet multipliers of this motion; on a grazing curve, of the motion that just misses the
+    wall.
     arclength (n,): the length along (δ, ε) from the start of the piece. piece (n,): the number of the connected piece.
     folds: the numbers of the points at which δ turns back. ends: both ends of each piece.
     All numbers are dimensionless; phases are in forcing periods.
@@ -128,7 +133,7 @@ class Curve(Tabular):
         Raises
         ------
         ParameterError
-            If not exactly one of both is given.
+            Unless exactly one of `delta` and `epsilon` is given.
         """
         given = [(name, x) for name, x in (("delta", delta), ("epsilon", epsilon)) if x is not None]
         require(len(given) == 1, "give either delta or epsilon")
@@ -169,7 +174,7 @@ def build(
     pieces: Sequence[CurvePiece],
     described: Sequence[Sequence[CurveDescription]],
 ) -> Curve:
-    """Return the curve of these pieces; described: for each piece the motion at each of its points."""
+    """Return the curve that consists of these pieces. described: for each piece, the motion at each of its points."""
     motions = [motion for piece in described for motion in piece]
     sizes = [len(piece.points) for piece in pieces]
     starts = np.concatenate([[0], np.cumsum(sizes, dtype=np.int64)])
@@ -211,7 +216,10 @@ def _folds(delta: Array) -> list[int]:
 
 @dataclass(frozen=True)
 class PlaneWindow:
-    """A window of the plane: ranges (low, high) of δ and ε, and the least number of points of a curve across it."""
+    """A window of the plane: ranges (low, high) of δ and ε.
+
+    resolution: the least number of points of a curve across the window.
+    """
 
     delta: tuple[float, float]
     epsilon: tuple[float, float]
@@ -219,7 +227,7 @@ class PlaneWindow:
 
     @property
     def bounds(self) -> tuple[Bound, Bound]:
-        """Bounds of the last two unknowns."""
+        """The bounds of the last two unknowns, δ and ε."""
         return Bound(-2, *self.delta), Bound(-1, *self.epsilon)
 
     def left(self, x: Array) -> str | None:
@@ -237,7 +245,7 @@ class PlaneWindow:
 def pieces(
     problem: ContinuationProblem, starts: Iterable[Array], window: PlaneWindow, left: Test, times: int | None = None
 ) -> list[CurvePiece]:
-    """Return the pieces of a curve inside a window that pass solutions near the starts, each once.
+    """Return the pieces of a curve inside a window that pass through solutions near the starts, each once.
 
     Parameters
     ----------
@@ -284,7 +292,7 @@ def _periods_later(times: int | None, start: Array, x: Array) -> Array:
 
 
 def _on(problem: ContinuationProblem, piece: CurvePiece, solved: Array, times: int | None) -> NDArray[np.bool_]:
-    """Return flags of solutions (k, N) that are on a piece, up to a shift by whole forcing periods."""
+    """Return whether each solution (k, N) is on a piece, up to a shift by whole forcing periods."""
     on = np.zeros(len(solved), bool)
     guesses = [_between(piece.points, -2, x[-2]) for x in solved]
     whose = np.repeat(np.arange(len(solved)), [len(each) for each in guesses])
@@ -307,7 +315,7 @@ def _both_ways(follower: Follower, x: Array, why: Test) -> CurvePiece:
 
 
 def _with_folds(problem: ContinuationProblem, points: Array, tangents: Array) -> Array:
-    """Return the points, with one more at each turn of δ or ε, so that both are monotone between neighbours."""
+    """Return the points and one more at each turn of δ or ε, so that both are monotone between neighbouring points."""
     turns = [
         (int(i), index) for index in (-2, -1) for i in np.flatnonzero(tangents[:-1, index] * tangents[1:, index] < 0)
     ]
@@ -327,7 +335,7 @@ def _rate(problem: ContinuationProblem, direction: Array, index: int, x: Array) 
 def _reason(path: Path, why: Test) -> str:
     """Return in words why a path ends."""
     if path.outside is None:
-        return "the equations become singular: it cannot be followed on"
+        return "the equations become singular: the curve cannot be followed further"
     return why(path.outside) or "the edge of its existence"
 
 
@@ -342,10 +350,10 @@ def traced(
     named: Callable[[Array, str], str],
     times: int | None = None,
 ) -> Curve:
-    """Return the curve of a problem in a window, from `pieces`.
+    """Return the curve of a problem in a window. The arguments that are not explained here are those of `pieces`.
 
-    describe: the motion at a solution. named: a function of the unknowns and the reason of an end that returns a better
-    reason, such as the name of a codimension-two point.
+    describe: a function that returns the motion at a solution. named: a function of the unknowns at an end and of the
+    reason why the curve ends there, which returns a better reason, such as the name of a codimension-two point.
 
     Returns
     -------
@@ -365,7 +373,7 @@ def spread_between(low: float, high: float) -> Array:
 
 
 def window_range(name: str, value: tuple[float, float], positive: bool = False) -> tuple[float, float]:
-    """Return a checked range (low, high) of a window. Raises ParameterError."""
+    """Return the range (low, high) of a window after checking it. Raises ParameterError if it is not allowed."""
     low, high = (require_number(name, number, positive=positive) for number in require_pair(name, value))
     require(low < high, f"{name} must be a pair (low, high) with low < high, got {value!r}")
     require(max(-low, high) <= FARTHEST, f"{name} must be within {FARTHEST:g}, got {value!r}")

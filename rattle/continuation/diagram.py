@@ -6,8 +6,8 @@ A diagram has branches, their events, and the attractors that forward and backwa
     known = the attractors of a sample at every step
     repeat at most ROUNDS times, while something new is found:
         sweep all known attractors forward and backward
-        search a branch near every periodic attractor, where it first appears and at every CHECKED-th step
-        add the stable parts of branches that no sweep has met to the known attractors: their basins may be small
+        search for a branch near every periodic attractor, where it first appears and at every CHECKED-th step
+        add to the known attractors the stable parts of branches that no sweep has met: their basins may be small
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ from rattle.notebook import (
 from rattle.notebook import motion_label as label_of
 from rattle.parameters import Parameters
 
-#: Least length of a segment, times `plane_scale`.
+#: Least length of a segment, in units of `plane_scale`.
 LEAST_LENGTH = 1e-6
 MOST_STEPS = 20_000
-#: Largest allowed numbers of impacts of a branch's motions, and of branches.
+#: Largest allowed number of impacts per period of a motion, and of branches of a diagram.
 LARGEST_PERIOD, MOST_BRANCHES = 64, 1000
-#: Points of a chaotic attractor at each step.
+#: Number of impacts that show a chaotic attractor at one step.
 CHAOTIC_POINTS = 200
 #: An attractor that seems to stay on its branch is checked at each CHECKED-th step.
 CHECKED = 10
-#: Largest change of an attractor between steps, in phase, or in speed over its unit.
+#: Largest change between steps at which an attractor counts as the same, in phase, or in units of speed.
 JUMP = 0.05
-#: Largest distance of two states of the same orbit.
+#: Largest distance between states that count as the same state of an orbit.
 SAME_ORBIT = 1e-6
 #: Most repetitions of sweeps and search.
 ROUNDS = 3
@@ -58,7 +58,7 @@ Array = NDArray[np.float64]
 
 
 class HasParameters(Protocol):
-    """An object at one or more parameter points of a segment."""
+    """An object that has one or more parameter points on a segment, such as a branch or an event."""
 
     @property
     def parameters(self) -> Array:
@@ -66,15 +66,15 @@ class HasParameters(Protocol):
 
 
 class IsEvent(HasParameters, Protocol):
-    """An event at a parameter point of a segment."""
+    """An event of a branch, such as a flip, at a parameter point on a segment."""
 
     @property
     def kind(self) -> Any:
-        """Its kind: saddle-node, flip or graze."""
+        """The kind of the event: saddle-node, flip or graze."""
 
 
 class HasEvents(HasParameters, Protocol):
-    """A branch with its events."""
+    """A branch of periodic motions with its events."""
 
     @property
     def events(self) -> tuple[Any, ...]:
@@ -90,7 +90,7 @@ AnyEvent = TypeVar("AnyEvent", bound=IsEvent)
 
 @dataclass(frozen=True)
 class BranchPiece:
-    """A stable part of branch number `branch`, between positions low and high."""
+    """A stable part of branch number `branch`, between the positions low and high (fractions of the way to the end)."""
 
     branch: int
     low: float
@@ -155,7 +155,7 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
         Raises
         ------
         MissingExtraError
-            Without matplotlib.
+            If matplotlib is not installed.
         """
         return figure_of(self, "diagram_figure")
 
@@ -172,7 +172,7 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
         Raises
         ------
         MissingExtraError
-            Without xarray.
+            If xarray is not installed.
         """
         points = {name: ("impact", values) for name, values in self.points._asdict().items()}
         values = {"delta": self.delta, "epsilon": self.epsilon, **self.added}
@@ -195,7 +195,7 @@ class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
         return float(self.segment.end[0]), float(self.segment.end[1])
 
     def positions(self, of: AnyBranch | AnyEvent) -> Array:
-        """Return the positions of a branch's points (k,), or of an event (): fractions of the way from start to end."""
+        """Return the positions (k,) of a branch, or the position () of an event: fractions of the way to the end."""
         return self.segment.position(of.parameters)
 
 
@@ -250,13 +250,13 @@ def _motion_at(event: Any) -> str:
 
 
 def require_end(name: str, value: ArrayLike) -> Array:
-    """Return the checked (δ, ε) of an end of a segment. Raises ParameterError."""
+    """Return (δ, ε) of an end of a segment after checking them. Raises ParameterError if they are not allowed."""
     delta, epsilon = require_pair(name, value)
     return np.array([require_number(f"δ of {name}", delta, positive=True), require_number(f"ε of {name}", epsilon)])
 
 
 def _seen(sweeps: Sweeps, parameters: Parameters, search: Search, unit: float) -> Iterator[Motion]:
-    """Yield motions on the periodic attractors of the sweeps: where each appears, then at each CHECKED-th step."""
+    """Yield motions on periodic attractors of the sweeps: where an attractor appears, then at each CHECKED-th step."""
     last: dict[tuple[int, int, int], list[tuple[int, KnownAttractor]]] = {}
     for step, here in enumerate(sweeps.known):
         now: dict[tuple[int, int, int], list[tuple[int, KnownAttractor]]] = {}
@@ -278,14 +278,14 @@ def _seen(sweeps: Sweeps, parameters: Parameters, search: Search, unit: float) -
 
 
 def _close(one: KnownAttractor, other: KnownAttractor, unit: float) -> bool:
-    """Return whether two attractors differ by less than JUMP."""
+    """Return whether the states of two attractors differ by less than JUMP in phase, and in speed over its unit."""
     return abs(wrapped(one.tau - other.tau)) < JUMP and abs(one.v - other.v) < JUMP * unit
 
 
 def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tuple[list[BranchPiece], bool]:
     """Return the stable parts of branches that no sample found, and whether the sweeps missed any of their motions.
 
-    The motions that were missed are added to the known attractors of the sweeps.
+    Motions that the sweeps missed are added to their known attractors.
 
     Returns
     -------
@@ -317,7 +317,7 @@ def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tup
 
 
 def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[BranchPiece, NDArray[np.int64], Array, Array]]:
-    """Yield the stable parts of branches, the steps in each, and interpolated τ and v (steps, n_plus) on Σ⁺ there."""
+    """Yield each stable part of a branch, its steps, and τ and v (steps, n_plus) on Σ⁺, interpolated at these steps."""
     for i, found in enumerate(search.branches):
         upper, at = np.flatnonzero(np.array(found.itinerary.walls) > 0), search.paths[i][:, -1]
         events = {event.after: float(search.model.segment.position(event.parameters)) for event in found.events}
@@ -335,7 +335,7 @@ def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[BranchPiec
 def _nearest(
     known: list[KnownAttractor], label: tuple[int, int, int], tau: Array, v: Array, within: float, unit: float
 ) -> KnownAttractor | None:
-    """Return the known attractor with this label and a state within a distance of an impact (n_plus,), or None."""
+    """Return the known attractor with this label and a state closer than `within` to an impact (n_plus,), or None."""
     for each in known:
         near = np.abs(wrapped(tau - each.tau)) + np.abs(v - each.v) / unit
         if each.kind == Outcome.PERIODIC and each.label == label and near.min() < within:

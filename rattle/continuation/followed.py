@@ -1,4 +1,4 @@
-"""The common part of the branches of all gears: their fields, display, and conversion to pandas and xarray."""
+"""The base class of the branches of all gears: their fields, display, and conversion to pandas and xarray."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class FollowedBranch(ABC):
     speeds (k, n): the speeds with which each motion leaves the walls.
     multipliers (2, k): the Floquet multipliers.
     stable, admissible (k,): whether the motion attracts, and whether it is admissible (False: virtual).
-    start: the number of the point from which the branch was followed.
+    start: the index of the point from which the branch was followed in both directions.
     events: the events, in the order of the branch.
     ends: the reasons in words why the branch ends at its first and at its last point.
     """
@@ -62,7 +62,7 @@ class FollowedBranch(ABC):
     @property
     @abstractmethod
     def added(self) -> dict[str, Array]:
-        """The other parameters (k,) of the model, by name."""
+        """The parameters (k,) of the model besides δ, ε and β, by name."""
 
     @property
     def walls(self) -> tuple[int, ...]:
@@ -71,12 +71,12 @@ class FollowedBranch(ABC):
 
     @property
     def m(self) -> int:
-        """Return the forcing periods of the branch's motions."""
+        """The number m of forcing periods after which the motions repeat."""
         return self.itinerary.m
 
     @property
     def beta(self) -> float:
-        """Return the half-backlash of the branch's motions."""
+        """The half-backlash β of the motions."""
         return self.itinerary.beta
 
     @property
@@ -150,7 +150,7 @@ class FollowedBranch(ABC):
         Raises
         ------
         MissingExtraError
-            Without matplotlib.
+            If matplotlib is not installed.
         """
         return figure_of(self, "branch_figure")
 
@@ -169,7 +169,7 @@ class FollowedBranch(ABC):
         Raises
         ------
         MissingExtraError
-            Without xarray.
+            If xarray is not installed.
         """
         each = {name: ("point", values) for name, values in self._columns().items() if "multiplier" not in name}
         return dataset_of(
@@ -201,8 +201,8 @@ def first_of_doubled(itinerary: Equations, x: Array) -> tuple[Array, Array]:
     Returns
     -------
     tuple[Array, Array]
-        The unknowns (2n,) of the doubled orbit with the offset 0 of the parameter after them; and the tangent (2n +
-        1,).
+        The point (2n + 1,): the unknowns (2n,) of the doubled orbit, then 0, the offset of the parameter from the flip.
+        And the unit tangent (2n + 1,).
     """
     n, impacts = itinerary.n, len(itinerary.walls)
     each = x[:n].reshape(-1, impacts)

@@ -10,13 +10,14 @@ from rattle.numerics.complex_step import Array
 
 #: Least number of points over the span.
 POINTS_ACROSS = 50
-#: First step along a doubled branch, whose size grows as the square root of the distance from the flip.
+#: First step along a doubled branch. It is short, because the difference of the doubled orbit from the orbit at the
+#: flip grows as the square root of the distance from the flip.
 FIRST_OF_DOUBLED = 1e-4
 MOST_POINTS = 1000
 HALF_PERIOD = "the period halves: a flip"
-#: Least damping on a line, over that of the orbit.
+#: Least damping on a line, relative to the damping of the orbit.
 LEAST_DAMPING = 1e-3
-#: Default span in both directions, times `plane_scale`.
+#: Default span on either side of the orbit, in units of `plane_scale`.
 NEAR = 0.02
 DIRECTIONS = {"delta": (1.0, 0.0), "epsilon": (0.0, 1.0)}
 Parameter = str | tuple[float, float]
@@ -33,23 +34,25 @@ class ParameterLine:
     resolution: int
 
     def plane(self, y: Array) -> Array:
-        """Return the unknowns (n + 2,) at y = (times, p)."""
+        """Return the unknowns (n + 2,), which are the n times, δ and ε, at y = (times, p)."""
         return np.concatenate([y[:-1], self.origin + y[-1] * self.direction])
 
     def across(self, n: int) -> Array:
-        """Return the constraint (n + 2,) that keeps a solution on the line."""
+        """Return the normal (n + 2,) of the hyperplane of unknowns whose (δ, ε) is on the line."""
         return np.concatenate([np.zeros(n), [-self.direction[1], self.direction[0]]])
 
 
 def line_through(
     delta: float, epsilon: float, parameter: Parameter, span: Span, resolution: int = POINTS_ACROSS
 ) -> ParameterLine:
-    """Return the line through (δ, ε) for these arguments of `rattle.branch`, where δ > 0 and ε ≥ 0.
+    """Return the line through (δ, ε) along which `rattle.branch` follows an orbit, as far as δ > 0 and ε ≥ 0.
+
+    parameter, span and resolution are the arguments of `rattle.branch`.
 
     Returns
     -------
     ParameterLine
-        The line; its span is cut where δ or ε would be too small.
+        The line; its span ends where δ or ε would become too small.
 
     Raises
     ------

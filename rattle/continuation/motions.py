@@ -1,4 +1,4 @@
-"""The interface between a bifurcation diagram and a model: its motions along a segment of parameters."""
+"""The interface between a bifurcation diagram and a model: the model's motions along a segment of parameters."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
@@ -19,7 +19,7 @@ from rattle.parameters import Parameters
 #: Least number of points of a branch across a segment.
 POINTS_ACROSS = 60
 
-Motion = tuple[Any, Array]  # (itinerary, the n unknowns of a motion and then its d parameters)
+Motion = tuple[Any, Array]  # (itinerary, array of the n unknowns of a motion followed by its d parameters)
 
 
 @dataclass(frozen=True)
@@ -61,18 +61,18 @@ class Motions(ABC):
 
     @abstractmethod
     def steps(self, position: Array) -> Parameters:
-        """Return the steps at these positions (n,)."""
+        """Return the parameters of the steps at these positions (n,)."""
 
     def sampled(self, steps: Parameters, sample: SampleSpec) -> AttractorTable:
-        """Return the attractors that a sample finds, cell i at step i."""
+        """Return the attractors that samples of initial conditions reach; cell i of the table is step i."""
         return of_samples(self.classifier, steps, sample)
 
     def classify(self, steps: Parameters, tau: Array, v: Array) -> Classifier:
-        """Follow states (n, k) until each reaches an attractor or its budget ends."""
+        """Follow k states (n, k) at each of n steps until each state reaches an attractor or its budget ends."""
         return self.classifier.classify(steps, tau, v)
 
     def returned(self, steps: Parameters, tau: Array, v: Array) -> tuple[Array, Array]:
-        """Return the states (n,) after one return to Σ⁺."""
+        """Return τ and v (n,) after one return to Σ⁺, for one state at each step."""
         return self.classifier.iterated(steps, tau, v, 1)[:2]
 
     @abstractmethod
@@ -81,7 +81,7 @@ class Motions(ABC):
 
     @abstractmethod
     def near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
-        """Return the periodic motion with n_plus impacts on Σ⁺ near a state, or None."""
+        """Return the periodic motion with n_plus impacts on Σ⁺ near the state (τ, v), or None if there is none."""
 
     @abstractmethod
     def problem(self, itinerary: Any) -> ContinuationProblem:
@@ -89,15 +89,15 @@ class Motions(ABC):
 
     @abstractmethod
     def solved(self, itinerary: Any, y: Array) -> Periodic | None:
-        """Return the motion at the position of y whose unknowns are near those of y, or None."""
+        """Return the motion near a guess y = (unknowns (n,), position), at this position; None if there is none."""
 
     @abstractmethod
     def through(self, motion: Motion, span: tuple[float, float]) -> Any:
-        """Return the branch through a motion; span: positions relative to that of the motion."""
+        """Return the branch through a motion. span: range of positions, relative to the position of the motion."""
 
     @abstractmethod
     def doubled(self, event: Any, span: tuple[float, float]) -> Any:
-        """Return the branch of doubled period that starts at a flip; span: positions relative to that of the flip."""
+        """Return the branch of doubled period from a flip. span: range of positions, relative to that flip."""
 
     @abstractmethod
     def events(self, found: Any) -> tuple[Any, ...]:
@@ -105,9 +105,9 @@ class Motions(ABC):
 
     @abstractmethod
     def beside(self, event: Any) -> Iterator[Motion]:
-        """Yield the motions, with any itinerary, whose branches pass an event."""
+        """Yield motions at an event, one for each branch through the event, also those with another itinerary."""
 
 
 def runs(steps: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Split rising numbers into runs of consecutive numbers."""
+    """Split an array of rising integers into runs of consecutive integers."""
     return np.split(steps, np.flatnonzero(np.diff(steps) > 1) + 1) if steps.size else []

@@ -1,8 +1,8 @@
-"""Search all branches of periodic motions along a segment that are connected by flips and grazes, each once.
+"""Search for all branches of periodic motions along a segment that are connected by flips and grazes, each once.
 
-The search follows the branch of each given motion. At a flip it goes on to the doubled branch, or from there back. At a
-graze it goes on to the branch of the motion with or without the grazing impact. A motion is on a known branch if it is
-a solution between two points of that branch.
+The search follows the branch of each given motion. At a flip it goes on to the doubled branch; from a doubled branch it
+goes on to the branch at whose flip it starts. At a graze it goes on to the branch of the motion with or without the
+grazing impact. A motion is on a known branch if it is a solution between two points of that branch.
 """
 
 import heapq
@@ -18,9 +18,9 @@ from rattle.continuation.motions import Motion, Motions
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import Equations, Periodic, begun_at
 
-#: Largest difference of the unknowns of the same motion.
+#: Largest difference in an unknown between solutions that count as the same motion.
 SAME_MOTION = 1e-7
-#: Largest difference of the parameters of the same motion, times `plane_scale`.
+#: Largest difference in a parameter between solutions that count as the same motion, in units of `plane_scale`.
 SAME_PLACE = 1e-8
 
 
@@ -42,7 +42,7 @@ def same_motion(one: Motion, other: Motion) -> bool:
 
 
 def _twins(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
-    """Yield all forms of a motion that have the walls of `like` in order and begin near the time `phase`."""
+    """Yield all equivalent unknowns of a motion that meet the walls in the order of `like` and begin near `phase`."""
     impacts = len(motion[0].walls)
     for first in range(impacts):
         itinerary, x = begun_at_impact(motion, first)
@@ -54,12 +54,12 @@ def _twins(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
 class Search:
     """The branches and events found so far, and the queue of events that are not yet examined.
 
-    paths: for each branch its points (unknowns, position), with times that are not folded.
-    left_out: labels of motions that exceed the limits.
+    paths: for each branch its points (unknowns, position), with times that are not folded into one period.
+    left_out: the labels of motions that exceed the limits on impacts or branches.
     """
 
     def __init__(self, model: Motions, impacts: int, most: int) -> None:
-        """Search motions with at most `impacts` impacts per period, and at most `most` branches."""
+        """Limit the search to motions with at most `impacts` impacts per period, and to `most` branches."""
         self.model, self.impacts, self.most = model, impacts, most
         self.branches: list[Any] = []
         self.events: list[Any] = []
@@ -117,7 +117,7 @@ class Search:
         return False
 
     def _span(self, parameters: Array) -> tuple[float, float]:
-        """Return the ends of the segment as positions relative to that of a point."""
+        """Return the positions of the segment's ends relative to the position of a point with these parameters."""
         position = float(np.clip(self.model.segment.position(parameters), 0.0, 1.0))
         return -position, 1.0 - position
 
@@ -130,7 +130,7 @@ class Search:
 
     def _follow(self, motion: Motion) -> None:
         """Add the branch through a motion, unless it is known."""
-        if 1 not in motion[0].walls:  # the motion never meets Σ⁺, so it is no motion of Π
+        if 1 not in motion[0].walls:  # the motion never meets Σ⁺, so it is not an orbit of the impact map Π
             return
         itinerary, x = begun_at_impact(motion, motion[0].walls.index(1))
         if self.index((itinerary, x)) is None and self._allowed(itinerary):

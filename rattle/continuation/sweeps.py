@@ -6,12 +6,12 @@
         start a run forward from this attractor; if no sample found it, the run stops at any known attractor; finish
 
     finish: until all runs have ended, follow the state of each run at its next step to an attractor:
-        if it is quiet motion, or an attractor that was reached in this direction before: the run ends, and a run in the
-            opposite direction starts from the step before. If it is quiet motion and the run was itself such a run
-            back, the first direction is started again too, from where it had passed.
-        if it is another attractor: this becomes known, is reached in this direction, and its state starts the next step
+        if this is quiet motion, or an attractor that was reached in this direction before: the run ends, and a run in
+            the opposite direction starts from the step before. If this is quiet motion, and the end of an earlier run
+            had started the run that ends now, the first direction is resumed too, where the earlier run had passed.
+        if this is another attractor: it becomes known and reached in this direction, and its state starts the next step
 
-So all attractors are followed. Where the two directions differ there is hysteresis.
+In this way all known attractors are followed. Where the two directions reach different attractors, there is hysteresis.
 """
 
 from collections.abc import Iterable
@@ -36,8 +36,9 @@ Array = NDArray[np.float64]
 class KnownAttractor:
     """A known attractor at one step.
 
-    kind: its number in KINDS. label: (m, n_plus, n_minus). tau, v: a state on it.
-    sampled: whether the sample of the step found it. reached: whether a run reached it forward and backward.
+    kind: the number of its kind in KINDS. label: (m, n_plus, n_minus). tau, v: a state on the attractor.
+    sampled: whether the initial conditions sampled at this step found it.
+    reached: whether a forward run reached it, and whether a backward run did.
     """
 
     kind: int
@@ -49,7 +50,10 @@ class KnownAttractor:
 
 
 class Visit(NamedTuple):
-    """An attractor that a run reached at one step, with the state there; kind: its number in KINDS."""
+    """An attractor that a run reached at one step.
+
+    direction: FORWARD or BACKWARD. kind: the number of the attractor's kind in KINDS. tau, v: a state on the attractor.
+    """
 
     step: int
     direction: int
@@ -65,7 +69,7 @@ class SweepPoints(NamedTuple):
     step, position: the number of the step, and its position along the line.
     tau, v: phase and speed of the impact.
     kind: the number of the attractor's kind in KINDS. m, n_plus, n_minus: its label, 0 unless it is periodic.
-    forward: whether it was followed forward.
+    forward: whether the attractor was followed forward.
     A periodic attractor has n_plus points at each step and direction.
     """
 
@@ -84,9 +88,10 @@ class SweepPoints(NamedTuple):
 class _Run:
     """A motion that is followed in one direction.
 
-    step: the step at which it arrives next. tau, v: its state at the step before; at first, a state at `step` itself.
-    trail: the attractors that it reached, by step. back: the trail of the run in the other direction that started it.
-    stops_at_known: whether it stops at any known attractor that a run has reached.
+    step: the step at which the run arrives next. tau, v: its state at the step before; at first, a state at `step`.
+    trail: the attractors that the run reached, by step. back: the trail of the run in the other direction whose end
+    started this run, or empty. stops_at_known: whether the run ends at every known attractor that a run has reached in
+    either direction; otherwise only attractors reached in this direction end it.
     """
 
     direction: int
@@ -99,7 +104,7 @@ class _Run:
 
 
 class Sweeps:
-    """Sweeps over the steps of a model. At first the attractors of a table are known; its cells are the steps."""
+    """Sweeps over the steps of a model. At first the attractors of `table`, whose cells are the steps, are known."""
 
     def __init__(self, model: Motions, steps: Parameters, table: AttractorTable) -> None:
         self.model, self.steps = model, steps
@@ -135,7 +140,7 @@ class Sweeps:
         back: dict[int, KnownAttractor] | None = None,
         stops_at_known: bool = False,
     ) -> None:
-        """Start a run from an attractor, unless it was reached in this direction."""
+        """Start a run from an attractor, unless `known` is None or was reached in this direction."""
         if known is not None and not known.reached[direction]:
             self._runs.append(_Run(direction, step, known.tau, known.v, back or {}, stops_at_known))
 
@@ -148,7 +153,7 @@ class Sweeps:
             self._advance(list(now.values()))
 
     def _advance(self, runs: list[_Run]) -> None:
-        """Follow the states of these runs at their steps to attractors."""
+        """Follow the state of each run at its step to an attractor, together with the known attractors of the step."""
         states = [[(run.tau, run.v), *((known.tau, known.v) for known in self.known[run.step])] for run in runs]
         count = max(map(len, states))
         tau, v = (np.array([[s[i] for s in (here * count)[:count]] for here in states]) for i in (0, 1))
@@ -163,8 +168,9 @@ class Sweeps:
     def _arrive(self, run: _Run, table: AttractorTable, rows: NDArray[np.int64], end: tuple[float, float]) -> None:
         """Record the attractor that a run reached, and move the run on; if the attractor is not new, end the run.
 
-        A run that ends starts one in the opposite direction from the step before. If a run back ends in quiet motion,
-        as from a chaotic set that is left after some time, the first direction is started again where it had passed.
+        A run that ends starts a run in the opposite direction from the step before. If this opposite run ends in quiet
+        motion, as happens on a chaotic set that samples leave after some time, a run in the first direction starts
+        again from where the first run had passed.
         """
         row, here = rows[0], self.known[run.step]
         kind = int(table.kind[row])
@@ -194,7 +200,7 @@ class Sweeps:
             self._runs.remove(run)
 
     def points(self, position: Array, chaotic: int) -> SweepPoints:
-        """Return the impacts of all visits: of a periodic attractor all, of another one `chaotic` impacts.
+        """Return impacts on Σ⁺ of all visited attractors: every impact of a periodic one, `chaotic` impacts of others.
 
         position: the positions (steps,) of the steps.
 
@@ -216,7 +222,7 @@ class Sweeps:
     def _impacts(
         self, visits: Iterable[Visit], size: NDArray[np.int64], steps: Parameters
     ) -> tuple[NDArray[np.int64], Array, Array]:
-        """Return `size` (n,) states from each visit on, visit by visit: the number of the visit, τ and v."""
+        """Return the number of the visit, τ and v of `size[i]` successive states from visit i on, visit by visit."""
         states = np.array([(visit.tau, visit.v) for visit in visits]).reshape(-1, 2)
         owner, order, tau, v = [], [], [], []
         which, (t, speed) = np.arange(size.size), states.T

@@ -11,15 +11,15 @@ from rattle.attractors.recurrence import mark_footprints
 from rattle.attractors.samples import GRID
 from rattle.numerics.compile import kernel
 
-#: Impacts of a footprint. With so many, 99 % of the overlapping pairs are found, and no others.
+#: Number of impacts that mark a footprint. It suffices to find 99 % of the overlapping pairs, and no other pairs.
 STRETCH = 128
-#: Impacts of a longer footprint, for the pairs that did not overlap.
+#: Number of impacts that mark the longer footprints of pairs that did not overlap.
 LONGER = 2048
 
 
 @kernel
 def overlapping(one, other, prints, overlap):
-    """Write to overlap (k,) whether prints one[i] and other[i] share more than SAME_FOOTPRINT of the smaller one."""
+    """Write to overlap[i] whether footprints one[i] and other[i] share more than SAME_FOOTPRINT of the smaller one."""
     for i in range(one.size):
         in_one, in_other, shared = 0, 0, 0
         for row in range(prints.shape[1]):
@@ -35,8 +35,8 @@ def overlaps(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the pairs of chaotic attractors in neighbouring cells whose footprints overlap.
 
-    cell (k,): the cells of the attractors, in rising order. tau, v (k,): a state of each. shape: rows and columns of
-    the grid.
+    cell (k,): the cells of the attractors, in rising order. tau, v (k,): a state on each attractor. shape: numbers of
+    rows and columns of the grid. cells: the parameters of all cells, as kernels take them.
 
     Returns
     -------

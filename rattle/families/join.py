@@ -19,9 +19,9 @@ from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, numbers_of, sums
 from rattle.families.table import Families, tabulate_families
 from rattle.parameters import Parameters
 
-#: Two of the four sides of a cell; the other two are sides of its neighbours.
+#: Two of the four sides of a cell, as columns of `Linked.to`; the other two are such sides of its neighbours.
 AHEAD = (0, 1)
-#: Steps of a slow continuation to the next cell, for an orbit that leads to another one which does not lead back.
+#: Number of small steps to the next cell, for an orbit whose continuation there does not continue back to it.
 STEPS = 64
 
 
@@ -44,7 +44,7 @@ def families_over(
     others: dict[str, float],
     sample: SampleSpec,
 ) -> Families:
-    """Return the families of a gear's attractors, as `rattle.families_of`; others: β and the added parameters."""
+    """Return a gear's families as `rattle.families_of` does; `others` has β and the parameters that the model adds."""
     delta, epsilon = axis("delta", delta), axis("epsilon", epsilon)
     others = {name: require_number(name, x, positive=True) for name, x in others.items()}
     cells = Parameters.of(classifier.model, delta, epsilon[:, None], **others).flat()
@@ -85,7 +85,7 @@ def joined_rows(
 def _joined(
     table: AttractorTable, shape: tuple[int, int], cells: Any
 ) -> tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64], Sums]:
-    """Return what `joined_rows` does, and the sums of the families."""
+    """Return the results of `joined_rows`, and the sums from which the table of families is made."""
     orbits, n = continued(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
     periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     attractors = together(table, entered(orbits, periodic.size, n))
@@ -126,9 +126,11 @@ def components(
     table : AttractorTable
         The attractors, whose chaotic rows are in the order of their cells.
     row : NDArray[np.int64]
-        The row of each orbit.
+        The row of each orbit in the table.
     orbits : Linked
         The periodic orbits with their continuations.
+    shape : tuple[int, int]
+        The numbers of rows and columns of the grid.
 
     Returns
     -------
@@ -161,12 +163,12 @@ def continued(table: AttractorTable, columns: int, inside: Rectangle, cells: Any
     inside : Rectangle
         The cells into which orbits are continued.
     first : int
-        The number of the first periodic orbit to continue; those before it were continued already.
+        The number of the first periodic orbit to continue; the orbits before it were continued already.
 
     Returns
     -------
     tuple[Linked, int]
-        The periodic orbits of the table and after them their continuations; and the number of all.
+        The periodic orbits of the table, followed by the new orbits that were found; and the number of all.
     """
     periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     n = periodic.size
@@ -175,12 +177,12 @@ def continued(table: AttractorTable, columns: int, inside: Rectangle, cells: Any
         getattr(orbits, name)[:n] = getattr(table, name)[periodic]
     cell = orbits.cell[:n]
     orbits.before[1:n] = np.where(cell[1:] == cell[:-1], np.arange(n - 1), NOWHERE)
-    orbits.last[cell] = np.arange(n)  # for equal cells the last number remains
+    orbits.last[cell] = np.arange(n)  # where a cell occurs several times, its last orbit remains
     return spread_all(first, n, columns, inside, cells, orbits)
 
 
 def spread_all(done: int, n: int, columns: int, inside: Rectangle, cells: Any, orbits: Linked) -> tuple[Linked, int]:
-    """Continue the orbits from number `done` on, of n, as `spread` does, in arrays that grow as necessary."""
+    """Continue the orbits with numbers from `done` to n as `spread` does, and enlarge the arrays when they are full."""
     while done < n:
         done, n = spread(done, n, columns, inside, cells, orbits)
         if done < n:
@@ -216,16 +218,16 @@ def linked(orbits: Linked, n: int, cells: Any) -> tuple[NDArray[np.int64], NDArr
 
 @singledispatch
 def cells_between(cells: Any, here: NDArray[np.int64], there: NDArray[np.int64], share: NDArray[np.float64]) -> Any:
-    """Return cells on straight lines between cells, by default by interpolation of all their numbers.
+    """Return cells on the straight lines between pairs of cells, by default by linear interpolation of every column.
 
-    A gear whose cells have more than its parameters registers its own function.
+    A gear whose cells hold derived numbers besides their parameters registers its own function.
 
     Parameters
     ----------
     cells : NamedTuple of ndarray
         Cells as kernels take them.
     here, there : ndarray of int, (n,)
-        The cells at which the lines begin and end.
+        The numbers of the cells at which the lines begin and end.
     share : ndarray, (k,)
         Positions along a line, from 0 to 1.
 
@@ -238,7 +240,7 @@ def cells_between(cells: Any, here: NDArray[np.int64], there: NDArray[np.int64],
 
 
 def _lead(one: NDArray[np.int64], other: NDArray[np.int64], orbits: Linked, cells: Any) -> NDArray[np.bool_]:
-    """Return flags of orbits `one` that become the orbits `other` in STEPS small steps of continuation."""
+    """Return for each pair whether orbit `one` becomes orbit `other` in STEPS small steps of continuation."""
     share = np.arange(1, STEPS + 1) / STEPS
     here, there = orbits.cell[one], orbits.cell[other]
     way = cells_between(cells, here, there, share)
@@ -256,7 +258,7 @@ def room_for(n: int, n_cells: int) -> Linked:
 
 
 def longer(orbits: Linked) -> Linked:
-    """Return the orbits in arrays with half as much room again."""
+    """Return the orbits in arrays that have room for half as many orbits again."""
     more = orbits.cell.size // 2 + 64
     wider = [np.concatenate([x, np.zeros((more, *x.shape[1:]), x.dtype)]) for x in orbits]
     return Linked._make(wider)._replace(last=orbits.last)

@@ -1,4 +1,4 @@
-"""Join a grid piece by piece: the orbits that enter a piece from its neighbours, and the attractors that are one."""
+"""Join a grid piece by piece: continue orbits into a piece from its neighbours, then connect all attractors."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ no_attractors = AttractorTable.empty
 class GridPiece:
     """A grid whose attractors become known some cells at a time. Known orbits are continued into all of its cells.
 
-    orbits, n: the orbits, in the form of `spread`, and their number.
-    samples (n,): the samples that reach an orbit in its cell, −1 for an orbit that was found by continuation.
+    orbits: the orbits found so far, in the arrays that `spread` fills. n: their number.
+    samples (n,): the number of samples that reach an orbit in its cell, −1 for an orbit that continuation found.
     """
 
     def __init__(self, shape: tuple[int, int], cells: Any) -> None:
@@ -28,7 +28,7 @@ class GridPiece:
         self.samples = np.zeros(0, np.int64)
 
     def learn(self, table: AttractorTable) -> None:
-        """Add the periodic rows of a table, whose cells were unknown so far, and continue the new orbits."""
+        """Add the periodic attractors of a table of cells that were not known so far, and continue the new orbits."""
         table = table.take(table.kind == Outcome.PERIODIC)
         before, which = self.n, np.zeros(table.cell.size, np.int64)
         while self.orbits.cell.size < before + which.size:
@@ -49,9 +49,9 @@ def entering(
     Parameters
     ----------
     inside, beside : AttractorTable
-        The attractors in the piece, and those in cells beside it; rows of one cell are neighbours.
+        The attractors in the piece, and the attractors in cells next to it; the rows of one cell are neighbours.
     tried : bool
-        Whether the orbits inside were continued before.
+        Whether the orbits in the piece were continued before.
     columns : int
         The number of columns of the grid.
     piece : Rectangle
@@ -60,7 +60,7 @@ def entering(
     Returns
     -------
     AttractorTable
-        A row for each orbit in each cell in which it is new.
+        A row for each cell of the piece and each orbit that continuation found there and that was not known there.
     """
     n, m = (int(np.count_nonzero(table.kind == Outcome.PERIODIC)) for table in (inside, beside))
     orbits, end = continued(together(inside, beside), columns, piece, cells, n if tried else 0)
@@ -68,9 +68,9 @@ def entering(
 
 
 def connected(table: AttractorTable, shape: tuple[int, int], cells: Any) -> NDArray[np.int64]:
-    """Return the numbers of `components` for the attractors of a complete grid.
+    """Return the number of the component of each attractor of a complete grid, as `components` does.
 
-    The table has all orbits that continuation finds, in the order of the cells.
+    The rows of the table are in the order of the cells, and include all orbits that continuation finds.
 
     Returns
     -------

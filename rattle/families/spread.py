@@ -20,13 +20,13 @@ from rattle.orbits.return_map import (
     step,
 )
 
-#: Largest distance between an orbit's point and that of its continuation in the next cell, with speeds in their unit.
+#: Largest distance from an orbit's point (τ, v) to its continuation's in the next cell, with v in units of `unit_at`.
 FARTHEST = 0.2
 #: Smallest step of continuation, as a share of the way from a cell to the next.
 LEAST_STEP = 2.0**-6
-#: Unit to which a point is rounded before Newton's method starts again.
+#: Multiple to which τ, and v in units of `unit_at`, are rounded before Newton's method starts again.
 ROUNDING = 2.0**-26
-#: In place of an orbit's number: there is no such orbit.
+#: Stands for the number of an orbit where there is no such orbit.
 NOWHERE = -1
 #: Offsets of the neighbours in rows and columns, in the order of `Linked.to`.
 ROWS, COLUMNS = (1, 0, -1, 0), (0, 1, 0, -1)
@@ -48,10 +48,12 @@ OF_ORBIT = ("cell", "m", "n_plus", "n_minus", "tau", "v", "first", "second")
 class Linked(NamedTuple):
     """The stable orbits of the cells of a grid, in arrays (room,) whose first n rows are used.
 
-    cell: the cell. m, n_plus, n_minus: the label. tau, v: the fastest departure from Σ⁺.
-    first, second: both ln|multiplier|/m. before: the number of the orbit that was added before in the same cell.
+    cell: the number of the cell. m, n_plus, n_minus: the label. tau, v: the fastest departure from Σ⁺.
+    first, second: ln|multiplier|/m of both Floquet multipliers.
+    before: the number of the orbit that was added before this orbit in the same cell.
     last (n_cells,): for each cell the number of the orbit that was added last.
-    to (room, 4): the number of the continuation in each neighbouring cell. NOWHERE in place of a number: there is none.
+    to (room, 4): the number of the orbit's continuation in each neighbouring cell.
+    The numbers in before, last and to are NOWHERE where there is no such orbit.
     """
 
     cell: Any
@@ -77,7 +79,7 @@ def have_same_label(i, k, orbits):
 
 @kernel
 def orbit_at_point(tau, v, cell, k, near, orbits):
-    """Return the orbit of a cell with the label of orbit k and this fastest point, or NOWHERE."""
+    """Return the number of the orbit in `cell` with orbit k's label and fastest point (tau, v ± near), or NOWHERE."""
     i = orbits.last[cell]
     while i != NOWHERE:
         same = abs(wrapped(tau - orbits.tau[i])) < SAME_POINT and abs(v - orbits.v[i]) < near
@@ -94,9 +96,9 @@ def labelled(tau, v, k, orbits, point):
     Returns
     -------
     tuple
-        The answer, and the logarithms of both multipliers, NaN if the answer is no.
+        (the answer, ln|multiplier| of both multipliers). The logarithms are NaN if the label is another.
     """
-    n_plus = np.int64(orbits.n_plus[k])  # the type of other callers, so that `power_map` is compiled once
+    n_plus = np.int64(orbits.n_plus[k])  # the same type as in other callers, so that `power_map` is compiled once
     status, _t, _v, time, below, a00, _b, _c, a11, log_det = power_map(tau, v, n_plus, point)
     if status != OK or below != orbits.n_minus[k] or int(np.rint(time)) != orbits.m[k]:
         return False, math.nan, math.nan
@@ -106,7 +108,7 @@ def labelled(tau, v, k, orbits, point):
 
 @kernel
 def settled(tau, v, n_plus, point):
-    """Solve for a point of an orbit again from a rounded start, so that its bits hardly depend on its continuation."""
+    """Solve for an orbit's point again from rounded numbers, so that its last bits hardly depend on the way to it."""
     unit = unit_at(point)
     t, w = np.rint(tau / ROUNDING) * ROUNDING, np.rint(v / unit / ROUNDING) * ROUNDING * unit
     found, t, w = newton(t, w, n_plus, point)
@@ -124,7 +126,7 @@ def followed(k, here, there, orbits):
     Returns
     -------
     tuple
-        (whether it was found, τ, v) at the second point.
+        (whether the orbit was followed all the way, τ, v). The state (τ, v) is at the second point if it was.
     """
     n_plus, tau, v = np.int64(orbits.n_plus[k]), orbits.tau[k], orbits.v[k]
     share, size = 0.0, 1.0
@@ -147,7 +149,7 @@ def followed(k, here, there, orbits):
 
 @kernel
 def continue_orbit(k, cell, n, orbits, cells):
-    """Return the number of orbit k's continuation in a neighbouring cell, n if it is new and was added, or NOWHERE."""
+    """Continue orbit k into a neighbouring cell, and return its number there: n if it was added, NOWHERE if none."""
     point, n_plus = point_of(cell, cells), np.int64(orbits.n_plus[k])
     found, tau, v = followed(k, point_of(orbits.cell[k], cells), point, orbits)
     if not found:
@@ -180,9 +182,10 @@ def continue_orbit(k, cell, n, orbits, cells):
 
 @kernel
 def enter(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits, which):
-    """Add orbits (k,) with the numbers from n on, except those that are known in their cells.
+    """Add k orbits under the numbers from n on, except orbits that are already known in their cells.
 
-    The arrays must have room for all. The number of each orbit is written to which (k,).
+    The arrays of `orbits` must have room for all of them. The number of each orbit, new or known, is written to
+    which (k,).
 
     Returns
     -------
@@ -203,14 +206,14 @@ def enter(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits, whi
 
 @kernel
 def spread(done, n, columns, inside, cells, orbits):
-    """Continue the orbits with numbers from `done` to n into the neighbouring cells, and the orbits found there too.
+    """Continue the orbits with numbers from `done` to n into the neighbouring cells, then the new orbits found there.
 
     Only cells in the rectangle `inside` of a grid with `columns` columns are entered.
 
     Returns
     -------
     result
-        Both numbers (done, n) again. They are equal when all orbits are continued; if not, the arrays are full.
+        (done, n): the orbits before `done` were continued, n orbits are known. If done < n, the arrays are full.
     """
     room = orbits.cell.size
     while done < n and n + 4 <= room:
@@ -230,9 +233,10 @@ def spread(done, n, columns, inside, cells, orbits):
 
 @kernel
 def lead(one, other, steps, way, orbits, arrives):
-    """Write to arrives (k,) whether orbits one (k,) become orbits other (k,) in a number of small steps.
+    """Continue each orbit one[i] in small steps to the cell of orbit other[i], and write to arrives.
 
-    way: the parameters of all steps (k·steps,), as cells.
+    arrives[i] is True if the continuation ends on orbit other[i]. way: the parameters of all steps (k·steps,), as
+    cells: first the steps of the first pair of orbits.
     """
     for i in range(one.size):
         n_plus, tau, v = np.int64(orbits.n_plus[one[i]]), orbits.tau[one[i]], orbits.v[one[i]]

@@ -1,4 +1,8 @@
-"""Sums over cells that describe families. Sums of the pieces of a grid can be added, so pieces are handled singly."""
+"""Sums over cells that describe families. The sums of the pieces of a grid can be added.
+
+A component is a set of connected attractors: one motion in several cells. Its number is arbitrary; `numbers_of` gives
+the number that it has as a family.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ from numpy.typing import NDArray
 
 from rattle.attractors.table import AttractorTable
 
-#: The number of quiet motion as a family, and the number in place of a family for undecided samples.
+#: The family number of quiet motion, and the number that undecided samples have instead of a family.
 QUIET_FAMILY, NO_FAMILY = 0, -1
 
 Integers = NDArray[np.int64]
@@ -21,11 +25,11 @@ class Sums(NamedTuple):
 
     component: the number of the component. kind, m, n_plus, n_minus: its label.
     cells: the number of its cells. rows: the number of its attractors, more than `cells` if a cell has two.
-    unsampled: the number of its attractors that no sample reaches. samples: the number of samples that reach others.
+    unsampled: the number of its attractors that no sample reaches. samples: the number of samples that reach it.
     top, bottom, left, right: the first and the last row and column of its cells.
-    most: the largest number of samples of one attractor. at: the first cell that has this number.
+    most: the largest number of samples of one attractor. at: the first cell with that number.
     exponent: the largest λ₁, −∞ if none is known.
-    first: the cell of its first attractor. place: the number of attractors before it in that cell.
+    first: the cell of its first attractor. place: the number of rows before that attractor in the same cell.
     """
 
     component: Integers
@@ -49,7 +53,15 @@ class Sums(NamedTuple):
 
 
 def sums_of(table: AttractorTable, component: Integers, columns: int) -> Sums:
-    """Return the sums of a table in the order of its cells; component (rows,); columns: those of the grid."""
+    """Return the sums over each component of a table of attractors, whose rows are in the order of their cells.
+
+    component (rows,): the component of each row, or NO_FAMILY. columns: the number of columns of the grid.
+
+    Returns
+    -------
+    Sums
+        An entry for each component.
+    """
     place = np.arange(component.size) - np.searchsorted(table.cell, table.cell)
     of = np.flatnonzero(component != NO_FAMILY)
     component, cell, samples = component[of], table.cell[of], table.samples[of]
@@ -102,10 +114,10 @@ def add_sums(parts: Iterable[Sums]) -> Sums:
 
 
 def numbers_of(sums: Sums) -> Integers:
-    """Return an array that has the number of the family of each component, at the index `component`; also at −1.
+    """Return an array that has at the index of a component the number of its family, and NO_FAMILY at the index −1.
 
-    The numbers follow the falling number of cells, and for equal numbers the first attractors. So they depend on the
-    cells alone.
+    Families are numbered by falling number of cells, and families of equally many cells by their first attractors. So
+    the numbers depend on the cells alone.
 
     Returns
     -------

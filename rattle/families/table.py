@@ -1,4 +1,4 @@
-"""The results: the families of attractors over a grid of cells, and a table of their properties."""
+"""The families of attractors over a grid of cells, and a table of their properties."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -12,7 +12,7 @@ from rattle.families.sums import QUIET_FAMILY, Sums, numbers_of
 
 
 class FamilyTable(NamedTuple):
-    """The properties of the families of a grid, as arrays (families,) by number.
+    """The properties of the families of a grid, as arrays (families,) whose index is the number of the family.
 
     Family 0 is quiet motion; the others are in order of falling number of cells.
     kind: the number in KINDS. m, n_plus, n_minus: the label, 0 unless periodic.
@@ -84,7 +84,7 @@ def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], 
     n = int(family.max(initial=QUIET_FAMILY)) + 1
 
     def by_family(values: NDArray[Any], nothing: float = 0) -> NDArray[Any]:
-        """Return values of components as a column of families; nothing: the value of a family without a component."""
+        """Return values of components as a column of families, with the value `nothing` for a family without one."""
         column = np.full(n, nothing, values.dtype)
         column[family] = values
         return column
@@ -92,7 +92,7 @@ def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], 
     def between(
         axis: NDArray[np.float64], one: NDArray[np.int64], other: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the lower and the upper values of an axis at two indices, by family."""
+        """Return the lower and the upper of an axis's values at `one` and `other`, as columns of families."""
         low, high = np.minimum(axis[one], axis[other]), np.maximum(axis[one], axis[other])
         return by_family(low, np.nan), by_family(high, np.nan)
 

@@ -22,7 +22,7 @@ class Flights(NamedTuple):
 
     w0: NDArray  # velocity of departure
     w1: NDArray  # velocity of arrival
-    pull: NDArray  # δ/L
+    pull: NDArray  # δ/(1 − e^(−δs))
     decay: NDArray  # e^(−δs)
     w0_t0: NDArray  # ∂w₀/∂t₀ at fixed t₁
     w1_t1: NDArray  # ∂w₁/∂t₁ at fixed t₀
@@ -33,7 +33,7 @@ W0, W1, PULL, DECAY, W0_T0, W1_T1 = range(len(Flights._fields))
 
 @inline
 def fall(z):
-    """Return 1 − e^(−z) without cancellation, and e^(−z)."""
+    """Return 1 − e^(−z), computed without cancellation, and e^(−z), for complex z."""
     size, half = math.exp(-z.real), math.sin(0.5 * z.imag)
     real, imag = math.cos(z.imag), size * math.sin(z.imag)
     return complex(2.0 * half * half - math.expm1(-z.real) * real, imag), complex(size * real, -imag)

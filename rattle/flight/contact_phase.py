@@ -1,11 +1,12 @@
 """Lasting contact: where a motion enters a contact phase, and where it is released (compiled).
 
-In contact Φ' = 0 on a wall, and the contact force presses on the wall. This module alone decides where a motion enters:
+In contact Φ' = 0 on a wall, and the contact force presses on the wall. This module alone decides where a motion enters
+contact:
 
 - `is_captured`: the bounces on Σ⁺ are certain to die out, though they never end. This is quiet motion, the only contact
-  that a motion with elastic impacts enters. It has no release, because the force never changes sign.
+  that a motion with elastic impacts enters. It has no release, because the contact force never changes sign.
 - `stays_in_contact`: the speed into the gap is 0, and the force presses. Elastic impacts lead there only if the motion
-  starts on the wall, or if a speed underflows.
+  starts on the wall with speed 0, or if a speed underflows.
 
 A law whose chatter completes (`ImpactLaw.chatter_completes`) enters contact in finite time. It is released with speed 0
 at the phase where the force turns away from the wall: the beginning of `forcing.negative_arc` on Σ⁺, its end on Σ⁻. The
@@ -40,7 +41,7 @@ def is_captured(speed, force, largest_invariant):
 
 @inline
 def chatter_completes(speed, pressing, gap, capture):
-    """Return whether an impact left with this speed is certain to lead to contact, through impacts that lose energy.
+    """Return whether the motion after an impact with this speed is certain to end in contact (inelastic impacts).
 
     Parameters
     ----------
@@ -63,8 +64,8 @@ def chatter_completes(speed, pressing, gap, capture):
 def stays_in_contact(wall, w, tau, delta, epsilon, drift):
     """Return whether the motion stays on the wall.
 
-    It does if it has no speed into the gap and the contact force presses on the wall. A graze also arrives with speed
-    0, but leaves at once, because there the force points into the gap.
+    The motion stays if it has no speed into the gap and the contact force presses on the wall. A graze also arrives
+    with speed 0, but leaves at once, because the contact force points into the gap.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 """The first impact of one flight (compiled).
 
-Single precision finds and proves the impact, and double precision computes it. Where that fails, the flight is searched
-in monotone pieces that cannot skip a crossing. docs/kernel.md has the derivations.
+Single precision locates the impact and proves that it is the first, and double precision computes it. Where the proof
+fails, the flight is searched in monotone pieces that cannot skip a crossing. docs/kernel.md has the derivations.
 """
 
 import math
@@ -25,7 +25,7 @@ from rattle.flight.proof import arc_in_single, clears_the_gap, is_located, singl
 from rattle.numerics.compile import inline, kernel
 
 OK = 0
-# Not plain 1 and −1, for which the compiler would make variants of every kernel below.
+# These are np.int64, because for plain 1 and −1 the compiler would make variants of every kernel below.
 SIGMA_PLUS, SIGMA_MINUS = np.int64(1), np.int64(-1)
 NO_IMPACT = 1  # no impact within LONGEST forcing periods: backwards in time, at tiny damping, or on non-finite input
 LONGEST = 1000.0
@@ -35,7 +35,7 @@ SAME_PHASE = 1e-12
 MOST_STEPS = 100
 BISECTED = 5  # every fifth step halves the bracket, because other steps are too short where F is nearly exponential
 
-FARTHEST_STEP = 1e-4  # longest last step, of the flight time or of a period
+FARTHEST_STEP = 1e-4  # longest last step, as a share of the flight time and in forcing periods
 
 FLIGHT = NamedUniTuple(float64, len(Flight._fields), Flight)
 _SAFE = Tuple((int64, float64, int64, *4 * (float64,)))(int64, float64, FLIGHT, float64)
@@ -83,12 +83,13 @@ def stepped(u, f1, lost, sin1, cos1, flight):
 
 @kernel
 def proven_impact(wall, tau, flight, beta):
-    """Return the first impact by the same stages that a block of lanes runs.
+    """Locate the first impact by the same stages as `rattle.flight.lanes`, for one flight.
 
     Returns
     -------
     tuple
-        (proved, next wall, s, F', 1 − e^(−δs), sin, cos), sine and cosine of 2π times the phase of arrival.
+        (proved, next wall, s, F', 1 − e^(−δs), sin, cos), with the sine and cosine of 2π times the phase of arrival.
+        Where `proved` is False, the impact may not be the first.
     """
     wall_, gap, short = f32(wall), f32(2.0 * beta), in_single(flight)
     s = first_guess(wall_, gap, f32(1.0 / flight.delta), short)

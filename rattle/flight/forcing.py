@@ -2,11 +2,11 @@
 
     Φ'' + δΦ' = g(t),    g(t) = δq + e''(t) + δe'(t),    e(t) = ε cos 2πt,    q = 4π
 
-Kernels hold a phase as its sine and cosine, from which any harmonic follows. They hold the forcing as the argument
-`epsilon`: a number, the amplitude of one cosine. Another forcing is another type of this argument, for which numba
-compiles these functions, and all kernels that call them, again. One cosine thus keeps its own fast code. Functions take
-both sine and cosine of a phase, because a sum of harmonics needs both. `plus_slope` and `plus_acceleration` add to a
-number, because the order of operations decides the stored bits. Code outside kernels uses `Forcing`.
+Kernels hold a phase as its sine and cosine, from which any harmonic follows. They take the forcing as the argument
+`epsilon`: a number, the amplitude of one cosine. Another forcing is another type of this argument. For this type numba
+compiles these functions again, and all kernels that call them, so that one cosine keeps its own fast code. Functions
+take both sine and cosine of a phase, because a sum of harmonics needs both. `plus_slope` and `plus_acceleration` add to
+a number, because the order of operations decides the stored bits. Code outside kernels uses `Forcing`.
 
 These modules hold for one cosine only, and say so: A to D in closed form and their limits
 (`rattle.impacting.orbits.closed_form`, `limits`), the single arc of negative contact force (`negative_arc`, and the
@@ -97,7 +97,7 @@ def _forcing(real, versine, sine_defect):
 
     @inline
     def turned(step, sin0, cos0):
-        """Return the change of the sine, and the new cosine, from a phase to a time s later; `step` is versines(s)."""
+        """Return the change of the sine, and the new cosine, when time s has passed; `step` is versines(s)."""
         omc, siny, _defect = step
         return cos0 * siny - sin0 * omc, cos0 - (cos0 * omc + sin0 * siny)
 
@@ -124,7 +124,7 @@ def _forcing(real, versine, sine_defect):
 
     @inline
     def plus_acceleration_after(x, sin0, dsin, cos1, epsilon):
-        """Return x + e'' after `turned`. The sine sin0 + dsin is added up only here, which keeps its digits."""
+        """Return x + e'' after `turned`. The sine is given as sin0 and dsin, because adding them loses digits."""
         return x - two_pi * two_pi * epsilon * cos1
 
     return FlightFunctions(versines, turned, drop, slowing, plus_slope, plus_acceleration, plus_acceleration_after)
@@ -336,14 +336,14 @@ def minus_fifth_derivative32(sine, cosine, epsilon):
 
 @inline
 def change_scale32(s):
-    """Return a scale of |e(t + s) − e(t) − s e'(t)|/ε, to which its rounding error in single precision is relative."""
+    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε; the float32 error is at most proportional to it."""
     y = W1 * s
     return min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
 
 
 @inline
 def coarse_change_scale32(s, epsilon):
-    """Return an upper bound of `change_scale32` in fewer operations."""
+    """Return an upper bound of ε times `change_scale32`, in fewer operations."""
     return epsilon * (W1 * s + f32(3.0))
 
 
@@ -373,7 +373,7 @@ def largest_sixth32(epsilon):
 
 @inline
 def sine_changes_to_arc32(inside, sin0, arc):
-    """Return the change of the sine until the arc begins (0 if the departure is inside it) and until it ends."""
+    """Return the changes of the sine from the departure to both ends of the arc; the first is 0 for `inside`."""
     return (sin0 if inside else arc.sin_entry) - sin0, arc.sin_exit - sin0
 
 
@@ -451,12 +451,12 @@ class Forcing:
         return np.asarray(2 * TWO_PI * delta - TWO_PI * self.epsilon * np.hypot(TWO_PI, delta))
 
     def lines(self, delta: float) -> list[tuple[float, complex]]:
-        """Return (frequency, size) of the terms of the contact force Σ size e^(i frequency t), the mean first."""
+        """Return the contact force Σ size e^(i frequency t) as a list of (frequency, size); the mean is first."""
         size = self.epsilon * complex(-0.5 * TWO_PI**2, 0.5 * TWO_PI * delta)
         return [(0.0, complex(mean_force(delta))), (TWO_PI, size), (-TWO_PI, size.conjugate())]
 
     def touch(self, time: NDArray, delta: NDArray) -> NDArray:
-        """Return g/2π and g'/4π²ε (…, 2) at real or complex times (…). Both vanish if the least force is 0."""
+        """Return g/2π and g'/4π²ε (…, 2) at real or complex times (…). Both are 0 where a least force of 0 occurs."""
         sine, cosine = np.sin(TWO_PI * time), np.cos(TWO_PI * time)
         force = 2 * delta - self.epsilon * (TWO_PI * cosine + delta * sine)
         return np.stack([force, TWO_PI * sine - delta * cosine], axis=-1)

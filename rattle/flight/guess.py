@@ -2,7 +2,7 @@
 
 Double precision improves the guess, and `proof` proves that it is the first impact. Every function here is
 straight-line code on float32 numbers, run for one flight or in a loop over a block of lanes. docs/kernel.md derives
-each inequality. The margins bound float32 rounding:
+each inequality. Two margins bound float32 rounding:
 
 - A value of F has an error below ERROR times `height_scale`, the sum of the sizes of its terms. (ERROR is 100 units of
   float32 rounding; the evaluation takes fewer than 30 operations on inputs rounded once, and its polynomials are good
@@ -53,15 +53,15 @@ class Minimum(NamedTuple):
 
 
 class Scan(NamedTuple):
-    """The state of a scan of one flight at successive points."""
+    """The state of a scan, which evaluates one flight at successive times until its end is bracketed."""
 
-    f: f32  # F and F' at the last point
-    g: f32
-    turned: bool
-    turn: f32  # time of the last turning point
-    ended: bool
+    f: f32  # F at the last time
+    g: f32  # F' at the last time
+    turned: bool  # the flight has passed a minimum of F
+    turn: f32  # time of the last minimum
+    ended: bool  # the end is found
     falls: bool  # the flight ends on Σ⁻
-    end: f32  # time of the end; −1 if the flight turns in the same step, so that the turning point decides
+    end: f32  # time of the end; −1 if a minimum is in the same step, because then the end is computed from the minimum
 
 
 @inline
@@ -73,7 +73,7 @@ def in_single(flight):
 
 @inline
 def first_guess(wall, gap, inverse_delta, flight):
-    """Return a first guess of a flight's time, from the mean force: until it turns (from Σ⁺) or arrives (from Σ⁻)."""
+    """Return a guess, from the mean force, of the time until a flight from Σ⁺ turns, or one from Σ⁻ arrives at Σ⁺."""
     w, _a, sin0, cos0, delta, epsilon = flight
     speed = abs(w)
     u = speed * PER_DRIFT
@@ -92,7 +92,7 @@ def first_guess(wall, gap, inverse_delta, flight):
 
 @inline
 def better_guess(s, wall, gap, flight):
-    """Return the time after one Newton step to the turning point (from Σ⁺) or to the arrival (from Σ⁻).
+    """Return the time s, improved by one Newton step to the turning point (from Σ⁺) or to the arrival (from Σ⁻).
 
     The step at most halves or doubles the time.
 
@@ -155,15 +155,15 @@ def height(u, c0, c1, c2, c3, c4, c5):
 
 @inline
 def depth(s, series, flight):
-    """Return the minimum near s, where F has this Taylor series: its estimated height, and bounds.
+    """Return the estimated minimum of F near s, from the Taylor series of F at s, and bounds at this point.
 
     The bounds include the remainder and rounding, and hold for δs < 2. The bound of F is UNBOUNDED where the Taylor
     polynomial is unreliable.
 
     Returns
     -------
-    Minimum
-        The height and its bounds.
+    tuple[float, Minimum]
+        The estimated F at the minimum, and the point with its bounds.
     """
     w, a, _sin0, _cos0, delta, epsilon = flight
     c0, c1, c2, c3, c4, c5 = series
@@ -178,7 +178,7 @@ def depth(s, series, flight):
     m6 = largest_sixth32(epsilon) + f32(1 / 360) * (delta * delta) * (delta * delta) * (
         delta * abs(a)
     )  # bounds |F⁽⁶⁾|/720, because e^(δu) < 2
-    left_out = m6 * r2 * r2  # remainder, up to the factor r2 in F and 6 r in F'
+    left_out = m6 * r2 * r2  # the remainder of F is at most r2 times this, and that of F' 6 reach times this
     tilt = abs(slope(u, c1, c2, c3, c4, c5)) + ERROR * speed_scale(flight) + f32(6.0) * reach * left_out
     end = s + reach
     rounding = end * (abs(w) + abs(a) * (f32(0.5) * delta * end)) + coarse_change_scale32(end, epsilon)
@@ -214,12 +214,12 @@ def refined(s, level, flight):
 
 @inline
 def scanned(s0, s, wall, gap, scan, flight):
-    """Add a point s after s0 to the scan, and update the last turning point and the end by linear interpolation.
+    """Advance the scan from time s0 to s, and find a minimum or the end between them by linear interpolation.
 
     Returns
     -------
     Scan
-        The scan with this point.
+        The state of the scan at s.
     """
     f0, g0, turned, turn, ended, falls, end = scan
     f, g, _f2, _k, _s, _c = evaluate32(s, flight)

@@ -1,9 +1,10 @@
 """The impact law: the velocity after an impact, and the determinants and balances that follow from it.
 
-This gear's impacts are elastic, w → −w. A gear with restitution r has w → −r w; only the functions here differ. No
-other module reflects a velocity or writes a determinant or balance by itself. Kernels call the inline functions; other
-code uses the record `ELASTIC`. Walls that give way have no impact law, because a contact is part of the flow
-(`rattle.stiff.map.flow`). It contracts areas as flights do, so its determinants come from here too.
+The impacts of the paper's gear are elastic, w → −w. A gear with restitution r has w → −r w, and only functions of this
+module differ between the two. No other module reflects a velocity, or has a determinant or balance of its own. Kernels
+call the inline functions; other code uses the record `ELASTIC`. Elastic walls (the stiff gear) have no impact law,
+because a contact is part of the flow (`rattle.stiff.map.flow`). A contact contracts areas as a flight does, so the
+stiff gear's determinants also come from this module.
 """
 
 import math
@@ -29,19 +30,19 @@ def before_reflection(w):
 
 @inline
 def reflected_change(change):
-    """Return the change of the velocity after an impact that a change of the velocity before it causes."""
+    """Return the change of the departure velocity that a small change of the arrival velocity causes."""
     return -change
 
 
 @inline
 def arrival_part(w):
-    """Return the term that an arrival velocity, or a derivative of it, contributes to `impact_mismatch`."""
+    """Return the term that the arrival velocity w, or a derivative of w, contributes to `impact_mismatch`."""
     return w
 
 
 @inline
 def impact_mismatch(before, after):
-    """Return the departure velocity minus the one that the law requires after this arrival; 0 at a true impact."""
+    """Return the departure velocity minus the velocity that the law requires after this arrival; 0 at a true impact."""
     return after + arrival_part(before)
 
 

@@ -5,9 +5,9 @@ A flight leaves a wall (+1: Φ = β, −1: Φ = −β) with phase τ and velocit
 
     F(s) = Φ(s) − Φ(0) = w s + A k(δs)/δ − ε [cos θ (1 − cos 2πs) − sin θ (2πs − sin 2πs)].
 
-The term with ε is e(t₀) + s e'(t₀) − e(t₁). It and everything else that follows from the forcing e comes from
+The term with ε is e(t₀) + s e'(t₀) − e(t₁). This term and all others that depend on the forcing e come from
 `rattle.flight.forcing`. The mean drift is q = 4π. Reversed time is the same law with δ → −δ, q → −q, τ → −τ and w → −w,
-so one kernel serves both directions.
+so one kernel serves both directions of time.
 """
 
 import math
@@ -75,7 +75,7 @@ def natural_speed(delta, epsilon, beta):
 
 @inline
 def speed_unit(delta, epsilon, beta):
-    """Return the unit in which differences of speeds compare with differences of phases; 1 at (0.6, 0.1, 0.6)."""
+    """Return the unit of speed differences, comparable to phase differences of 1; about 1 at (0.6, 0.1, 0.6)."""
     return natural_speed(delta, epsilon, beta) / 7.0
 
 

@@ -1,4 +1,8 @@
-"""The proof that an impact is the first of its flight: the flight touches no wall before (compiled)."""
+"""The proof that an impact is the first of its flight: the flight touches no wall before (compiled).
+
+The arc is the interval of phases in which the contact force is negative (`rattle.flight.forcing.negative_arc`), if
+there is one. The next arc is the first one that ends after the departure.
+"""
 
 from numpy import float32 as f32
 from numpy import floor
@@ -19,7 +23,8 @@ LATER = f32(1.0002)  # the flight may end later in double than in single precisi
 LARGEST_STEP = f32(0.05)
 # largest ratio of the terms of F to s |F'| at the impact; above it the time loses its thirteenth digit
 STEEPEST = f32(100.0)
-FASTEST = f32(20.0)  # largest damping of a proof that uses the times of the arc
+# largest damping at which rounding of the times of the arc changes F' by less than ERROR allows (`off_edges`)
+FASTEST = f32(20.0)
 
 
 @inline
@@ -37,7 +42,7 @@ def arc_in_single(arc):
 
 @inline
 def arc_ahead(tau, arc):
-    """Return the times to the entry (0 if inside) and exit of the next arc, and whether the departure is inside it."""
+    """Return the times to the beginning (0 if inside) and end of the next arc, and whether the departure is inside."""
     to_exit = arc.leave - tau
     to_exit -= floor(to_exit)
     inside = to_exit < arc.length
@@ -61,11 +66,13 @@ def off_edges(to_exit, arc_length, delta):
 
 @inline
 def single_turn(wall, rising, tau, s, turn, flight, arc):
-    """Return whether F' certainly changes sign at most once before s, given its sign at s.
+    """Return whether F' certainly changes sign at most once before s, given the sign of F' at s.
 
-    It must also be certain that e^(δs) F' grows between that change and its estimated place. It grows where the contact
-    force g is positive, and falls on the arc of phases where g < 0, if there is one. The signs at the entry and exit of
-    the arc, which need no new sine, therefore decide all others.
+    rising: whether F' > 0 at s. turn: the estimated time of the change of sign.
+
+    It must also be certain that e^(δs) F' grows between the true and the estimated time of this change. e^(δs) F' grows
+    where the contact force g is positive, and falls on the arc, where g < 0. The signs of F' at both ends of the arc,
+    which need no new sine, therefore decide its sign at all other times.
 
     Returns
     -------
@@ -97,8 +104,8 @@ def single_turn(wall, rising, tau, s, turn, flight, arc):
 def lowest_point(s, minimum, delta):
     """Return a lower bound of F on [0, s], if e^(δs) F' grows between the true minimum and the estimated one.
 
-    `minimum` is the estimate, with a lower bound of F and an upper bound of |F'| (`tilt`) there. Between both |F'| is
-    at most e^(δs) tilt.
+    `minimum` is the estimated minimum, with a lower bound of F and an upper bound of |F'| (`tilt`) at this point.
+    Between the true and the estimated minimum |F'| is at most e^(δs) tilt.
 
     Returns
     -------
@@ -114,7 +121,8 @@ def lowest_point(s, minimum, delta):
 def clears_the_gap(wall, rising, s, minimum, gap, flight):
     """Return whether a flight from Σ⁺ back to Σ⁺ certainly clears Σ⁻, because it is too short or turns above Σ⁻.
 
-    While Φ falls, |F'| stays below v + max (e'(t₀) − e') if A ≥ 0; for one cosine that is v + 2πε (1 − sin θ).
+    While Φ falls, |F'| stays below |w| + max (e'(t₀) − e') if A ≥ 0; for one cosine this is |w| + 2πε (1 − sin θ).
+    For all other flights, which need no such check, the result is True.
 
     Returns
     -------
@@ -131,8 +139,9 @@ def clears_the_gap(wall, rising, s, minimum, gap, flight):
 def two_turns(wall, rising, tau, s, minimum, gap, flight, arc):
     """Return whether a flight from Σ⁺ back to Σ⁺ certainly touches no wall and turns before, on and after the arc.
 
-    Where e^(δs) F' is monotone, its values at the ends bound F' between them. So F lies on one side of two lines
-    through its own values at the ends with these slopes, and the crossing of the lines bounds the extremum.
+    On a piece where e^(δs) F' is monotone, its values at both ends bound F' on the piece. Therefore F lies on one side
+    of two lines: each goes through the value of F at one end and has one of these bounds as its slope. The crossing of
+    the lines bounds the extremum of F.
 
     Returns
     -------
@@ -148,14 +157,14 @@ def two_turns(wall, rising, tau, s, minimum, gap, flight, arc):
     turned = (g_entry > slack) & (g_exit < -slack) & (not inside)
     up, down = g_entry + slack, g_exit - slack
     decay_entry, decay_exit, decay_end = f32(1.0) - lost_entry, f32(1.0) - lost_exit, f32(1.0) - lost_end
-    steep = up / decay_entry  # before the entry to the arc F' lies between w and this
+    steep = up / decay_entry  # before the arc F' lies between w and steep
     first = w * (steep * to_entry - f_entry) / (steep - w)
     steep = -down * decay_entry / decay_exit  # on the arc F' lies between −steep and up
     top = f_entry + up * (f_exit - f_entry + steep * arc.length) / (up + steep)
     bend = delta * abs(flight.a) + largest_acceleration32(
         flight.epsilon
     )  # an upper bound of |F''|, because double precision may move the end by 1e-4
-    # after the exit from the arc F' lies between down and steep
+    # after the arc F' lies between down and steep
     steep = (g_end + slack + f32(1e-4) * bend) * decay_exit / decay_end
     early, late = s * (f32(2.0) - LATER) - CLOSE, s * LATER + CLOSE
     second = f_exit + down * (f_exit + steep * (late - to_exit)) / (steep - down)

@@ -50,7 +50,7 @@ def _raise_for(status: int) -> None:
 
 
 def is_elastic(restitution: Any, load: Any, harmonics: Any) -> bool:
-    """Return whether these values describe the elastic gear with one cosine and no load."""
+    """Return whether these values describe the gear with elastic impacts, forcing by one cosine, and no load."""
     try:
         return float(restitution) == 1.0 and float(load) == 0.0 and len(harmonics) == 0
     except (TypeError, ValueError):
@@ -67,7 +67,8 @@ class Gear(Sampled, Rattling):
 
     with elastic impacts; time is in forcing periods. A state (τ, v) is a departure from Σ⁺ (Φ = β) at phase τ ∈ [0, 1)
     with velocity −v. With a coefficient of restitution below 1, a load or harmonics the result is an `InelasticGear`.
-    It has the same methods except those that need closed forms: `rattle.Gear(0.6, 0.1, 0.6, restitution=0.9)`.
+    An inelastic gear has the same methods except those that need closed forms: `rattle.Gear(0.6, 0.1, 0.6,
+    restitution=0.9)`.
 
     Parameters
     ----------
@@ -95,7 +96,7 @@ class Gear(Sampled, Rattling):
         """Return an `InelasticGear` if restitution, load or harmonics make the gear inelastic."""
         if is_elastic(restitution, load, harmonics):
             return super().__new__(cls)
-        other = import_module("rattle.inelastic.gear").InelasticGear  # imported late: that package builds on this one
+        other = import_module("rattle.inelastic.gear").InelasticGear  # imported here: that package imports this one
         return other(*point, **named, restitution=restitution, load=load, harmonics=harmonics)
 
     def __init__(
@@ -115,14 +116,17 @@ class Gear(Sampled, Rattling):
 
     @property
     def sn1(self) -> float | None:
-        """Eccentricity of SN1, where A and C are born at this damping (paper 4.1); None without SN1 (`rattle.sn1`)."""
+        """Eccentricity of SN1, where A and C are born at this damping (paper 4.1).
+
+        It is None if A and C are not born at SN1 (`rattle.sn1`).
+        """
         return _number_or_none(sn1(self.delta, self.beta))
 
     @property
     def flip(self) -> float | None:
         """Eccentricity of the flip PDC, where C loses stability at this damping (not in the paper).
 
-        It is None if C ends in the graze G1 before, or does not exist (`rattle.flip`).
+        It is None if C grazes (G1) and so ends while it is still stable, or if C does not exist (`rattle.flip`).
         """
         return _number_or_none(flip(self.delta, self.beta))
 
@@ -190,12 +194,12 @@ class Gear(Sampled, Rattling):
         return Impact(tau1, v1, n_minus, np.array([[j00, j01], [j10, j11]]), time)
 
     def inverse_impact(self, tau: float, v: float) -> Impact:
-        """Return the state (τ, v) that Π maps to this one, with the tangent matrix of Π⁻¹; errors as in `impact`.
+        """Return the preimage of (τ, v) under Π, with the tangent matrix of Π⁻¹. Errors are those of `impact`.
 
         Returns
         -------
         Impact
-            τ, v and tangent of the preimage; `time` is the positive time between both.
+            τ, v and tangent of the preimage; `time` is the positive time from the preimage to (τ, v).
         """
         v = require_number("v", v, positive=True)
         status, tau0, v0, time, n_minus = impact_map.inverse_impact(_phase(tau), v, self.delta, self.epsilon, self.beta)
@@ -207,8 +211,8 @@ class Gear(Sampled, Rattling):
     def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]:
         """Return the first departure from Σ⁺, (τ, v), of the motion with this phase, position Φ and velocity Φ'.
 
-        The speed is 0 if the motion comes to rest before. On a wall the velocity may be the one before or after the
-        impact.
+        The speed is 0 if the motion comes to rest before it departs. If the position is on a wall, the velocity may be
+        the velocity before or after the impact.
 
         Returns
         -------
@@ -245,7 +249,7 @@ class Gear(Sampled, Rattling):
     def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
         """Return Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, over a number of forcing periods.
 
-        They are sampled at `points` equally spaced times, in closed form.
+        Φ and Φ' are computed in closed form at `points` equally spaced times.
 
         Returns
         -------
@@ -262,34 +266,35 @@ class Gear(Sampled, Rattling):
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> PeriodicOrbit:
         """Return the periodic motion near a departure (τ, v) that repeats after n_plus impacts on Σ⁺.
 
-        The motion has its least period; see `periodic_orbit`.
+        The motion is returned with its least period, so it may have fewer impacts on Σ⁺; see `periodic_orbit`.
 
         Returns
         -------
         PeriodicOrbit
-            With its impacts, multipliers and stability.
+            The motion with its impacts, multipliers and stability.
         """
         return periodic_orbit(self.delta, self.epsilon, tau, v, n_plus, self.beta)
 
     def saddle(self, orbit: Orbit) -> Periodic:
-        """Return an orbit of `orbits` as a saddle with manifolds. Raises RattleError if it is not a saddle."""
+        """Return an orbit of `orbits` as a motion from which manifolds start. Raises RattleError if it is missing."""
         return period_one_saddle(orbit.name, self.delta, self.epsilon, self.beta)
 
     def region(self) -> int:
-        """Region 1…5 (I…V) of the paper's Figure 7. Other sets of orbits have numbers in `rattle.REGIONS`."""
+        """Return the region of the paper's Figure 7, 1 to 5 for I to V. `rattle.REGIONS` names other numbers."""
         return int(regions(self.delta, self.epsilon, self.beta))
 
     def boundary_distance(self, v_max: SpeedLimit = None) -> BoundaryDistance:
-        """Return the least speed v < v_max of an impact that takes quiet motion to another attractor, at any phase.
+        """Return the least speed v < v_max of an impact, at any phase, that takes quiet motion to another attractor.
 
         Returns
         -------
         BoundaryDistance
             (v, tau, undecided), dimensionless, τ in forcing periods. v is inf if every state found becomes quiet again,
-            and 0 from the quiet limit on. v is NaN if all other states are undecided, or if becoming quiet takes more
-            than 2048 impacts (in proportion more below δ = 0.3), as within a few per cent of that limit
-            (docs/weak-damping.md). tau is the phase. undecided is the least speed of an undecided state, inf if there
-            is none; such states do not count as another basin.
+            and 0 from the quiet limit on. v is NaN if all states that do not become quiet are undecided, or if becoming
+            quiet takes more than 2048 impacts (below δ = 0.3 more, in proportion to 1/δ). The latter happens within a
+            few per cent of the quiet limit (docs/weak-damping.md). tau is the phase of the impact. undecided is the
+            least speed of an undecided state, inf if there is none; undecided states do not count as states of another
+            basin.
 
         Raises
         ------
@@ -298,12 +303,12 @@ class Gear(Sampled, Rattling):
 
         Notes
         -----
-        The speed is an upper bound, because a state with this speed does leave quiet motion. At a smooth boundary it is
-        exact to 1e-5. For thin or fractal basins it was compared with the least speed on a grid of 1000 phases and 15
-        speeds per octave, at 56 points with β from 0.3 to 1.2: it exceeded that by at most 4 % at 55 points, and by 38
-        % at one, where such states are one in 3000. A basin with less than a thousandth of the plane may be missed.
-        Among long chaotic transients the last bit of a state decides its fate; there a state within 1e-12 of the given
-        one leaves quiet motion.
+        The speed is an upper bound, because a state with this speed does leave quiet motion. At a smooth
+        boundary it is exact to 1e-5. For thin or fractal basins it was compared with the least speed on a grid of 1000
+        phases and 15 speeds per octave, at 56 points with β from 0.3 to 1.2: it exceeded the least speed on the grid by
+        at most 4 % at 55 points, and by 38 % at one point, where one state in 3000 leaves quiet motion. A basin with
+        less than a thousandth of the plane may be missed. Among long chaotic transients the last bit of a state decides
+        its fate; there a state within 1e-12 of the given one leaves quiet motion.
         """
         found = boundary_distances(self.delta, self.epsilon, self.beta, v_max)
         return BoundaryDistance(*(float(x) for x in found))
@@ -317,7 +322,7 @@ class Gear(Sampled, Rattling):
         """Return the grazing curve Γ: all states (τ, v) whose flight touches Σ⁻ with speed 0, to 1e-10.
 
         Neighbouring points of a piece are at most `spacing` (at least 1e-4) apart in (τ, v). Outside the paper's range
-        of speeds, v counts in sevenths of the natural speed (`basins`).
+        of speeds, distances in v are measured in sevenths of the natural speed (`basins`).
 
         Returns
         -------
@@ -333,7 +338,7 @@ class Gear(Sampled, Rattling):
 
 
 def _phase(phase: float) -> float:
-    """Return a finite phase folded into [0, 1). Raises ParameterError otherwise."""
+    """Return a phase folded into [0, 1). Raises ParameterError if the phase is not finite."""
     return float(law.folded(require_finite("phase", phase)))
 
 

@@ -1,4 +1,4 @@
-"""Functions that the package of every gear has for its plane but that this gear lacks. Each raises an error."""
+"""Functions that the package of every gear has for its plane; `diagram`, which this gear lacks, raises an error."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from rattle.errors import RattleError
 from rattle.intensity.table import one_by_one
 
-stretch = one_by_one  # follows chaotic motions further
+stretch = one_by_one  # follows chaotic motions longer, for the sums of their impacts
 
 
 def rests_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.bool_]:
-    """Return False for every cell, because endless contact is recognised when its chatter is certain to complete."""
+    """Return False for every cell: quiet motion is recognised early, as soon as its chatter is certain to complete."""
     return np.zeros(delta.size, np.bool_)
 
 
 def _refused(what: str) -> NoReturn:
-    raise RattleError(f"{what} are not computed for the inelastic gear: use the impacting or the stiff one")
+    raise RattleError(f"{what} are not computed for the inelastic gear: use the impacting or the stiff gear")
 
 
 def diagram(*_: Any, **__: Any) -> NoReturn:

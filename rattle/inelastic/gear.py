@@ -17,7 +17,7 @@ from rattle.flight.forcing import DRIFT
 from rattle.flight.law import folded
 from rattle.inelastic.attractors.classifier import InelasticClassifier
 from rattle.inelastic.given import Harmonics, checked_harmonics, inelastic_points
-from rattle.inelastic.map import bounce  # noqa: F401 impacts and their sums
+from rattle.inelastic.map import bounce  # noqa: F401 registers the kernels of impacts and of their sums for this gear
 from rattle.inelastic.map.cells import point_with
 from rattle.inelastic.map.flight import first_forced_impact, leaving_forced
 from rattle.inelastic.map.impact_map import InelasticPoint, piece_of, step_tangent
@@ -34,7 +34,7 @@ from rattle.parameters import Parameters
 
 
 class FirstInelasticImpact(NamedTuple):
-    """The first impact of a flight: flight time (forcing periods), wall (+1 or −1), velocity before the impact."""
+    """The first impact of a flight: the flight time (forcing periods), the wall (+1 or −1), the velocity before it."""
 
     flight_time: float
     next_wall: int
@@ -62,8 +62,8 @@ class InelasticGear(Sampled, Rattling):
         Torque besides the drag, divided by the drag torque, ≥ 0.
     harmonics : sequence of (int, float, float)
         Order k ≥ 2, amplitude α relative to the first harmonic, and phase φ in turns, of each further harmonic:
-        e = ε [cos 2πt + Σ α cos 2π(k t + φ)]. With (1, 0, 0) among them the first harmonic is absent, and ε is only the
-        scale.
+        e = ε [cos 2πt + Σ α cos 2π(k t + φ)]. If (1, 0, 0) is in the sequence, the first harmonic is absent, and ε only
+        scales the amplitudes.
 
     Raises
     ------
@@ -106,17 +106,17 @@ class InelasticGear(Sampled, Rattling):
 
     @property
     def force_zeros(self) -> NDArray[np.float64]:
-        """Phases at which the contact force changes sign and contact phases end; none below the quiet limit."""
+        """Phases at which the contact force changes sign and contact phases end; empty below the quiet limit."""
         return self._point.zeros.copy()
 
     @property
     def sn1(self) -> float | None:
-        """Eccentricity at which A and C are born with one cosine; None with harmonics."""
+        """Eccentricity at which A and C are born under forcing by one cosine; None with further harmonics."""
         return None if self.harmonics else saddle_node(self.delta, self.restitution, self._point.drift)
 
     @property
     def flip(self) -> float | None:
-        """Eccentricity at which C loses stability with one cosine, if it is admissible there; None with harmonics."""
+        """Eccentricity at which C, if admissible, loses stability under one cosine; None with further harmonics."""
         return None if self.harmonics else flip_of_c(self.delta, self.restitution, self._point.drift)
 
     def first_impact(self, wall: int, phase: float, velocity: float) -> FirstInelasticImpact:
@@ -148,7 +148,7 @@ class InelasticGear(Sampled, Rattling):
     def impact(self, tau: float, v: float) -> Impact:
         """Return the impact map of a state (τ, v), v > 0, with its tangent matrix (2, 2): see `rattle.Gear.impact`.
 
-        A contact phase belongs to the step that begins with its chatter. It makes the tangent 0.
+        A contact phase belongs to the step that begins with its chatter, and makes the tangent matrix 0.
 
         Returns
         -------
@@ -185,7 +185,7 @@ class InelasticGear(Sampled, Rattling):
         return trajectory(self._point, _phase(tau), v, periods, points)
 
     def orbits(self) -> tuple[Orbit, ...]:
-        """Return the admissible period-one motions: A to D with one cosine; with harmonics P(1,1,0), each named "P"."""
+        """Return the admissible period-one motions: A to D, or with harmonics every P(1,1,0), named "P"."""
         at = self.delta, self.epsilon, self.beta
         added = {"restitution": self.restitution, "load": self.load}
         if self.harmonics:
@@ -204,7 +204,7 @@ class InelasticGear(Sampled, Rattling):
         return inelastic_orbit(self._point, _phase(tau), v, n_plus)
 
     def saddle(self, orbit: Orbit) -> NoReturn:
-        """Raise RattleError: manifolds need an inverse map, which does not exist where contact forgets the state."""
+        """Raise RattleError: manifolds need the inverse map, which does not exist after contact phases."""
         raise RattleError(f"manifolds of {orbit.name} are not computed for the inelastic gear: use the impacting gear")
 
     def departure(self, phase: float, position: float, velocity: float) -> NoReturn:  # noqa: ARG002
@@ -214,7 +214,7 @@ class InelasticGear(Sampled, Rattling):
         )
 
     def region(self) -> int:
-        """Return the region that the period-one motions define, with one cosine.
+        """Return the region of the point, which is defined by the period-one motions that exist under one cosine.
 
         Returns
         -------
@@ -235,7 +235,7 @@ class InelasticGear(Sampled, Rattling):
 
 
 def _phase(phase: float) -> float:
-    """Return a finite phase folded into [0, 1). Raises ParameterError otherwise."""
+    """Return a phase folded into [0, 1). Raises ParameterError unless it is a finite number."""
     return float(folded(require_finite("phase", phase)))
 
 

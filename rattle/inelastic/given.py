@@ -30,7 +30,7 @@ def checked_harmonics(harmonics: Iterable[Any]) -> tuple[Harmonic, ...]:
     Raises
     ------
     ParameterError
-        If the argument is no such list; the message says what is allowed.
+        If the argument is not such a list; the message says what is allowed.
     """
     shape = "harmonics must be a list of (order, amplitude, phase), such as [(20, 0.0033, 0.0)]"
     try:
@@ -54,13 +54,13 @@ def checked_harmonics(harmonics: Iterable[Any]) -> tuple[Harmonic, ...]:
         )
         require(order > 0, f"the order of a harmonic must be at least 2, got {order:g}: change the sign of its phase")
         require(order <= HIGHEST_ORDER, f"the order of a harmonic must be at most {HIGHEST_ORDER}, got {order:g}")
-        require(int(order) not in found, f"order {order:g} is given twice: add both harmonics up to one")
+        require(int(order) not in found, f"order {order:g} is given twice: combine both into one harmonic")
         amplitude = require_finite(f"the amplitude of order {order:g}", each[1])
         require(amplitude >= 0, f"the amplitude of order {order:g} must not be negative: add half a turn to its phase")
         found[int(order)] = int(order), amplitude, require_finite(f"the phase of order {order:g}", each[2]) % 1.0
     require(
         1 not in found or any(size > 0 for _, size, _ in found.values()),
-        "no harmonic is left: give one with an amplitude above 0, or leave out that of order 1",
+        "no harmonic is left: give one with an amplitude above 0, or leave out the harmonic of order 1",
     )
     return tuple(found[order] for order in sorted(found))
 
@@ -73,7 +73,7 @@ def inelastic_points(
     load: ArrayLike,
     harmonics: tuple[Harmonic, ...],
 ) -> Parameters:
-    """Return the parameters of points of inelastic gears, which broadcast. Raises ParameterError."""
+    """Return the checked parameters of inelastic gears, broadcast to one shape. Raises ParameterError."""
     return Parameters.of("inelastic", delta, epsilon, beta, restitution=restitution, load=load).with_harmonics(
         harmonics
     )

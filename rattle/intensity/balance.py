@@ -1,8 +1,8 @@
-"""The balance of impulses of many attractors, a check of accuracy like λ₁ + λ₂ = −δ.
+"""The balance of impulses of many attractors: a check of accuracy, as the sum −δ of both Lyapunov exponents is one.
 
 The forcing has mean zero and Φ' returns to its value, so the impacts of a bounded motion balance the drift. Half of the
-impulses on Σ⁺ minus those on Σ⁻ is 2πδ per forcing period, with a load 2πδ(1 + load). This is exact over a period, and
-holds to within (largest speed)/T over T forcing periods.
+impulses on Σ⁺ minus those on Σ⁻ is 2πδ per forcing period, and 2πδ(1 + load) with a load. This balance is exact over a
+period of a periodic motion. Over T forcing periods of any motion it holds to within (largest speed)/T.
 """
 
 import math
@@ -26,10 +26,11 @@ MOST_IMPACTS = 1_000_000
 
 @kernel
 def imbalances(cell, returns, periods, tau, v, cells, sums, found):
-    """Write |balance/2πδ − 1| of the motions (n,) to `found`; NaN for one that cannot be followed.
+    """Write |balance/2πδ − 1| of the motions (n,) to `found`; NaN for a motion that cannot be followed.
 
-    Each motion is followed for `returns` or `periods` (n,), whichever ends first; by default as long as chaos. `sums`
-    (1, COLUMNS) is scratch memory.
+    Each motion is followed for returns[i] returns to Σ⁺ or periods[i] forcing periods, whichever ends first. If both
+    are unlimited, it is followed for PERIODS forcing periods, or RELAXATIONS/δ if this is more. `sums` (1, COLUMNS) is
+    scratch memory.
     """
     for i in range(cell.size):
         point = point_of(cell[i], cells)
@@ -45,17 +46,18 @@ def imbalances(cell, returns, periods, tau, v, cells, sums, found):
 def impulse_balance_errors(table: AttractorTable, cells: Any) -> NDArray[np.float64]:
     """Return |(Σv₊ − Σv₋)/(2πδT) − 1| of every attractor of a table (n,).
 
-    The error of a periodic attractor is exact to rounding; a chaotic one is followed for 64 forcing periods and 8/δ.
+    A periodic attractor is followed over one period, so its error is rounding only. A chaotic attractor is followed for
+    64 forcing periods, or 8/δ if this is more.
 
     Parameters
     ----------
     cells : Any
-        The record of cells for kernels.
+        The record of cells, as kernels take it.
 
     Returns
     -------
     NDArray[np.float64]
-        The errors; NaN of attractors that are neither periodic nor chaotic.
+        The errors; NaN for attractors that are neither periodic nor chaotic.
     """
     errors = np.full(table.cell.size, np.nan)
     rows = np.flatnonzero((table.kind == Outcome.PERIODIC) | (table.kind == Outcome.CHAOTIC))

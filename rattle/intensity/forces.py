@@ -10,7 +10,7 @@ from rattle.flight.forcing import Forcing
 def force_lines(point: Any) -> list[tuple[float, complex]]:
     """Return (frequency, size) of the terms of the contact force Σ size e^(i frequency t), the mean first.
 
-    Points whose forcing is not one cosine register their own function.
+    The type of a point whose forcing is not one cosine registers a function of its own.
 
     Returns
     -------

@@ -13,7 +13,7 @@ from rattle.intensity.motions import ENDLESS, ROUNDING, Motion, kind_of, limits_
 from rattle.intensity.visit import Impacts, list_impacts
 from rattle.orbits.iterates import MOST_IMPACTS
 
-ROOM, GROWTH = 1024, 8
+ROOM, GROWTH = 1024, 8  # first length of the arrays, and factor by which they grow when they are full
 
 
 def impact_arrays(count: int) -> Impacts:
@@ -22,7 +22,7 @@ def impact_arrays(count: int) -> Impacts:
 
 
 def impacts_of(motion: Motion, point: Any, periods: float | None) -> Impacts:
-    """Return the impacts of `Rattling.impacts`, from the parameter point for kernels."""
+    """Return the result of `Rattling.impacts`. point: the parameter point for kernels."""
     kind = kind_of(motion)
     require(periods is not None or kind in ("quiet", "periodic"), f"a {kind} motion needs a number of periods")
     periods = math.inf if periods is None else require_number("periods", periods, positive=True)
@@ -49,14 +49,14 @@ def _of_point(point: Any, tau: float, v: float, returns: int, periods: float, ro
 def listed(
     tau: float, v: float, returns: int, periods: float, lister: Callable[..., Any]
 ) -> tuple[int, float, float, Impacts]:
-    """Return the status, the final state, and at most MOST_IMPACTS impacts.
+    """Follow a motion from (tau, v) and return its status, its final state, and at most MOST_IMPACTS impacts.
 
     Parameters
     ----------
     tau, v, returns, periods
-        As in `rattle.intensity.visit.list_impacts`.
+        The arguments of `rattle.intensity.visit.list_impacts`.
     lister : callable
-        That kernel, bound to a point or a cell; it takes these arguments and the arrays to fill.
+        The kernel `list_impacts`, bound to a point or a cell. It takes these four arguments and the arrays to fill.
 
     Returns
     -------
@@ -73,11 +73,11 @@ def listed(
 
 
 def _repeated(one: Impacts, motion: Motion, periods: float) -> Impacts:
-    """Return the impacts of one period repeated over `periods` forcing periods; once if that is infinite."""
+    """Return the impacts of one period, repeated over `periods` forcing periods, or once if `periods` is infinite."""
     if periods == math.inf:
         return one
     times = math.ceil(periods / motion.m)
-    require(times * one.time.size <= MOST_IMPACTS, f"more than {MOST_IMPACTS} impacts: ask for fewer periods")
+    require(times * one.time.size <= MOST_IMPACTS, f"more than {MOST_IMPACTS} impacts: give fewer periods")
     time = (one.time + motion.m * np.arange(times)[:, None]).ravel()
     kept = time <= motion.tau + periods + ROUNDING
     return Impacts(time[kept], *(np.tile(column, times)[kept] for column in one[1:]))

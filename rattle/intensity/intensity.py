@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 
 
 class Errors(NamedTuple):
-    """95 % half-widths of the fields of `Intensity` with the same names; 0 where these are exact."""
+    """95 % half-widths of the fields of `Intensity` with the same names; 0 for a field that is exact."""
 
     impacts_plus: float
     impacts_minus: float
@@ -58,23 +58,26 @@ UNKNOWN = Errors(*(math.nan for _ in EXACT))
 class Intensity:
     """The loudness of a motion: dimensionless numbers per forcing period (one revolution of the eccentric gear).
 
-    For quiet motion all are 0 except `contact` and `impulse`; for undecided samples all are NaN. A run of impacts that
-    ends in contact counts as one impact, as in its label, with its largest speed in the mean; energy and impulse are
-    summed over its infinitely many impacts.
+    For quiet motion all fields are 0 except `contact` and `impulse`; for undecided samples all fields are NaN. A run of
+    impacts that ends in contact counts as one impact, as in the label of the motion, and contributes its largest speed
+    to the mean. Energy and impulse are summed over the infinitely many impacts of the run.
 
     Attributes
     ----------
     impacts_plus, impacts_minus
-        Impacts on Σ⁺ and Σ⁻ (stiff gear: contacts begun).
+        Impacts on Σ⁺ and Σ⁻ (of the stiff gear: contacts that begin).
     mean_speed, largest_speed
-        Of arrival. Chaos may reach larger speeds than observed.
+        Mean and largest speed of arrival. A chaotic motion may reach larger speeds than it did while it was observed.
     energy
-        Σv²/2 of arrival, which the impacts transfer; with restitution r they keep the share 1 − r².
+        Σv²/2 over the speeds of arrival v, which is the energy that the impacts transfer. With restitution r the share
+        1 − r² of it is lost.
     contact
-        Share of the time in contact (impacting gear: 1 if quiet, else 0).
+        Share of the time in contact (of the impacting gear: 1 for quiet motion, otherwise 0).
     impulse
-        Half of the impulses on Σ⁺ minus those on Σ⁻; for the impacting gear Σv₊ − Σv₋. It is 2πδ in every bounded
-        motion, 2πδ(1 + load) with a load, which checks the accuracy.
+        Half of the impulses on Σ⁺ minus those on Σ⁻; for the impacting gear Σv₊ − Σv₋. In every bounded motion it is
+        2πδ, or 2πδ(1 + load) with a load, so its deviation from this value shows the accuracy.
+    errors
+        The 95 % half-widths of the other fields.
     """
 
     impacts_plus: float
@@ -111,7 +114,7 @@ class Intensity:
 
 
 def natural_energy(delta: Any) -> Any:
-    """Return the energy per forcing period of A and C, one impact of speed 2πδ, as a reference for levels."""
+    """Return the energy per forcing period of A and C, with one impact of speed 2πδ, as a reference for levels."""
     return 0.5 * (0.5 * mean_force(delta)) ** 2
 
 
@@ -119,7 +122,7 @@ UNDECIDED = Intensity(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan
 
 
 def intensity(motion: Motion, point: Any, periods: float | None) -> Intensity:
-    """Return the result of `Rattling.intensity`, from the parameter point for kernels."""
+    """Return the result of `Rattling.intensity`. point: the parameter point for kernels."""
     kind = kind_of(motion)
     if kind == "quiet":
         mean = force_lines(point)[0][1].real

@@ -1,4 +1,4 @@
-"""The label of a motion whose impacts are wanted, and checks that it moves as its label says."""
+"""Kind and label of the motions whose impacts are computed, and checks that a motion moves as its label says."""
 
 import math
 from typing import Any, Protocol
@@ -20,8 +20,8 @@ ROUNDING = 1e-9  # rounding error, in forcing periods, of the impact that ends a
 class Motion(Protocol):
     """A motion with a state and a label: an `Attractor`, an `Orbit`, or a periodic motion of any gear.
 
-    It may have the kind of an attractor; without it the motion is periodic. It may have a number of contact phases, by
-    default 0.
+    A motion may also have an attribute `kind`, as attractors have; without it the motion is periodic. It may have an
+    attribute `contacts`, the number of contact phases in a period; without it the number is 0.
     """
 
     @property
@@ -42,20 +42,23 @@ class Motion(Protocol):
 
 
 def kind_of(motion: Motion) -> str:
-    """Return the kind of a motion: quiet, periodic, chaotic or undecided. Raises ParameterError."""
+    """Return the kind of a motion: quiet, periodic, chaotic or undecided. Raises ParameterError if it is virtual."""
     kind = getattr(motion, "kind", "periodic")
     require(kind in ("quiet", "periodic", "chaotic", "undecided"), f"there is no motion of kind {kind!r}")
     if kind != "quiet":
-        require(motion.v > 0.0, f"the motion must leave Σ⁺ with a speed above 0, got {motion.v}: it is a virtual one")
+        require(
+            motion.v > 0.0, f"the motion must leave Σ⁺ with a speed above 0, got {motion.v}: this motion is virtual"
+        )
     return str(kind)
 
 
 def period_limits(m: Any, n_plus: Any, contacts: Any) -> tuple[Any, Any]:
     """Return the limits of returns and of forcing periods that end one period of periodic motions.
 
-    Without contact the number of impacts on Σ⁺ ends a period. Labels count a run of impacts that ends in contact once,
-    so with contact the time ends it. The state of such a motion is its fastest impact on Σ⁺, and the impact before it
-    is earlier by more than rounding.
+    A motion without contact phases has completed its period after n_plus impacts on Σ⁺. With contact phases this number
+    is of no use, because a label counts a run of impacts that ends in contact as one impact. Such a motion has
+    completed its period after m forcing periods. Its state is its fastest impact on Σ⁺, and the impact before this one
+    comes earlier by more than rounding.
 
     Parameters
     ----------
@@ -65,7 +68,7 @@ def period_limits(m: Any, n_plus: Any, contacts: Any) -> tuple[Any, Any]:
     Returns
     -------
     returns, periods : int and float, or ndarray
-        The limits, one of which is infinite.
+        The limits. For each motion one of both is infinite (ENDLESS for returns).
     """
     held = np.asarray(contacts) > 0
     return np.where(held, ENDLESS, n_plus)[()], np.where(held, np.asarray(m) - ROUNDING, math.inf)[()]
@@ -85,12 +88,11 @@ def contacts_of(motion: Motion) -> int:
 def watched_periods(delta: float, periods: float | None) -> float:
     """Return the forcing periods for which a chaotic motion is followed.
 
-    By default batches are long compared with the time over which motions lose their memory.
-
     Returns
     -------
     float
-        The argument `periods`, if given.
+        `periods` if it is given. Otherwise a number for which each of the BATCHES batches is long compared with the
+        time in which the motion forgets its initial state.
     """
     if periods is None:
         return BATCHES * max(BATCH, RELAXATIONS / delta)
@@ -98,7 +100,7 @@ def watched_periods(delta: float, periods: float | None) -> float:
 
 
 def require_closed(motion: Motion, status: int, tau: float, v: float, fastest: float) -> None:
-    """Raise RattleError unless a motion is back at its start after all its impacts on Σ⁺."""
+    """Raise RattleError unless the state (tau, v) after one period is that of the motion. fastest: largest speed."""
     closed = abs(wrapped(tau - motion.tau)) <= CLOSED and abs(v - motion.v) <= CLOSED * fastest
     if status != OK or not closed:
         raise RattleError(
@@ -108,7 +110,7 @@ def require_closed(motion: Motion, status: int, tau: float, v: float, fastest: f
 
 
 def require_lasting(status: int, time: float, periods: float) -> None:
-    """Raise RattleError unless a motion was followed for `periods` forcing periods."""
+    """Raise RattleError unless a motion, followed for `time` with this status, lasted `periods` forcing periods."""
     if status != OK:
         raise RattleError(f"the motion comes to rest, or cannot be followed, after {time:g} forcing periods")
     if time < periods:

@@ -18,17 +18,17 @@ from rattle.intensity.visit import Impacts
 class Rattling(ABC):
     """Base class with the methods that measure how hard a gear's motions rattle.
 
-    A motion is given as one of the gear's `Attractor`, `Orbit` or periodic motions.
+    A motion is given as an `Attractor`, an `Orbit` or a periodic motion of the gear.
     """
 
     @property
     @abstractmethod
     def _point(self) -> Any:
-        """Return the gear's parameters for kernels."""
+        """Return the gear's parameter point for kernels."""
 
     @property
     def _stiffness(self) -> float:
-        """Return the stiffness of the walls."""
+        """Return the stiffness of the walls; inf for rigid walls."""
         return math.inf
 
     def intensity(self, motion: Motion, periods: float | None = None) -> Intensity:
@@ -37,15 +37,15 @@ class Rattling(ABC):
         Parameters
         ----------
         motion
-            A motion of this gear. A periodic one is evaluated over one period, to rounding. A chaotic one is followed
-            from its (τ, v), with error bars from 32 batches. A quiet one has no impacts.
+            A motion of this gear. A periodic motion is evaluated over one period, to rounding. A chaotic motion is
+            followed from its (τ, v) on, with error bars from 32 batches. A quiet motion has no impacts.
         periods : float, optional
-            Forcing periods for which chaos is followed; by default 32,000, or 320/δ if that is more.
+            Forcing periods for which a chaotic motion is followed; by default 32,000, or 320/δ if this is more.
 
         Returns
         -------
         Intensity
-            Dimensionless, per forcing period; error bars are 0 for periodic and quiet motions.
+            Dimensionless numbers per forcing period, with error bars, which are 0 for periodic and quiet motions.
 
         Raises
         ------
@@ -59,27 +59,29 @@ class Rattling(ABC):
     def impacts(self, motion: Motion, periods: float | None = None) -> Impacts:
         """Return the impacts of a motion on both walls over `periods` forcing periods from the departure (τ, v) on.
 
-        The default for a periodic motion is its period. A chatter that ends in contact is listed down to rounding; its
-        last impact has the duration of the contact phase. Errors are those of `intensity`.
+        By default a periodic motion is followed for its period; other motions that have impacts need `periods`. A
+        chatter that ends in contact is listed down to rounding, and its last impact has the duration of the contact
+        phase. Errors are those of `intensity`.
 
         Returns
         -------
         Impacts
-            Arrays (n,), or None if the motion is quiet.
+            Arrays (n,), of length 0 if the motion is quiet.
         """
         return impacts_of(motion, self._point, periods)
 
     def spectrum(self, motion: Motion, highest: float = 32.0, resolution: int = 64) -> Lines | Density:
         """Return the order spectrum of the contact force, from order 0 to the highest.
 
-        A periodic or quiet motion has exact lines. For elastic impacts at ±β the amplitude is (1/m) Σ ∓2v e^(−2πi order
-        t); that of order 0 is −4πδ(1 + load). A chaotic motion has a density at steps of 1/resolution with its
-        confidence, from 256 segments of `resolution` forcing periods. Errors are those of `intensity`.
+        A periodic or quiet motion has exact lines. For elastic impacts at ±β a line has the amplitude (1/m) Σ ∓2v
+        e^(−2πi order t), summed over the impacts of a period; the amplitude of order 0 is −4πδ(1 + load). A chaotic
+        motion has a density at steps of 1/resolution, with a 95 % interval, from 256 segments of `resolution` forcing
+        periods. Errors are those of `intensity`.
 
         Returns
         -------
         Lines | Density
-            `Lines` of a periodic or quiet motion, the `Density` of a chaotic one.
+            `Lines` for a periodic or quiet motion, a `Density` for a chaotic motion.
         """
         return spectrum(motion, self._point, self._stiffness, highest, resolution)
 

@@ -1,7 +1,7 @@
 """Sums over the impacts of a motion with contact phases, whose chatters have infinitely many impacts.
 
-A run of impacts on one wall that ends in contact counts as one impact, as in labels, with its largest speed in the
-mean. Squares of speeds, and impulses, are summed over all impacts.
+A run of impacts on one wall that ends in contact counts as one impact, as in labels, and contributes its largest speed
+to the mean speed. Squares of speeds, and impulses, are summed over all impacts of the run.
 """
 
 from __future__ import annotations
@@ -57,12 +57,12 @@ def sums_of(impacts: Impacts, m: int) -> NDArray[np.float64]:
     impacts : Impacts
         All impacts of the period, beginning with any of them.
     m : int
-        Forcing periods.
+        Number of forcing periods in the period.
 
     Returns
     -------
     ndarray, (COLUMNS,)
-        The sums of `rattle.intensity.visit.summed`, with each run that ends in contact as one impact.
+        The sums of `rattle.intensity.visit.summed`, in which each run that ends in contact counts as one impact.
     """
     held = np.flatnonzero(impacts.duration > 0.0)
     first = held[-1] + 1 if held.size else 0  # begin the period after a contact phase, so that no run is cut

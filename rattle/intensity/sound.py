@@ -15,18 +15,18 @@ from rattle.numerics.compile import kernel
 
 Array = NDArray[np.float64]
 MOST_SAMPLES = 50_000_000
-LOUDEST = 32767 * 9 // 10  # full volume, as a 16-bit sample
+LOUDEST = 32767 * 9 // 10  # 16-bit sample of full volume: 90 % of the largest number
 
 
 def sound(
     motion: Motion, point: Any, stiffness: float, rpm: float, seconds: float, rate: int, ring: float, decay: float
 ) -> NDArray[np.float64]:
-    """Return the samples of `Rattling.sound`, from the parameter point for kernels."""
+    """Return the result of `Rattling.sound`. point: the parameter point for kernels."""
     rpm, seconds = require_number("rpm", rpm, positive=True), require_number("seconds", seconds, positive=True)
     ring, decay = require_number("ring", ring, positive=True), require_number("decay", decay, positive=True)
     rate = require_integer("rate", rate, 1, MOST_SAMPLES)
     require(ring < 0.5 * rate, f"ring must be below half the rate of {rate} Hz, got {ring:g} Hz: choose a higher rate")
-    require(seconds * rate <= MOST_SAMPLES, f"more than {MOST_SAMPLES} samples: ask for fewer seconds")
+    require(seconds * rate <= MOST_SAMPLES, f"more than {MOST_SAMPLES} samples: give fewer seconds")
     turn = 60.0 / rpm
     impacts = impacts_of(motion, point, seconds / turn)
     # on rigid walls the force of a contact phase is static and makes no sound
@@ -36,7 +36,7 @@ def sound(
 
 @kernel
 def rung(time: Array, size: Array, count: int, rate: float, ring: float, decay: float) -> Array:
-    """Return Σ size e^(−s/decay) sin(2π ring s) at `count` samples, s the time since each strike; times (n,) rise."""
+    """Return Σ size e^(−s/decay) sin(2π ring s) at `count` samples, s being the time since each impact (times rise)."""
     heard, x, y, j = np.empty(count), 0.0, 0.0, 0
     fade = math.exp(-1.0 / (decay * rate))
     c, s = fade * math.cos(TWO_PI * ring / rate), fade * math.sin(TWO_PI * ring / rate)
@@ -53,7 +53,7 @@ def rung(time: Array, size: Array, count: int, rate: float, ring: float, decay: 
 
 
 def wav(heard: Array, rate: int, full_scale: float | None = None) -> bytes:
-    """Return a 16-bit WAV file of samples (n,). `full_scale`, by default the largest sample, has full volume.
+    """Return a 16-bit WAV file of samples (n,). A sample of size `full_scale` (default: the largest) has full volume.
 
     Returns
     -------

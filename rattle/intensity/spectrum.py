@@ -1,13 +1,13 @@
 """The order spectrum of the contact force: lines for periodic motions, a density with confidence for chaos.
 
 An order is a frequency in units of the forcing frequency. In the impacting gear the contact force consists of impulses.
-In a contact of the stiff gear x'' + δx' + 2kx = h from depth 0, entered with speed u at t, to depth 0, left with speed
-w at t + d, so exactly
+A contact of the stiff gear begins at time t with depth x = 0 and speed u, and ends at time t + d with depth 0 and speed
+w. In between x'' + δx' + 2kx = h, with the stiffness k and the contact force h of rigid teeth. Therefore exactly
 
     ∫ 2kx e^(−iωs) ds = T(ω) (u e^(−iωt) + w e^(−iω(t + d)) + ∫ h e^(−iωs) ds),      T = 2k/(2k − ω² + iδω).
 
-For k → ∞, T = 1 and d = 0, these are the impulses u + w = 2u. With restitution r they are u + w = (1 + r)u, and the
-impact that ends in contact of duration d is left with w = 0.
+For k → ∞, where T = 1 and d = 0, the right-hand side is the impulse u + w = 2u of an elastic impact. With restitution r
+the impulse is u + w = (1 + r)u, and w = 0 for an impact that begins a contact phase of duration d.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ MOST_ORDERS = 1 << 20
 LARGEST_MATRIX = 1 << 22  # largest number of orders times impacts that is evaluated at once
 # quadrature over a contact, accurate for orders up to about 1/duration
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
-SEGMENTS = 8 * BATCHES  # segments of a density; half as many do not overlap
+SEGMENTS = 8 * BATCHES  # segments of a density; neighbouring segments overlap by half
 
 
 class Lines(NamedTuple):
@@ -47,10 +47,11 @@ class Lines(NamedTuple):
 
 
 class Density(NamedTuple):
-    """The spectral density of the force of a chaotic motion, over both signs of the order: its integral is the power.
+    """The spectral density of the force of a chaotic motion, over orders of both signs; its integral is the power.
 
-    order (n,), density (n,) and its 95 % interval (n,) each. The interval is valid where the spectrum is smooth. The
-    part that is synchronous with the forcing makes peaks at whole orders, five steps wide.
+    order, density, low and high are (n,). low and high are the ends of the 95 % interval of the density, which is valid
+    where the spectrum is smooth. The part of the force that is synchronous with the forcing makes peaks at whole
+    orders, five steps wide.
     """
 
     order: Array
@@ -60,7 +61,7 @@ class Density(NamedTuple):
 
 
 def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resolution: int) -> Lines | Density:
-    """Return the result of `Rattling.spectrum`, from the parameter point for kernels."""
+    """Return the result of `Rattling.spectrum`. point: the parameter point for kernels."""
     highest = require_number("highest", highest, positive=True)
     resolution = require_integer("resolution", resolution, 4, MOST_ORDERS)
     kind = kind_of(motion)
@@ -70,7 +71,7 @@ def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resol
         )
     spacing = 1.0 / {"quiet": 1, "periodic": motion.m, "chaotic": resolution}[kind]
     count = int(highest / spacing * (1.0 + 1e-12)) + 1
-    require(count <= MOST_ORDERS, f"more than {MOST_ORDERS} orders: lower the highest")
+    require(count <= MOST_ORDERS, f"more than {MOST_ORDERS} orders: give a smaller highest")
     order = np.asarray(spacing * np.arange(count), np.float64)
     if kind == "chaotic":
         length = float(resolution)
@@ -84,13 +85,13 @@ def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resol
 
 
 def response(order: ArrayLike, delta: float, stiffness: float) -> NDArray[np.complex128]:
-    """Return T at these orders (any shape)."""
+    """Return T of the module's formula at orders of any shape; T = 1 for infinite stiffness."""
     omega = TWO_PI * np.asarray(order, np.float64)
     return np.asarray(1.0 / (1.0 + (1j * delta * omega - omega * omega) / (2.0 * stiffness)))
 
 
 def force_of(impacts: Impacts, order: Array, point: Any, stiffness: float) -> NDArray[np.complex128]:
-    """Return ∫ e^(−2πi order t) of the force that these impacts exert away from Σ⁺, at orders (n,)."""
+    """Return ∫ e^(−2πi order t) force dt at orders (n,), for the force of these impacts, positive away from Σ⁺."""
     found = np.empty(order.size, np.complex128)
     rows = max(1, LARGEST_MATRIX // max(1, impacts.time.size))
     for first in range(0, order.size, rows):
@@ -100,7 +101,7 @@ def force_of(impacts: Impacts, order: Array, point: Any, stiffness: float) -> ND
 
 
 def _transformed(impacts: Impacts, omega: Array, point: Any) -> NDArray[np.complex128]:
-    """Return the sum in the formula of this module, for each impact."""
+    """Return the bracket in the formula of this module at each ω, for each impact."""
     begin, end = impacts.time, impacts.time + impacts.duration
     speeds = impacts.speed * np.exp(-1j * omega * begin) + impacts.departure * np.exp(-1j * omega * end)
     found = impacts.wall * speeds
@@ -112,13 +113,13 @@ def _transformed(impacts: Impacts, omega: Array, point: Any) -> NDArray[np.compl
 
 
 def _lasting(frequency: Array, begin: Array, duration: Array) -> NDArray[np.complex128]:
-    """Return ∫ e^(i frequency t) over the durations."""
+    """Return ∫ e^(i frequency t) dt over each contact, from `begin` on for `duration`."""
     middle = begin + 0.5 * duration
     return np.asarray(duration * np.sinc(frequency * duration / TWO_PI) * np.exp(1j * frequency * middle))
 
 
 def _pressing(order: Array, point: Any) -> NDArray[np.complex128]:
-    """Return the Fourier terms of the contact force at whole orders from 0 on."""
+    """Return the amplitudes (n,) of the terms of the contact force at whole orders from 0 on."""
     lines = np.zeros(order.size, np.complex128)
     for frequency, size in force_lines(point):
         if 0 <= round(frequency / TWO_PI) < order.size:
@@ -129,13 +130,14 @@ def _pressing(order: Array, point: Any) -> NDArray[np.complex128]:
 def _density(impacts: Impacts, order: Array, start: float, length: float, point: Any, stiffness: float) -> Density:
     """Return Welch's estimate over half-overlapping segments with Hann's window.
 
-    The exact train of impulses is transformed, so nothing is sampled and no order is aliased. Degrees of freedom:
-    Percival and Walden, Spectral Analysis for Physical Applications (1993), section 6.17.
+    The exact train of impulses is transformed, so nothing is sampled and no order is aliased. The formula for the
+    degrees of freedom, from which the interval follows, is from Percival and Walden, Spectral Analysis for Physical
+    Applications (1993), section 6.17.
 
     Returns
     -------
     Density
-        With its degrees of freedom, from which its confidence follows.
+        The estimate with its 95 % interval.
     """
     from scipy.special import chdtri  # imported here because it is slow to load
 
@@ -150,7 +152,7 @@ def _density(impacts: Impacts, order: Array, start: float, length: float, point:
 
 
 def _pushes(impacts: Impacts, point: Any) -> tuple[Array, Array]:
-    """Return times, rising, and sizes of the walls' impulses (n,). The force of a contact is sampled at a few nodes."""
+    """Return rising times and sizes (n,) of the walls' impulses; the force in a contact counts as a few impulses."""
     if not impacts.duration.any():
         return impacts.time, impacts.wall * impacts.impulse
     begin, wall, half = impacts.time, impacts.wall, 0.5 * impacts.duration[:, None]
@@ -166,14 +168,14 @@ def _pushes(impacts: Impacts, point: Any) -> tuple[Array, Array]:
 def periodograms(
     time: Array, weight: Array, begin: Array, first: Array, last: Array, length: float, count: int
 ) -> Array:
-    """Return |∫ window e^(−2πikt/length) of impulses|²/∫ window², summed over the segments, at k (count,).
+    """Return |∫ window e^(−2πikt/length) of impulses|²/∫ window², summed over the segments, for k = 0 … count − 1.
 
     Segment q begins at begin[q] and has the impulses first[q] to last[q].
 
     Returns
     -------
     Array
-        (count,), summed over segments.
+        The sums (count,).
     """
     power, real, imaginary = np.zeros(count), np.empty(count), np.empty(count)
     for q in range(begin.size):

@@ -23,15 +23,16 @@ from rattle.orbits.return_map import point_of
 STRETCH = 512.0  # forcing periods for which a chaotic motion is followed at strong damping
 
 Array = NDArray[np.float64]
-#: A function of cells, states and length factors (n,), and the record of cells; returns sums (n, BATCHES, COLUMNS).
+#: Function that follows chaotic motions (n,): it takes their cells, phases, speeds and length factors (n,) and the
+#: record of cells, and returns sums (n, BATCHES, COLUMNS) over their impacts.
 Stretch = Callable[[NDArray[np.int64], Array, Array, Array, Any], Array]
 
 
 class Intensities(NamedTuple):
     """The fields of `Intensity` for every attractor of a table, arrays (n,), with 95 % half-widths.
 
-    Half-widths are 0 where a value is exact, and come from 32 batches for chaos. Undecided rows are NaN, as is chaos
-    that became quiet during the observation.
+    Half-widths are 0 for exact values; for chaotic motions they come from 32 batches. Rows are NaN for undecided
+    samples and for chaotic motions that became quiet during the observation.
     """
 
     impacts_plus: Array
@@ -55,7 +56,7 @@ EXACT, OF_QUIET = 7, (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 @kernel
 def once_around(cell, n_plus, tau, v, cells, sums):
-    """Add the impacts of one period of each motion (n,) to sums (n, COLUMNS), zero before; NaN if it does not close."""
+    """Write sums (n, COLUMNS), zero before, over one period of each motion (n,); NaN if a motion does not close."""
     for i in range(cell.size):
         point = point_of(cell[i], cells)
         status, tau1, v1, _time = summed(tau[i], v[i], n_plus[i], np.inf, MOST_IMPACTS, point, sums[i : i + 1])
@@ -66,13 +67,13 @@ def once_around(cell, n_plus, tau, v, cells, sums):
 
 @kernel
 def mean_forces(cell, cells, found):
-    """Write the mean contact force of these cells (n,)."""
+    """Write the mean contact force of the cells number `cell` (n,) to `found`."""
     for i in range(cell.size):
         found[i] = mean_force_at(point_of(cell[i], cells))
 
 
 def _with_contact(table: AttractorTable, row: int, cells: Any) -> Array:
-    """Return the sums (COLUMNS,) over a period of a motion with contact phases; NaN if it does not close."""
+    """Return the sums (COLUMNS,) over a period of a motion with contact phases; NaN if the motion does not close."""
     tau, v, m = float(table.tau[row]), float(table.v[row]), int(table.m[row])
     returns, periods = period_limits(m, table.n_plus[row], table.contacts[row])
     status, tau1, v1, found = listed_in_cell(int(table.cell[row]), cells, tau, v, int(returns), float(periods))
@@ -82,9 +83,9 @@ def _with_contact(table: AttractorTable, row: int, cells: Any) -> Array:
 
 @kernel
 def sums_over_periods(cell, tau, v, periods, cells, sums):
-    """Add the impacts of `periods` (n,) forcing periods of each motion (n,) to sums (n, BATCHES, COLUMNS), zero before.
+    """Write sums (n, BATCHES, COLUMNS) over the impacts of each motion (n,) in periods[i] forcing periods.
 
-    The sums of a motion that becomes quiet are NaN.
+    The sums are zero at the start. The sums of a motion that becomes quiet are NaN.
     """
     for i in range(cell.size):
         point = point_of(cell[i], cells)
@@ -94,7 +95,7 @@ def sums_over_periods(cell, tau, v, periods, cells, sums):
 
 
 def one_by_one(cell: NDArray[np.int64], tau: Array, v: Array, longer: Array, cells: Any) -> Array:
-    """Return the sums of a `Stretch` for a gear without lanes."""
+    """Return the sums of a `Stretch`, one motion after another, for a gear whose map is not computed in lanes."""
     sums = np.zeros((cell.size, BATCHES, COLUMNS))
     sums_over_periods(cell, tau, v, STRETCH * longer, cells, sums)
     return sums
@@ -103,15 +104,15 @@ def one_by_one(cell: NDArray[np.int64], tau: Array, v: Array, longer: Array, cel
 def intensities_of(table: AttractorTable, cells: Any, stretch: Stretch) -> Intensities:
     """Return how hard every attractor of a table rattles.
 
-    The result is exact for periodic motions. Chaos is followed for a time that costs a few per cent of its
-    classification.
+    The result is exact for periodic motions. A chaotic motion is followed for a time whose computation costs a few per
+    cent of its classification.
 
     Parameters
     ----------
     table : AttractorTable
         The attractors.
     cells : Any
-        The record of cells for kernels.
+        The record of cells, as kernels take it.
     stretch : Stretch
         The function that follows chaotic motions.
 

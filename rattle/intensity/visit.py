@@ -1,7 +1,7 @@
 """Follow a motion from impact to impact on either wall, and list or sum its impacts (compiled).
 
-The type of the point selects the gear's `bounce`. For the stiff gear an impact is a contact, with the flight before it.
-For the inelastic gear a contact phase is the duration of the impact before it.
+The type of the parameter point selects the gear's `bounce`. For the stiff gear an impact is a contact. For the
+inelastic gear a contact phase counts as the duration of the impact with which it begins.
 """
 
 from typing import Any, NamedTuple
@@ -10,7 +10,7 @@ from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import folded
 from rattle.numerics.compile import inline, kernel
 
-COLUMNS = 8  # columns of the sums of `summed`
+COLUMNS = 8  # columns of the sums of `summed`: time, impacts on each wall, Σv, Σv², time in contact, impulse, largest v
 TIME, ON_PLUS, ON_MINUS, SPEED, SQUARE, CONTACT, IMPULSE, FASTEST = range(COLUMNS)
 
 
@@ -22,17 +22,17 @@ class Impacts(NamedTuple):
     time
         When each impact begins, in forcing periods; whole numbers are at phase 0.
     wall
-        +1 (Φ = β) or −1.
+        +1 (Φ = β) or −1 (Φ = −β).
     speed, departure
         Speed of arrival and of departure.
     duration
         Duration of the contact, in forcing periods.
     impulse
-        Change of Φ' away from the wall.
+        Change of Φ' that the impact causes, positive away from the wall.
 
     Notes
     -----
-    In the impacting model departure equals speed, duration is 0 and impulse is twice the speed; with restitution r
+    In the impacting model departure equals speed, duration is 0 and impulse is twice the speed. With restitution r,
     departure is r times the speed. A chatter that ends in contact is listed down to rounding. Its last impact has
     departure 0, the duration of the contact phase, and an impulse that includes the force in contact.
     """
@@ -46,7 +46,7 @@ class Impacts(NamedTuple):
 
 
 def bounce(wall, tau, w, point):
-    """Return the flight and the contact from a departure with velocity w to the next departure.
+    """Return the flight from a departure with velocity w, and the impact that ends it, up to the next departure.
 
     Returns
     -------
@@ -56,13 +56,13 @@ def bounce(wall, tau, w, point):
     Raises
     ------
     NotImplementedError
-        Outside kernels.
+        If the function is called outside kernels.
     """
     raise NotImplementedError("this function exists inside kernels only: from Python use Gear.impacts")
 
 
 def mean_force_at(point):
-    """Return the mean contact force of a point, which balances the impulses of a bounded motion in every period."""
+    """Return the mean contact force at a point, which balances the impulses of a bounded motion over each period."""
     raise NotImplementedError("this function exists inside kernels only: from Python use Gear.impacts")
 
 
@@ -82,9 +82,9 @@ def add_impact(row, s, wall, speed, duration, impulse):
 def summed(tau, v, returns, periods, most, point, sums):
     """Follow the motion that leaves Σ⁺ at (τ, v) until it reaches one of three limits, and sum its impacts.
 
-    The limits are `returns` further departures from Σ⁺, `periods` forcing periods, and `most` impacts. The sums
-    (batches, COLUMNS), zero before, collect the impacts of equal parts of the periods. The last column has the largest
-    speed.
+    The limits are `returns` further departures from Σ⁺, `periods` forcing periods, and `most` impacts. Row j of the
+    sums (batches, COLUMNS), zero at the start, collects the impacts of the j-th of equal parts of the forcing periods;
+    its last column is the largest speed, not a sum.
 
     Returns
     -------
@@ -106,12 +106,13 @@ def summed(tau, v, returns, periods, most, point, sums):
 
 @kernel
 def list_impacts(tau, v, returns, periods, point, impacts):
-    """Follow a motion as `summed` does and write its impacts one by one, as far as there is room.
+    """Follow a motion as `summed` does and write its impacts one by one, as long as the arrays have room.
 
     Returns
     -------
     tuple
-        (status, τ', v', number of impacts).
+        (status, τ', v', number of impacts); the number is one more than the arrays hold if the motion goes on beyond
+        them.
     """
     wall, w, start, now, back = SIGMA_PLUS, -v, tau, 0.0, 0
     for i in range(impacts.time.size):

@@ -17,9 +17,22 @@ DRIVES = {"torque": 1.0, "speed": 2.0}
 class Units(NamedTuple):
     """The SI sizes of the model's units: a number of the model times its unit is the number in SI.
 
-    length (m): for Φ, along the line of action. time (s): the forcing period.
-    velocity (m/s): for speeds, along the line of action. energy (J): for v²/2, the kinetic energy of an impact.
-    power (W): for v²/2 per forcing period. force (N): for the force between the teeth. frequency (Hz): for orders.
+    Attributes
+    ----------
+    length
+        Unit of Φ along the line of action, m.
+    time
+        The forcing period, s.
+    velocity
+        Unit of speeds along the line of action, m/s.
+    energy
+        Unit of v²/2, the kinetic energy of an impact, J.
+    power
+        Unit of v²/2 per forcing period, W.
+    force
+        Unit of the force between the teeth, N.
+    frequency
+        Frequency of order 1, Hz.
     """
 
     length: Any
@@ -32,15 +45,15 @@ class Units(NamedTuple):
 
 
 class Reduced(NamedTuple):
-    """Two gears, reduced to the one coordinate x along the line of action between their teeth.
+    """Two gears, reduced to one coordinate: x along the line of action between their teeth.
 
-    If both gears are equal, these are the numbers of each of them, and `scale` is the value in `DRIVES`.
+    If both gears are equal, inertia, drag and radius are those of each gear, and `scale` is the value in `DRIVES`.
 
     Parameters
     ----------
     inertia, drag : float
-        Reduced inertia in kg m² and drag in N m s/rad, referred to the first gear and the speed of the forcing; their
-        ratio is the damping rate of x.
+        Reduced inertia in kg m² and reduced drag in N m s/rad, referred to the first gear and the speed of the forcing;
+        drag over inertia is the damping rate of x.
     radius : float
         Base radius of the first gear, m.
     speed : float
@@ -50,7 +63,8 @@ class Reduced(NamedTuple):
     ratio : float
         Base radius of the first gear over that of the second.
     rate_difference : float
-        (γ₁ − γ₂)²m₁m₂/(m₁ + m₂)² in 1/s², a measure of what the single damping rate neglects; 0 if it is exact.
+        (γ₁ − γ₂)²m₁m₂/(m₁ + m₂)² in 1/s², with γ and m as in `reduced`: a measure of what the single damping rate
+        neglects; 0 if the reduction is exact.
     drift : float
         Acceleration that drives the teeth together without a load, m/s².
     """
@@ -78,12 +92,13 @@ def reduced(
 ) -> Reduced:
     """Reduce two gears to one equation for x = r₁θ₁ − r₂θ₂. A forcing period is 1/base revolutions of the first gear.
 
-    With m = I/r² and γ = c/I of either gear, and V the mean speed of the base circles,
+    With m = I/r² and γ = c/I of either gear (inertia I, base radius r, drag c), the mean speed V of the base circles
+    and the load torque T₂,
 
         x'' = m₂γ₂V/μ + T₂/(r₂μ) − γx',      γ = (γ₁m₂ + γ₂m₁)/(m₁ + m₂),      1/μ = 1/m₁ + 1/m₂.
 
-    An imposed speed means m₁ = ∞. The equation is exact if γ₁ = γ₂. If not, it neglects (γ₂ − γ₁)(u − V), where u is
-    the speed of the common motion (`rate_error`).
+    An imposed speed means m₁ = ∞. The equation is exact if γ₁ = γ₂. If γ₁ ≠ γ₂, the equation neglects (γ₂ − γ₁)(u − V),
+    where u is the speed of the common motion (`rate_error`).
 
     Parameters
     ----------
@@ -126,17 +141,16 @@ def _plain(number: Any) -> Any:
 def rate_error(pair: Reduced, backlash: Any, forcing: Any, load: Any) -> Any:
     """Return a bound of the share of the driving force that the single damping rate of `reduced` neglects.
 
-    The bound holds after transients.
-
-    The common motion has m₁u₁ + m₂u₂ = (m₁ + m₂)u, which impacts do not change, so y = u − V obeys y' = −Γy − kx' with
-    k = (γ₁ − γ₂)m₁m₂/(m₁ + m₂)². Then y + kx stays below |k| max|x|, so |y| ≤ 2|k| max|x|, and |x| ≤ j/2 + max|e|.
+    The bound holds after transients. The common motion has the speed u with m₁u₁ + m₂u₂ = (m₁ + m₂)u, which impacts do
+    not change, so y = u − V obeys y' = −Γy − kx' with a rate Γ > 0 and k = (γ₁ − γ₂)m₁m₂/(m₁ + m₂)². Then y + kx stays
+    below |k| max|x|, so |y| ≤ 2|k| max|x|, and |x| ≤ j/2 + max|e|.
 
     Parameters
     ----------
     pair : Reduced
         The two gears.
     backlash, forcing : float or ndarray
-        j, and the sum of the amplitudes of the transmission error, in m.
+        The backlash j, and the sum of the amplitudes of the transmission error e, in m.
     load : float or ndarray
         The load torque over the drag torque.
 
@@ -151,7 +165,7 @@ def rate_error(pair: Reduced, backlash: Any, forcing: Any, load: Any) -> Any:
 
 
 def damping(pair: Reduced) -> Any:
-    """Return δ = 2πc/(IΩ)."""
+    """Return the damping δ = 2πc/(IΩ), from the reduced drag c and inertia I and the speed Ω of the forcing."""
     return np.divide(TWO_PI * pair.drag, pair.inertia * pair.speed)  # infinite at speed 0
 
 

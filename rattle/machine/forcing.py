@@ -1,9 +1,9 @@
 """The transmission error of two gears as one sum of harmonics over their common period.
 
-The common period of a pair with tooth numbers z₁ and z₂ contains lcm(z₁, z₂) meshes. A component of order k of the
-first gear's revolution has the order k z₂/gcd in it, one of the second gear k z₁/gcd, and one of the tooth mesh k lcm.
-The
-forcing period is the shortest period that all components share: one mesh if there are components of the mesh alone.
+The common period of a pair with tooth numbers z₁ and z₂ contains lcm(z₁, z₂) meshes. In the common period, a component
+of order k of the first gear's revolution has the order k z₂/gcd, a component of the second gear's revolution the order
+k z₁/gcd, and a component of the tooth mesh the order k lcm. The forcing period is the shortest period that all
+components share: one mesh if all components are of the mesh.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rattle.errors import require, require_finite
 from rattle.parameters import HIGHEST_ORDER, MOST_HARMONICS, Harmonic
 
 Component = tuple[Fraction, Any, Any]  # order of the first gear's revolution, amplitude in m, phase in turns
-#: Numbers of a machine that are amplitudes, and their orders of the tooth mesh; 0 means the second gear's revolution.
+#: Amplitudes of a machine by name, and their orders in the tooth mesh; 0 means order 1 of the second gear's revolution.
 AMPLITUDES = {"driven_eccentricity": 0, "mesh_error": 1, "mesh_error_2": 2, "mesh_error_3": 3}
 
 
@@ -36,7 +36,7 @@ class PairForcing(NamedTuple):
     total : float or ndarray
         Sum of all amplitudes in m, a bound of the error.
     orders : tuple of int
-        Orders of the forcing period, rising; order 1 is among them, if there are any.
+        Orders in the forcing period, rising. They begin with 1, or are empty if there is no transmission error.
     relative, phase : ndarray, (K, …)
         Amplitude of each order over `amplitude`, and phase in turns.
     """
@@ -49,9 +49,10 @@ class PairForcing(NamedTuple):
     phase: NDArray[np.float64]
 
     def harmonics(self, number: Any = ()) -> tuple[Harmonic, ...]:
-        """Return the harmonics besides the first, in the form that `rattle.Gear` takes; number: the pair of many.
+        """Return the harmonics besides the first, in the form that `rattle.Gear` takes.
 
-        If a pair has no first harmonic, it is returned with amplitude 0.
+        number: the index of the pair, if there are many. If a pair has no first harmonic, the result contains order 1
+        with amplitude 0.
 
         Returns
         -------
@@ -98,9 +99,10 @@ def components_of(
     Parameters
     ----------
     teeth, driven_teeth : int, optional
-        Tooth numbers; without them both gears turn at the same speed, and there are no errors of the mesh.
+        Tooth numbers. Unless both are given, both gears turn at the same speed; without `teeth` there are no errors of
+        the mesh.
     numbers : dict
-        Amplitudes in m by name: eccentricity, and those of `AMPLITUDES`.
+        Amplitudes in m by name: eccentricity, and the names in `AMPLITUDES`.
     errors, driven_errors : sequence of (int, amplitude, phase)
         Components by their order in the revolution of the first and of the second gear.
 
@@ -114,7 +116,10 @@ def components_of(
     for name, mesh in AMPLITUDES.items():
         if not np.any(numbers.get(name, 0.0)):
             continue
-        require(teeth is not None or mesh == 0, f"{name} is an error once a tooth mesh: give teeth too")
+        require(
+            teeth is not None or mesh == 0,
+            f"{name} has an order of the tooth mesh, which depends on the number of teeth: give teeth too",
+        )
         found.append((turns if mesh == 0 else Fraction(mesh * (teeth or 1)), numbers[name], 0.0))
     found.extend((Fraction(order), size, phase) for order, size, phase in errors)
     found.extend((order * turns, size, phase) for order, size, phase in driven_errors)
@@ -168,7 +173,7 @@ def assembled(components: Sequence[Component]) -> PairForcing:
 
 
 def _sum_of(parts: list[tuple[Any, Any]]) -> tuple[Any, Any]:
-    """Return amplitude and phase of the sum of components (amplitude, phase) of one order."""
+    """Return the amplitude and phase of the sum of components of one order, each given as (amplitude, phase)."""
     if len(parts) == 1:
         return parts[0]
     phasor = sum(size * np.exp(2j * np.pi * np.asarray(phase)) for size, phase in parts)

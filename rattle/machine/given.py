@@ -1,4 +1,4 @@
-"""Check the numbers of a machine: convert them to SI, and refuse numbers that must be in other units."""
+"""Check the numbers of a machine: convert quantities to SI, and refuse numbers that are probably in wrong units."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -25,7 +25,7 @@ UNITS = {
 }
 #: Numbers that may be 0: all amplitudes, and the load.
 MAY_BE_ZERO = ("eccentricity", "load_torque", *AMPLITUDES)
-#: Numbers that the second gear may have of its own, as driven_inertia and so on.
+#: Numbers of which the second gear may have other values, named driven_inertia and so on.
 DRIVEN = ("inertia", "drag", "radius")
 ANGLES = ("rad", "rev", "turn", "deg", "cycle")
 #: One revolution per minute in rad/s.
@@ -38,7 +38,7 @@ WIDEST = 0.1
 #: Largest relative difference between the ratio of the radii and that of the tooth numbers, from rounding on a drawing.
 ROUNDED = 0.01
 MOST_TEETH = 1000
-#: Density of steel in kg/m³, and the largest inertia over that of a steel disc as wide as its radius.
+#: Density of steel in kg/m³, and the largest inertia over that of a steel disc whose width equals its radius.
 STEEL, HEAVIEST = 7850.0, 1e4
 #: Speed of the base circle in m/s above which a number in rad/s is probably in rpm; gears of turbines reach 200.
 FASTEST = 100.0
@@ -57,7 +57,8 @@ def in_si(name: str, value: Any) -> float:
     Raises
     ------
     ParameterError
-        If the number is not above 0 (for `MAY_BE_ZERO`: below 0), or the quantity is of another kind.
+        If the number is not above 0 (for names in `MAY_BE_ZERO`: if it is below 0), or the quantity has another
+        dimension.
     """
     if is_quantity(value):
         if name == "speed" and not any(angle in str(value.units) for angle in ANGLES):
@@ -75,7 +76,7 @@ def is_quantity(value: Any) -> bool:
 
 
 def require_plausible(inertia: float, backlash: float, eccentricity: float, radius: float, prefix: str = "") -> None:
-    """Raise ParameterError if a number is so large that it must be in another unit; prefix: of names in messages."""
+    """Raise ParameterError if a number is so large that its unit must be wrong; prefix: of the names in messages."""
     require(radius > 0.0, f"{prefix}radius is 0 in double precision: give larger radii in metres")
     require(
         radius <= LARGEST_RADIUS,
@@ -109,12 +110,12 @@ def teeth_of(name: str, value: Any) -> int | None:
 
 
 def require_two(given: Mapping[str, Any], radius: Any, teeth: int | None, driven_teeth: int | None) -> Any:
-    """Return the base radius of the second gear, as given or from the tooth numbers, after checks of both gears.
+    """Check that the numbers of both gears agree, and return the base radius of the second gear.
 
     Returns
     -------
     float or ndarray
-        The radius in m; that of the first gear if neither the radius nor the tooth number of the second is given.
+        The radius in m: driven_radius, or else the radius that the tooth numbers imply, or else that of the first gear.
 
     Raises
     ------
@@ -142,7 +143,7 @@ def require_two(given: Mapping[str, Any], radius: Any, teeth: int | None, driven
 
 
 def require_slow(speed: float, radius: float, sure: bool) -> None:
-    """Raise ParameterError if a speed in rad/s is impossible; unless `sure`, also if it seems to be in rpm."""
+    """Raise ParameterError if a speed in rad/s is impossible, or, unless `sure`, so high that it seems to be in rpm."""
     rpm, velocity = speed / RPM, speed * radius
     require(velocity <= IMPOSSIBLE, f"no gear turns at {rpm:.6g} rpm with a base radius of {radius:g} m: check both")
     require(

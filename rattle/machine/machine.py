@@ -1,7 +1,8 @@
 """Two gears in SI units: their parameter point in the model, and the results of the model in SI units.
 
-The first gear drives the second. Along the line of action there are a backlash j, the transmission error e(t) and the
-mesh stiffness k. With x = r₁θ₁ − r₂θ₂, the tooth force F and the load torque T₂
+The first gear drives the second. Gear i has the inertia Iᵢ, the drag cᵢ, the base radius rᵢ and the angle θᵢ. Along the
+line of action there are a backlash j, the transmission error e(t) and the mesh stiffness k. With x = r₁θ₁ − r₂θ₂, the
+tooth force F, the driving torque T₁ and the load torque T₂
 
     I₁θ₁'' + c₁θ₁' = T₁ − F r₁,      I₂θ₂'' + c₂θ₂' = F r₂ − T₂
 
@@ -10,9 +11,9 @@ without a load, φ = θ₁ − θ₂ and Φ = φ + (e/r) cos Ωt give the paper'
 
     δ = 2πc/(IΩ),      ε = e/r,      β = j/2r
 
-With drive "speed", Φ, ε and β of the model are twice these, and the stiffness is half. The derivation is in
-docs/decisions/0025-machine.md; docs/decisions/0065-two-gears.md has it for two different gears, which
-`conversion.reduced` reduces to one equation.
+With drive "speed", Φ, ε and β of the model are twice these values, and the model's stiffness is half as large. The
+derivation is in docs/decisions/0025-machine.md for two equal gears, and in docs/decisions/0065-two-gears.md for two
+different gears, which `conversion.reduced` reduces to one equation.
 """
 
 import math
@@ -43,12 +44,20 @@ PICOWATT = 1e-12
 class MachineIntensity(NamedTuple):
     """The intensity of a motion in SI units.
 
-    impacts: impacts per second, on both walls.
-    mean_velocity, largest_velocity: speeds of impacts along the line of action, m/s.
-    energy: kinetic energy of the impacts in a forcing period, J.
-    power: energy of the impacts per time, W; power_error: its 95 % half-width, 0 if it is exact.
-    level: the level of the power in dB relative to 1 pW, −inf if quiet.
-    contact: share of time in contact.
+    Attributes
+    ----------
+    impacts
+        Number of impacts per second, on both walls.
+    mean_velocity, largest_velocity
+        Mean and largest speed of the impacts along the line of action, m/s.
+    energy
+        Kinetic energy of the impacts in a forcing period, J.
+    power, power_error
+        Energy of the impacts per time, W, and the 95 % half-width of this power, 0 if it is exact.
+    level
+        Level of the power in dB relative to 1 pW; −inf if the motion is quiet.
+    contact
+        Share of time in contact.
     """
 
     impacts: float
@@ -76,7 +85,8 @@ class Machine:
     backlash : float
         The whole backlash, m.
     eccentricity : float
-        Amplitude of the transmission error once a revolution of the first gear, m; 0 if `errors` has it.
+        Amplitude of the transmission error's component of order 1 of the first gear's revolution, m; 0 if `errors`
+        contains this component.
     speed, rpm : float
         Mean speed of the first gear in rad/s, or in revolutions per minute.
     drive : str
@@ -88,13 +98,13 @@ class Machine:
     load_torque : float, optional
         Torque that the second gear drives besides its drag, N m.
     driven_inertia, driven_drag, driven_radius : float, optional
-        The same three numbers of the second gear; by default those of the first.
+        Inertia, drag and base radius of the second gear; by default those of the first.
     teeth, driven_teeth : int, optional
         Tooth numbers of both gears. They determine driven_radius if it is not given.
     driven_eccentricity : float, optional
-        Amplitude once a revolution of the second gear, m.
+        Amplitude of the component of order 1 of the second gear's revolution, m.
     mesh_error, mesh_error_2, mesh_error_3 : float, optional
-        Amplitudes once, twice and three times a tooth, m.
+        Amplitudes of the components of order 1, 2 and 3 of the tooth mesh, m.
     errors, driven_errors : sequence of (int, float, float)
         Other components: order in the revolution of the first or second gear, amplitude in m, phase in turns. A
         measured transmission error is `read_transmission_error(…).harmonics`.
@@ -102,7 +112,8 @@ class Machine:
     Raises
     ------
     ParameterError
-        If a number is not above 0 (amplitudes and load may be 0), must be in another unit, or contradicts another.
+        If a number is not above 0 (amplitudes and load may be 0), is so large that its unit must be wrong, or
+        contradicts another number.
     """
 
     inertia: float
@@ -174,7 +185,7 @@ class Machine:
         self._require_one_pair()
 
     def _require_one_pair(self) -> None:
-        """Raise ParameterError if numbers of the second gear must be in other units, or contradict others."""
+        """Raise ParameterError if numbers of the two gears are too large for their units, or contradict each other."""
         total = self._point.forcing.total
         require(
             total <= WIDEST * self.radius,
@@ -203,7 +214,7 @@ class Machine:
 
     @property
     def _is_unlike(self) -> bool:
-        """True if a number besides the first eight was given."""
+        """True if a field after the first eight, which are inertia to stiffness, was given."""
         return any(getattr(self, each.name) not in (None, ()) for each in fields(self)[8:])
 
     @cached_property
@@ -224,7 +235,7 @@ class Machine:
 
     @property
     def epsilon(self) -> float:
-        """Eccentricity ε, from the first harmonic of the transmission error, or the largest if there is no first."""
+        """Eccentricity ε, from the amplitude of the first harmonic, or of the largest one if there is no first."""
         return float(self._point.epsilon)
 
     @property
@@ -234,17 +245,17 @@ class Machine:
 
     @property
     def added(self) -> dict[str, float]:
-        """The parameters of its model besides δ, ε and β, by name."""
+        """The parameters of the machine's model besides δ, ε and β, by name."""
         return {name: float(value) for name, value in self._point.added.items()}
 
     @property
     def harmonics(self) -> tuple[Harmonic, ...]:
-        """The harmonics of its forcing besides the first, in the form that `rattle.Gear` takes."""
+        """The harmonics of the forcing besides the first, in the form that `rattle.Gear` takes."""
         return self._point.forcing.harmonics()
 
     @property
     def revolutions(self) -> float:
-        """Revolutions of the first gear in a forcing period; 1 if its eccentricity is the only error."""
+        """Revolutions of the first gear in a forcing period; 1 if `eccentricity` is the only transmission error."""
         return 1.0 / self._point.forcing.base
 
     @property
@@ -257,12 +268,12 @@ class Machine:
     def rate_error(self) -> float:
         """A bound of the share of the driving force that the model's single damping rate neglects.
 
-        It is 0, and the reduction exact, with an imposed speed, and if c₁/I₁ = c₂/I₂.
+        It is 0, and the reduction is exact, if the speed is imposed or if c₁/I₁ = c₂/I₂.
         """
         return float(self._point.rate_error)
 
     def __getattr__(self, name: str) -> float | None:
-        """Return a parameter that a model adds, by its name; None if this machine's model does not have it."""
+        """Return a parameter that a model adds, by its name; None if this machine's model has no such parameter."""
         from rattle.models import ADDED
 
         if name not in ADDED:
@@ -271,7 +282,7 @@ class Machine:
 
     @property
     def gear(self) -> "AnyGear":
-        """The gear at its parameter point: a `Gear`, `StiffGear` or `InelasticGear`. Raises ParameterError."""
+        """The gear at the machine's parameter point: `Gear`, `StiffGear` or `InelasticGear`. Raises ParameterError."""
         from rattle.models import model_of, with_harmonics  # imported here, because it loads all gears
 
         return with_harmonics(model_of(self.beta, **self.added), self.harmonics).gear(self.delta, self.epsilon)
@@ -282,7 +293,7 @@ class Machine:
         return self._point.units
 
     def attractors(self, count: int = 256, seed: int = 0) -> tuple[Attractor, ...]:
-        """Return the attractors of its gear, from states up to the natural speed, as `Gear.attractors`."""
+        """Return the attractors that states up to the natural speed reach; see `Gear.attractors`."""
         return self.gear.attractors(count, NATURAL, seed)
 
     def verdict(self, count: int = 256, seed: int = 0) -> MachineVerdict:
@@ -291,12 +302,12 @@ class Machine:
         Parameters
         ----------
         count, seed : int
-            The random starts, as in `attractors`.
+            Number and seed of the random starts, as in `attractors`.
 
         Returns
         -------
         MachineVerdict
-            The answer; print it for one line.
+            The verdict; `str` gives it in one line.
 
         Raises
         ------
@@ -306,11 +317,11 @@ class Machine:
         return machine_verdict(self, count, seed)
 
     def intensity(self, motion: Motion, periods: float | None = None) -> MachineIntensity:
-        """Return the intensity of a motion of its gear in SI units, as `Gear.intensity` does in the model's units."""
+        """Return the intensity of a motion in SI units; `Gear.intensity` returns it in the model's units."""
         return self.in_si(self.gear.intensity(motion, periods))
 
     def in_si(self, found: Intensity) -> MachineIntensity:
-        """Return an intensity of its gear, as `Gear.intensity` returns it, in SI units."""
+        """Convert an intensity in the model's units, as `Gear.intensity` returns it, to SI units."""
         units = self.units
         power = found.energy * units.power
         return MachineIntensity(

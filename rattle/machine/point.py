@@ -17,8 +17,18 @@ from rattle.machine.given import DRIVEN, require_two
 class MachinePoint(NamedTuple):
     """The parameter point of a pair of gears, as plain numbers, or of many pairs, as arrays.
 
-    delta, epsilon, beta: the dimensionless parameters. pair: the reduction to one coordinate.
-    forcing: the transmission error. added: the parameters that a model adds, by name. units: the model's units in SI.
+    Attributes
+    ----------
+    delta, epsilon, beta
+        The dimensionless parameters.
+    pair
+        The reduction of the two gears to one coordinate.
+    forcing
+        The transmission error.
+    added
+        The parameters that a model adds, by name.
+    units
+        The SI sizes of the model's units.
     """
 
     delta: Any
@@ -31,7 +41,7 @@ class MachinePoint(NamedTuple):
 
     @property
     def rate_error(self) -> Any:
-        """A bound of the share of the driving force that the single damping rate neglects; 0: it is exact."""
+        """A bound of the share of the driving force that the single damping rate neglects; 0 if it neglects nothing."""
         backlash = 2.0 * self.beta * self.units.length
         return conversion.rate_error(self.pair, backlash, self.forcing.total, self.added.get("load", 0.0))
 
@@ -48,7 +58,7 @@ def machine_point(
     Parameters
     ----------
     numbers : mapping
-        The numbers of a `Machine` by name, which are broadcast; None: not given.
+        The numbers of a `Machine` by name, which broadcast; None means that a number is not given.
     speed : float or ndarray
         Mean speed of the first gear, rad/s.
     errors, driven_errors : sequence of (int, float, float)
@@ -57,7 +67,8 @@ def machine_point(
     Returns
     -------
     MachinePoint
-        The point. It has restitution and load only if impacts are inelastic, or there is a load or a further harmonic.
+        The parameter point. `added` contains restitution and load only if impacts are inelastic, or if there is a load
+        or a second harmonic.
 
     Raises
     ------

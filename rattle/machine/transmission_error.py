@@ -1,4 +1,4 @@
-"""Measured transmission errors: read a table of angle and error, check it, and decompose it into orders."""
+"""Measured transmission errors: read and check a table of angles and errors, and decompose the errors into orders."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ BARE = ("angle", "error")
 WHOLE = 0.01
 #: Largest and least peak-to-peak height of a transmission error, m.
 WIDEST, NARROWEST = 1e-3, 2e-8
-#: Largest gap between the ends of a curve: over the largest step between neighbours, or over the peak-to-peak height.
+#: Largest difference between both ends of a curve: over its largest step between neighbouring points, and over its
+#: peak-to-peak height. The larger of these two limits holds.
 JUMP, CLOSING = 4.0, 0.1
 MOST_POINTS = 1_000_000
 Array = NDArray[np.float64]
@@ -36,7 +37,7 @@ class TransmissionError:
     harmonics : tuple of (int, float, float)
         Order, amplitude in m, and phase in turns, as `Machine(eccentricity=0, errors=…)` takes them.
     left_out : float
-        Root mean square of the rest, which is higher orders and noise, m.
+        Root mean square of the part that the harmonics leave out (other orders and noise), m.
     peak_to_peak : float
         Height of the measured curve, m.
     points, revolutions : int
@@ -75,7 +76,7 @@ def transmission_error(angle: ArrayLike, error: ArrayLike, orders: int = 40) -> 
     Returns
     -------
     TransmissionError
-        The orders, and the rest.
+        The orders, and the root mean square of the part that they leave out.
 
     Raises
     ------
@@ -155,7 +156,18 @@ def read_transmission_error(path: str | Path, orders: int = 40) -> TransmissionE
 
 
 def _closed(turn: Array, e: Array) -> tuple[Array, Array, int]:
-    """Return angles and errors without a last point that repeats the first, and the number of whole revolutions."""
+    """Return angles and errors without a last point that repeats the first, and the number of whole revolutions.
+
+    Returns
+    -------
+    tuple[Array, Array, int]
+        Angles in revolutions, errors in m, and the number of revolutions.
+
+    Raises
+    ------
+    ParameterError
+        If the angles do not span whole revolutions, or the errors have an impossible height or do not close.
+    """
     span, step = float(turn[-1] - turn[0]), float(np.median(np.diff(turn)))
     with_end, without = round(span), round(span + step)
     repeats = abs(span - with_end) <= min(WHOLE, 0.5 * step) and with_end >= 1
@@ -194,7 +206,7 @@ def _largest_gap(turn: Array, revolutions: int) -> float:
 
 
 def _orders_of(turn: Array, e: Array, orders: int, revolutions: int) -> TransmissionError:
-    """Fit the orders by least squares."""
+    """Fit orders 1 to `orders` by least squares, and keep the largest ones."""
     order = np.arange(1, orders + 1)
     basis = np.exp(-2j * np.pi * turn[:, None] * order)
     matrix = np.hstack([np.ones((turn.size, 1)), basis.real, -basis.imag])

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from rattle.models import AnyGear
 
 QUIET, KNOCKED, SOMETIMES, ALWAYS = VERDICTS = ("quiet", "quiet_unless_knocked", "rattles_sometimes", "always_rattles")
-#: Phases and speeds of the knocks that are tried, and further rounds, each up to the weakest effective knock so far.
+#: Numbers of phases and of speeds of the knocks in a round, and number of rounds after the first. In each of these the
+#: speeds reach up to the weakest effective knock so far.
 PHASES, SPEEDS, ROUNDS = 32, 64, 2
 #: Speed of the hardest knock, over the natural speed.
 HARDEST = 3.0
@@ -26,12 +27,19 @@ MOST_COUNT = 65_536
 class MachineVerdict(NamedTuple):
     """The answer to the question whether a machine rattles; `str` gives it in one line.
 
-    kind: "quiet", "quiet_unless_knocked", "rattles_sometimes" or "always_rattles".
-    share: the share of random starts that end in rattling.
-    low, high: its 95 % interval, in which undecided starts may count either way.
-    knock: the speed of the weakest knock, at the worst phase, after which teeth at rest rattle for ever, in m/s along
-    the line of action; inf if no knock up to `hardest` has this effect, 0 if teeth cannot rest.
-    hardest: the speed of the hardest knock that was tried, m/s.
+    Attributes
+    ----------
+    kind
+        "quiet", "quiet_unless_knocked", "rattles_sometimes" or "always_rattles".
+    share
+        The share of random starts that end in rattling.
+    low, high
+        The 95 % interval of this share, in which undecided starts may count either way.
+    knock
+        The speed of the weakest knock, at the worst phase, after which teeth at rest rattle for ever, in m/s along the
+        line of action; inf if no knock up to `hardest` has this effect, 0 if teeth cannot rest.
+    hardest
+        The speed of the hardest knock that was tried, m/s.
     """
 
     kind: str
@@ -42,7 +50,7 @@ class MachineVerdict(NamedTuple):
     hardest: float
 
     def __str__(self) -> str:
-        """Return the answer in a line."""
+        """Return the verdict in one line."""
         if self.kind == ALWAYS:
             return "always rattles: the force between the teeth changes its sign"
         if self.kind == QUIET:
@@ -70,7 +78,7 @@ class Rattles(Protocol):
 
 
 def machine_verdict(machine: Rattles, count: int, seed: int) -> MachineVerdict:
-    """Return the verdict on a machine, as `Machine.verdict`."""
+    """Return the verdict on a machine; `Machine.verdict` explains the arguments."""
     count = require_integer("count", count, 1, MOST_COUNT)
     gear, unit = machine.gear, float(machine.units.velocity)
     hardest = HARDEST * sampled_speed(NATURAL, gear.delta, gear.epsilon, gear.beta)
@@ -87,8 +95,8 @@ def machine_verdict(machine: Rattles, count: int, seed: int) -> MachineVerdict:
 def least_knock(machine: Rattles, hardest: float) -> float:
     """Return the speed of the weakest knock that makes resting teeth rattle, in the model's unit.
 
-    PHASES × SPEEDS knocks up to `hardest` are followed, then as many up to the weakest effective one. Narrow ranges of
-    speeds may be missed.
+    PHASES × SPEEDS knocks up to the speed `hardest` are followed, then ROUNDS times as many knocks up to the weakest
+    effective knock so far. Narrow ranges of effective speeds may be missed.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 """The models of the gear behind one interface. Each model has a folder here and an entry in `MODELS`.
 
-The class of a model declares its parameters besides δ, ε and β, and its capabilities. Other code asks the class, and
-never compares names of models.
+The class of a model declares which parameters it has besides δ, ε and β, and which capabilities. Other code reads these
+declarations and never compares names of models.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ MODELS: dict[str, type[Model]] = {
     Impacting.name: Impacting,
     Stiff.name: Stiff,
     Inelastic.name: Inelastic,
-}
+}  # a new model goes above this line
 DEFAULT_MODEL = next(iter(MODELS))
-#: The parameters that models add to δ, ε and β, by name; no two models add the same one.
+#: The parameters that models add to δ, ε and β, by name. No two models add the same parameter.
 ADDED: dict[str, Parameter] = {each.name: each for model in MODELS.values() for each in model.added}
-#: The names of all parameters besides δ and ε; each has one value in all cells of a plane.
+#: The names of all parameters besides δ and ε. All cells of a plane have the same values of these parameters.
 OTHERS = (BETA.name, *ADDED)
 
 
 class CapabilityError(ParameterError):
-    """A capability is missing in a model; the message says which models have it."""
+    """A model lacks a capability that the caller needs. The message names the models that have the capability."""
 
     code = "model_lacks_capability"
 
@@ -42,12 +42,12 @@ def owner_of(name: str) -> type[Model]:
 
 
 def _needed_by(model: type[Model]) -> tuple[str, ...]:
-    """Return the parameters without a default, which select a model."""
+    """Return the names of the added parameters without a default value; giving one of them selects the model."""
     return tuple(each.name for each in model.added if each.default is None)
 
 
 def model_adding(names: Any) -> type[Model]:
-    """Return the model with these parameters besides δ, ε and β; its other parameters must have a default.
+    """Return the model that has the parameters `names` besides δ, ε and β, and default values for all others.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def model_adding(names: Any) -> type[Model]:
     Raises
     ------
     ParameterError
-        If no model has all of them, or another one must be given too.
+        If no model has all of these parameters, or the model has another parameter without a default value.
     """
     wanted = set(names)
     for model in MODELS.values():
@@ -76,7 +76,18 @@ def model_adding(names: Any) -> type[Model]:
 
 
 def model_of(beta: float = 0.6, **added: float | None) -> Model:
-    """Return the model with these added parameters; None means not given. Raises ParameterError."""
+    """Return the model with half-backlash beta and the parameters `added`, where None counts as not given.
+
+    Returns
+    -------
+    Model
+        The model that has these parameters; the default model if all are None.
+
+    Raises
+    ------
+    ParameterError
+        If no model has the given parameters, or one is outside its domain.
+    """
     given: dict[str, Any] = {name: value for name, value in added.items() if value is not None}
     return model_adding(given)(beta, **given)
 
@@ -92,7 +103,7 @@ def with_harmonics(model: Model, harmonics: Sequence[Harmonic]) -> Model:
     Raises
     ------
     ParameterError
-        If the model takes no harmonics, or one is invalid.
+        If the model takes no harmonics, or a harmonic is invalid.
     """
     if not harmonics:
         return model
@@ -113,22 +124,23 @@ def model_at(gear: AnyGear) -> Model:
 
 
 def model_with(parameters: Parameters, number: int = 0) -> Model:
-    """Return the model with the parameters of one of these points, by its number."""
+    """Return the model at one of the points that `parameters` holds; number: the index of the point."""
     point = parameters.point(number)
     model = MODELS[parameters.model](**{name: point[name] for name in parameters.others})
     return with_harmonics(model, parameters.harmonics)
 
 
 def gear_at(parameters: Parameters, number: int = 0) -> AnyGear:
-    """Return the gear at one of these points, by its number."""
+    """Return the gear at one of the points that `parameters` holds; number: the index of the point."""
     return model_with(parameters, number).gear(float(parameters.delta[number]), float(parameters.epsilon[number]))
 
 
 def lacking(capability: Capability, model: Model | type[Model]) -> CapabilityError:
-    """Return the error for a capability that a model lacks, which names the models that have it."""
+    """Return the error for a capability that a model lacks. Its message names the models that have the capability."""
     having = [name for name, each in MODELS.items() if capability in each.has]
     words = capability[0].upper() + capability[1:]
-    return CapabilityError(f"{words} known of the {' and '.join(having)} model only, not of the {model.name} one.")
+    only = " and ".join(having)
+    return CapabilityError(f"{words} available only for the {only} model, not for the {model.name} model.")
 
 
 def require_capability(capability: Capability, model: Model | type[Model]) -> None:

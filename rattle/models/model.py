@@ -40,7 +40,7 @@ Rows = tuple[Attractors, NDArray[np.bool_], NDArray[np.int64]]
 
 
 class Capability(StrEnum):
-    """Features that not every model has. The text of each begins a sentence of `lacking`."""
+    """Features that not every model has. The value of each is the beginning of the error message of `lacking`."""
 
     CLOSED_FORM = "closed forms of A to D are"
     PERIOD_ONE = "the motions A to D and the regions that they make are"
@@ -62,10 +62,10 @@ class Capability(StrEnum):
 
 
 class Limits(NamedTuple):
-    """Eccentricities at one damping.
+    """The eccentricities at which the motions of a gear change, at one damping.
 
-    sn1: A and C are born. flip: C flips. quiet_limit: quiet motion ends.
-    missing: the reasons why a limit is None.
+    sn1: at this eccentricity A and C are born in a saddle-node. flip: C loses stability in a flip (period doubling).
+    quiet_limit: quiet motion ends. missing: for each limit that is None, the reason.
     """
 
     sn1: float | None
@@ -95,7 +95,7 @@ class AnyGear(Protocol):
 
     @property
     def states(self) -> StatePlane:
-        """The plane of states (τ, v), with its classifier."""
+        """The plane of states (τ, v), with the classifier that decides which attractor a state reaches."""
 
     @property
     def quiet_limit(self) -> float:
@@ -103,19 +103,19 @@ class AnyGear(Protocol):
 
     @property
     def sn1(self) -> float | None:
-        """Eccentricity of SN1, None where it does not exist."""
+        """Eccentricity of SN1, None where SN1 does not exist or is not computed."""
 
     def region(self) -> int:
-        """Return the number of the region, as `REGIONS` counts them."""
+        """Return the number of the region, an index of `REGIONS`."""
 
     def orbits(self) -> tuple[Orbit, ...]:
         """Return the motions A to D that exist."""
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> Periodic:
-        """Return the periodic motion with n_plus impacts on Σ⁺ near a departure (τ, v)."""
+        """Return the periodic motion with n_plus impacts on Σ⁺ a period that is found from the departure (τ, v)."""
 
     def saddle(self, orbit: Orbit) -> Periodic:
-        """Return an orbit of period one as a saddle with its manifolds' data."""
+        """Return an orbit of period one as a saddle, with the data from which its manifolds are computed."""
 
     def impact(self, tau: float, v: float) -> Impact:
         """Return the next impact on Σ⁺ after a departure."""
@@ -132,7 +132,7 @@ class AnyGear(Protocol):
     def attractors(
         self, count: int = 256, v_max: SpeedLimit = None, seed: int = 0, budget: int = BUDGET
     ) -> tuple[Attractor, ...]:
-        """Return the attractors that a sample finds."""
+        """Return the attractors that `count` random initial conditions reach."""
 
     def basins(
         self,
@@ -146,7 +146,7 @@ class AnyGear(Protocol):
         """Return the basins of attraction."""
 
     def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached:
-        """Return the attractors that states reach."""
+        """Return the attractor that each state (τ, v) reaches."""
 
     def uncertainty(self, pairs: int | None = None, v_max: SpeedLimit = None, seed: int = 0) -> Uncertainty:
         """Return the uncertainty exponent of the basins."""
@@ -173,10 +173,10 @@ class AnyGear(Protocol):
 
 
 class Functions(Protocol):
-    """Functions of a gear's package, for arrays of parameters.
+    """The functions that the package of a gear has, for arrays of parameters.
 
-    Each function takes δ and ε, the name of a curve, or a segment; and by keyword β and the gear's other parameters.
-    `rattle.impacting` and `rattle.stiff` are such packages.
+    Each function takes δ and ε, the name of a curve, or the ends of a segment of the (δ, ε) plane, and by keyword β and
+    the gear's other parameters. `rattle.impacting` and `rattle.stiff` are such packages.
     """
 
     def period_one(self, *given: Any, **more: Any) -> PeriodOne:
@@ -189,7 +189,7 @@ class Functions(Protocol):
         """Return whether a motion that becomes quiet makes so many impacts that it may look chaotic."""
 
     def stretch(self, *given: Any, **more: Any) -> Array:
-        """Return the sums over the impacts of chaotic motions."""
+        """Return sums over the impacts of chaotic motions, from which their intensities are computed."""
 
     def diagram(self, *given: Any, **more: Any) -> Diagram[Any, Any]:
         """Return the bifurcation diagram along a segment."""
@@ -203,34 +203,34 @@ class Functions(Protocol):
 
 @dataclass(frozen=True)
 class Model(ABC):
-    """A model over its plane of (δ, ε). The fields of an instance are its other parameters.
+    """A model of the gear, over the plane of δ and ε. The fields of an instance are its parameters besides δ and ε.
 
     Attributes
     ----------
     name, title : str
-        Its name in requests, stores and files, and its name in a list of models.
+        The name of the model in requests, stores and files, and the name that a list of models shows.
     added : tuple of Parameter
-        Its parameters besides δ, ε and β, in the order of the fields.
+        The parameters of the model besides δ, ε and β, in the order of the fields.
     has : frozenset of Capability
-        Its capabilities.
+        The capabilities of the model.
     functions : module
-        The package of its gear.
+        The package with the functions of the gear, such as `rattle.impacting`.
     classifier : type of Classifier
         The class that decides which attractor a sample reaches.
     curve_names : tuple of str
-        The names of its bifurcation curves.
+        The names of the model's bifurcation curves.
     tile_samples : int
-        Initial conditions of a tile of default size, which take some seconds.
+        The number of initial conditions in a tile of default size. Such a tile takes some seconds.
     cell_milliseconds : float, optional
-        Time for a cell, if it hardly depends on the number of samples; None if it does.
+        The time that a cell takes, where it hardly depends on the number of samples; None where it does.
     design_gears : int
-        Gears that are drawn to answer a question about tolerances at a point at once.
+        The number of random gears from which a question about tolerances at a point is answered at once.
     takes_harmonics : bool
-        Whether its forcing may have harmonics besides the first.
+        True if the forcing may have harmonics besides the first.
     one_cosine : frozenset of Capability
-        The capabilities that it has only without such harmonics.
+        The capabilities that the model has only if the forcing has no harmonics besides the first.
     compiled_at : tuple of float
-        Eccentricities of the cells, at δ = β = 0.6, whose computation compiles all of its kernels.
+        Eccentricities of cells at δ = β = 0.6. Computing these cells compiles all kernels of the model.
     """
 
     beta: float = 0.6
@@ -275,7 +275,7 @@ class Model(ABC):
 
     @property
     def in_closed_form(self) -> bool:
-        """True if A to D have closed forms, so that they, regions and limits are computed at once."""
+        """True if A to D have closed forms, so that these motions, regions and limits are computed at once."""
         return Capability.CLOSED_FORM in self.has
 
     @abstractmethod
@@ -283,7 +283,7 @@ class Model(ABC):
         """Return the gear at one point. Raises ParameterError."""
 
     def limits(self, delta: float) -> Limits:
-        """Return SN1, flip and quiet limit at one damping."""
+        """Return the eccentricities of SN1, of the flip of C and of the quiet limit, at one damping."""
         gear = self.gear(delta, 0.0)
         unknown = f"not computed at one damping for the {self.name} model"
         flip = MissingLimit("flip", unknown, None)
@@ -316,17 +316,18 @@ class Model(ABC):
         return of_samples(self.classifier, self.at(delta, epsilon), sample)
 
     def cells(self, delta: Array, epsilon: Array) -> Any:
-        """Return the cells epsilon (m,) × delta (n,), row by row, in the form that the kernels take."""
+        """Return the cells epsilon (m,) × delta (n,), row by row, as the constants that the kernels take."""
         return self.classifier.cells_of(self.grid(delta, epsilon))
 
     def cells_of_orbits(self, delta: Array, epsilon: Array) -> Any:
-        """Return the cells as `cells` does, for kernels that follow periodic orbits only, which may be faster."""
+        """Return `cells` for kernels that follow only periodic orbits; some models compute these cells faster."""
         return self.classifier.cells_of_orbits(self.grid(delta, epsilon))
 
     def impulse_balance_errors(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> Array:
         """Return the error |(Σv₊ − Σv₋)/(2πδT) − 1| of the balance of impulses, for the attractors of cells (n,).
 
-        Σv₊ and Σv₋ are the sums of the impulses on Σ⁺ and Σ⁻ over a time T; those of contacts come from the springs.
+        Σv₊ and Σv₋ are the sums of the impulses on Σ⁺ and Σ⁻ over a time T; in a contact of the stiff gear the spring
+        gives the impulse.
 
         Returns
         -------
@@ -336,7 +337,7 @@ class Model(ABC):
         return impulse_balance_errors(table, self.classifier.cells_of(self.at(delta, epsilon).flat()))
 
     def intensities_of(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> Intensities:
-        """Return the intensities of the attractors in a table from `attractors_of`, at the same cells: arrays (n,)."""
+        """Return the intensity of each attractor in a table, which `attractors_of` made for the same δ and ε."""
         return intensities_of(table, self.classifier.cells_of(self.at(delta, epsilon).flat()), self.functions.stretch)
 
     def rests_late(self, delta: ArrayLike, epsilon: ArrayLike) -> NDArray[np.bool_]:
@@ -346,7 +347,7 @@ class Model(ABC):
         return self.functions.rests_late(flat.delta, flat.epsilon, **flat.others).reshape(at.shape)
 
     def diagram(self, start: ArrayLike, end: ArrayLike, steps: int = 400, count: int = 64) -> Diagram[Any, Any]:
-        """Return the bifurcation diagram from start to end, both (δ, ε)."""
+        """Return the bifurcation diagram along the segment from the point start = (δ, ε) to the point end."""
         return self.functions.diagram(start, end, **self.numbers, steps=steps, count=count)
 
     def describe(self, name: str) -> str:
@@ -370,5 +371,5 @@ class Model(ABC):
 
     @classmethod
     def joined_rows(cls, parameters: Parameters, table: Attractors) -> Rows:
-        """Join the attractors of a row of cells to families, as `rattle.families.join.joined_rows` does."""
+        """Join the attractors of cells in one row of a grid to families, as `rattle.families.join.joined_rows` does."""
         return joined_rows(table, (1, parameters.size), cls.classifier.cells_of(parameters))

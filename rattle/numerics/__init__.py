@@ -1,4 +1,4 @@
-"""Compilation, tables, polynomials, complex-step derivatives, the secant method, sampling; nothing about gears."""
+"""Compilation, tables, polynomials, complex-step derivatives, secant steps, sampling: nothing about gears."""
 
 from rattle.numerics.compile import compile_apart, note_of
 from rattle.numerics.processes import environment, leave_working_directory

@@ -1,7 +1,7 @@
 """Compilation of kernels: by numba, into a cache that an edit can never leave stale.
 
 Numba's own cache looks only at the file that holds a function, so it misses an edit in a helper that the function
-imports. The directory of ours is named by the sources of the whole library, the compiler's versions and the processor.
+imports. The name of our cache directory is a hash of the library's sources, the compiler's versions and the processor.
 docs/decisions/0005-kernel-cache.md
 """
 
@@ -42,18 +42,19 @@ if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
 
 log = logging.getLogger(__name__)  # INFO: kernels that are being compiled
 
-COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience", "notebook.py", "precompile.py"}  # of what a survey holds
-COMPILE_NOTHING = COMPUTE_NOTHING | {"models"}  # which take what is compiled elsewhere
+#: Parts of the library that compute no number of a survey.
+COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience", "notebook.py", "precompile.py"}
+COMPILE_NOTHING = COMPUTE_NOTHING | {"models"}  # parts without kernels: models call kernels of other parts
 COMPILE = "import sys; from rattle.numerics.compile import compile_here; compile_here(*sys.argv[1:])"
-STEP = "compiling "  # how a line of that process begins that says what it is at
+STEP = "compiling "  # start of the lines in which the compiling process reports its steps
 POLL_SECONDS = 0.1
-_HERE: list[Path] = []  # notes of what this process compiles for others
+_HERE: list[Path] = []  # in a compiling process: files to create when the kernels are compiled
 _LOCK = threading.Lock()
 
 
 @cache
 def source_hash() -> str:
-    """Hex SHA-256 over the sources that compute: two equal hashes give bit-identical numbers on one machine."""
+    """Return the hex SHA-256 of the sources that compute: equal hashes mean bit-identical numbers on one machine."""
     return _hash_without(COMPUTE_NOTHING)
 
 
@@ -67,7 +68,7 @@ def _hash_without(left_out: set[str]) -> str:
 
 
 def toolchain() -> dict[str, str]:
-    """Return the versions and processor features that the last bits of numbers depend on, beside the sources."""
+    """Return the versions and processor features on which, besides the sources, the last bits of numbers depend."""
     features = binding.get_host_cpu_features()
     return {
         "python": platform.python_version(),
@@ -80,7 +81,7 @@ def toolchain() -> dict[str, str]:
 
 
 def _root() -> str:
-    """Return the named or usual directory; where that cannot be written, a temporary one of this user only."""
+    """Return RATTLE_CACHE_DIR, else the user's cache directory, or if that is not writable a private temporary one."""
     if named := os.environ.get("RATTLE_CACHE_DIR"):
         return named
     usual = os.path.join(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "rattle")
@@ -89,14 +90,14 @@ def _root() -> str:
             os.makedirs(root, 0o700, exist_ok=True)
             found = os.lstat(root)
             private = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
-            if os.access(root, os.W_OK | os.X_OK) and (root == usual or private):  # what is loaded is executed
+            if os.access(root, os.W_OK | os.X_OK) and (root == usual or private):  # files in it are executed
                 return root
     return usual
 
 
 @cache
 def cache_directory() -> Path:
-    """Return the directory of kernels of these sources, at this place, for this compiler and processor."""
+    """Return the directory of compiled kernels: its name is a hash of sources, their path, compiler and processor."""
     target: Any = numba.config
     key = (_hash_without(COMPILE_NOTHING), __file__, sys.version, toolchain(), target.CPU_NAME, target.CPU_FEATURES)
     return Path(_root(), hashlib.sha256(repr(key).encode()).hexdigest()[:24])
@@ -104,7 +105,7 @@ def cache_directory() -> Path:
 
 @cache
 def can_be_kept() -> bool:
-    """Return whether the cache can be written; warn if not: numba's own, beside the sources, could be stale."""
+    """Return whether the cache can be written, and warn if not: numba's own cache, which may be stale, is not used."""
     try:
         cache_directory().mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=cache_directory()).close()
@@ -115,8 +116,8 @@ def can_be_kept() -> bool:
     return True
 
 
-#: IEEE arithmetic but for fused multiply-add and the sign of zero; 1/0 is inf, not an exception. Reassociation would
-#: break the rounding trick of `rattle.flight.law` and the sums that avoid cancellation.
+#: IEEE arithmetic, except for fused multiply-add and the sign of zero; 1/0 is inf, not an exception. Reassociation
+#: would break the rounding trick of `rattle.flight.law` and the sums that avoid cancellation.
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "no_cfunc_wrapper": True}
 _ENTRY: dict[str, Any] = _OPTIONS | {"nogil": True, "_nrt": True, "forceinline": False}
 _CALLED: Any = _OPTIONS | {"no_cpython_wrapper": True, "_nrt": True, "forceinline": False}
@@ -126,9 +127,10 @@ _INLINE: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True, "_nrt": False,
 class Inline:
     """A function that is compiled into its callers; from Python it is the plain function.
 
-    It borrows the arrays that it is given: it neither makes nor returns any, and counts no references to them. In a
-    kernel numba counts those of every array of a named tuple at each call, in atomic steps of some nanoseconds. Numba's
-    dispatchers are made when first needed: a process that only loads kernels needs few.
+    The function borrows its array arguments: it neither creates nor returns arrays, and counts no references to them.
+    A kernel counts the references to every array of a named tuple at each call, in atomic operations of some
+    nanoseconds each. Numba's dispatchers are created when they are first needed, because a process that only loads
+    kernels needs few of them.
     """
 
     options = _INLINE
@@ -140,12 +142,12 @@ class Inline:
 
     @cached_property
     def in_kernels(self) -> Any:
-        """Return numba's dispatcher for kernels that call this."""
+        """Return numba's dispatcher of this function, for kernels that call it."""
         Inline.compiled.append(self)
         return numba.njit(**self.options)(self._run)
 
     def __call__(self, *arguments: Any) -> Any:
-        """Run the function."""
+        """Run the plain Python function."""
         return self._run(*arguments)
 
 
@@ -155,9 +157,10 @@ def _type_in_kernels(function: Inline, _context: Any) -> Any:
 
 
 class Kernel(Inline):
-    """A compiled function with an entry from Python, which is kept on disk.
+    """A compiled function that Python can call. Its machine code is kept on disk.
 
-    Kernels that call it have copies of their own: those of one name are alike, whichever of them a process loads first.
+    Each kernel that calls this one contains its own copy of its machine code. All copies are identical, so the results
+    do not depend on the order in which a process loads them.
     """
 
     options = _CALLED
@@ -169,7 +172,7 @@ class Kernel(Inline):
         config: Any = numba.config
         with _LOCK:
             if self._entry is None:
-                before, config.CACHE_DIR = config.CACHE_DIR, str(cache_directory())  # read when a function is decorated
+                before, config.CACHE_DIR = config.CACHE_DIR, str(cache_directory())  # numba reads it when it decorates
                 try:
                     self._entry = numba.njit(cache=can_be_kept(), **_ENTRY)(self._run)
                 finally:
@@ -177,37 +180,38 @@ class Kernel(Inline):
         return self._entry
 
     def __call__(self, *arguments: Any) -> Any:
-        """Run the compiled function; before its first run a process of its own compiles it for such arguments."""
+        """Run the compiled function. Before its first run, a separate process compiles it for these argument types."""
         if self._entry is None and self.__module__.startswith("rattle."):
             wanted = self.__module__, self.name, *map(numba.typeof, arguments)
-            name = hashlib.sha256(repr(wanted).encode()).hexdigest()[:24]  # pickles of the same may differ
+            name = hashlib.sha256(repr(wanted).encode()).hexdigest()[:24]  # pickles of equal types may differ
             compile_apart(f"{name} {base64.b64encode(pickle.dumps(wanted)).decode()}", f"{__name__}:one")
         return (self._entry or self.entry)(*arguments)
 
 
 def one(about: str) -> dict[str, Callable[[], Any]]:
-    """Return what compiles a kernel for some types of arguments."""
+    """Return {name: function}, where the function compiles the kernel of this name for the types in `about`."""
     module, name, *arguments = pickle.loads(base64.b64decode(about.split()[1]))
     return {name: lambda: getattr(import_module(module), name).entry.compile(tuple(arguments))}
 
 
-kernel = Kernel  #: compiles on first call, and caches on disk; other threads run meanwhile
-inline = Inline  #: compiles a small function into its callers: a loop over it stays straight, and LLVM vectorises it
+kernel = Kernel  #: decorator: compiles at the first call, caches on disk, runs without the GIL
+inline = Inline  #: decorator: compiles a small function into its callers, so that LLVM can vectorise loops that call it
 
-#: Functions that kernels find by the type of their last argument: for each, its implementation for every type.
+#: For each generic function its implementations, one for each type of its last argument. Kernels choose by that type.
 FOR_TYPES: dict[Callable[..., Any], dict[type, Callable[..., Any]]] = {}
 
 
 def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Declare that a function is, inside kernels whose last argument is a named tuple of this kind, the decorated one.
+    """Declare the implementation that kernels call for `function` if its last argument is a named tuple `kind`.
 
-    `FOR_TYPES` has all of them, and the docstring of `rattle.orbits.return_map` lists them with their places. Kernels
-    are not passed as arguments instead: numba's cache on disk does not know those (docs/decisions/0018-stiff.md).
+    `FOR_TYPES` has all implementations, and the docstring of `rattle.orbits.return_map` lists where they are. Kernels
+    are not passed as arguments instead, because numba's cache on disk does not support that
+    (docs/decisions/0018-stiff.md).
 
     Returns
     -------
     Callable
-        A decorator that returns its argument.
+        A decorator for the implementation, which it returns unchanged.
     """
 
     def register(implementation: Callable[..., Any]) -> Callable[..., Any]:
@@ -225,28 +229,30 @@ def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[...
 
 
 def note_of(about: str, work: str) -> Path:
-    """Return the file which says that the kernels for this work are in the cache."""
+    """Return the file whose existence says that the kernels of the job `work` for `about` are in the cache."""
     return cache_directory() / f"{work.rpartition(':')[2]}-{about.split()[0]}.note"
 
 
 def compile_apart(about: str, *works: str) -> None:
-    """Compile the kernels for some works in one process of its own, unless that was done before.
+    """Compile the kernels of some jobs (`works`) in one separate process, unless the cache has them already.
 
-    Numba's functions are weak symbols: a process that compiles takes copies of them which are optimised otherwise than
-    those that it loads, and the last bits differ. So every process loads its kernels. One at a time compiles; others
-    wait for it. Works that are compiled together share their kernels' callees.
+    Numba's functions are weak symbols: a process that compiles a kernel takes copies of its callees that are optimised
+    differently from the copies that it loads from the cache, and the last bits of results differ. So every process
+    loads its kernels. One process at a time compiles, and the others wait for it. Jobs that are compiled together share
+    the callees of their kernels.
 
     Parameters
     ----------
     about : str
-        What the functions take: a model; or a name, and more.
+        The argument of the jobs: the name of a model; or another name, a space, and more text.
     *works : str
-        Functions, as ``module:name``; each returns steps by name, which compile what they need.
+        Jobs: functions, as ``module:name``, which take `about` and return steps by name. Each step is a function that
+        compiles the kernels that it needs.
 
     Raises
     ------
     RattleError
-        They cannot be compiled; the message says why.
+        If the kernels cannot be compiled; the message says why.
     """
     notes = [note_of(about, work) for work in works]
     if _HERE:  # this process compiles for others
@@ -260,7 +266,7 @@ def compile_apart(about: str, *works: str) -> None:
 
 
 def locks(file: IO[str]) -> bool:
-    """Lock a file, unless another process has; without locks on files, kernels are compiled twice."""
+    """Lock a file. Return False if another process has locked it, and True also if the file system has no locks."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -287,9 +293,9 @@ def _compile(*work: str) -> None:
 
 
 def compile_here(about: str, *works: str) -> None:
-    """Do the steps of these works in this process, which ends when the one that started it does."""
+    """Compile the kernels of these jobs in this process, which ends when its parent process ends."""
     threading.Thread(target=lambda: sys.stdin.read() or os._exit(1), daemon=True).start()
-    gc.set_threshold(100_000, 20, 20)  # the usual thresholds cost an eighth of the time
+    gc.set_threshold(100_000, 20, 20)  # garbage collection takes an eighth of the time by default
     for work in works:
         _HERE[:] = [note_of(about, work)]
         module, _, name = work.partition(":")
@@ -303,12 +309,12 @@ def compile_here(about: str, *works: str) -> None:
 
 
 def require_borrowed() -> None:
-    """Refuse inline functions that return an array: their callers would give back what they were never given.
+    """Refuse inline functions that return an array: their callers would release a reference that was not counted.
 
     Raises
     ------
     RattleError
-        One that this process has compiled does.
+        If an inline function that this process has compiled returns an array.
     """
     for each in Inline.compiled:
         returned = [str(signature.return_type) for signature in each.in_kernels.nopython_signatures]

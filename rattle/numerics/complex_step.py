@@ -31,12 +31,20 @@ def derivatives(function: Function, x: Array) -> tuple[Array, Array]:
 
 
 def batch_of(x: NDArray) -> NDArray[np.complex128]:
-    """Return arguments x (…, N) as a contiguous batch (k, N) for kernels, real or complex."""
+    """Return arguments x (…, N), real or complex, as a contiguous complex array (k, N) for kernels."""
     return np.ascontiguousarray(x, np.complex128).reshape(-1, x.shape[-1])
 
 
 def like(x: NDArray, found: NDArray, axis: int = 0) -> NDArray:
-    """Return the results of `batch_of(x)` in the shape of x: axis (k,) as in x (…, N), and real if x is."""
+    """Return results for `batch_of(x)` in the shape of x (…, N).
+
+    The axis `axis` of `found`, of length k, becomes the leading axes of x.
+
+    Returns
+    -------
+    NDArray
+        The results, real if x is real.
+    """
     if x.ndim != 2:
         found = found.reshape(found.shape[:axis] + x.shape[:-1] + found.shape[axis + 1 :])
     return found if x.dtype.kind == "c" else found.real
@@ -45,9 +53,9 @@ def like(x: NDArray, found: NDArray, axis: int = 0) -> NDArray:
 def bordered(matrix: NDArray, column: Array, row: Array) -> NDArray:
     """Return a smooth function (…,) that vanishes together with the determinant of a matrix (…, n, n).
 
-    The matrix is bordered by a column and a row (…, n), or one of each for all matrices. The function is the last
-    unknown of the bordered system. Borders near the null vectors keep it well scaled for any n. Source: W. Govaerts,
-    Numerical Methods for Bifurcations of Dynamical Equilibria (SIAM 2000).
+    The matrix is bordered by a column and a row (…, n), or by the same column and row (n,) for all matrices. The
+    function is the last unknown of the bordered system. Borders near the null vectors keep it well scaled for any n.
+    Source: W. Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria (SIAM 2000).
 
     Returns
     -------

@@ -1,7 +1,7 @@
 """Start processes that import the same modules as this process, and never from the working directory.
 
-Python searches the working directory first (``python -c``, ``python -m``, at a prompt), or the directory of the script.
-If others can write to it, a ``random.py`` there would run their code.
+Python first searches the working directory (with ``python -c``, ``python -m`` or at a prompt), or the directory of the
+script. If other users can write to that directory, a ``random.py`` there would run their code.
 """
 
 import os
@@ -9,7 +9,7 @@ import sys
 import sysconfig
 from pathlib import Path
 
-#: Environment variable that keeps Python from adding the working directory or a script's; children inherit it.
+#: Environment variable that keeps Python from adding the working or the script's directory; child processes inherit it.
 SAFE_PATH = "PYTHONSAFEPATH"
 
 
@@ -21,7 +21,7 @@ def module_path() -> list[str]:
     list of str
         Absolute entries of ``PYTHONPATH`` and ``sys.path`` in order, without the working directory and the script's
         directory. The directory of this project is always included. It comes last, so that it hides nothing if it is
-        the working directory, or directly before another directory that has this project too.
+        the working directory. If another entry has this project too, it comes directly before that entry.
     """
     home = str(Path(__file__).parents[2])
     entries = os.environ.get("PYTHONPATH", "").split(os.pathsep) + sys.path

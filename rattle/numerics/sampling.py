@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import real_array, require
 
-GOLDEN = np.array([0x9E3779B97F4A7C15], np.uint64)
+GOLDEN = np.array([0x9E3779B97F4A7C15], np.uint64)  # increment of SplitMix64
 SOBOL_BITS = 32  # bits of a coordinate
-LAST_PHASE = float(np.nextafter(1.0, 0.0))
+LAST_PHASE = float(np.nextafter(1.0, 0.0))  # largest double below 1
 Z_95 = 1.959963984540054  # 97.5 % point of the normal distribution
 
 
@@ -43,14 +43,14 @@ def sobol(count: int) -> NDArray[np.float64]:
 
 
 def _mixed(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Return the finaliser of SplitMix64: every output bit depends on all input bits (Steele, Lea and Flood 2014)."""
+    """Mix bits by SplitMix64's finaliser: every output bit depends on all input bits (Steele, Lea and Flood 2014)."""
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return x ^ (x >> np.uint64(31))
 
 
 def uniforms(seed: int, stream: int, rows: NDArray[np.int64], columns: int) -> NDArray[np.float64]:
-    """Return independent numbers in [0, 1) for these rows (n,) of a stream.
+    """Return independent uniform numbers in [0, 1) for these rows (n,) of a random stream.
 
     Each number depends only on the seed (up to 128 bits), the stream, its row and its column.
 

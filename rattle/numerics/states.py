@@ -11,7 +11,7 @@ from rattle.errors import RattleError, require, require_integer, require_pair
 from rattle.numerics.sampling import sobol
 
 MOST_STATES = 1 << 20
-CELLS = 512  # cells along τ and along v in which a density counts as constant
+CELLS = 512  # number of cells along τ and along v; a density counts as constant in each
 Array = NDArray[np.float64]
 Density = Callable[[Array, Array], ArrayLike]
 
@@ -39,7 +39,7 @@ def sampled_states(
         A function of arrays τ and v, not negative, with any scale. It counts as constant in each of 512 × 512 cells of
         the box, with its value at the middle. Without it the sample is uniform.
     seed : int
-        Shifts the sample.
+        Seed of the random shift of the sample.
 
     Returns
     -------
@@ -78,11 +78,19 @@ def _by_density(
 
 
 def _inverse(weight: Array, row: NDArray[np.int64], share: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Return where the distribution of each row (rows, cells) reaches a share (n,), and the cell of that place."""
+    """Return the positions in [0, 1] at which distributions reach the shares (n,), and the cells of these positions.
+
+    weight (rows, cells): densities on equal cells of [0, 1]. row (n,): the density that belongs to each share.
+
+    Returns
+    -------
+    tuple[Array, NDArray[np.int64]]
+        Positions (n,) and cells (n,).
+    """
     total = np.cumsum(weight, axis=1)
     ends = np.hstack([np.zeros((len(weight), 1)), total])
     want = share * total[row, -1]
-    # concatenate the rows to one rising function, so that one search serves all
+    # concatenate the rows to one rising function, so that one search serves all rows
     offset = np.concatenate([[0.0], np.cumsum(ends[:, -1])])[:-1]
     line = (ends[:, 1:] + offset[:, None]).ravel()
     cell = np.searchsorted(line, want + offset[row], "right") - row * weight.shape[1]

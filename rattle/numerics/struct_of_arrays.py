@@ -41,7 +41,7 @@ class StructOfArrays:
 
     @classmethod
     def concat(cls, tables: list[Self]) -> Self:
-        """Return the rows of one table after those of another."""
+        """Return the rows of all tables as one table, in the order of the tables."""
         each = [table.columns() for table in tables]
         return cls(**{name: np.concatenate([columns[name] for columns in each]) for name in each[0]})
 
@@ -50,7 +50,7 @@ _FOR_KERNELS: dict[type, Any] = {}
 
 
 def kernel_columns(name: str, table: type, module: str) -> Any:
-    """Return the class of named tuples as which kernels take a table, under this name in its module."""
+    """Return a new named-tuple class in which kernels take the columns of `table`; `module` is where it is defined."""
     columns: Any = namedtuple(name, [field.name for field in fields(table)], module=module)  # type: ignore[misc]
     _FOR_KERNELS[table] = columns
     return columns

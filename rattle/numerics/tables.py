@@ -40,9 +40,11 @@ def read_columns(path: str | Path, names: Iterable[str], needed: str | None = No
     wanted = list(names)
     if not set(header).intersection([needed] if needed else wanted):
         hints = {did_you_mean(name, wanted) for name in header[:MOST_SHOWN] if name not in wanted}
+        others = ", ".join(name for name in wanted if name != needed)
+        columns = f"{needed} is required, and the others may be {others}" if needed else f"at least one of {others}"
         raise ParameterError(
-            f"the first line of {path} must name its columns, {needed or 'some'} of {', '.join(wanted)}; it has "
-            f"{_shown(header)}{min(hints - {''}, default='')}"
+            f"the first line of {path} must name its columns: {columns}; it has {_shown(header)}"
+            f"{min(hints - {''}, default='')}"
         )
     for name in wanted:
         if header.count(name) > 1:

@@ -1,4 +1,4 @@
-"""Images of states under Π or Π⁻¹ with phases that are not folded, and their Σ⁻ impacts step by step (compiled)."""
+"""Images of states under Π or Π⁻¹ with phases that are not folded, and the Σ⁻ impacts on the way (compiled)."""
 
 import numpy as np
 
@@ -11,12 +11,14 @@ from rattle.orbits.return_map import inverse_step, step
 def images(tau, v, steps, turns, backwards, point):
     """Return Π^steps (Π^−steps if `backwards`) of flat arrays of states at one parameter point.
 
-    τ is not folded: `turns` forcing periods are subtracted from the elapsed time, so that neighbours stay neighbours.
+    τ is not folded into [0, 1), so that neighbours stay neighbours; instead `turns` forcing periods are subtracted from
+    it (added if `backwards`).
 
     Returns
     -------
     tuple
-        (ok, τ, v, word, impacts on Σ⁻).
+        (ok, τ, v, word, impacts on Σ⁻), each (n,). ok: whether all steps exist. word: hash of the numbers of impacts on
+        Σ⁻ in each step, in order.
     """
     n = tau.size
     ok, out_tau, out_v = np.ones(n, np.bool_), np.empty(n), np.empty(n)

@@ -11,12 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.errors import ParameterError, RattleError, real_array, require, require_integer, require_number
 from rattle.flight.first_impact import OK
 
+# limits of a sampled motion: forcing periods, points and impacts
 LONGEST, MOST_POINTS, MOST_IMPACTS = 10_000.0, 10_000_000, 10_000_000
 Array = NDArray[np.float64]
 
 
 class Iterates(NamedTuple):
-    """Final states of many trajectories with their impacts on each wall; all of the broadcast shape."""
+    """Final states of many trajectories and numbers of impacts on each wall; all arrays have the broadcast shape."""
 
     tau: NDArray[np.float64]
     v: NDArray[np.float64]
@@ -25,7 +26,7 @@ class Iterates(NamedTuple):
 
 
 class Returned(NamedTuple):
-    """States (n,) after one return to Σ⁺, and its time; where `goes` is False there was none, and the state is kept."""
+    """States (n,) after one return to Σ⁺, and its duration. `goes` is False without a return: the state is kept."""
 
     tau: NDArray[np.float64]
     v: NDArray[np.float64]
@@ -34,13 +35,13 @@ class Returned(NamedTuple):
 
     @classmethod
     def of(cls, found: Stretched) -> Returned:
-        """Return the result from trajectories of one impact."""
+        """Return the result for trajectories `found` that were followed for one impact on Σ⁺."""
         goes = found.n_plus > 0
         return cls(found.tau, found.v, np.where(goes, found.time, 0.0), goes)
 
 
 class Stretched(NamedTuple):
-    """`Iterates` with the time taken and both Lyapunov exponents, (2, *shape), per forcing period."""
+    """`Iterates` with the elapsed time and both Lyapunov exponents (2, *shape), per forcing period."""
 
     tau: NDArray[np.float64]
     v: NDArray[np.float64]
@@ -68,7 +69,7 @@ def fold(phases: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def require_states(tau: NDArray[Any], v: NDArray[Any], n: NDArray[Any]) -> None:
-    """Raise ParameterError unless tau and v are departures from Σ⁺ and n are numbers of returns."""
+    """Raise ParameterError unless (tau, v) are departures from Σ⁺ and n holds numbers of returns."""
     require(bool(np.isfinite(tau).all()), "tau must be finite")
     require(bool((np.isfinite(v) & (v > 0)).all()), "v must be finite and greater than 0")
     require(np.issubdtype(n.dtype, np.integer) and bool((n >= 0).all()), "n must be integers of at least 0")
@@ -78,7 +79,7 @@ def require_states(tau: NDArray[Any], v: NDArray[Any], n: NDArray[Any]) -> None:
 def checked(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike, **more: ArrayLike
 ) -> tuple[list[NDArray[Any]], tuple[int, ...]]:
-    """Return flat contiguous copies of τ, v, n, δ, ε, β and further positive parameters, and the broadcast shape."""
+    """Return flat contiguous copies of τ, v, n, δ, ε, β and the positive parameters `more`, and the broadcast shape."""
     named = {"delta": delta, "epsilon": epsilon, "tau": tau, "v": v, "beta": beta, **more}
     steps = np.asarray(n)
     try:
@@ -106,7 +107,8 @@ class Trajectory(NamedTuple):
     impact_time, impact_wall, impact_speed : ndarray, (k,)
         The impacts: time, wall +1 (Φ = β) or −1, and speed |Φ'|.
     rest : float
-        When the motion comes to rest on Σ⁺, inf if it does not. Later bounces, slower than 1e-4, are left out.
+        Time from which the motion is at rest on Σ⁺, inf if it does not come to rest. Bounces after this time, slower
+        than 1e-4, are left out.
     """
 
     time: Array
@@ -131,8 +133,9 @@ def sampled_motion(
     Parameters
     ----------
     sampled : Callable[..., tuple[int, int, float]]
-        A kernel that takes (τ, v), the parameters, the times, and arrays to fill: Φ and Φ' (points,); time, wall and
-        speed of the impacts. It returns its status, the number of impacts, and when the motion comes to rest.
+        A kernel that takes (τ, v), the parameters, the times, and arrays to fill: Φ and Φ' (points,), and time, wall
+        and speed of the impacts. It returns its status, the number of impacts, and the time at which the motion comes
+        to rest (inf if it does not).
 
     Returns
     -------
@@ -163,7 +166,7 @@ def sampled_motion(
 
 
 class Impact(NamedTuple):
-    """One step of the impact map: (τ, v), impacts on Σ⁻, the tangent matrix ∂(τ', v')/∂(τ, v), and the time taken."""
+    """One step of the impact map: the new state, impacts on Σ⁻, tangent matrix ∂(τ', v')/∂(τ, v), and elapsed time."""
 
     tau: float
     v: float

@@ -1,10 +1,10 @@
-"""Stable and unstable manifolds of any saddle of Π^k, in smooth pieces that end in the corners that Γ causes.
+"""Stable and unstable manifolds of any saddle of Π^k, in smooth pieces that end at the corners that Γ causes.
 
-F, W and λ are those of `rattle.orbits.saddles`. A point of the manifold is F^j(W(t)) with t in the fundamental domain
-(size/λ, size], so that one number s = t λ^j gives its position. New points are inserted along t. Each therefore lies on
-the true manifold to the accuracy of its own orbit, which is rounding that the map stretches along the manifold and
-contracts across it. Refinement by distance and angle follows B. Krauskopf and H. M. Osinga, J. Comput. Phys. 146 (1998)
-404.
+F, W, λ and size are those of `rattle.orbits.saddles`. A point of the manifold is F^j(W(t)) with t in the fundamental
+domain (size/λ, size], so that one number s = t λ^j gives its position. New points are inserted along t. Each point
+therefore lies on the true manifold to the accuracy of its own orbit: the map stretches rounding errors along the
+manifold and contracts them across it. Refinement by distance and angle follows B. Krauskopf and H. M. Osinga, J.
+Comput. Phys. 146 (1998) 404.
 """
 
 from dataclasses import dataclass
@@ -16,30 +16,32 @@ from rattle.errors import RattleError, require, require_number
 from rattle.orbits.periodic import Periodic
 from rattle.orbits.saddles import Array, Local, local_manifold
 
-MOST_POINTS, MOST_IMAGES, MOST_ROUNDS = 400_000, 2_000, 200
+MOST_POINTS, MOST_IMAGES, MOST_ROUNDS = 400_000, 2_000, 200  # of an image; of a manifold; of the refinement of an image
 ENDED = 1e-9  # length of an image at which this side of the manifold has converged to an attractor
 FIRST = 9  # initial points of the fundamental domain
-FINEST = 1e-6  # shortest step whose angle counts; below it angles are rounding errors
-JOINED = 1e-3  # largest distance of two ends, relative to the spacing, that counts as one corner
+FINEST = 1e-6  # shortest step whose angle counts; angles of shorter steps are rounding errors
+JOINED = 1e-3  # largest distance of the ends of two pieces, relative to the spacing, at which they share a corner
 
 
 @dataclass(frozen=True)
 class Manifold:
-    """One side of a manifold, outwards from the saddle: n points in p pieces.
+    """One side of a manifold, outwards from the saddle: n points in p smooth pieces.
 
     Attributes
     ----------
+    kind, side
+        "stable" or "unstable", and +1 or −1, as in `manifold`.
     tau, v : ndarray, (n,)
         Phase, not folded but continuous along the manifold, and speed after the impact on Σ⁺.
     parameter : ndarray, (n,)
-        Position t of the preimage on the local manifold; arclength at the saddle.
+        Position t on the local manifold of the preimage of each point; near the saddle t is arclength.
     images : ndarray of int, (n,)
-        The j of the image F^j.
+        The number j of the image F^j that each point is on.
     pieces : ndarray of int, (p + 1,)
         Piece i has the points pieces[i] to pieces[i + 1]. Neighbouring pieces share their corner, which is stored
         twice.
     gap : ndarray, (p − 1,)
-        Distance between the ends of neighbouring pieces that do not share a corner.
+        Distance between the ends of neighbouring pieces; 0 where they share a corner.
     length : float
         Arclength of the whole side.
     """
@@ -57,7 +59,7 @@ class Manifold:
 
 
 class _Level:
-    """The image F^j of the fundamental domain, as points in order outwards."""
+    """The image F^j of the fundamental domain, as points in order away from the saddle."""
 
     def __init__(self, local: Local, j: int, t: Array) -> None:
         self.local, self.j, self.t = local, j, t
@@ -80,7 +82,7 @@ class _Level:
         return np.asarray(self.word[1:] != self.word[:-1])
 
     def _corners(self) -> bool:
-        """Bisect changes of the itinerary down to adjacent doubles t, and return whether points were inserted."""
+        """Bisect each change of the itinerary down to adjacent doubles t; return whether points were inserted."""
         i = np.flatnonzero(self.split)
         low, high, word = self.t[i], self.t[i + 1], self.word[i]
         while True:
@@ -96,7 +98,7 @@ class _Level:
         return bool(new.size)
 
     def refine(self, spacing: float, angle: float) -> None:
-        """Insert points until neighbours on a piece are closer than `spacing` and turn less than `angle` (radians)."""
+        """Insert points until neighbours on a piece are closer than `spacing` and its turns below `angle` (radians)."""
         for _ in range(MOST_ROUNDS):
             cornered = self._corners()
             step = _steps(self.x, self.local.unit)
@@ -139,8 +141,8 @@ def manifold(
     angle : float
         Largest turn between neighbours, in radians.
     unit : float
-        The speed difference that equals one forcing period in these lengths. Where speeds are far from 1, use a seventh
-        of the largest speed of interest.
+        The speed difference that counts as one forcing period in arclength, spacing and angle. If speeds are far from
+        1, use a seventh of the largest speed of interest.
 
     Returns
     -------
@@ -178,12 +180,12 @@ def manifold(
 
 
 def _steps(x: Array, unit: float) -> Array:
-    """Return the steps between successive states (2, n), with v in this unit."""
+    """Return the differences (2, n − 1) of successive states (2, n), with v in units of `unit`."""
     return np.asarray(np.diff(x, axis=1) / [[1.0], [unit]], np.float64)
 
 
 def _rows(level: _Level, end: int) -> Array:
-    """Return τ, v, t, j, flags of new pieces, Σ⁻ impacts (6, n); the first point is the last of the previous level."""
+    """Return rows τ, v, t, j, flags of new pieces, Σ⁻ impacts (6, n), without the point shared with level j − 1."""
     begins = np.concatenate([[False], level.split])
     rows = np.stack([*level.x, level.t, np.full(level.t.size, level.j), begins, level.bounces])
     return np.asarray(rows[:, (1 if level.j else 0) : end], np.float64)
@@ -192,9 +194,9 @@ def _rows(level: _Level, end: int) -> Array:
 def _assembled(
     orbit: Periodic, kind: str, side: int, rows: Array, arclength: float, joined: float, unit: float
 ) -> Manifold:
-    """Return the manifold, cut to length, with every corner in both its pieces.
+    """Return the manifold, cut to the arclength, with every corner in both pieces that it joins.
 
-    A corner is taken from the side that misses Σ⁻, where it is exact.
+    The point of a corner is taken from the piece with fewer impacts on Σ⁻, on which it is exact.
 
     Returns
     -------
@@ -207,7 +209,7 @@ def _assembled(
     gap = np.hypot(*((rows[:2, starts] - rows[:2, starts - 1]) / [[1.0], [unit]]))
     near = starts[gap < joined]
     exact = np.where(rows[5, near] < rows[5, near - 1], near, near - 1)
-    # on the other side a corner's error is the square root of rounding
+    # on the other piece the error of a corner is the square root of the rounding error
     rows[:, np.where(exact == near, near - 1, near)] = rows[:, exact]
     pieces = np.concatenate([[0], starts, [rows.shape[1]]]).astype(np.int64)
     length = float(np.hypot(*_steps(rows[:2], unit)).sum())

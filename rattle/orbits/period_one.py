@@ -21,13 +21,13 @@ class Orbit(NamedTuple):
     Attributes
     ----------
     tau, v : float
-        Phase in [0, 1), and speed > 0 after the impact (gap coordinate per forcing period).
+        Phase in [0, 1), and speed > 0 after the impact (change of Φ per forcing period).
     multipliers
-        Both Floquet multipliers over m forcing periods (complex; their product is e^(−δm)).
+        Both Floquet multipliers over m forcing periods, complex; their product is e^(−δm) if impacts are elastic.
     delta, epsilon, beta : float
         The parameter point.
     added : dict
-        The model's other parameters by name.
+        The values of the model's parameters besides δ, ε and β, by name.
     """
 
     name: str
@@ -60,7 +60,7 @@ class Orbit(NamedTuple):
 
 
 def orbit_columns(orbits: Sequence[Orbit]) -> Columns:
-    """Return the table of orbits, a row each."""
+    """Return the columns of the table of orbits, with a row for each orbit."""
     return {
         "orbit": [each.name for each in orbits],
         "motion": [motion_label(each.m, each.n_plus, each.n_minus) for each in orbits],
@@ -73,7 +73,7 @@ def orbit_columns(orbits: Sequence[Orbit]) -> Columns:
 
 
 class PeriodOne(NamedTuple):
-    """Orbits A, B, C, D over arrays of parameters of shape S: (4, *S), multipliers (4, 2, *S); NaN where absent."""
+    """Orbits A, B, C, D at parameters of shape S: fields (4, *S), multipliers (4, 2, *S); NaN for a missing orbit."""
 
     exists: NDArray[np.bool_]
     stable: NDArray[np.bool_]
@@ -85,7 +85,7 @@ class PeriodOne(NamedTuple):
 def existing_orbits(
     found: PeriodOne, delta: float, epsilon: float, beta: float, added: Mapping[str, float]
 ) -> tuple[Orbit, ...]:
-    """Return the orbits that exist at one parameter point, from arrays without axes, in the order A, B, C, D."""
+    """Return the orbits that exist at one parameter point, in the order A, B, C, D. found: fields of shape (4,)."""
     return tuple(
         Orbit(
             name,
@@ -107,9 +107,10 @@ def existing_orbits(
 
 
 class MissingLimit(NamedTuple):
-    """A limit, sn1 or flip, that is not valid at a damping.
+    """A limit, sn1 or flip, that does not exist at a damping.
 
-    reason says why, and what happens instead. epsilon is the eccentricity of that other event, None if there is none.
+    reason: why it does not exist, and the event that takes its place. epsilon: the eccentricity of this other event,
+    None if there is none.
     """
 
     limit: str
@@ -117,18 +118,18 @@ class MissingLimit(NamedTuple):
     epsilon: float | None
 
 
-SQUARED = 1e150  # a trace above this overflows when squared, and the determinant is negligible beside it
+SQUARED = 1e150  # a larger trace overflows when it is squared, and the determinant is negligible beside its square
 
 
 def multipliers_of(trace: ArrayLike, determinant: ArrayLike) -> NDArray[np.complex128]:
     """Return both roots of λ² − trace λ + determinant, the larger modulus first.
 
-    They are computed without cancellation.
+    The roots are computed without cancellation.
 
     Returns
     -------
     NDArray[np.complex128]
-        (2, …), the new axis first.
+        The roots (2, …), with a new first axis.
     """
     t, d = np.broadcast_arrays(np.asarray(trace, np.float64), np.asarray(determinant, np.float64))
     with np.errstate(over="ignore"):
@@ -141,7 +142,7 @@ def multipliers_of(trace: ArrayLike, determinant: ArrayLike) -> NDArray[np.compl
 
 
 PAPER_REGIONS = ("I", "II", "III", "IV", "V")
-_OF_THE_PAPER = {"": "I", "AC": "II", "ABCD": "III", "AD": "V"}  # region III becomes IV where D is unstable
+_OF_THE_PAPER = {"": "I", "AC": "II", "ABCD": "III", "AD": "V"}  # all four orbits are region IV if D is unstable
 _SETS = ["".join(x for x, there in zip(NAMES, each[::-1], strict=True) if there) for each in product((0, 1), repeat=4)]
 #: Names of regions by number: 0 is no region, 1 to 5 are I to V of the paper, others are named by their orbits.
 REGIONS = ("", *PAPER_REGIONS, *(each for each in _SETS if each not in _OF_THE_PAPER))
@@ -152,13 +153,13 @@ _CODES = np.array([REGIONS.index(_OF_THE_PAPER.get(each, each)) for each in _SET
 def classify(orbits: PeriodOne) -> NDArray[np.int8]:
     """Return the region of each parameter point from its period-one orbits.
 
-    I has none of A–D, II has A and C, III all four with D stable, IV all four with D unstable, V A and D. Every other
-    set has a number of its own.
+    Region I has none of A to D, II has A and C, III all four with D stable, IV all four with D unstable, and V has A
+    and D. Every other set of orbits has a number of its own.
 
     Returns
     -------
     NDArray[np.int8]
-        Numbers in REGIONS.
+        Indices in REGIONS.
     """
     region = np.asarray(_CODES[np.tensordot(1 << np.arange(len(NAMES)), orbits.exists, 1)])
     region[orbits.exists.all(axis=0) & ~orbits.stable[3]] = REGIONS.index("IV")
@@ -176,7 +177,7 @@ def region_in_words(region: int) -> str:
 
 
 class HasOrbits(Protocol):
-    """A gear at a parameter point."""
+    """A gear at a parameter point that has period-one orbits."""
 
     @property
     def quiet_limit(self) -> float:

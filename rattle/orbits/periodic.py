@@ -1,4 +1,4 @@
-"""The equations of a periodic motion of any gear, and the properties that each motion has."""
+"""The equations of a periodic motion of any gear, and the properties that all periodic motions have."""
 
 import math
 from abc import ABC, abstractmethod
@@ -17,10 +17,10 @@ from rattle.orbits.period_one import multipliers_of
 
 @dataclass(frozen=True)
 class Equations(ABC):
-    """A periodic motion as n equations in n unknowns, followed by δ and ε.
+    """The n equations of a periodic motion in its n unknowns; arrays x (…, n + 2) hold the unknowns, then δ and ε.
 
-    walls holds +1 or −1 for each impact or contact of a period, Σ⁺ first; m is the number of forcing periods, beta the
-    half-backlash. The unknowns are the times of the impacts or contacts, then any other unknowns of each.
+    walls: +1 or −1 for each impact or contact of a period, Σ⁺ first. m: number of forcing periods. beta: half-backlash.
+    The unknowns are the times of the impacts or contacts, followed by any further unknowns of each.
     """
 
     walls: tuple[int, ...]
@@ -44,10 +44,10 @@ class Equations(ABC):
 
     @abstractmethod
     def with_graze(self, x: NDArray, impact: int) -> NDArray:
-        """Return R and one more function, (…, n + 1), that vanishes where impact number `impact` grazes."""
+        """Return R followed by one more function, (…, n + 1), which vanishes if impact number `impact` grazes."""
 
     def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
-        """Return J(λ) (…, n, n)."""
+        """Return the Jacobian J(λ) (…, n, n) of `with_jacobian`, λ being `multiplier`."""
         return self.with_jacobian(x, multiplier)[1]
 
     @property
@@ -56,7 +56,7 @@ class Equations(ABC):
         return self.m, self.walls.count(1), self.walls.count(-1)
 
     def with_walls(self, walls: tuple[int, ...], m: int | None = None) -> Self:
-        """Return the itinerary of a motion of the same gear with other walls and another number of periods."""
+        """Return the itinerary of a motion of the same gear with other walls, in m forcing periods (None: as many)."""
         return replace(self, walls=walls, m=self.m if m is None else m)
 
     def begun_at(self, first: int) -> Self:
@@ -64,7 +64,7 @@ class Equations(ABC):
         return self.with_walls(self.walls[first:] + self.walls[:first])
 
     def without(self, impact: int) -> Self:
-        """Return the itinerary of the motion that just fails to make this impact."""
+        """Return the itinerary of the motion that makes all impacts except impact number `impact`."""
         return self.with_walls(self.walls[:impact] + self.walls[impact + 1 :])
 
     def with_impact(self, impact: int, wall: int) -> Self:
@@ -72,11 +72,11 @@ class Equations(ABC):
         return self.with_walls((*self.walls[:impact], wall, *self.walls[impact:]))
 
     def doubled(self) -> Self:
-        """Return the itinerary repeated twice."""
+        """Return the itinerary of twice the period: this one, two times in succession."""
         return self.with_walls(self.walls * 2, 2 * self.m)
 
     def divided(self, parts: int) -> Self:
-        """Return the itinerary whose `parts`-fold repetition is this one."""
+        """Return the itinerary whose `parts`-fold repetition is this itinerary."""
         return self.with_walls(self.walls[: len(self.walls) // parts], self.m // parts)
 
 
@@ -84,7 +84,7 @@ Itinerary = TypeVar("Itinerary", bound=Equations)
 
 
 def begun_at(itinerary: Equations, x: Array, first: int) -> Array:
-    """Return the unknowns (and what follows them) (N,) of the same motion that begins with impact number `first`."""
+    """Return x (N,), the unknowns and numbers after them, for the same motion begun with impact number `first`."""
     each = x[: itinerary.n].reshape(-1, len(itinerary.walls))
     turned = np.concatenate([each[:, first:], each[:, :first]], axis=1)
     turned[0, len(itinerary.walls) - first :] += itinerary.m
@@ -92,15 +92,15 @@ def begun_at(itinerary: Equations, x: Array, first: int) -> Array:
 
 
 def twins(itinerary: Equations, start: Array, x: Array) -> Array:
-    """Return all equivalent unknowns near x of the motion `start` (N,), whose times come first.
+    """Return all equivalent unknowns of the motion `start` (N,), with their first times nearest to that of x.
 
-    The motion may begin at another impact, if the walls are the same from there, or some forcing periods earlier or
-    later.
+    The same motion has other unknowns if it begins at another impact from which the order of walls is the same, or
+    whole forcing periods earlier or later.
 
     Returns
     -------
     Array
-        Solutions (…, N), including `start` itself.
+        Solutions (k, N); one of them is `start`, shifted by whole periods.
     """
     n, walls = len(itinerary.walls), itinerary.walls
     found = np.array([begun_at(itinerary, start, k) for k in range(n) if walls[k:] + walls[:k] == walls])
@@ -109,7 +109,7 @@ def twins(itinerary: Equations, start: Array, x: Array) -> Array:
 
 
 def with_shortest_period(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array]:
-    """Return a motion x (n + 2,) with its least period, with the times solved again if the period is shorter."""
+    """Return the motion x (n + 2,) with its least period; if it is shorter than m, the times are solved for again."""
     impacts = len(itinerary.walls)
     for parts in range(math.gcd(impacts, itinerary.m), 1, -1):
         shift, odd = divmod(impacts, parts)
@@ -125,9 +125,10 @@ def with_shortest_period(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Arr
     return itinerary, x
 
 
-MOST_IMPACTS = 512
+MOST_IMPACTS = 512  # most impacts of a periodic motion
 MOST_NEWTON = 30
-# largest time difference, in forcing periods, between a motion and its repetition; near a flip rounding grows
+# largest time difference, in forcing periods, at which a part of a motion counts as a repetition of the part before;
+# near a flip rounding errors grow
 SAME_MOTION = 1e-8
 
 
@@ -138,16 +139,16 @@ class Periodic(ABC):
     Attributes
     ----------
     walls : (n,)
-        +1 or −1 of each impact or contact, Σ⁺ first.
+        Wall of each impact or contact, +1 or −1, Σ⁺ first.
     times : (n,)
-        Times at which they begin, in forcing periods, the first in [0, 1).
+        Times at which the impacts or contacts begin, in forcing periods, the first in [0, 1).
     speeds : (n,)
-        Speeds after each of them; positive into the gap, negative where the motion is virtual.
+        Speed after each impact or contact; positive into the gap, negative where the motion is virtual.
     multipliers
-        Both Floquet multipliers over m periods, the larger modulus first (product e^(−δm)); infinite at a graze of the
-        impacting model.
+        Both Floquet multipliers over m forcing periods, the larger modulus first. Their product is e^(−δm) if impacts
+        are elastic. At a graze of the impacting model they are infinite and 0.
     admissible : bool
-        Whether the motion is admissible.
+        True if the motion is admissible, False if it is virtual.
     """
 
     delta: float
@@ -167,7 +168,7 @@ class Periodic(ABC):
         Returns
         -------
         Self
-            Its times folded so that the first is in [0, 1).
+            The motion, with its times shifted by whole periods so that the first is in [0, 1).
         """
         n = itinerary.n
         determinant = itinerary.law.determinant(x[n], itinerary.m, len(itinerary.walls))
@@ -179,12 +180,12 @@ class Periodic(ABC):
     @property
     @abstractmethod
     def departures(self) -> Array:
-        """Return the times at which the motion leaves the walls (n,), with these speeds."""
+        """Return the times (n,) at which the motion leaves the walls, in the order of `speeds`."""
 
     @property
     @abstractmethod
     def point(self) -> Any:
-        """Return the motion's parameters for kernels."""
+        """Return the motion's parameter point for kernels."""
 
     @property
     def added(self) -> tuple[str, ...]:
@@ -241,18 +242,18 @@ class Periodic(ABC):
         Returns
         -------
         DataFrame
-            A row for each, times in forcing periods.
+            A row for each impact or contact, with times in forcing periods.
 
         Raises
         ------
         MissingExtraError
-            Without pandas.
+            If pandas is not installed.
         """
         return dataframe_of(self)
 
 
 def at_parameters(itinerary: Equations, x: Array) -> Array | None:
-    """Solve the equations for the times by Newton's method, with δ and ε of x (n + 2,) fixed; None if it fails."""
+    """Return x (n + 2,) with its unknowns solved for by Newton's method at its δ and ε; None if the method fails."""
     n, x = itinerary.n, x.copy()
     for _ in range(MOST_NEWTON):
         value, jacobian = derivatives(itinerary.residual, x)

@@ -1,8 +1,8 @@
-"""Powers of a return map with their tangent, and the periodic orbits that Newton's method finds (compiled).
+"""Powers of a return map with their tangent map, and the periodic orbits that Newton's method finds (compiled).
 
-The type of the point selects the model: every kernel finds the following functions by it
-(`rattle.numerics.compile.for_type`). Each gear provides all of them for its point and its cells, except that the
-inelastic gear has no inverse map:
+The type of a parameter point selects the model: by this type every kernel finds the following functions
+(`rattle.numerics.compile.for_type`). Each gear provides all these functions for its point and its cells, except that
+the inelastic gear has no inverse map:
 
 =============  =================  ===========================  ======================  ========================
 function       declared in        impacting (Point, Cells)     stiff (StiffPoint, …)   inelastic (InelasticPoint, …)
@@ -24,7 +24,7 @@ from rattle.flight.law import folded, speed_unit, wrapped
 from rattle.numerics.compile import kernel
 
 NEWTON_STEPS = 15
-SAME = 1e-8  # largest distance, with speeds in their unit, at which an orbit counts as closed
+SAME = 1e-8  # largest distance, with speeds in `speed_unit`, at which an orbit counts as closed
 
 
 def step(tau, v, point):
@@ -48,7 +48,7 @@ def point_of(cell, cells):
 
 
 def between(share, one, other):
-    """Return the parameter point at this share of the line between two cells' points."""
+    """Return the parameter point at `share` of the way from the point `one` to the point `other`."""
     raise NotImplementedError("this function exists inside kernels only: from Python use Gear.iterate")
 
 
@@ -70,7 +70,7 @@ def power_map(tau, v, k, point):
 
 @kernel
 def newton(tau, v, k, point):
-    """Return the fixed point of Π^k near (τ, v): (found, τ, v)."""
+    """Find the fixed point of Π^k near (τ, v) by Newton's method: (found, τ, v)."""
     size, unit = 1.0, speed_unit(point.delta, point.epsilon, point.beta)
     for _ in range(NEWTON_STEPS):
         status, t1, v1, _time, _below, a00, a01, a10, a11, _ln = power_map(tau, v, k, point)
@@ -96,7 +96,7 @@ def newton(tau, v, k, point):
 
 @kernel
 def log_multipliers(trace, log_det):
-    """Return ln|λ| of both multipliers, the larger first."""
+    """Return ln|λ| of both multipliers, the larger first, from the trace and ln|det| of the tangent map."""
     determinant = math.exp(log_det)
     inside = 0.25 * trace * trace - determinant
     if inside <= 0.0:
@@ -107,7 +107,7 @@ def log_multipliers(trace, log_det):
 
 @kernel
 def shortest_return(tau, v, k, point):
-    """Return the smallest divisor of k after which the orbit closes."""
+    """Return the smallest divisor d of k for which Π^d(τ, v) = (τ, v), to SAME; k if there is none."""
     t, speed, unit = tau, v, speed_unit(point.delta, point.epsilon, point.beta)
     for d in range(1, k // 2 + 1):
         status, t, speed, _time, _below = step(t, speed, point)
@@ -120,7 +120,7 @@ def shortest_return(tau, v, k, point):
 
 @kernel
 def fastest_point(tau, v, k, point):
-    """Return the orbit's impact of largest speed, which represents the orbit uniquely."""
+    """Return the state (τ, v) after the fastest of the orbit's k impacts on Σ⁺; it represents the orbit uniquely."""
     best_tau, best_v = tau, v
     for _ in range(k):
         _status, tau, v, _time, _below = step(tau, v, point)

@@ -1,12 +1,12 @@
 """Saddles of Π^k of any model, and their local manifolds as power series (parametrisation method).
 
-F is Π^k on the unstable side and Π^−k on the stable one, applied twice if the multiplier is negative, so that λ > 1.
-The local manifold W(s) solves
+F is Π^k for the unstable manifold and Π^−k for the stable manifold, applied twice if the multiplier is negative. So its
+multiplier λ along the manifold is larger than 1. The local manifold W(s) solves
 
     F(W(s)) = W(λs),    W(0) the saddle,    W'(0) its unit eigenvector.
 
-Then W(s) = F^j(W(s/λ^j)) for any s, so one number s gives the position on the whole manifold. Source: X. Cabré, E.
-Fontich, R. de la Llave, J. Differ. Equations 218 (2005) 444.
+Then W(s) = F^j(W(s/λ^j)) for any s, so one number s gives the position of any point of the whole manifold. Source: X.
+Cabré, E. Fontich, R. de la Llave, J. Differ. Equations 218 (2005) 444.
 """
 
 from dataclasses import dataclass, replace
@@ -22,19 +22,28 @@ from rattle.orbits.periodic import Periodic
 from rattle.orbits.return_map import power_map
 
 Array = NDArray[np.float64]
-DEGREE, NODES = 10, 25
-LARGEST, SMALLEST = 0.1, 1e-9  # largest and smallest size of the series in s to try
-# tolerances of F(W(s)) − W(λs): relative to the size; least value relative to v, forwards and backwards
+DEGREE, NODES = 10, 25  # degree of the series, and points at which its residual is evaluated
+LARGEST, SMALLEST = 0.1, 1e-9  # largest and smallest size of the series that is tried
+# tolerances of F(W(s)) − W(λs): relative to the size of the series; and its least value relative to v, for Π and for
+# Π⁻¹
 RESIDUAL, ROUNDING = 1e-12, (4e-15, 8e-15)
 MOST_ITERATIONS = 60
 
 
 @dataclass(frozen=True)
 class Local:
-    """The local manifold W(s) for |s| ≤ size, as powers (DEGREE + 1, 2) of s/size of (τ, v).
+    """The local manifold W(s) for |s| ≤ size, as a power series in s/size.
 
-    λ is the multiplier of F, which makes `steps` impacts on Σ⁺, forwards or backwards, in `turns` forcing periods.
-    residual is the largest |F(W(s/λ)) − W(s)|.
+    Attributes
+    ----------
+    powers : (DEGREE + 1, 2)
+        Coefficients of τ and v, the lowest power first.
+    multiplier : float
+        The multiplier λ of F.
+    steps, turns : int
+        Impacts on Σ⁺ and forcing periods of one F, forwards in time or, with `backwards`, backwards.
+    residual : float
+        The largest |F(W(s/λ)) − W(s)|.
     """
 
     orbit: Periodic
@@ -48,11 +57,11 @@ class Local:
     unit: float = 1.0  # unit of speeds in residuals
 
     def at(self, s: Array) -> Array:
-        """Return the states (2, n) (τ not folded, v) at |s| ≤ size (n,)."""
+        """Return the states (2, n), τ not folded and v, at positions s (n,) with |s| ≤ size."""
         return np.asarray(polyval(np.asarray(s) / self.size, self.powers), np.float64)
 
     def map(self, states: Array, times: int) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
-        """Return F^times of states (2, n): flags (n,) of existing images, images (2, n), itineraries, Σ⁻ impacts."""
+        """Return F^times of states (2, n): flags of existing images, images, hashes of itineraries, Σ⁻ impacts."""
         tau, v = (np.ascontiguousarray(x) for x in states)
         steps, turns = times * self.steps, times * self.turns
         ok, tau, v, word, bounces = images(tau, v, steps, turns, self.backwards, self.orbit.point)
@@ -65,7 +74,7 @@ class Local:
 
 
 def tangent(orbit: Periodic) -> Array:
-    """Return DΠ^k (2, 2) of the orbit in (τ, v); it is infinite at a graze."""
+    """Return the tangent map DΠ^k (2, 2) of the orbit in (τ, v); it is infinite at a graze."""
     product, tau, v = np.eye(2), float(folded(orbit.tau)), orbit.v
     for _ in range(orbit.label[1]):
         found = power_map(tau, v, 1, orbit.point)
@@ -80,7 +89,7 @@ def eigenvectors(orbit: Periodic) -> tuple[Array, Array]:
     Returns
     -------
     tuple[Array, Array]
-        Both towards rising v (rising τ where v does not change).
+        Both vectors, which point towards rising v (rising τ if v does not change along them).
     """
     values, vectors = np.linalg.eig(tangent(orbit))
     unstable, stable = (np.real(vectors[:, i]) for i in np.argsort(-np.abs(values)))
@@ -91,13 +100,13 @@ def eigenvectors(orbit: Periodic) -> tuple[Array, Array]:
 def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> Local:
     """Return the local manifold of a saddle.
 
-    Its size is the largest for which a series of degree 10 has a residual of at most 1e-12 of the size, with v in this
-    unit.
+    Its size is the largest of the sizes 0.1, 0.05, … for which a series of degree 10 has a residual of at most 1e-12 of
+    the size (more where rounding or λ is large). In residuals speeds are in units of `unit`.
 
     Returns
     -------
     Local
-        Coefficients of the series, and its size.
+        The coefficients of the series, and its size.
 
     Raises
     ------
@@ -128,10 +137,10 @@ def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> Local:
 
 
 def _solved(start: Local, size: float, derivative: Array) -> Local | None:
-    """Return the series on |s| ≤ size with both lowest powers fixed; None if Γ is in the way.
+    """Return the series for |s| ≤ size whose two lowest coefficients are given; None if Γ crosses it or it diverges.
 
-    Order by order W_k changes by (λ^k − DF)⁻¹ times power k of the residual, which is Newton's step without the second
-    derivative of F.
+    In each iteration coefficient W_k changes by (λ^k − DF)⁻¹ times coefficient k of the residual. This is Newton's step
+    without the second derivative of F.
 
     Returns
     -------
@@ -153,7 +162,7 @@ def _solved(start: Local, size: float, derivative: Array) -> Local | None:
             return None
         off = states - local.at(size * x)
         local = replace(local, residual=float((np.abs(off) / [[1.0], [local.unit]]).max()))
-        new = local.powers.copy()  # power k of `off`, F(W(s/λ)) − W(s), is power k of F(W(s)) − W(λs) divided by λ^k
+        new = local.powers.copy()  # coefficient k of `off` is that of F(W(s)) − W(λs) over λ^k
         new[2:] += np.einsum("kij,kj->ki", inverse * rates[:, None, None], solve @ off.T)
         change = float((np.abs(new - local.powers) / [1.0, local.unit]).max())
         if change < 1e-16 or (

@@ -20,7 +20,7 @@ class Birth(NamedTuple):
 
     flip: the ε at which P(2,2,1) doubles its period.
     graze: the ε at which the doubled orbit grazes Σ⁻.
-    n_plus, n_minus: impacts of the doubled orbit on Σ⁺ and on Σ⁻, without the graze.
+    n_plus, n_minus: the numbers of impacts of the doubled orbit on Σ⁺ and on Σ⁻, without the graze.
     persists: whether P(2,2,1) itself exists at all ε from FROM to TO.
     """
 

@@ -1,8 +1,8 @@
 """Find the end of the chaotic attractor, a boundary crisis, as an interval of ε.
 
-Above the crisis the chaotic set still exists, but trajectories leave it: the more slowly, the closer ε is to the
-crisis. At the upper end of the interval trajectories were seen to leave. At the lower end none left during the
-observation time, so the crisis is in the interval, or below it if the observation time was too short.
+Above the crisis the chaotic set still exists, but trajectories leave it. They leave more slowly if ε is closer to the
+crisis. At the upper end of the interval trajectories left the set during the observation. At the lower end no
+trajectory left, so the crisis is in the interval, or below it if the observation time was too short.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ from rattle.impacting.attractors.classifier import attractors_of
 
 #: Number of initial conditions among which the chaotic attractor is searched.
 SAMPLES = 1024
-#: Number of observed trajectories, their impacts before the observation, and during it.
+#: Number of observed trajectories, and the impacts of each before and during the observation.
 WATCHED, BEFORE, IMPACTS = 128, 2_000, 100_000
 #: A trajectory has settled if it returns this close to a state after at most RETURNS impacts.
 CLOSED, RETURNS = 1e-6, 2
@@ -25,7 +25,7 @@ States = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def states_on_chaos(delta: float, epsilon: float, count: int) -> States:
-    """Return `count` states (τ, v) on the chaotic attractor, impact by impact. Raises RattleError."""
+    """Return `count` successive states (τ, v) of a trajectory on the chaotic attractor. Raises RattleError."""
     found = attractors_of(delta, epsilon, count=SAMPLES)
     chaotic = np.flatnonzero(found.kind == Outcome.CHAOTIC)
     if not chaotic.size:
@@ -38,7 +38,7 @@ def states_on_chaos(delta: float, epsilon: float, count: int) -> States:
 
 
 def has_settled(delta: float, epsilon: float, tau: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return flags of states on a motion that repeats after at most RETURNS impacts, or bounces slower than 0.1."""
+    """Return for each state whether its motion repeats within RETURNS impacts, or whether its speed is below 0.1."""
     later = rattle.iterate(delta, epsilon, tau[:, None], v[:, None], np.arange(1, RETURNS + 1))
     moved = np.hypot(wrapped(later.tau - tau[:, None]), later.v - v[:, None])
     return (moved < CLOSED).any(axis=1) | (v < 0.1)
@@ -52,7 +52,7 @@ def leaks(delta: float, epsilon: float, start: States) -> bool:
     Returns
     -------
     bool
-        True if a trajectory settles during the observation, or if all have settled before it.
+        True if a trajectory settles during the observation, or if all trajectories settled before the observation.
     """
     near = rattle.iterate(delta, epsilon, *start, BEFORE)
     left = ~has_settled(delta, epsilon, near.tau, near.v)
@@ -61,7 +61,7 @@ def leaks(delta: float, epsilon: float, start: States) -> bool:
 
 
 def end_of_chaos(delta: float, low: float, high: float, width: float) -> tuple[float, float]:
-    """Return an interval of ε at most `width` wide with the end of the chaotic attractor, by bisection.
+    """Return an interval of ε, at most `width` wide, that contains the end of the chaotic attractor, by bisection.
 
     The attractor exists at ε = low and not at ε = high.
 

@@ -1,4 +1,4 @@
-"""The acceleration Φ'' along flights: the paper claims that it is positive, and excludes flights where it is not."""
+"""The acceleration Φ'' along flights. The paper claims that Φ'' > 0, and does not consider flights with Φ'' < 0."""
 
 from typing import NamedTuple
 
@@ -23,9 +23,9 @@ def smallest_acceleration(delta: float, epsilon: float, phase: float, velocity: 
 
 
 class ReferenceImpacts(NamedTuple):
-    """One step of the impact map Π from Σ⁺.
+    """The impacts during one step of the impact map Π from Σ⁺.
 
-    walls, times: the wall of each impact, and its time since the departure.
+    walls, times: the wall of each impact, and its time since the departure, in forcing periods.
     smallest: the smallest Φ'' during the step.
     """
 
@@ -55,7 +55,7 @@ class WorstFlight(NamedTuple):
     name: the name of the orbit, A to D.
     smallest, delta, epsilon: the smallest Φ'', and the cell where it occurs.
     negative: the share of the cells in which Φ'' is negative somewhere on the orbit.
-    first: the smallest ε of these cells, NaN if there are none.
+    first: the smallest ε of the cells with negative Φ'', NaN if there are none.
     """
 
     name: str
@@ -67,7 +67,7 @@ class WorstFlight(NamedTuple):
 
 
 def along_orbits(delta: Array, epsilon: Array, orbits: PeriodOne) -> tuple[WorstFlight, ...]:
-    """Return the flights with the smallest Φ'' of A, B, C and D, over cells (n,)."""
+    """Return for each of A, B, C and D the smallest Φ'' on the orbit over cells (n,)."""
     found = []
     for k, name in enumerate(NAMES):
         here = np.flatnonzero(orbits.exists[k])

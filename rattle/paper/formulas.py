@@ -1,7 +1,7 @@
 """Compare the formulas of the paper's section 3.1.1 with exact flights.
 
-A flight leaves Σ⁺ at phase t* with velocity −v. The order of a formula's error is measured as log₂ of the ratio of two
-residuals, at a step and at half of this step. Each residual is the largest one over PHASES.
+A flight leaves Σ⁺ at phase t* with velocity −v. The order of a formula's error is log₂ of the ratio of two errors: one
+at a time h (or a speed v), and one at half this time (or speed). Each is the largest error over the phases in PHASES.
 """
 
 import math
@@ -19,7 +19,7 @@ TWO_PI = 2 * np.pi
 PHASES = np.arange(16) / 16
 #: A point below the quiet limit, so that every small bounce returns to Σ⁺.
 DELTA, EPSILON = 0.6, 0.1
-#: Speed of departure at which (3.6) and (3.7) are tested, and the two times h.
+#: Speed of departure at which (3.6) and (3.7) are tested, and the two times h since the departure.
 SPEED = 0.05
 STEPS = (2.0**-9, 2.0**-10)
 #: The two speeds of departure at which (3.8) and the change of speed in a bounce are tested.
@@ -52,11 +52,11 @@ def g(phase: Array, v: float, delta: float, epsilon: float) -> Array:
 
 
 class Orders(NamedTuple):
-    """Measured orders of the errors of the paper's formulas.
+    """Measured orders of the errors of the paper's formulas: an error falls as h^order or as v^order.
 
-    displacement, velocity: Φ by (3.6) and Φ' by (3.7), as h → 0.
-    time: the time to the next impact by (3.8), as v → 0.
-    printed, third: the speed after a bounce by v + (f/g) v², as printed, and by v + (f/3g) v², as v → 0.
+    displacement, velocity: the orders of (3.6) for Φ and of (3.7) for Φ', as h → 0.
+    time: the order of (3.8) for the time to the next impact, as v → 0.
+    printed, third: the orders of v + (f/g) v², as printed, and of v + (f/3g) v² for the speed after a bounce, as v → 0.
     """
 
     displacement: float
@@ -105,8 +105,8 @@ def _largest(values: Array) -> float:
 def decay(v: float, impacts: int, delta: float = DELTA, epsilon: float = EPSILON) -> tuple[float, float]:
     """Return the rate per forcing period at which ln v falls over many exact bounces, the first at phase 0.
 
-    The first and the last bounce are at different phases, where bounces of the same motion differ in speed. So the rate
-    is that of ln(v³/g)/3, which is free of this difference.
+    The speed of bounces also varies with the phase, and the first and the last bounce are at different phases.
+    Therefore the rate is computed from ln(v³/g)/3, which does not vary with the phase.
 
     Returns
     -------

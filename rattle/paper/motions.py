@@ -21,7 +21,7 @@ from rattle.paper.pictures import DELTA, Panels, basin_share, fractions, label_o
 from rattle.paper.plane import Array, C, D
 from rattle.paper.records import Finding, FindingEvidence
 
-#: Two ε below the graze of the finding on the birth of chaos, at which attractors are listed; δ = 0.6.
+#: Two ε at δ = 0.6 at which the finding on the birth of chaos lists attractors; both are below the graze.
 FAR_BELOW, JUST_BELOW = 0.0912, 0.096
 #: Least basin fraction of an attractor that is counted.
 SEEN = 0.005
@@ -116,7 +116,7 @@ def two_points_not_one() -> Finding:
 
 
 def _beside_c(delta: float, below: float) -> Array:
-    """Return the largest exponents of trajectories near the grazing orbit that do not settle, at ε = G1 − below."""
+    """Return the largest exponents of unsettled trajectories near the grazing orbit, at a distance `below` below G1."""
     graze = rattle.grazing("G1", delta)
     epsilon = float(graze.epsilon) - below
     tau, v = np.meshgrid(graze.tau + np.linspace(-0.01, 0.01, 40), graze.v + np.linspace(-0.05, 0.05, 40))

@@ -54,7 +54,7 @@ def epsilon_at(curve: str, delta: float) -> float:
 
 
 def _computed() -> dict[str, Callable[[], float | tuple[float, float]]]:
-    """Return the computation of each number, by its name in STATED. Raises RattleError."""
+    """Return a function that computes each number, by the number's name in STATED. Raises RattleError."""
     points = {point.name: point for point in codimension_two()}
     missing = {"COD21", "COD22", "COD23"} - set(points)
     if missing:

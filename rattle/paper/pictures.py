@@ -42,7 +42,7 @@ def basin_share(attractors: tuple[Attractor, ...], wanted: str) -> float:
 
 
 def figure_4(found: Panels) -> tuple[Statement, ...]:
-    """Return the statements of Figure 4's caption, and those of section 5.1 about it."""
+    """Return the statements of Figure 4's caption, and the statements of section 5.1 about this figure."""
     a, b, d, e, g, i = (found[x] for x in (0.056, 0.0615, 0.0725, 0.078, 0.089, 0.1))
     several = min(len(x) for epsilon, x in found.items() if epsilon > 0.056)
     return (
@@ -62,7 +62,7 @@ def figure_4(found: Panels) -> tuple[Statement, ...]:
 
 
 def figures_5_and_6() -> tuple[Statement, ...]:
-    """Return the statements about Figure 5, in section 5.1 too, and those of Figure 6's caption."""
+    """Return the statements about Figure 5, also those of section 5.1, and the statements of Figure 6's caption."""
     epsilon = np.linspace(
         rattle.sn1(DELTA) * (1 + 1e-12), float(rattle.grazing("G1", DELTA).epsilon) * (1 - 1e-12), 801
     )
@@ -113,6 +113,6 @@ def figures_5_and_6() -> tuple[Statement, ...]:
 
 
 def _speed_error(orbits: PeriodOne, k: int, i: int, epsilon: float) -> float:
-    """Return how much the speed after one step of Π from orbit k at ε number i differs from 2πδ."""
+    """Return |v − 2πδ|, where v is the speed after one step of Π from orbit k at ε, which has number i in `orbits`."""
     step = Gear(DELTA, epsilon).impact(float(orbits.tau[k, i]), float(orbits.v[k, i]))
     return abs(step.v - 2 * np.pi * DELTA)

@@ -18,7 +18,7 @@ WINDOW = ((0.4, 1.0), (0.0, 0.3))
 #: Numbers of cells along δ and ε.
 CELLS = (300, 150)
 A, B, C, D = range(4)
-#: Distance in ε from a curve, on both sides, at which the orbits are determined.
+#: Distance in ε from a grazing curve at which the orbits on both sides of the curve are determined.
 ASIDE = 1e-7
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ def plane_cells(columns: int = CELLS[0], rows: int = CELLS[1]) -> tuple[Array, A
 
 
 def figure_7(orbits: PeriodOne, region: NDArray[np.int8]) -> tuple[Statement, ...]:
-    """Return the statements about the regions of Figure 7, and about the stability of A and B."""
+    """Return the statements about the regions of Figure 7, and about the stability of the orbits A and B."""
     covered = float((region > 0).mean())
     unstable = [int(orbits.stable[k].sum()) for k in (A, B)]
     inside = [int((region == k).sum()) for k in range(1, 6)]

@@ -1,8 +1,8 @@
 """Records of the check: numbers, statements and findings, and the rule that decides whether a number agrees.
 
 A number agrees if the computed value is within half a unit of the last digit that the paper gives. Where the paper
-writes ≈, it agrees within one unit, because the last digit may have been cut off and not rounded. An interval agrees
-only if all of it does.
+writes ≈, the computed value must be within one unit, because the last digit may have been cut off and not rounded. A
+computed interval agrees only if all its values agree.
 """
 
 from dataclasses import dataclass
@@ -19,9 +19,9 @@ HOLDS, FAILS = "holds", "fails"
 class Number:
     """A number that the paper states, and its computed value.
 
-    where: the figure or section. what: the quantity. paper: the number as the paper prints it.
-    computed: a value, or both ends of an interval that contains it.
-    finding: the key of the finding that explains why the two differ, "" if they should agree.
+    where: the paper's figure or section. what: the quantity. paper: the number as the paper prints it.
+    computed: the computed value, or both ends of an interval that contains this value.
+    finding: the key of the finding that explains why printed and computed number differ, "" if they should agree.
     """
 
     where: str
@@ -32,7 +32,7 @@ class Number:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Both ends of the computed interval; of a value, the value twice."""
+        """Both ends of the computed interval; if the computation gave a single value, this value twice."""
         return self.computed if isinstance(self.computed, tuple) else (self.computed, self.computed)
 
     @property
@@ -42,7 +42,7 @@ class Number:
 
     @property
     def tolerance(self) -> float:
-        """The largest difference with which a number agrees: half a unit of the last digit, or one unit with ≈."""
+        """The largest difference at which a number agrees: half a unit of the last digit, or one unit with ≈."""
         unit = 10.0 ** int(self.stated.as_tuple().exponent)
         return unit if self.paper.startswith("≈") else unit / 2
 
@@ -70,7 +70,7 @@ class Number:
 class Statement:
     """A statement of the paper without a number.
 
-    where: the figure or section. says: the statement. computed: the computed evidence in words.
+    where: the paper's figure or section. says: the statement. computed: the computed evidence in words.
     holds: whether the evidence supports the statement.
     """
 
@@ -94,7 +94,7 @@ class Statement:
 class FindingEvidence:
     """A computed fact in support of a finding.
 
-    shows: the fact in words, with numbers. holds: whether the computation still shows it.
+    shows: the fact in words, with numbers. holds: whether the computation confirms this fact.
     """
 
     shows: str
@@ -123,7 +123,10 @@ class Finding:
 
 @dataclass(frozen=True)
 class Report:
-    """The result of the check; first: the number of the first finding, 1 in a whole report."""
+    """The result of the check of the paper.
+
+    first: the number of the first of the findings; 1 in a whole report.
+    """
 
     numbers: tuple[Number, ...]
     statements: tuple[Statement, ...]

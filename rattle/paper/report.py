@@ -9,7 +9,7 @@ from rattle.paper import forces, motions, pictures, plane
 from rattle.paper.numbers import paper_numbers
 from rattle.paper.records import Finding, Number, Report, Statement
 
-#: The number, by its name in `numbers.STATED`, at which the statements about Figure 9 end.
+#: Name in `numbers.STATED` of the ε up to which the statements about Figure 9 hold.
 END = "chaotic attractor ends at δ = 0.762"
 
 
@@ -60,7 +60,7 @@ def one_finding(number: int) -> Report:
 
 
 def _findings(panels: Callable[[], pictures.Panels]) -> tuple[Callable[[], Finding], ...]:
-    """Return the computation of each finding, in order. Values that several of them use are computed once."""
+    """Return a function for each finding that computes it, in order. Values that several of them use are cached."""
     cells = cache(plane.plane_cells)
     orbits, region = cache(lambda: rattle.period_one(*cells())), cache(lambda: rattle.regions(*cells()))
     return (

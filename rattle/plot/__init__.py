@@ -1,4 +1,4 @@
-"""Pictures with matplotlib, which the extra `plot` installs: the paper's figures, diagrams, the plane of curves.
+"""Pictures with matplotlib, which the extra `plot` installs: the paper's figures, diagrams, curves in the plane.
 
 No function uses pyplot or other global state of matplotlib, because servers draw in threads.
 """

@@ -1,4 +1,4 @@
-"""Draw the blocks of a plane on which claims are proved, and the parts between them."""
+"""Draw the blocks of a (δ, ε) plane on which claims are proved, and the parts on which nothing is proved."""
 
 from collections.abc import Sequence
 

@@ -33,48 +33,48 @@ Array = NDArray[np.float64]
 
 #: Cells along each axis, as in the paper.
 RESOLUTION = 1000
-#: Most numbers along an axis of a small panel.
+#: Largest number of tick labels along an axis of a small panel.
 FEW_TICKS = 4
-#: Most panels of a figure.
+#: Largest number of panels in a figure.
 MOST_PANELS = 9
-#: Most types of motion in a legend.
+#: Largest number of types of motion in a legend.
 MOST_NAMED = 24
-#: Distance of neighbouring points of Γ and of manifolds.
+#: Distance between neighbouring points of Γ and of manifolds, in the (τ, v) plane.
 SPACING = 0.005
 #: Length of each side of a manifold; long enough to cover all basin boundaries at the paper's ε = 0.1.
 ARCLENGTH = 200.0
 #: Colours of the manifolds of A and B: magenta and green.
 MANIFOLDS = {"A": "#ff4df0", "B": "#12c040"}
-#: Marker and legend of a period-one orbit, by its stability.
+#: Marker and legend entry of a period-one orbit: stable (True) and unstable (False).
 CROSSES = {True: ("+", "attractor"), False: ("x", "saddle")}
 DOWNWARDS = "impact speed v, downwards"
-#: Points (τ, v) around the centre of a marker, from which labels keep clear.
+#: Points around the centre of a marker, as offsets in (τ, v); labels do not cover these points.
 AROUND = np.array([[0.0, 0.0], [0.01, 0.08], [-0.01, 0.08], [-0.01, -0.08], [0.01, -0.08]])
-#: Largest distance in τ and in v of two states of the same orbit.
+#: Two states belong to the same orbit if τ and v each differ by less than this.
 SAME_ORBIT = 1e-6
 #: Colour of the edge of white lines and marks.
 DIM = "0.25"
 
 
 def highest(gear: AnyGear) -> float:
-    """Return the largest speed on the axis: that of the paper within its plane, and else the natural speed."""
+    """Return the largest speed on the axis: the paper's in the paper's (δ, ε) plane, elsewhere the natural speed."""
     return sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
 
 
 def fold_line(tau: Array, v: Array, v_max: float) -> Array:
-    """Return a line of the (τ, v) plane with its phases folded into [0, 1], without its parts beyond v_max.
+    """Return a line of the (τ, v) plane with its phases folded into [0, 1], without its parts above speed v_max.
 
     Returns
     -------
     Array
-        Points (n, 2). A row of NaN separates the pieces where the line leaves at τ = 0 or 1; each piece ends exactly
-        there.
+        Points (n, 2). Where the line passes τ = 0 or 1 it is cut: one piece ends at exactly this phase, a row of NaN
+        follows, and the next piece begins at the other phase.
     """
     turn = np.floor(tau)
     points = [np.column_stack([tau - turn, v])]
     at = []
     for i in np.flatnonzero(np.diff(turn)):
-        edge = max(turn[i], turn[i + 1])  # neighbours are far closer than a period
+        edge = max(turn[i], turn[i + 1])  # neighbouring points are far less than a period apart, so one edge is crossed
         share = (edge - tau[i]) / (tau[i + 1] - tau[i])
         height = v[i] + share * (v[i + 1] - v[i])
         points.append(np.array([[edge - turn[i], height], [np.nan, np.nan], [edge - turn[i + 1], height]]))
@@ -97,12 +97,12 @@ def draw_basins(axes: Axes, basins: Basins, palette: Palette) -> None:
 
 
 def gamma_line(gear: Any, v_max: float, spacing: float = SPACING) -> Array:
-    """Return the grazing curve Γ of a gear as a folded line (k, 2), empty if there is none."""
+    """Return the grazing curve Γ of a gear as a line (k, 2) with phases in [0, 1]; it is empty if there is no Γ."""
     return _joined([fold_line(piece.tau, piece.v, v_max) for piece in gear.gamma(spacing)])
 
 
 def draw_gamma(axes: Axes, gear: Any, width: float, v_max: float) -> Array:
-    """Draw the grazing curve Γ in white, and return its line (k, 2), empty if there is none."""
+    """Draw the grazing curve Γ in white, and return its line (k, 2), which is empty if there is no Γ."""
     line = gamma_line(gear, v_max)
     if len(line):
         outlined(axes.plot(*line.T, color="white", linewidth=width, zorder=2)[0], DIM, 0.3)
@@ -110,7 +110,7 @@ def draw_gamma(axes: Axes, gear: Any, width: float, v_max: float) -> Array:
 
 
 def _joined(lines: Sequence[Array]) -> Array:
-    """Return several lines as one, with a row of NaN after each."""
+    """Return several lines as one line, with a row of NaN after each of them."""
     gap = np.full((1, 2), np.nan)
     return np.concatenate([np.empty((0, 2)), *(part for line in lines for part in (line, gap))])
 
@@ -118,7 +118,7 @@ def _joined(lines: Sequence[Array]) -> Array:
 def _legend(
     figure: Figure, attractors: Iterable[Attractor], palette: Palette, lines: Sequence[Line2D], columns: int
 ) -> None:
-    """Add a legend of the lines and of all types of motion; of many types, those with the largest basins."""
+    """Add a legend of the lines and of the types of motion, at most the MOST_NAMED types with the largest basins."""
     largest: dict[str, Attractor] = {}
     for each in attractors:
         if legend_name(each) not in largest or each.fraction > largest[legend_name(each)].fraction:
@@ -142,7 +142,7 @@ def _legend(
 
 
 def _cross(stable: bool, orbit: Orbit | None = None) -> Line2D:
-    """Return the marker of a period-one orbit at its state, or without an orbit for a legend."""
+    """Return the marker of a period-one orbit, at the orbit's state; without an orbit, a marker for the legend."""
     marker, meaning = CROSSES[stable]
     at = ([], []) if orbit is None else ([orbit.tau], [orbit.v])
     mark = Line2D(*at, ls="", marker=marker, color="white", ms=9, mew=1.6, zorder=4, label=meaning)
@@ -150,7 +150,7 @@ def _cross(stable: bool, orbit: Orbit | None = None) -> Line2D:
 
 
 def _white_line(width: float) -> Line2D:
-    """Return the legend's line for Γ."""
+    """Return the line that stands for Γ in the legend."""
     return outlined(Line2D([], [], color="white", linewidth=width, label="grazing curve Γ"), DIM, 0.6)
 
 
@@ -164,7 +164,7 @@ def panels(
     harmonics: Sequence[Harmonic] = (),
     **added: float | None,
 ) -> Drawing:
-    """Draw Figure 4: a panel of basins for each ε, with one legend. The centre of each cell is followed on its own.
+    """Draw Figure 4: a panel of basins for each ε, with one legend. The centre of every cell is followed in full.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def panels(
     resolution : int
         Cells along each axis.
     tau, v : Range
-        Ranges (low, high) of the axes, by default those of `Gear.basins`.
+        Ranges (low, high) of the axes; None: the ranges of `Gear.basins`.
     harmonics : sequence of (int, float, float)
         Harmonics of the forcing besides the first, for a model that takes them: see `rattle.Gear`.
     **added : float, optional
@@ -215,7 +215,7 @@ def panels(
 
 
 def _few_ticks(axes: Axes, box: Box, first: bool, last: bool) -> None:
-    """Put numbers and names of the axes at the first panel of a row and the last panel of a column only."""
+    """Put tick labels and axis names only at the first panel of a row (v) and at the last panel of a column (τ)."""
     phases = [box.tau_low, 0.5 * (box.tau_low + box.tau_high), box.tau_high]
     axes.set_xticks(phases, [f"{x:.4g}" for x in phases])
     axes.yaxis.set_major_locator(MaxNLocator(FEW_TICKS))
@@ -284,7 +284,7 @@ def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = 
     lines += [_cross(stable) for stable in CROSSES if any(orbit.stable is stable for orbit in shown.values())]
     _legend(figure, basins.attractors, palette, lines, 6)
     _write_labels(axes, basins, shown, drawn, gamma)
-    figure.set_layout_engine("none")  # labels lie where they were put
+    figure.set_layout_engine("none")  # so that labels stay where they were placed
     return Drawing(figure, tuple(notes))
 
 
@@ -296,7 +296,7 @@ def manifold_line(
     arclength: float = ARCLENGTH,
     spacing: float = SPACING,
 ) -> tuple[Array, str | None]:
-    """Return the stable or unstable manifold of A or B as a folded line (k, 2), and why a part is missing, if so."""
+    """Return a manifold of A or B as a line (k, 2) with phases in [0, 1], and why a part is missing, or None."""
     if orbit is None:
         return np.empty((0, 2)), None  # another note names missing orbits
     if orbit.stable:
@@ -314,7 +314,7 @@ def manifold_line(
 
 
 def _connected(pieces: NDArray[np.int64], gap: Array) -> list[tuple[int, int]]:
-    """Return the ranges (start, end) of points between the gaps of a manifold."""
+    """Return for each connected part of a manifold the range (start, end) of its points; gap > 0 separates parts."""
     cuts = [0, *pieces[1:-1][gap > 0].tolist(), int(pieces[-1])]
     return list(pairwise(cuts))
 
@@ -327,7 +327,7 @@ def _stable(name: str) -> str:
 def _write_labels(
     axes: Axes, basins: Basins, orbits: dict[str, Orbit], manifolds: dict[str, Array], gamma: Array
 ) -> None:
-    """Write the names of orbits, of basins with enough room, and of lines."""
+    """Write the names of orbits, of manifolds and Γ, and of those basins that have enough room for a name."""
     around = AROUND * [1.0, basins.v_max / PAPER_SPEED]
     marks = [np.array([orbit.tau, orbit.v]) + around for orbit in orbits.values()]
     labels = Labels(axes, [*manifolds.values(), gamma, *marks])
@@ -347,7 +347,7 @@ def _write_labels(
 
 
 def _basin(attractor: Attractor, orbits: dict[str, Orbit]) -> str | None:
-    """Return the paper's symbol of an attractor's basin, or None."""
+    """Return the paper's symbol for the basin of an attractor, or None if the paper has no symbol for it."""
     if attractor.kind == "quiet":
         return r"$\Delta_L$"
     if attractor.kind == "chaotic":

@@ -1,9 +1,9 @@
 """A colour for each type of motion, the same in every picture.
 
 The types are P(m, n₊, n₋). Colours follow the words of the paper about its Figures 4 to 6, with one exception: the
-paper calls both P(2,2,2) and P(8,8,6) dark orange, and here the second is dark brown. The colours of Figure 4 are as
-different as these words allow, for deuteranopes too. If a picture has so many types that two would look alike, as at
-weak damping, the later one gets another colour in this picture (`Palette`).
+paper calls both P(2,2,2) and P(8,8,6) dark orange, and here P(8,8,6) is dark brown. The colours of Figure 4 are as
+different as the paper's words allow, for deuteranopes too. At weak damping a picture may have so many types that two of
+them would look alike; then the type that is drawn later gets another colour in this picture (`Palette`).
 """
 
 import colorsys
@@ -20,7 +20,7 @@ from rattle.errors import require, require_integer
 Label = tuple[int, int, int]
 
 KIND_COLOURS = {"quiet": "#17386e", "chaotic": "#d7191c", "undecided": "#9a9a9a"}
-#: Colours of single types.
+#: The types with a fixed colour. All other types have a colour by rule.
 NAMED: dict[Label, str] = {
     (1, 1, 0): "#8ec7ea",  # light blue
     (1, 1, 1): "#fbd4b1",  # light orange
@@ -30,23 +30,24 @@ NAMED: dict[Label, str] = {
     (5, 5, 2): "#6677cc",
     (8, 8, 6): "#39240e",
 }
-#: Colours of `rattle.REGIONS`. Deuteranopes can distinguish III and V. The colours of sets that the paper does not have
-#: are as different as light colours can be.
+#: Colours of `rattle.REGIONS`. Deuteranopes can distinguish III and V. Regions that the paper does not name have light
+#: colours that are as different as possible.
 REGION_COLOURS = (
     "#e8e8e8", "#f4efe3", "#bfdcec", "#60b8a8", "#f2c879", "#d88870", "#5999d9", "#bf73a6", "#59e5e5", "#998c59",
     "#599999", "#d9b2f2", "#59ccf2", "#bfcc7f", "#8c8c7f", "#f28ca6", "#7f8ca6", "#669959",
 )  # fmt: skip
-#: Ranges of hues in degrees for all other types, which no colour of NAMED has: green to teal, and purple to pink.
+#: Ranges of hues in degrees for all types that are not in NAMED: green to teal, and purple to pink. No colour of NAMED
+#: has such a hue.
 HUES = ((100.0, 175.0), (265.0, 335.0))
 SATURATION, LIGHTNESS = 0.65, (0.25, 0.75)
-#: Steps of hue and lightness with m, n₊ and n₋, as shares of their ranges. They were found by trial: they keep the
-#: types of Figure 4, and those at 500 random points of the plane, as different as possible.
+#: Changes of hue and of lightness per unit of m, n₊ and n₋, as shares of the ranges of hue and lightness. They were
+#: found by trial, so that the types of Figure 4 and the types at 500 random points of the plane differ most.
 HUE_STEPS, LIGHTNESS_STEPS = (0.753, 0.439, 0.588), (0.127, 0.726, 0.28)
-#: Largest m, n₊ and n₋.
+#: Largest accepted m, n₊ and n₋.
 MOST = 10**9
 #: Distance in CIELAB below which two colours look alike.
 ALIKE = 15.0
-#: Colours (hue, lightness, saturation) for types whose own colour looks like another one in the picture.
+#: Spare colours (hue, lightness, saturation), for types whose own colour looks like another colour in the picture.
 SPARE = tuple(product(np.arange(0.0, 360.0, 12.0), (0.28, 0.42, 0.56, 0.7, 0.82), (0.35, 0.6, 0.9)))
 
 #: Matrix from linear sRGB to CIE XYZ.
@@ -78,14 +79,14 @@ def _label(motion: Motion) -> str | Label:
 
 
 def legend_name(motion: Motion, contacts: int | None = None) -> str:
-    """Return the legend's name of a motion: P(m,n₊,n₋) or P(m,n₊,n₋;c) in plain digits, or its kind.
+    """Return the name of a motion in a legend: P(m,n₊,n₋), or P(m,n₊,n₋;c) with c contact phases, or its kind.
 
     Parameters
     ----------
     motion : Attractor, (m, n_plus, n_minus) or str
         The motion.
     contacts : int, optional
-        The number c of its contact phases; by default that of the attractor.
+        The number c of contact phases of the motion; None: the number that the attractor has, else 0.
 
     Returns
     -------
@@ -95,7 +96,7 @@ def legend_name(motion: Motion, contacts: int | None = None) -> str:
     Raises
     ------
     ParameterError
-        If `motion` is no motion.
+        If `motion` is not an attractor, a kind or three numbers.
     """
     label = _label(motion)
     if isinstance(label, str):
@@ -126,7 +127,7 @@ def colour(motion: Motion) -> str:
     Raises
     ------
     ParameterError
-        If `motion` is no motion.
+        If `motion` is not an attractor, a kind or three numbers.
     """
     label = _label(motion)
     if isinstance(label, str):
@@ -137,10 +138,12 @@ def colour(motion: Motion) -> str:
 class Palette:
     """The colours of the motions in one picture.
 
-    A type has its colour from `colour`, unless this looks like a colour that the picture already has, or like that of
-    quiet, chaotic or undecided motion. Then it has the spare colour that differs most from all of them.
+    A type has the colour that `colour` returns, unless this colour looks like a colour that the picture already has, or
+    like the colour of quiet, chaotic or undecided motion. Then the type has the spare colour that differs most from all
+    of these colours.
 
-    alike: distance in CIELAB below which two colours look alike; for the types of NAMED this is always ALIKE.
+    alike: the distance in CIELAB below which two colours look alike. For the types of NAMED the distance is always
+    ALIKE.
     """
 
     def __init__(self, alike: float = ALIKE) -> None:
@@ -163,7 +166,7 @@ class Palette:
     def another(self, motion: Motion) -> str:
         """Return the colour of one more motion of a type, for a picture with several motions of one type.
 
-        The first motion has the colour of the type, each further one a spare colour.
+        The first motion of a type has the colour of the type, and each further motion has a spare colour.
 
         Returns
         -------
@@ -173,7 +176,7 @@ class Palette:
         Raises
         ------
         ParameterError
-            If an argument is outside its domain.
+            If `motion` is not an attractor, a kind or three numbers.
         """
         label = _label(motion)
         self._times[label] += 1
@@ -196,7 +199,15 @@ def _spare() -> tuple[tuple[str, NDArray[np.float64]], ...]:
 
 
 def _lab(shade: str) -> NDArray[np.float64]:
-    """Return the CIELAB coordinates (3,) of an sRGB colour; equal distances look about equal (CIE 1976, D65)."""
+    """Return the CIELAB coordinates (3,) of an sRGB colour "#rrggbb" (CIE 1976, white point D65).
+
+    In these coordinates, pairs of colours at equal distances look about equally different.
+
+    Returns
+    -------
+    NDArray[np.float64]
+        L*, a* and b*.
+    """
     rgb = np.array([int(shade[i : i + 2], 16) / 255 for i in (1, 3, 5)])
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
     xyz = XYZ @ linear / XYZ.sum(axis=1)
@@ -205,7 +216,7 @@ def _lab(shade: str) -> NDArray[np.float64]:
 
 
 def _by_rule(label: Label) -> str:
-    """Return the colour of a type that is not in NAMED, with its hue and lightness from m, n₊ and n₋."""
+    """Return the colour of a type that is not in NAMED; m, n₊ and n₋ determine its hue and its lightness."""
     hue = _turned(label, HUE_STEPS) * sum(high - low for low, high in HUES)
     for low, high in HUES:
         if hue < high - low:

@@ -1,4 +1,4 @@
-"""Draw the boundary crisis: its curve, the end of the curve at COD22, and the manifolds of A at a contact."""
+"""Draw the boundary crisis: its curve, the curve's end at COD22, and the manifolds of A where they touch."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +13,7 @@ from rattle.plot.labels import Array, Labels
 from rattle.plot.plane import IN_PAPER, STYLES, draw_curve, draw_points
 
 CRISIS, STABLE = "#e08214", "#1f5fa8"
-#: Lengths of the drawn parts of the unstable and the stable manifold.
+#: Arclengths of the drawn parts of the unstable and of the stable manifold.
 UNSTABLE_LENGTH, STABLE_LENGTH = 14.0, 8.0
 #: Margin around W^u(A), as a share of its extent.
 SHOWN = 0.25
@@ -22,12 +22,12 @@ SHOWN = 0.25
 def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
     """Draw the crisis curve, its end at COD22, and W^u(A) with W^s(A) at a tangency and at a corner.
 
-    The errors are those of `rattle.crisis.crisis_curve`.
+    The function raises the same errors as `rattle.crisis.crisis_curve`.
 
     Returns
     -------
     Drawing
-        The figure, and notes on both ends of the curve.
+        The figure, and notes that say why the curve ends at both ends.
     """
     curve = crisis_curve(beta=beta, resolution=resolution)
     figure = new_figure(10.0, 9.0)
@@ -40,7 +40,7 @@ def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
     for axes, (saddle, lines) in zip(panels, manifolds, strict=True):
         labels = Labels(axes, [*lines, np.array([saddle])])
         labels.add("A", saddle, size=10)
-    figure.set_layout_engine("none")  # labels lie where they were put
+    figure.set_layout_engine("none")  # so that labels stay where they were placed
     return Drawing(figure, (f"at its lower end: {curve.low_end}", f"at its upper end: {curve.high_end}"))
 
 
@@ -71,7 +71,7 @@ def _plane(axes: Axes, curve: CrisisCurve) -> None:
 
 
 def _beside_end(axes: Axes, curve: CrisisCurve) -> None:
-    """Draw ε − SN1 along the crisis curve against its distance from COD22."""
+    """Draw the distance in ε of the crisis curve from SN1, against its distance in δ from COD22."""
     (end,) = (point for point in codimension_two(curve.beta) if point.name == "COD22")
     offset, gap = curve.delta - end.delta, curve.epsilon - sn1_formula(curve.delta)
     near = gap < 2e-3 * end.epsilon
@@ -81,7 +81,7 @@ def _beside_end(axes: Axes, curve: CrisisCurve) -> None:
 
 
 def _contact(axes: Axes, crisis: Crisis) -> tuple[tuple[float, float], list[Array]]:
-    """Draw the stable and the unstable manifold of A, in axes that frame W^u(A). Return A and the lines."""
+    """Draw W^s(A) and W^u(A) in axes that frame W^u(A), and return the state (τ, v) of A and the lines."""
     saddle = period_one_saddle("A", crisis.delta, crisis.epsilon, crisis.beta)
     unstable = manifold(saddle, "unstable", 1, UNSTABLE_LENGTH)
     lines = []

@@ -32,14 +32,14 @@ FORWARD, BACKWARD = "#8fc7ee", "#e8862e"
 MARKS = {Kind.SADDLE_NODE: "o", Kind.FLIP: "D", Kind.GRAZING: "s"}
 MEANINGS = {Kind.SADDLE_NODE: "SN: saddle-node", Kind.FLIP: "PD: flip", Kind.GRAZING: "G: graze"}
 STYLES = {True: "-", False: (0, (4.0, 2.0))}
-#: Line width and colour of the branches of A to D, and of other branches by their stability.
+#: Line width and colour: of the branches of A to D, and of other branches where they are stable and unstable.
 NAMED, OTHER = (1.3, "black"), {True: (0.8, "#333333"), False: (0.5, "#777777")}
 Limits = tuple[float, float] | None
-#: Most branches that a note names.
+#: A note about omitted branches names at most this many of them.
 NAMED_LEFT_OUT = 4
-#: Margin of v above and below a branch: as a share of its range, and the least one.
+#: Margin of the v axis above and below a branch: as a share of the branch's range of v, and the least margin.
 MARGIN, LEAST_MARGIN = 0.1, 0.01
-#: Size of labels in points, and the number of points of a curve at which its name may be.
+#: Size of labels in points, and the number of points along a curve that are tried for its name.
 SIZE, ANCHORS = 10, 40
 #: Steps of the sweeps for the impacting and for the stiff gear.
 STEPS, STIFF_STEPS = 500, 250
@@ -53,8 +53,9 @@ WINDOWS: dict[tuple[float, tuple[float, float], float], tuple[int, Limits, Limit
 class ImpactCurve(NamedTuple):
     """One impact on Σ⁺ along a branch.
 
-    x, v, tau: parameter, speed and phase at the points of the branch and at the events between them.
-    stable, admissible, name: of the piece from each point to the next; name: A to D, or "".
+    x, v, tau: the parameter on the axis, the impact speed and the phase, at the points of the branch and at the events
+    between points. stable, admissible and name describe the piece from each point to the next; name is one of A to D,
+    or "" for other motions.
     """
 
     x: Array
@@ -74,7 +75,7 @@ def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = (
     Parameters
     ----------
     v, tau : Limits
-        Limits (low, high) of the panels; None: all points are within them.
+        Limits (low, high) of the panels; None: v from 0 to above all speeds, τ the same.
 
     Returns
     -------
@@ -86,7 +87,7 @@ def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = (
 
 
 def _drawn(diagram: Diagram[Any, Any], v: Limits, tau: Limits, aside: float = 0.0) -> Figure:
-    """Return the figure of a diagram; aside: margin of the parameter axis, as a share of its range."""
+    """Return the figure of a diagram. aside: the margin at both ends of the parameter axis, as a share of its range."""
     figure = new_figure(7.2, 7.9)
     upper, lower = figure.subplots(2, 1, sharex=True)
     axis, scale, offset = parameter_axis(diagram)
@@ -110,7 +111,7 @@ def _drawn(diagram: Diagram[Any, Any], v: Limits, tau: Limits, aside: float = 0.
         labels = Labels(panel, lines)
         _marks(panel, labels, diagram, which, scale, offset)
         _names(panel, labels, curves, which, one=which == "v" and not diagram.added)
-    figure.set_layout_engine("none")  # labels lie where they were put
+    figure.set_layout_engine("none")  # so that labels stay where they were placed
     return figure
 
 
@@ -145,7 +146,9 @@ def branch_figure(branch: Any) -> Figure:
 
 
 def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = ranges.BETA) -> Drawing:
-    """Draw Figure 5 or 9: the diagram along ε at one damping. With the paper's parameters it has the paper's limits.
+    """Draw Figure 5 or 9: the bifurcation diagram along ε at one damping.
+
+    With the parameters of a paper's figure the axes have the limits of that figure.
 
     Returns
     -------
@@ -163,7 +166,7 @@ def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = rang
 
 
 def stiff_along_epsilon(delta: float, epsilon: tuple[float, float], beta: float, kappa: float) -> Drawing:
-    """Draw the diagram of the stiff gear along ε, with the limits of `along_epsilon`. Raises ParameterError."""
+    """Draw the diagram of the stiff gear along ε, in the axes limits of `along_epsilon`. Raises ParameterError."""
     _steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, (0.0, 1.0)))
     found = stiff_diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, kappa, STIFF_STEPS)
     return Drawing(diagram_figure(found, *limits), _notes(found))
@@ -186,7 +189,14 @@ def _fixed(diagram: Diagram[Any, Any]) -> str:
 
 
 def parameter_axis(diagram: Diagram[Any, Any]) -> tuple[str, float, float]:
-    """Return the label of the parameter axis, and scale and offset: x = offset + scale · position."""
+    """Return the parameter axis of a diagram.
+
+    Returns
+    -------
+    tuple[str, float, float]
+        The axis label, and a scale and an offset: the value on the axis is offset + scale · position, where the
+        position runs from 0 to 1 along the diagram.
+    """
     (delta, epsilon), (last_delta, last_epsilon) = diagram.start, diagram.end
     rest, changing = f"β = {diagram.beta:g}", []
     for name, values in diagram.added.items():
@@ -207,14 +217,14 @@ def parameter_axis(diagram: Diagram[Any, Any]) -> tuple[str, float, float]:
 
 
 def impacts_at(event: Any) -> tuple[Array, Array]:
-    """Return the phases and speeds (n,) of the impacts on Σ⁺ at an event."""
+    """Return the phases and the speeds (n,) of the impacts on Σ⁺ of the motion at an event (a bifurcation)."""
     orbit = event.orbit
     upper = np.array(orbit.walls) > 0
     return orbit.departures[upper] % 1.0, orbit.speeds[upper]
 
 
 def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: float) -> Iterator[ImpactCurve]:
-    """Yield a curve for each impact of a branch on Σ⁺, with the events inserted between its points."""
+    """Yield a curve for each impact of a branch on Σ⁺, with its events; scale, offset: from `parameter_axis`."""
     x, name = offset + scale * diagram.positions(branch), branch.names
     for impact in np.flatnonzero(np.array(branch.itinerary.walls) > 0):
         tau, v = branch.departures[:, impact] % 1.0, branch.speeds[:, impact]
@@ -234,7 +244,7 @@ def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: 
 
 
 def strokes(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
-    """Yield the admissible parts of a curve: whether stable, and the slice of points. Parts end where τ passes 1."""
+    """Yield each admissible part of a curve as (is it stable, slice of its points); a jump of τ by 1 ends a part."""
     parts = zip(curve.admissible[:-1], curve.stable[:-1], np.abs(np.diff(curve.tau)) > 0.5, strict=True)
     kinds = [None if jumps or not is_admissible else bool(stable) for is_admissible, stable, jumps in parts]
     first = 0
@@ -249,14 +259,14 @@ def strokes(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
 
 
 def _draw(panel: Axes, curve: ImpactCurve, y: Array, named: bool) -> None:
-    """Draw each admissible part of a curve as one line."""
+    """Draw each admissible part of a curve as one line. y: v or τ of its points. named: the motion is P(1,1,·)."""
     for stable, part in strokes(curve):
         width, colour = NAMED if named else OTHER[stable]
         panel.plot(curve.x[part], y[part], color=colour, lw=width, ls=STYLES[stable], zorder=3)
 
 
 def _attractors(panel: Axes, diagram: Diagram[Any, Any], which: str, x: Array) -> None:
-    """Draw the points of the sweeps; those of the backward sweep are smaller and above the others."""
+    """Draw the points of both sweeps; points of the backward sweep are smaller and on top."""
     points = diagram.points
     y, chaotic = getattr(points, which), points.kind == KINDS.index("chaotic")
     for forward, colour, size in ((True, FORWARD, 2.4), (False, BACKWARD, 1.0)):
@@ -266,7 +276,7 @@ def _attractors(panel: Axes, diagram: Diagram[Any, Any], which: str, x: Array) -
 
 
 def _marks(panel: Axes, labels: Labels, diagram: Diagram[Any, Any], which: str, scale: float, offset: float) -> None:
-    """Mark the events; those on a named curve have larger marks and the curve's name."""
+    """Mark the events of a diagram. Events on a named bifurcation curve have larger marks and the curve's name."""
     for event in diagram.events:
         phases, speeds = impacts_at(event)
         y = speeds if which == "v" else phases
@@ -281,7 +291,7 @@ def _marks(panel: Axes, labels: Labels, diagram: Diagram[Any, Any], which: str, 
 
 
 def _names(panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve]]], which: str, *, one: bool) -> None:
-    """Write the names A to D beside their curves; one: A and C share a curve, and get one name "A, C"."""
+    """Write the names A to D beside their curves. one: A and C share one curve, so write the one name "A, C" there."""
     places: dict[str, list[tuple[float, float]]] = {}
     for _, parts in curves:
         for curve in parts:
@@ -305,7 +315,7 @@ def _seen(panel: Axes, x: Array, y: Array) -> NDArray[np.bool_]:
 
 
 def _lines(panel: Axes, curve: ImpactCurve, y: Array) -> list[Array]:
-    """Return the drawn parts of a curve inside the panel as lines (k, 2), with NaN between the pieces."""
+    """Return the visible parts of a curve as a list of one line (k, 2), with NaN between parts; [] if none."""
     on = _seen(panel, curve.x, y) & curve.admissible
     return [np.column_stack([curve.x, np.where(on, y, np.nan)])] if on.any() else []
 
@@ -318,7 +328,7 @@ def _fitting(diagram: Diagram[Any, Any]) -> tuple[float, float]:
 
 
 def _legend(figure: Figure, followed: bool) -> None:
-    """Add the legend of lines and marks, and of the points of sweeps if attractors were followed."""
+    """Add the legend of lines and marks. followed: the diagram has sweeps, so explain their points too."""
     (width, colour), (thin, dark), (thinnest, grey) = NAMED, OTHER[True], OTHER[False]
     entries = [
         Line2D([], [], color=colour, lw=width, label="A to D, stable"),

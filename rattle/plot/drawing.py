@@ -1,4 +1,4 @@
-"""Helpers of all pictures: figures with a canvas of their own, outlines, and files."""
+"""Helper functions for all pictures: new figures, outlines of lines and texts, and saving to files."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-#: Resolution of a new figure.
+#: Resolution of a new figure in dots per inch.
 DPI = 150
 #: A white outline around a line or text, which separates it from what is below it.
 HALO: list[patheffects.AbstractPathEffect] = [patheffects.withStroke(linewidth=2.5, foreground="white")]
@@ -23,14 +23,14 @@ class Drawing(NamedTuple):
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure of this size in inches, with a canvas of its own."""
+    """Return an empty figure of this size in inches, with its own canvas, because pyplot is not used."""
     figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def lay_out(figure: Figure) -> FigureCanvasAgg:
-    """Lay out the axes, on whose shape free places for labels depend, and return the canvas."""
+    """Lay out the axes and return the canvas. Labels can be placed only when the shape of the axes is final."""
     canvas = figure.canvas
     assert isinstance(canvas, FigureCanvasAgg)
     layout = figure.get_layout_engine()
@@ -40,20 +40,20 @@ def lay_out(figure: Figure) -> FigureCanvasAgg:
 
 
 def outlined(line: Line2D, colour: str, width: float) -> Line2D:
-    """Give a line an edge of another colour; width: that of the edge on each side, in points. Return the line."""
+    """Give a line an edge of another colour, and return the line. width: width of the edge on each side, in points."""
     line.set_path_effects([patheffects.withStroke(linewidth=line.get_linewidth() + 2 * width, foreground=colour)])
     return line
 
 
 def save(figure: Figure, path: str | Path, dpi: int = 300) -> None:
-    """Write a figure to a file, whose suffix is the format.
+    """Write a figure to a file; the suffix of the path selects the format.
 
     Text in a PDF remains text (TrueType fonts). Files have no dates, so that the same figure gives the same file.
 
     Parameters
     ----------
     dpi : int
-        Resolution of a PNG.
+        Resolution of a PNG file in dots per inch.
 
     Raises
     ------

@@ -13,33 +13,33 @@ from rattle.plot.drawing import HALO, lay_out
 Array = NDArray[np.float64]
 Point = tuple[float, float]
 
-#: Distances of a label from its point that are tried, in points, and the directions.
+#: The distances in points (1/72 inch), and the directions, that are tried for a label around its point of the picture.
 DISTANCES = (20, 30, 42, 56, 72, 90)
 DIRECTIONS = np.arange(24) / 24 * 2 * np.pi
 #: Free space around a label, in pixels.
 ROOM = 3.0
-#: Number of points of a line that a label may be tied to.
+#: Number of points of a line that are tried for a label that cannot run along the line.
 ANCHORS = 24
-#: Number of cells that are tried as the centre of a label within a part.
+#: Number of cells that are tried as the centre of a label within a part of the axes.
 CANDIDATES = 400
-#: Distance in pixels from other lines at which a label along a line is unambiguous.
+#: From this distance in pixels to other lines it is clear which line a label along a line names.
 CLEAR = 45.0
-#: Cost of covering a label or a marker, and of leaving the frame.
+#: Cost of covering a label or a marker, and cost of leaving the frame.
 WRONG, OUTSIDE = 1000.0, 1e5
-#: Largest cost of covered lines: a label covers lines sooner than a label or a marker.
+#: Largest cost of covering lines. It is below WRONG: a label rather covers lines than a label or a marker.
 MOST_HIDDEN = 800.0
 
 
 class Labels:
-    """The labels of one picture; each is placed where it covers least.
+    """The labels of one picture. Each label is placed where it covers least.
 
-    The axes are laid out first, because free places depend on their shape.
+    Creating this object lays out the axes, because the free places depend on their shape.
     """
 
     def __init__(self, axes: Axes, lines: Sequence[Array]) -> None:
-        """Keep labels clear of these lines and of the texts in the axes.
+        """Prepare to place labels that keep clear of these lines and of the texts in the axes.
 
-        lines: (k, 2) in data coordinates, with NaN between their pieces.
+        lines: arrays (k, 2) of points in data coordinates, with NaN between the pieces of a line.
         """
         figure = axes.get_figure(root=True)
         assert figure is not None
@@ -50,7 +50,7 @@ class Labels:
         self.leaders: list[Array] = []
 
     def keep_clear_of(self, markers: Sequence[Point], size: float) -> None:
-        """Let no label cover these markers (x, y) in data coordinates, which are so many points across."""
+        """Let no later label cover these markers. markers: (x, y) in data coordinates; size: diameter in points."""
         half = np.full(2, self.renderer.points_to_pixels(size) / 2)
         self.boxes += [_box(self.axes.transData.transform(marker), half) for marker in markers]
 
@@ -63,7 +63,16 @@ class Labels:
         room: float = ROOM,
         edged: bool = False,
     ) -> Annotation:
-        """Write a name next to the best one of these points, with a line to it; edged: the line has a white edge."""
+        """Write a name near that point of `points` where it covers least, with a line to the point.
+
+        points: (x, y) in data coordinates. room: the free space around the label in pixels. edged: the line has a
+        white edge.
+
+        Returns
+        -------
+        Annotation
+            The text.
+        """
         text = self.axes.annotate(
             name,
             points[0],
@@ -104,7 +113,7 @@ class Labels:
         return text
 
     def along(self, name: str, line: Array, size: float = 9, colour: str = "black") -> Text:
-        """Write a name beside and along a line (k, 2) in data coordinates; if there is no room, use `add`."""
+        """Write a name beside a line (k, 2) in data coordinates, parallel to it; if there is no room, call `add`."""
         text = self.axes.text(0, 0, name, fontsize=size, color=colour, path_effects=HALO, zorder=5)
         text.set(ha="center", va="center", rotation_mode="anchor")
         half = np.array(Text.get_window_extent(text, self.renderer).size) / 2 + ROOM
@@ -128,12 +137,13 @@ class Labels:
         return text
 
     def within(self, name: str, inside: NDArray[np.bool_], size: float = 13) -> bool:
-        """Write a name where a part of the axes is widest, in smaller type if necessary.
+        """Write a name inside a part of the axes, where the part is widest, in smaller type if necessary.
 
         Parameters
         ----------
         inside : NDArray[np.bool_]
-            Flags (rows, columns) of the cells of the part, on an even grid over the axes from their lower left corner.
+            An even grid (rows, columns) of cells over the axes, from their lower left corner; True for cells of the
+            part.
 
         Returns
         -------
@@ -182,7 +192,7 @@ class Labels:
         return cells, room
 
     def _move(self, text: Text, centre: Array) -> None:
-        """Put a text at a centre in pixels."""
+        """Move a text so that its centre is at `centre`, in pixels."""
         x, y = self.axes.transData.inverted().transform(centre)
         text.set_position((float(x), float(y)))
 
@@ -191,7 +201,7 @@ class Labels:
         return int(np.all(np.abs(self.covered - centre) < half, axis=1).sum())
 
     def _cost(self, origin: Array, centre: Array, half: Array, most: float) -> float:
-        """Return the cost of a label at `centre` for a point at `origin`, or a part of it that is `most` or more."""
+        """Return the cost of a label at `centre` for a point at `origin`; it may be too low if `most` or more."""
         cost = float(np.hypot(*(centre - origin)))
         if cost >= most:
             return cost
@@ -204,12 +214,21 @@ class Labels:
         return cost + WRONG * (crossed + sum(other.count_contains(dense) > 0 for other in self.boxes))
 
     def _cost_along(self, centre: Array, angle: float, bend: float, half: Array, others: Array) -> float:
-        """Return the cost of a label along a line that bends by `bend` there; others: points of other lines."""
+        """Return the cost of a label along a line.
+
+        centre, angle: centre and direction of the label. bend: how far the line beside the label deviates from a
+        straight one, in pixels. half: half of the label's width and height. others: points of other lines.
+
+        Returns
+        -------
+        float
+            The cost; WRONG or more if the label must not be there.
+        """
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         hidden = np.all(np.abs((self.covered - centre) @ turn) < half, axis=1).sum()
         near = float(_distances(centre[None], others)[0]) if len(others) else CLEAR
         cost = WRONG * (hidden > 0) + 4 * max(0.0, CLEAR - near) + 10 * bend + 20 * abs(np.sin(angle))
-        # among equal places, the one nearest to the middle of the picture is best
+        # among places of equal cost, the place nearest to the middle of the picture is best
         middle = float(np.abs((centre - self.frame.min) / self.frame.size - 0.5).max())
         return float(cost + 30 * middle) + self._misplaced(_turned_box(centre, half, angle))
 
@@ -220,7 +239,16 @@ class Labels:
 
 
 def _beside(stretch: Array, height: float) -> list[tuple[Array, float, float]]:
-    """Return both places (centre, angle, bend) of a label of half height `height` beside a part of a line."""
+    """Return the places (centre, angle, bend) of a label on both sides of a part of a line.
+
+    stretch: the points (k, 2) of the part, in pixels. height: half of the label's height.
+
+    Returns
+    -------
+    list[tuple[Array, float, float]]
+        The centre and direction of the label, and how far the part deviates from a straight line; empty if the part has
+        a gap.
+    """
     if np.isnan(stretch).any():
         return []
     chord = stretch[-1] - stretch[0]
@@ -261,13 +289,13 @@ def _box(centre: Array, half: Array) -> Bbox:
 
 
 def _turned_box(centre: Array, half: Array, angle: float) -> Bbox:
-    """Return the upright box that encloses a box turned by an angle."""
+    """Return the smallest upright box around a box that is turned by an angle; half: half of its width and height."""
     cosine, sine = abs(np.cos(angle)), abs(np.sin(angle))
     return _box(centre, np.array([cosine * half[0] + sine * half[1], sine * half[0] + cosine * half[1]]))
 
 
 def _dense(line: Array) -> Array:
-    """Return points of a line in pixels that are at most four pixels apart."""
+    """Return points along a line (k, 2), which is in pixels, at most four pixels apart."""
     steps = np.nan_to_num(np.hypot(*np.diff(line, axis=0).T))
     number = np.arange(len(line))
     along = np.concatenate([[0.0], np.cumsum(np.minimum(steps, 1e4) / 4 + 1e-9)])

@@ -19,14 +19,14 @@ Given = float | Sequence[float]
 
 
 class Range(NamedTuple):
-    """A range that was given as LOW:HIGH, so that it cannot be two numbers."""
+    """A range that the user wrote as LOW:HIGH, which differs from two separate numbers."""
 
     low: float
     high: float
 
 
 class Takes(Enum):
-    """The form in which a figure takes δ or ε; the value is its name in messages."""
+    """The form in which a figure takes δ or ε. The value names the form in error messages."""
 
     NUMBER = "a number"
     NUMBERS = "one number or more"
@@ -37,7 +37,8 @@ class Takes(Enum):
 class PaperFigure:
     """A figure of the paper.
 
-    shows: its subject. delta_takes, epsilon_takes: the forms of δ and ε. delta, epsilon: the paper's values.
+    shows: the subject of the figure. delta_takes, epsilon_takes: the forms in which it takes δ and ε.
+    delta, epsilon: the paper's values.
     draw: the function that draws it from δ, ε and β; δ and ε are a float, a tuple of floats or (low, high).
     stiff: the function that draws it for the stiff gear from δ, ε, β and κ, or None.
     """
@@ -87,7 +88,7 @@ FIGURES: dict[int, PaperFigure] = {
 
 @dataclass(frozen=True)
 class Request:
-    """A figure of the paper with checked parameters; added: kappa for the stiff gear, else empty."""
+    """A figure of the paper with checked parameters. added: {"kappa": κ} for the stiff gear, otherwise empty."""
 
     number: int
     delta: Any
@@ -97,7 +98,7 @@ class Request:
 
     @property
     def name(self) -> str:
-        """The name of its file without suffix."""
+        """The name of the figure's file, without suffix."""
         return f"figure{self.number}"
 
     @property
@@ -106,7 +107,7 @@ class Request:
         return f"Figure {self.number}, {FIGURES[self.number].shows}"
 
     def draw(self) -> Drawing:
-        """Compute and draw. Raises RattleError."""
+        """Compute and draw the figure. Raises RattleError if it cannot be computed."""
         figure = FIGURES[self.number]
         drawn_by: Callable[..., Drawing] = figure.draw if not self.added or figure.stiff is None else figure.stiff
         return drawn_by(self.delta, self.epsilon, self.beta, **self.added)
@@ -114,7 +115,7 @@ class Request:
 
 @dataclass(frozen=True)
 class StiffRequest:
-    """The figure of the stiff gear's limit, with checked parameters."""
+    """The figure that shows how the stiff gear approaches the impacting gear, with checked parameters."""
 
     delta: float
     epsilon: float
@@ -123,7 +124,7 @@ class StiffRequest:
     title: str = "The stiff gear and its limit"
 
     def draw(self) -> Drawing:
-        """Compute and draw. Raises RattleError."""
+        """Compute and draw the figure. Raises RattleError if it cannot be computed."""
         return stiff.stiff_figure(self.delta, self.epsilon, self.beta)
 
 
@@ -139,7 +140,7 @@ def request(
     Parameters
     ----------
     delta, epsilon : Given, optional
-        One number, several numbers or a range, as the figure takes them; by default the paper's.
+        One number, several numbers or a range, in the form that the figure takes; None: the paper's values.
     beta : float
         The half-backlash.
     **added : float, optional
@@ -153,7 +154,7 @@ def request(
     Raises
     ------
     ParameterError
-        If the figure does not take these numbers, or one is outside its domain.
+        If the figure does not take δ or ε in this form, or a number is outside its domain.
     """
     known = ", ".join(map(str, sorted(FIGURES)))
     require(number in FIGURES, f"Figure {number} cannot be drawn: choose one of {known}")
@@ -179,7 +180,7 @@ def request(
 
 
 def stiff_request(delta: Given | None = None, epsilon: Given | None = None, beta: float = ranges.BETA) -> StiffRequest:
-    """Return the request for the figure of the stiff gear's limit, at one δ and one ε.
+    """Return the request for the figure that shows how the stiff gear approaches the impacting gear, at one δ and ε.
 
     Returns
     -------
@@ -204,7 +205,7 @@ def draw(number: int, delta: Given | None = None, epsilon: Given | None = None, 
     Parameters
     ----------
     delta, epsilon : Given, optional
-        One number, several numbers or a range, as FIGURES says; by default the paper's.
+        One number, several numbers or a range, in the form that FIGURES says; None: the paper's values.
     beta : float
         The half-backlash.
 
@@ -232,7 +233,7 @@ def parse(option: str, texts: Sequence[str]) -> Given | None:
     Raises
     ------
     ParameterError
-        If an argument is outside its domain.
+        If a text is neither a number nor a range, or there is a range besides other texts.
     """
     numbers = []
     for text in texts:
@@ -249,7 +250,7 @@ def parse(option: str, texts: Sequence[str]) -> Given | None:
 
 
 def _checked(number: int | str, name: str, takes: Takes, given: Given, *, positive: bool = False) -> Any:
-    """Return δ or ε in the form that a figure takes. Raises ParameterError."""
+    """Return δ or ε in the form that a figure takes. Raises ParameterError if it was given in another form."""
     values = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
     fits = {NUMBER: len(values) == 1, NUMBERS: len(values) >= 1, RANGE: len(values) == 2}[takes]
     fits = fits and (takes is RANGE or not isinstance(given, Range))

@@ -1,4 +1,4 @@
-"""The parameters (δ, ε) of the paper's figures: each is one number, several numbers or (low, high)."""
+"""The parameters of the paper's figures: (δ, ε), where each is one number, several numbers or a range (low, high)."""
 
 BETA = 0.6
 

@@ -34,24 +34,24 @@ STYLES = {
 MARKERS = {"COD20": "o", "COD21": "s", "COD22": "D", "COD23": "^"}
 #: Size of a marker, in points.
 MARKER_SIZE = 4.5
-#: The curves that the paper has.
+#: The curves that the paper's figures show.
 IN_PAPER = ("SN1", "SN2", "PD1", "G1", "G2")
 
 #: Line widths of the paper's curves and of other curves.
 THICK, THIN = 1.5, 0.8
 #: Cells along each axis of the grid on which regions are determined.
 CELLS = 240
-#: Least number of cells of a part of a region that gets its name.
+#: A connected part of a region is labelled if it has at least this number of cells.
 LEAST = 20
-#: Width and height of the inset with its numbers, as shares of the axes.
+#: Width and height of the inset including its tick labels, as shares of the axes.
 INSET = 0.42, 0.44
-#: The inset's curves in δ: least and largest distance from COD23, over the distance from COD21 to COD23.
+#: The range of δ in the inset: least and largest distance from COD23, in units of the distance from COD21 to COD23.
 NEAREST, BEFORE = 0.15, 9.0
 #: Number of points of the inset's curves.
 BESIDE = 60
-#: Largest width of a window with an inset, over the distance from COD21 to COD23.
+#: An inset is drawn only in windows up to this width, in units of the distance from COD21 to COD23.
 FARTHEST = 200.0
-#: Style of the marks of other figures of the paper.
+#: Style of the lines that mark the ranges of the paper's other figures.
 MARKED: dict[str, Any] = {"color": "0.35", "linestyle": (0, (5, 3)), "linewidth": 1.0}
 
 
@@ -71,7 +71,7 @@ def draw_curve(axes: Axes, curve: Curve, width: float = 1.4, halo: bool = True) 
 def draw_line(
     axes: Axes, name: str, line: Array, style: tuple[str, Any], width: float = 1.4, halo: bool = True
 ) -> None:
-    """Draw a line (k, 2), with NaN between its pieces; style: colour and dashes; name: its name in a legend."""
+    """Draw a line (k, 2) whose pieces are separated by NaN. style: colour and dashes. name: the line's legend entry."""
     colour, dashes = style
     axes.plot(
         *line.T,
@@ -84,12 +84,12 @@ def draw_line(
 
 
 def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Array]) -> Labels | None:
-    """Mark and name the codimension-two points that are in the axes; names keep clear of these lines and of texts.
+    """Mark and name the codimension-two points that are inside the axes, at places free of `lines` and other texts.
 
     Returns
     -------
     Labels | None
-        The labels of the axes, for further names; None if there are no points.
+        The object that places labels in these axes, for further names; None if no point is inside the axes.
     """
     (left, right), (bottom, top) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
     points = [point for point in points if left <= point.delta <= right and bottom <= point.epsilon <= top]
@@ -101,7 +101,7 @@ def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Ar
     if not points:
         return None
     labels = Labels(axes, [*lines, *(np.array([[point.delta, point.epsilon]]) for point in points)])
-    labels.keep_clear_of([(point.delta, point.epsilon) for point in points], MARKER_SIZE + 1)  # and its edge
+    labels.keep_clear_of([(point.delta, point.epsilon) for point in points], MARKER_SIZE + 1)  # 1 for the marker's edge
     for point in points:
         labels.add(point.name, (point.delta, point.epsilon))
     return labels
@@ -111,8 +111,8 @@ def plane(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
     """Draw the bifurcation diagram of Figures 7 and 8: curves, codimension-two points and regions in a window.
 
     Curves that the paper has are thick, other curves thin. At the paper's β dashed lines show the ranges of its Figures
-    5 and 9, and a rectangle that of Figure 8. If COD21 and COD23 are close together in the window, an inset shows PD1
-    and G1 by their distance from SN2.
+    5 and 9, and a rectangle shows the window of Figure 8. If COD21 and COD23 are close together in the window, an inset
+    shows the distances of PD1 and G1 from SN2.
 
     Parameters
     ----------
@@ -164,12 +164,12 @@ def plane(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
         labels.along(name.replace("_", " "), line, 10 if name in IN_PAPER else 8, STYLES[name][0])
     for name, line in marks.items():
         labels.along(name, line, 7, MARKED["color"])
-    figure.set_layout_engine("none")  # labels lie where they were put
+    figure.set_layout_engine("none")  # so that labels stay where they were placed
     return Drawing(figure, tuple(notes))
 
 
 def _explain_widths(axes: Axes, lines: Mapping[str, Array]) -> None:
-    """Add a legend of thick and thin lines below the axes, if there are both."""
+    """Add a legend of thick and thin lines below the axes, if both kinds of lines are drawn."""
     widths = ((True, THICK, "curves of the paper"), (False, THIN, "other curves"))
     entries = [
         Line2D([], [], color="0.2", lw=width, label=text)
@@ -183,12 +183,13 @@ def _explain_widths(axes: Axes, lines: Mapping[str, Array]) -> None:
 def _draw_inset(
     axes: Axes, curves: Mapping[str, Curve], lines: Mapping[str, Array], points: Mapping[str, CodimensionTwo]
 ) -> Box | None:
-    """Draw an inset in a corner without curves: PD1 and G1 by their distance from SN2, before they meet at COD23.
+    """Draw an inset in a corner without curves: the distances of PD1 and G1 from SN2, below the δ where all three meet.
 
     Returns
     -------
     Box | None
-        The corner in data coordinates; None if the points are not close in the window, or no corner is free.
+        The box of the inset in data coordinates. None if COD21 and COD23 are not close together in the window, or no
+        corner is free: then nothing is drawn.
     """
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     if not {"COD21", "COD23"} <= set(points) or not {"SN2", "PD1", "G1"} <= set(curves):
@@ -243,7 +244,7 @@ def _draw_inset(
 
 
 def _filled(box: Box) -> list[Array]:
-    """Return lines that fill a box, so that labels keep out of it."""
+    """Return lines that fill a box. Labels keep clear of lines, and so of the box."""
     left, right, bottom, top = box
     return [np.array([[left, height], [right, height]]) for height in np.linspace(bottom, top, 24)]
 
@@ -265,9 +266,9 @@ def _paper_marks(axes: Axes) -> dict[str, Array]:
 
 
 def _name_regions(labels: Labels, delta: Range, epsilon: Range, beta: float, covered: Box | None) -> None:
-    """Write the name of each region into all of its parts with enough room, or beside the largest part if none has.
+    """Write the name of each region into all of its parts with enough room; if none has, beside the largest part.
 
-    covered: a box in which no names are written.
+    covered: a box in which no names are written, or None.
     """
     from scipy.ndimage import label
 

@@ -34,10 +34,10 @@ SHOWN = {
     "undecided": KIND_COLOURS["undecided"],
 }
 QUIET_ALONE, ONE, BOTH, OTHER, CONTACT, UNDECIDED, CHAOTIC = range(7)
-#: Scale of the largest Lyapunov exponent of chaos, per forcing period; larger values have the colour of the end.
+#: Colour scale of the largest Lyapunov exponent of chaos, per forcing period; larger exponents have the last colour.
 EXPONENTS = Normalize(0.0, 1.6)
 CHAOS = ListedColormap(colormaps["Reds"](np.linspace(0.35, 1.0, 256)), name="chaos")
-#: Restitutions that are marked on the curves.
+#: Restitutions r at which a marker is drawn on the curves.
 MARKED = (1.0, 0.95, 0.9, 0.8, 0.6, 0.4, 0.2)
 POINT_COLOURS = {"COD20": "#7b3294", "COD21": "#c51b1b", "COD23": "#1f5fa8", "COD22": "black"}
 
@@ -46,7 +46,7 @@ POINT_COLOURS = {"COD20": "#7b3294", "COD21": "#c51b1b", "COD23": "#1f5fa8", "CO
 class RestitutionPlane:
     """The attractors of the cells epsilon (m,) × delta (n,), row by row, at one restitution.
 
-    table: the attractors. count: the number of samples of a cell.
+    table: the attractors of all cells. count: the number of samples of each cell.
     """
 
     restitution: float
@@ -58,7 +58,7 @@ class RestitutionPlane:
 
     @property
     def model(self) -> Model:
-        """The model of the plane."""
+        """The model of the plane: impacting at restitution 1, otherwise inelastic."""
         return Impacting(self.beta) if self.restitution == 1.0 else Inelastic(self.beta, self.restitution)
 
     def share_of(self, kind: Outcome) -> Array:
@@ -78,7 +78,7 @@ class RestitutionPlane:
 
     @property
     def exponent(self) -> Array:
-        """The largest Lyapunov exponent of chaotic attractors (m, n), NaN where there are none."""
+        """The largest Lyapunov exponent of the chaotic attractors of each cell (m, n), NaN in cells without chaos."""
         found = np.full(self.epsilon.size * self.delta.size, np.nan)
         rows = self.table.kind == Outcome.CHAOTIC
         np.fmax.at(found, self.table.cell[rows], self.table.first[rows])
@@ -86,7 +86,10 @@ class RestitutionPlane:
 
     @property
     def dominant(self) -> NDArray[np.int64]:
-        """The attractor with the most samples besides quiet running (m, n), as a number in SHOWN, or CHAOTIC."""
+        """The type of each cell's attractor with the most samples, except quiet running: an index of SHOWN or CHAOTIC.
+
+        Shape (m, n). QUIET_ALONE where quiet running is the only attractor.
+        """
         found = np.full(self.epsilon.size * self.delta.size, QUIET_ALONE)
         most = np.zeros(found.size, np.int64)
         for row in range(self.table.kind.size):
@@ -96,7 +99,7 @@ class RestitutionPlane:
         return found.reshape(self.epsilon.size, self.delta.size)
 
     def _code(self, row: int) -> int:
-        """Return the number in SHOWN of an attractor that is not quiet, or CHAOTIC."""
+        """Return the type of the attractor in a row, which is not quiet: an index of SHOWN, or CHAOTIC."""
         if self.table.kind[row] != Outcome.PERIODIC:
             return CHAOTIC if self.table.kind[row] == Outcome.CHAOTIC else UNDECIDED
         if self.table.contacts[row] > 0:
@@ -114,7 +117,7 @@ def restitution_plane(
     restitution, beta : float
         Restitution in (0, 1] and half-backlash > 0.
     delta, epsilon : ndarray
-        Rising dampings (n,) and eccentricities (m,).
+        Dampings (n,) and eccentricities (m,), both in rising order.
     count : int
         Number of initial conditions of a cell.
 
@@ -134,7 +137,9 @@ def restitution_plane(
 
 
 def restitution_figure(planes: Sequence[RestitutionPlane]) -> Drawing:
-    """Draw planes side by side: the main attractor besides quiet running, chaos by its exponent, and the curves.
+    """Draw planes side by side, with the bifurcation curves.
+
+    The colour of a cell shows the attractor with the most samples, except quiet running, or for chaos its exponent.
 
     Returns
     -------
@@ -174,12 +179,12 @@ def _draw_plane(axes: Axes, plane: RestitutionPlane) -> None:
 
 
 def _edges(values: Array) -> tuple[float, float]:
-    """Return the first and the last value."""
+    """Return the first and the last value of an axis."""
     return float(values[0]), float(values[-1])
 
 
 def codimension_two_figure(beta: float = 0.6) -> Drawing:
-    """Draw COD20 to COD23 as curves in (δ, ε, r), from r = 1 downwards.
+    """Draw the codimension-two points COD20 to COD23 as curves in (δ, ε, r), from r = 1 downwards.
 
     Returns
     -------

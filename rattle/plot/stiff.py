@@ -18,17 +18,18 @@ COLOURS = {"A": "#1f5fa8", "B": "#e08214", "C": "#4d9221", "D": "#b2182b"}
 #: Default point, at which A to D all exist.
 DELTA, EPSILON = 0.6, 0.075
 STIFFNESSES = 10.0 ** np.arange(2.0, 8.5, 0.5)
-#: Stiffnesses that are drawn at a graze, beside the impacting model.
+#: Stiffnesses κ that the panel of the graze compares with the impacting model.
 SHOWN = (1e4, 1e5, 1e6)
-#: Range of v on each side of Γ.
+#: The panel of the graze shows speeds up to this far on each side of Γ.
 REACH = 0.003
 
 
 def stiff_figure(delta: float = DELTA, epsilon: float = EPSILON, beta: float = 0.6) -> Drawing:
     """Draw the distances between the stiff gear and the impacting model against the stiffness κ.
 
-    The panels: the motions A to D, their multipliers, bifurcations and the quiet limit; and one return for speeds
-    across Γ, where the square root of the impacting model becomes steep but smooth.
+    One panel each shows the distances of the motions A to D, of their multipliers, and of bifurcations and the quiet
+    limit. The fourth panel shows the speed after one return for speeds on both sides of Γ: the impacting model has a
+    square root there, the stiff gear a steep but smooth curve.
 
     Returns
     -------
@@ -58,7 +59,7 @@ def stiff_figure(delta: float = DELTA, epsilon: float = EPSILON, beta: float = 0
 
 
 def _motions(places: Axes, multipliers: Axes, motions: dict[str, PeriodicOrbit]) -> None:
-    """Draw the distances of A to D and of their multipliers from those of the impacting model."""
+    """Draw how far A to D and their multipliers are from the same motions of the impacting model (`motions`)."""
     for name, limit in motions.items():
         kappas, off, change = [], [], []
         for kappa in STIFFNESSES[STIFFNESSES >= 1e3]:
@@ -78,7 +79,7 @@ def _motions(places: Axes, multipliers: Axes, motions: dict[str, PeriodicOrbit])
 
 
 def _bifurcations(axes: Axes, limit: PeriodicOrbit) -> None:
-    """Draw the distances of SN1, SN2, PD1 and the quiet limit from those of the impacting model."""
+    """Draw how far SN1, SN2, PD1 and the quiet limit are from the impacting model's. limit: its motion D."""
     delta, beta = limit.delta, limit.beta
     span = 0.5 * limit.epsilon, 1.6 * limit.epsilon
     truth = {str(event.kind): event.epsilon for event in branch(limit, "epsilon", span).events}
@@ -104,7 +105,7 @@ def _bifurcations(axes: Axes, limit: PeriodicOrbit) -> None:
 
 
 def _slope(axes: Axes, start: float, power: float, label: str) -> None:
-    """Draw a reference line κ^power, above all curves at `start`."""
+    """Draw a reference line proportional to κ^power, which at κ = `start` is above all curves."""
     lines = [np.asarray(line.get_xydata()) for line in axes.get_lines()]
     heights = [float(line[np.searchsorted(line[:, 0], start), 1]) for line in lines]
     ends = np.array([start, 1e8])

@@ -38,7 +38,8 @@ class Estimate(NamedTuple):
 class Index(NamedTuple):
     """The Sobol indices of one number: its shares of the variance of an output.
 
-    first: the share that the number causes alone. total: the share with all of its interactions with other numbers.
+    first: the share that the number causes alone. total: the share that the number causes alone and in interaction with
+    other numbers.
     Sources: Sobol, Mathematics and Computers in Simulation 55 (2001) 271–280; for correlated numbers, whose first index
     may exceed the total one, Kucherenko, Tarantola and Annoni, Computer Physics Communications 183 (2012) 937–946.
     """
@@ -50,7 +51,8 @@ class Index(NamedTuple):
 class Worst(NamedTuple):
     """A gear of the population with a large intensity.
 
-    row: its row. numbers: its varying numbers by name. quiet: its share of quiet runs. energy: the mean over its runs.
+    row: the gear's row. numbers: its varying numbers by name. quiet: its share of quiet runs.
+    energy: the mean of Σv²/2 per revolution over its runs; for a machine the mean power in W.
     """
 
     row: int
@@ -63,7 +65,7 @@ class Worst(NamedTuple):
 class Population:
     """A population of gears: its plan, its computed rows, and methods that answer questions about it.
 
-    Energies are Σv²/2 per revolution. Those of a machine times `power` are watts.
+    Energies are Σv²/2 per revolution in the model's unit. For machines `power` converts them to watts.
     """
 
     plan: Plan
@@ -71,7 +73,7 @@ class Population:
 
     @property
     def gears(self) -> Gears:
-        """The population itself: the rows of its first part."""
+        """The gears of the population itself, without the further gears for Sobol indices."""
         return Gears._make(column[: self.plan.gears] for column in self.rows)
 
     @property
@@ -83,7 +85,7 @@ class Population:
     def quiet(self) -> Estimate:
         """The probability that a random gear, started from a random state, runs quietly.
 
-        Undecided samples widen the interval, and count as not quiet in the value.
+        Undecided samples widen the interval; in the value they count as not quiet.
         """
         energy = self.gears.energy
         low = mean_share((energy == 0.0).mean(axis=1))
@@ -96,9 +98,9 @@ class Population:
 
     @cached_property
     def passing(self) -> Estimate | None:
-        """The yield: the share of the judged gears that pass; None if the plan has no requirement.
+        """The yield: the share of gears that pass, of all that were tested; None if the plan has no requirement.
 
-        Gears whose verdict is unknown widen the interval, and count as one half in the value.
+        Gears whose verdict is unknown widen the interval; in the value each of them counts as half a gear that passes.
         """
         verdict = self.gears.verdict
         asked = int((verdict != NOT_ASKED).sum())
@@ -110,7 +112,7 @@ class Population:
 
     @property
     def power(self) -> Array | float:
-        """The watts per unit of energy of each gear of the population (n,); 1 without a machine."""
+        """The power in W for an energy of 1 per revolution, for each gear (n,) of the population; 1 if not machines."""
         units = self.plan.tolerances.points(self.gears.values).units
         return 1.0 if units is None else np.broadcast_to(units.power, len(self.gears.values))
 
@@ -144,7 +146,7 @@ class Population:
         return {q: quantile(energy, q) for q in quantiles}
 
     def worst(self, most: int = WORST) -> tuple[Worst, ...]:
-        """Return the gears with the largest mean energy, or mean power in watts; most: their number."""
+        """Return the gears with the largest mean energy, or mean power in watts; most: the number of gears."""
         gears = self.gears
         quiet, energy = (gears.energy == 0.0).mean(axis=1), means(gears.energy) * self.power
         order = np.argsort(-np.nan_to_num(energy, nan=-1.0), kind="stable")[:most]
@@ -168,9 +170,9 @@ class Population:
         Raises
         ------
         ParameterError
-            If `of` is neither of both.
+            If `of` is neither "quiet" nor "energy".
         RattleError
-            If the output does not vary between gears, or the population has no pairs.
+            If the output does not vary significantly between gears, or `pairs` is 0.
         """
         require_one_of("of", of, OUTPUTS)
         if len(self.names) == 1:
@@ -192,7 +194,7 @@ class Population:
 
 
 def means(energy: Array) -> Array:
-    """Return the mean of each row over its values that are not NaN; NaN if all are."""
+    """Return the mean of each row over its values that are not NaN; NaN if all values of the row are NaN."""
     known = (~np.isnan(energy)).sum(axis=1)
     return np.divide(np.nansum(energy, axis=1), known, out=np.full(len(energy), np.nan), where=known > 0)
 
@@ -201,12 +203,12 @@ def mean_share(shares: Array) -> Estimate:
     """Return the mean of the shares of independent gears (n,).
 
     The interval is Wilson's, for the number of independent samples that would have the variance of these shares. If all
-    shares are equal, each gear counts as one sample.
+    shares are equal, or there are fewer than FEWEST gears, each gear counts as one sample.
 
     Returns
     -------
     Estimate
-        Between 0 and 1, with the 95 % interval.
+        The mean, between 0 and 1, with its 95 % interval.
     """
     n, mean = shares.size, float(shares.mean())
     variance = float(shares.var(ddof=1)) / n
@@ -219,7 +221,7 @@ def mean_share(shares: Array) -> Estimate:
 def quantile(values: Array, q: float) -> Estimate:
     """Return a quantile of values (n, count), whose rows are independent; NaN is ignored.
 
-    The interval contains the values of which a share q may be smaller, given the variance between rows.
+    The interval contains the values that may be the true quantile, given the variance between rows.
 
     Returns
     -------
@@ -242,8 +244,8 @@ def quantile(values: Array, q: float) -> Estimate:
 def ratio(base: Array, other: Array, again: Array) -> Estimate:
     """Estimate Cov(base, other)/Cov(base, again) over gears (n,), with its interval by the delta method.
 
-    base, again: outputs of the same gears from different samples, so that the variance between samples has no part.
-    other: outputs of gears that share numbers with them.
+    base, again: outputs of the same gears from different samples of initial states, so that sampling errors do not add
+    to the covariance. other: outputs of gears that have some numbers in common with these gears.
 
     Returns
     -------
@@ -262,7 +264,9 @@ def ratio(base: Array, other: Array, again: Array) -> Estimate:
     same, shared = x * z, 0.5 * (x + z) * y  # the mean over both samples of the same gears
     whole, error = float(same.mean()), 1.0 / np.sqrt(same.size)
     if whole <= Z_95 * float(same.std()) * error:
-        raise RattleError("the gears do not differ by more than their samples do: give more pairs, or a larger count")
+        raise RattleError(
+            "the gears differ by no more than the sampling error of each: give more pairs, or a larger count"
+        )
     value = float(shared.mean()) / whole
     deviation = float((shared - value * same).std()) * error / whole
     return Estimate(*(float(np.clip(value + step * Z_95 * deviation, 0.0, 1.0)) for step in (0, -1, 1)))

@@ -1,4 +1,4 @@
-"""Correlated random numbers: a Gaussian copula, and draws that share some of their numbers with others."""
+"""Draw correlated random numbers by a Gaussian copula, and draw some of them again while the others are kept."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 class Copula:
     """Standard normal numbers with a correlation matrix (d, d).
 
-    Source of the draws that share numbers: Kucherenko, Tarantola and Annoni, Computer Physics Communications 183 (2012)
-    937–946.
+    Some numbers are drawn again, while the others are kept, as in Kucherenko, Tarantola and Annoni, Computer Physics
+    Communications 183 (2012) 937–946.
     """
 
     matrix: Array
@@ -34,16 +34,16 @@ class Copula:
         object.__setattr__(self, "_inverse", np.linalg.inv(self.matrix))
 
     def draws(self, seed: int, stream: int, rows: NDArray[np.int64]) -> Array:
-        """Return the numbers (n, d) of rows of a random stream; a row depends on its number alone."""
+        """Return the numbers (n, d) of these rows of a random stream; each row depends only on the row's number."""
         root: Array = self._root  # type: ignore[attr-defined]
         free = ndtri(uniforms(seed, stream, rows, len(self.matrix)))
         # explicit sums, because the last bit of a matrix product may depend on the number of rows
         return np.stack([sum_of(root[i, : i + 1], free[:, : i + 1]) for i in range(len(root))], axis=1)
 
     def with_kept(self, i: int, z: Array, fresh: Array) -> Array:
-        """Return z (n, d) with all columns but the i-th drawn again, given the i-th column.
+        """Return z (n, d) with its i-th column kept and all other columns drawn again, given the i-th column.
 
-        fresh: independent draws (n, d), from which the new columns are made.
+        fresh: draws (n, d) that are independent of z, from which the new columns are computed.
 
         Returns
         -------
@@ -55,7 +55,7 @@ class Copula:
         return found
 
     def with_redrawn(self, i: int, z: Array, fresh: Array) -> Array:
-        """Return z (n, d) with its i-th column drawn again, given the other columns, from independent draws `fresh`."""
+        """Return z (n, d) with its i-th column drawn again, given the other columns; fresh: draws independent of z."""
         found = z.copy()
         found[:, i] = fresh[:, i] + self._expected(i, z) - self._expected(i, fresh)
         return found
@@ -81,7 +81,7 @@ def shares(z: Array) -> Array:
 
 
 def correlation_of(given: ArrayLike | None, names: tuple[str, ...]) -> Array:
-    """Return the checked correlation matrix (d, d) of numbers with these names; by default they are independent."""
+    """Return the checked correlation matrix (d, d) of numbers with these names; None means independent numbers."""
     if given is None:
         return np.eye(len(names))
     matrix = real_array("correlation", given)

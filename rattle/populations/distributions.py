@@ -14,7 +14,7 @@ from rattle.populations.normal import ndtr, ndtri
 
 #: Numbers are drawn between the quantiles LEAST and 1 − LEAST, within 6.3 standard deviations.
 LEAST = 2.0**-33
-#: Least probability of a normal distribution between the ends at which it is cut off.
+#: Least probability that a normal distribution must have between the values low and high at which it is cut off.
 HELD = 1e-6
 
 Array = NDArray[np.float64]
@@ -125,7 +125,8 @@ class Triangular(Distribution):
 class LogNormal(Distribution):
     """The log-normal distribution: the natural logarithm of the number is normal.
 
-    median: above 0. deviation: the standard deviation of the logarithm; 0.1 is about 10 %. Raises ParameterError.
+    `median` is the median of the number, and `deviation` the standard deviation of the logarithm; 0.1 means a scatter
+    of about 10 %. Raises ParameterError unless both are above 0.
     """
 
     median: float

@@ -1,4 +1,4 @@
-"""Compute the gears of a population. Many are computed at once, with the same results as one by one."""
+"""Compute the gears of a population. Many gears are computed at once, with the same results as one by one."""
 
 from __future__ import annotations
 
@@ -32,9 +32,19 @@ Array = NDArray[np.float64]
 class Gears(NamedTuple):
     """The computed rows of a population, one for each gear.
 
-    part (n,): the part of the plan. values (n, d): the numbers that vary. delta, epsilon, beta (n,): the parameters.
-    energy (n, count): Σv²/2 per revolution of the attractor of each sample, in rising order; 0 if it is quiet, NaN
-    (last) if the sample is undecided. verdict (n,): the number in VERDICTS.
+    Attributes
+    ----------
+    part : ndarray of int, (n,)
+        Number of the part of the plan to which the row belongs.
+    values : ndarray, (n, d)
+        The numbers that vary.
+    delta, epsilon, beta : ndarray, (n,)
+        The dimensionless parameters.
+    energy : ndarray, (n, count)
+        Σv²/2 per revolution of the attractor that each sample reaches, in rising order: 0 if it is quiet, NaN (last) if
+        the sample is undecided.
+    verdict : ndarray of int, (n,)
+        Index into `VERDICTS`.
     """
 
     part: NDArray[np.int64]
@@ -47,7 +57,7 @@ class Gears(NamedTuple):
 
 
 def computed(plan: Plan, start: int, stop: int) -> Gears:
-    """Compute the rows from start to stop of a population; a row depends on the plan and on its number alone."""
+    """Compute the rows from start to stop of a population; each depends only on the plan and the row's number."""
     rows = np.arange(start, stop)
     part, values = plan.parts(rows), plan.values(rows)
     points = plan.tolerances.points(values)
@@ -65,14 +75,14 @@ def computed(plan: Plan, start: int, stop: int) -> Gears:
 
 
 def blocks(delta: Array, count: int) -> list[slice]:
-    """Return slices of the gears that are followed at once, which take some seconds each if all motions are chaotic."""
+    """Return slices of gears to follow at once. A slice takes some seconds if all motions are chaotic."""
     longer = np.maximum(1.0, WATCH / (PERIODS * delta.min(initial=1.0)))
     size = max(1, int(BLOCK / longer) // count)
     return [slice(start, min(start + size, delta.size)) for start in range(0, delta.size, size)]
 
 
 def energies(plan: Plan, points: Points, count: int, seed: int) -> Array:
-    """Return Σv²/2 per revolution of the attractor of each sample (n, count): rising for each gear, NaN last."""
+    """Return Σv²/2 per revolution of the attractor of each sample (n, count), sorted for each gear with NaN last."""
     found = np.empty((points.parameters.size, count))
     for rows, few in points.by_shape():
         tau, v = states(plan, few, count, seed)
@@ -86,14 +96,21 @@ def energies(plan: Plan, points: Points, count: int, seed: int) -> Array:
 def follow_gears(
     points: Points, tau: Array, v: Array, budget: int
 ) -> tuple[AttractorTable, NDArray[np.int64], Any, Stretch]:
-    """Return the attractors of states (n, count) of n gears, the row of each state, and data for intensities."""
+    """Follow states (n, count) of n gears to their attractors.
+
+    Returns
+    -------
+    tuple[AttractorTable, NDArray[np.int64], Any, Stretch]
+        The attractors, the row of each state in this table, and the two arguments that `intensities_of` needs: the
+        record of cells, and the function that follows a stretch of a motion.
+    """
     model = MODELS[points.parameters.model]
     found = model.classified(points.parameters, tau, v, budget)
     return *tabulated(found), found.cells, model.functions.stretch
 
 
 def states(plan: Plan, points: Points, count: int, seed: int) -> tuple[Array, Array]:
-    """Return the initial states (n, count) of the gears: the sample of `Gear.attractors`, or departures after shocks.
+    """Return the initial states (n, count) of the gears: states as in `Gear.attractors`, or states after shocks.
 
     Returns
     -------
@@ -119,7 +136,8 @@ def of_shares(given: float | str | Distribution, u: Array) -> Array:
 def judged(plan: Plan, points: Points) -> NDArray[np.int64]:
     """Judge gears (n,) by their margin of quiet running, or by their share of quiet runs.
 
-    For the share, samples are added in the steps of `Plan.looks` until the verdict is certain at 95 % confidence.
+    For the share, samples are added, up to each number in `Plan.looks`, until the verdict is certain at 95 %
+    confidence.
 
     Returns
     -------

@@ -37,11 +37,11 @@ SAFE_IF_SMALL = {
     **dict.fromkeys(("restitution", *AMPLITUDES), True),
     **dict.fromkeys(("delta", "drag", "load", "load_torque"), False),
 }
-#: The numbers for which a forcing of one cosine has a closed-form range.
+#: The numbers whose default range of the scan follows from closed forms if the forcing is one cosine.
 OF_ONE_COSINE = ("epsilon", "eccentricity", "beta", "backlash", "rpm", "delta", "drag")
 #: The numbers whose range starts at 0; they are scanned in equal steps, others in equal ratios.
 FROM_ZERO = ("epsilon", "eccentricity", "restitution", *AMPLITUDES)
-#: Number of values of the first scan, and of samples at each.
+#: Number of values of the scan, and number of samples that are followed first at each value.
 SCANNED, FEW = 32, 256
 MOST_COUNT = 65_536
 #: Ratio of a range's end to its middle, for numbers whose range does not start at 0.
@@ -53,8 +53,8 @@ CLOSE = 2.0**-8
 class Limit(NamedTuple):
     """The limit of a number, in the unit of the number, with its 95 % interval.
 
-    A value or an end of the interval is NaN if it is outside the range of the scan: if the safest value is too much
-    already, or the last one is still safe.
+    The value, or an end of the interval, is NaN if it is outside the range of the scan: the first value of the scan is
+    not safe enough, or the last value is still safe.
     """
 
     value: float
@@ -74,22 +74,22 @@ def design_limit(
 ) -> Limit:
     """Return the value of a number up to which a gear runs quietly with probability `share`, there and at safer values.
 
-    The limit is the largest epsilon, beta or restitution, or the least delta or load. Of a machine it is the largest
+    The limit is the largest epsilon, beta or restitution, or the least delta or load. For a machine it is the largest
     eccentricity, mesh_error or other amplitude, backlash or rpm, or the least drag or load_torque. harmonic_20 is the
-    amplitude of order 20 over that of the first harmonic; error_20 is that of a machine in m.
+    amplitude of order 20 over that of the first harmonic; error_20 is the amplitude of order 20 of a machine in m.
 
     The probability is estimated from `count` states in [0, 1) × (0, natural speed), the same for all values. A scan of
-    SCANNED values starts at the safe end. The limit is solved for between two of them; the interval contains the values
-    whose share does not differ significantly from `share`. A range of rattling narrower than a step of the scan can be
-    missed; a smaller range `between` makes the steps finer.
+    SCANNED values starts at the safe end. The limit is solved for between two of these values; the interval contains
+    the values at which the share of quiet runs does not differ significantly from `share`. A range of rattling narrower
+    than a step of the scan can be missed; a smaller range `between` makes the steps finer.
 
     Parameters
     ----------
     given : Mapping[str, Any]
-        The other numbers of the gear by name: delta, epsilon, beta and those that a model adds; or those of a `Machine`
-        with rpm. A value of `of` itself is ignored.
+        The other numbers of the gear by name: delta, epsilon, beta and the parameters that a model adds; or the numbers
+        of a `Machine` with rpm. A value of the number `of` itself is ignored.
     of : str
-        The name of the number.
+        The name of the number whose limit is computed.
     share : float
         The required probability.
     between : tuple[float, float] | None
@@ -97,7 +97,7 @@ def design_limit(
     count, seed : int
         The number of states, and their seed.
     budget : int
-        Most impacts on Σ⁺ of a sample.
+        Impacts on Σ⁺ after which a sample that reached no attractor is undecided.
 
     Returns
     -------
@@ -135,7 +135,7 @@ def design_limits(
 
 
 def is_order(name: str) -> bool:
-    """Return whether a name is that of an amplitude by its order, such as harmonic_20 or error_20."""
+    """Return whether a name is the name of an amplitude with its order, such as harmonic_20 or error_20."""
     return bool(HARMONIC.fullmatch(name) or ERROR.fullmatch(name))
 
 
@@ -183,7 +183,9 @@ class _Solver:
             require_integer("budget", budget, 1, LARGEST_BUDGET),
         )
         fewest = math.ceil(4.0 * share / (1.0 - share))
-        require(count >= fewest, f"{count} samples cannot tell a share of {share:g}: let count be {fewest} or more")
+        require(
+            count >= fewest, f"{count} samples are too few for a share of {share:g}: give a count of {fewest} or more"
+        )
         self.of = of
         self.given = {name: value for name, value in given.items() if value is not None and name != of}
         one = between[0] if between else 1.0
@@ -201,7 +203,16 @@ class _Solver:
         self.known: dict[tuple[float, int | None], Excess] = {}
 
     def _range(self) -> tuple[float, float]:
-        """Return the default range of values: up to where no motion is quiet, or a scale over and times SPAN."""
+        """Return the default range of the scan.
+
+        The range ends at the value beyond which no motion is quiet, if this value is known. Otherwise the range reaches
+        from a typical value divided by SPAN to this value times SPAN.
+
+        Returns
+        -------
+        tuple[float, float]
+            The least and the largest value.
+        """
         of, given = self.of, self.given
         if of == "restitution":
             return 0.0, 1.0
@@ -249,7 +260,7 @@ class _Solver:
         return cannot_rest(few.parameters)
 
     def _edge(self, unit: float) -> float:
-        """Return the value at which the teeth can just stay in contact; unit: a typical size of the number."""
+        """Return the last value at which the teeth can stay in contact, or `unit`, a typical value, if all are such."""
         safe = is_safe_if_small(self.of)
         values = unit * np.geomspace(1e-9, 1e9, 181)
         beyond = np.array([self._is_beyond(float(value)) for value in values])
@@ -274,7 +285,7 @@ class _Solver:
                 machine_of({**self.given, self.of: float(value)})
 
     def ended(self, value: float, count: int) -> tuple[int, int]:
-        """Follow `count` samples at a value, and count those that become quiet and those that are undecided.
+        """Follow `count` samples at a value, and count the quiet and the undecided samples.
 
         Returns
         -------
@@ -297,7 +308,15 @@ class _Solver:
         return int((kind == Outcome.QUIET).sum()), int((kind == Outcome.UNDECIDED).sum())
 
     def excess(self, value: float, count: int | None = None) -> Excess:
-        """Return the excess of the share of quiet runs over the required share at a value; count: fewer samples."""
+        """Return the excess of the share of quiet runs over the required share at a value.
+
+        count: the number of samples that are followed, by default all.
+
+        Returns
+        -------
+        Excess
+            The excess with its interval; it is computed once for each value and count.
+        """
         if (known := self.known.get((value, count))) is None:
             samples = count or self.count
             quiet, undecided = self.ended(value, samples)
@@ -316,7 +335,7 @@ class _Solver:
     def _first_too_much(self) -> int:
         """Return the index of the first value of the scan whose share is too small.
 
-        FEW samples decide if they suffice, else all samples.
+        All samples decide only if the share of FEW samples is too small, but not with certainty.
 
         Returns
         -------
@@ -330,18 +349,19 @@ class _Solver:
         return self.scanned.size
 
     def _crossing(self, which: str, near: int) -> tuple[float, float]:
-        """Return two values that are CLOSE, between which a field of the excess falls below 0; NaN if there are none.
+        """Return two values, CLOSE steps of the scan apart, between which a field of the excess falls below 0.
 
-        which: the field. near: the index in the scan at which the search starts.
+        which: the name of the field. near: the index in the scan at which the search starts. Both values are NaN if the
+        field does not fall below 0 within the scan.
 
         Returns
         -------
         tuple[float, float]
-            The safe value and the other one.
+            The value on the safe side, and the value on the other side.
         """
 
         def positive(i: int) -> bool:
-            """Return whether the field is at least 0 at value i; value −1 is the number 0."""
+            """Return whether the field is at least 0 at value i of the scan; i = −1 stands for the value 0."""
             if i < 0:  # without an eccentricity all motions become quiet
                 return self.of in ("epsilon", "eccentricity") and not self._is_inelastic()
             return bool(getattr(self.excess(float(self.scanned[i])), which) >= 0.0)

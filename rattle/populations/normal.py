@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 
 def ndtr(z: Any) -> NDArray[np.float64]:
-    """Return the distribution function at z."""
+    """Return the standard normal distribution function at z."""
     from scipy import special  # imported here, because it takes a fifth of a second
 
     return np.asarray(special.ndtr(z))
 
 
 def ndtri(u: Any) -> NDArray[np.float64]:
-    """Return the quantile at u."""
+    """Return the standard normal quantile at u in (0, 1)."""
     from scipy import special
 
     return np.asarray(special.ndtri(u))

@@ -1,4 +1,4 @@
-"""The plan of a population: which gears are computed from which states. A row depends on its number alone."""
+"""The plan of a population: which gears are computed from which states. A row is one gear, drawn by its number."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ from rattle.models import Capability, require_capability
 from rattle.populations.distributions import Distribution, Uniform, distribution_of
 from rattle.populations.tolerances import Tolerances
 
-#: Parts of a population's rows: the population, the same gears with other samples, and gears that share numbers.
+#: Numbers of the parts of a plan's rows: the population; its first gears again, with other samples; and, from
+#: FIRST_SHARING on, gears that have some numbers in common with these.
 POPULATION, AGAIN, FIRST_SHARING = 0, 1, 2
 MOST_GEARS, MOST_COUNT = 10_000_000, 65_536
 #: Most samples of all rows; answers need several copies of them in memory, eight bytes each.
 MOST_SAMPLES = 1 << 24
-#: Default numbers of gears that share numbers with others, and of gears that are judged.
+#: Default values of the arguments `pairs` and `judged` of `rattle.population`.
 PAIRS, JUDGED = 1024, 256
 LARGEST_SEED = 2**64 - 1
 #: Largest share of quiet runs that can be required.
 MOST_SHARE = 0.9999
 ANY_PHASE = Uniform(0.0, 1.0)
-#: Random stream of the numbers that are drawn again.
+#: Number of the random stream for numbers that are drawn again.
 FRESH = 1
 
 Array = NDArray[np.float64]
@@ -38,8 +39,8 @@ class Shock:
     """A knock that separates resting teeth.
 
     speed: the speed of departure, in m/s along the line of action for a machine, else in the model's unit.
-    phase: the phase of the forcing; by default it is random.
-    Each is a number or a distribution. Raises ParameterError.
+    phase: the phase of the forcing at the departure; by default it is random.
+    Speed and phase may be numbers or distributions. Raises ParameterError unless all speeds are above 0.
     """
 
     speed: float | str | Distribution
@@ -61,10 +62,10 @@ class Shock:
 class Plan:
     """The plan of a population; the fields are the arguments of `rattle.population`.
 
-    The rows are numbered through these parts: the population; its first `pairs` gears again, with other samples; for
-    each varying number these gears with this number kept and the others drawn again; for each varying number these
-    gears with this number drawn again and the others kept. If only one number varies, there is the population alone.
-    Raises ParameterError.
+    Each row is one gear. The rows are numbered consecutively through these parts: the population; its first `pairs`
+    gears again, with other samples; for each varying number these gears with this number kept and the others drawn
+    again; for each varying number these gears with this number drawn again and the others kept. If only one number
+    varies, the population is the only part. Raises ParameterError.
     """
 
     tolerances: Tolerances
@@ -87,7 +88,9 @@ class Plan:
         require_integer("pairs", self.pairs, 0, MOST_GEARS)
         require_integer("judged", self.judged, 1, MOST_GEARS)
         by_one = self.share is None or self.margin is None
-        require(by_one, "a gear passes by its share of quiet runs or by its margin: give one")
+        require(
+            by_one, "a gear passes by its share of quiet runs or by its margin: give either share or margin, not both"
+        )
         samples = self.rows * self.count
         require(
             samples <= MOST_SAMPLES,
@@ -106,12 +109,12 @@ class Plan:
 
     @cached_property
     def sharing(self) -> int:
-        """The number of gears of the population with which other rows share numbers."""
+        """The number of gears whose numbers are kept in part by other rows; 0 if only one number varies."""
         return min(self.pairs, self.gears) if len(self.tolerances.names) > 1 else 0
 
     @cached_property
     def judging(self) -> int:
-        """The number of gears that are judged."""
+        """The number of gears that are tested for the requirement; 0 if there is no requirement."""
         return 0 if self.share is None and self.margin is None else min(self.judged, self.gears)
 
     @property
@@ -120,7 +123,7 @@ class Plan:
         return self.gears + self.sharing * (1 + 2 * len(self.tolerances.names))
 
     def asked(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags of the rows that are judged; these gears are spread evenly over the population."""
+        """Return flags of the rows that are tested for the requirement, spread evenly over the population."""
         number = rows * self.judging // self.gears
         return np.asarray((rows < self.gears) & (number != (rows - 1) * self.judging // self.gears))
 
@@ -162,13 +165,13 @@ class Plan:
 
     @property
     def looks(self) -> tuple[int, ...]:
-        """The numbers of samples after which a gear is judged by its share; few suffice if its share is far off."""
+        """The numbers of samples after which a gear's share is tested; a share far from the required one needs few."""
         share = self.share or 0.5
         fewest = math.ceil(Z_LOOKS**2 * share / (1.0 - share))
         return tuple(sorted({FEW, fewest + 1, 4 * (fewest + 1)}))
 
 
-#: Samples after which a gear is judged first.
+#: Number of samples after which a gear is tested for the first time.
 FEW = 32
-#: Normal quantile for 1 − 0.05/6: 95 % confidence over three judgements.
+#: Normal quantile for 1 − 0.05/6: 95 % confidence over all three tests of a gear.
 Z_LOOKS = 2.393979799818671

@@ -30,37 +30,37 @@ def population(
 ) -> Population:
     """Compute a population of gears that differ within their tolerances.
 
-    The result is determined by the arguments. A gear depends on its number alone, so the first gears of a larger
-    population are the same.
+    The same arguments give the same result. Each gear is drawn from its row number and the seed alone, so the first
+    gears of a larger population are the same.
 
     Parameters
     ----------
     given : Mapping[str, Any]
-        The numbers of a gear by name: delta, epsilon, beta and those that a model adds, or those of a `Machine` with
-        rpm.
-        At least one is a distribution: `Normal`, `Uniform`, `Triangular`, `LogNormal`, `Measured`, or text that
-        `distribution_of` reads.
+        The numbers of a gear by name: delta, epsilon, beta and the parameters that a model adds, or the numbers of a
+        `Machine` with rpm. At least one is a distribution: `Normal`, `Uniform`, `Triangular`, `LogNormal`, `Measured`,
+        or text that `distribution_of` reads.
     correlation : ArrayLike | None
-        The correlation matrix of the varying numbers, by default the identity. Its rows are in this order; for a
-        machine inertia, drag, backlash, eccentricity, radius, rpm, stiffness.
+        The correlation matrix of the varying numbers, by default the identity. Its rows are in the order delta,
+        epsilon, beta, …; for a machine in the order inertia, drag, backlash, eccentricity, radius, rpm, stiffness, ….
     gears : int
         The number of gears.
     count : int
-        The number of states in [0, 1) × (0, natural speed) from which each gear is followed. Few are enough for answers
-        about all gears.
+        The number of states in [0, 1) × (0, natural speed) from which each gear is followed. A few states are enough
+        for answers about all gears.
     share, margin : float | None
         The requirement for the yield: a gear passes if its share of quiet runs is at least `share`; or if no impact up
-        to the speed `margin` ends its quiet running (in m/s for a machine).
+        to the speed `margin` ends its quiet running (in m/s for a machine). None: there is no such requirement.
     shock : Shock | None
-        A shock to a gear at rest, after which it is followed, instead of random states.
+        A shock to each gear while its teeth rest, after which the gear is followed. None: the gear is followed from
+        random states.
     judged : int
-        The number of gears that are judged by the requirement.
+        The number of gears that are tested for the requirement.
     pairs : int
-        The number of gears with which others share numbers, for Sobol indices.
+        The number of gears for which further gears, with some of the same numbers, are computed for Sobol indices.
     seed : int
         The seed of all random numbers.
     budget : int
-        Most impacts on Σ⁺ of a sample.
+        Impacts on Σ⁺ after which a sample that reached no attractor is undecided.
 
     Returns
     -------

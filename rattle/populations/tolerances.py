@@ -23,7 +23,7 @@ from rattle.populations.copula import Copula, correlation_of, shares
 from rattle.populations.distributions import Distribution, Normal, distribution_of
 
 DIMENSIONLESS = ("delta", "epsilon", *OTHERS)
-#: The machine's number that determines a parameter that a model adds, by the name of the parameter.
+#: For each parameter that a model adds, by name: the name of the machine's number that determines the parameter.
 MAKING = {each.name: each.machine_number for each in ADDED.values() if each.machine_number is not None}
 NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")
 SECOND = (*(f"driven_{name}" for name in DRIVEN), "teeth", "driven_teeth", *AMPLITUDES)
@@ -34,8 +34,8 @@ OPTIONAL = {BETA.name: BETA.default, **dict.fromkeys((*ADDED, *OF_MACHINE[len(NE
 #: Numbers of a machine that cannot vary.
 FIXED = ("drive", "teeth", "driven_teeth")
 MAY_BE_ZERO = ("epsilon", "load", *MACHINE_MAY_BE_ZERO)
-#: Names of the amplitudes of further harmonics of a dimensionless gear, over the first: harmonic_20 is that of order
-#: 20.
+#: Names of the amplitudes of further harmonics of a dimensionless gear, relative to the first harmonic: harmonic_20 is
+#: the amplitude of order 20.
 HARMONIC = re.compile(r"harmonic_([1-9]\d{0,2})")
 #: Names of amplitudes of a machine in m, by their order in the revolution of the first gear: error_20.
 ERROR = re.compile(r"error_([1-9]\d{0,2})")
@@ -46,8 +46,8 @@ Array = NDArray[np.float64]
 class Points(NamedTuple):
     """n gears as parameter points of a model.
 
-    units: the units of each machine, None without machines.
-    shapes (n,): the harmonics of each gear besides the first, tuples; None if no gear has any.
+    units: the SI sizes of the model's units for each machine, None if the gears are dimensionless.
+    shapes (n,): for each gear the tuple of its harmonics besides the first; None if no gear has such harmonics.
     """
 
     parameters: Parameters
@@ -61,7 +61,7 @@ class Points(NamedTuple):
         return Points(self.parameters.take(which), units, None if self.shapes is None else self.shapes[which])
 
     def by_shape(self) -> Iterator[tuple[NDArray[np.int64], Points]]:
-        """Yield the gears with the same harmonics together, with their indices, because kernels take one shape."""
+        """Yield the indices and points of all gears with the same harmonics, because a kernel takes one set of them."""
         if self.shapes is None:
             yield np.arange(self.parameters.size), self
             return
@@ -82,8 +82,8 @@ class Tolerances:
     harmonic_20. A `Machine` has inertia, drag, backlash, eccentricity, radius, rpm, stiffness, load_torque, the numbers
     of its second gear, mesh_error, amplitudes such as error_20, and drive. Both may have restitution. All phases are 0.
 
-    correlation: the correlation matrix of the normal scores of the varying numbers, in the order of this list. Raises
-    ParameterError.
+    correlation: the correlation matrix of the normal scores of the varying numbers, in the order in which the numbers
+    are listed above. Raises ParameterError.
     """
 
     given: Mapping[str, Any]
@@ -103,7 +103,7 @@ class Tolerances:
         self._require_meant()
 
     def _require_meant(self) -> None:
-        """Raise ParameterError if a number that may be drawn is impossible, or must be in another unit."""
+        """Raise ParameterError if a value that can be drawn is impossible, or so large that its unit must be wrong."""
         low, high = ({name: ends[i] for name, ends in self._ranges.items()} for i in (0, 1))
         for name, least in low.items():
             inside = least >= 0.0 if may_be_zero(name) else least > 0.0
@@ -158,7 +158,7 @@ class Tolerances:
 
 
 def points_of(given: Mapping[str, Any]) -> Points:
-    """Return the gears with these numbers, which are broadcast: dimensionless numbers, or those of a machine.
+    """Return the gears with these numbers, arrays that broadcast: dimensionless numbers, or numbers of a machine.
 
     Returns
     -------
@@ -209,12 +209,12 @@ def model_of_numbers(given: Mapping[str, Any]) -> type[Model]:
 
 
 def is_machine(given: Mapping[str, Any]) -> bool:
-    """Return whether these are numbers of a machine."""
+    """Return whether one of these numbers is a number of a machine, by its name."""
     return any(name in OF_MACHINE or ERROR.fullmatch(name) for name in given)
 
 
 def require_known(given: Mapping[str, Any]) -> None:
-    """Raise ParameterError unless all names are known, and all are of a dimensionless gear or all of a machine."""
+    """Raise ParameterError unless the names are known and complete, all for a dimensionless gear or for a machine."""
     require("speed" not in given, "give the mean speed as rpm, in revolutions per minute")
     own = [name for name in given if name in DIMENSIONLESS or HARMONIC.fullmatch(name)]
     of_machine = [name for name in given if name in (*OF_MACHINE, "drive") or ERROR.fullmatch(name)]
@@ -230,7 +230,8 @@ def require_known(given: Mapping[str, Any]) -> None:
     plain = [name for name in own if name not in OF_EITHER]
     if plain and of_machine:
         raise ParameterError(
-            f"{' and '.join(plain)} and a machine's {' and '.join(of_machine)} say it twice: give one of both"
+            f"{' and '.join(plain)} (dimensionless) and {' and '.join(of_machine)} (of a machine) both define the "
+            "gear: give only one of these two groups"
         )
     lacking = [name for name in (NEEDED if of_machine else ("delta", "epsilon")) if name not in given]
     require(not lacking, f"{' and '.join(lacking)} must be given too")
@@ -239,7 +240,7 @@ def require_known(given: Mapping[str, Any]) -> None:
 
 
 def _points(numbers: Mapping[str, Any], units: Units | None, shape: Mapping[int, tuple[Any, Any]]) -> Points:
-    """Return gears from arrays by name; shape: for each order the amplitude over ε and the phase of the harmonic."""
+    """Return the gears with these arrays of numbers; shape: by order, a harmonic's amplitude over ε and its phase."""
     given = {name: value for name, value in numbers.items() if value is not None}
     if shape or any(each.name in given for each in Inelastic.added):
         given = {"restitution": 1.0, "load": 0.0, **given}
@@ -258,7 +259,7 @@ def _points(numbers: Mapping[str, Any], units: Units | None, shape: Mapping[int,
 
 
 def _read(name: str, value: Any) -> Distribution | float | str:
-    """Return a value as a distribution or a checked number; text may be both. Raises ParameterError."""
+    """Return a value as a distribution or a checked number; text may state either. Raises ParameterError."""
     if isinstance(value, Distribution) or name == "drive":
         return value
     if isinstance(value, str):

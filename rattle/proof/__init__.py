@@ -1,1 +1,1 @@
-"""Theorems about motions of the gear: a finder in ball arithmetic, certificates, and a checker that shares no code."""
+"""Theorems about motions: a finder in ball arithmetic, certificates, and a checker that shares no code with it."""

@@ -18,7 +18,7 @@ try:
 except ImportError as error:
     raise MissingExtraError("proofs need python-flint: pip install 'gear-rattle[proof]'") from error
 
-#: Precision of a proof.
+#: Precision of a proof in bits.
 BITS = 128
 PI = arb.pi
 VERSIONS = {"python-flint": flint.__version__, "flint": flint.__FLINT_VERSION__}
@@ -29,7 +29,7 @@ _PRECISION = threading.RLock()
 def precision(bits: int = BITS) -> Iterator[None]:
     """Set the precision of balls in bits, and the order of series to 1, within a `with` block.
 
-    Both are settings of the whole process, so one thread at a time can be in such a block.
+    Precision and order are settings of the whole process, so only one thread at a time can be in such a block.
     """
     with _PRECISION, ctx.workprec(bits):
         before, ctx.cap = ctx.cap, 2
@@ -40,7 +40,7 @@ def precision(bits: int = BITS) -> Iterator[None]:
 
 
 def tight() -> float:
-    """Return 2^(−0.7 bits), the radius from which on an enclosure is narrow enough for all later steps."""
+    """Return 2^(−0.7 p) at the precision of p bits: a ball of smaller radius is narrow enough for all later steps."""
     return float(2.0 ** (-0.7 * ctx.prec))
 
 
@@ -66,7 +66,7 @@ def exactly(x: arb) -> Fraction:
 
 
 def nearest(x: arb, places: int) -> Fraction:
-    """Return a decimal number with `places` decimals next to the midpoint of a ball."""
+    """Return a number with `places` decimals near the midpoint of a ball."""
     mantissa, exponent = (int(each) for each in x.mid().man_exp())
     whole = mantissa * 10**places
     return Fraction(whole << exponent if exponent >= 0 else whole >> -exponent, 10**places)

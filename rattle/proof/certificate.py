@@ -21,7 +21,7 @@ Ends = tuple[Fraction, Fraction]
 
 
 class Verdict(StrEnum):
-    """Stability that is proved: by the enclosures of both multipliers."""
+    """The stability that the enclosures of both multipliers prove."""
 
     ATTRACTING = "attracting"
     SADDLE = "saddle"
@@ -38,8 +38,8 @@ class Certificate:
     model: "impacting" or "stiff".
     parameters: δ, ε and β, and κ of the stiff gear.
     walls: 1 for Σ⁺ and −1 for Σ⁻, in order.
-    times, speeds: times of the impacts and speeds after them; of the stiff gear at the beginning and the end of each
-    contact in turn.
+    times, speeds: times of the impacts and speeds after them; for the stiff gear times and speeds at the beginning and
+    the end of each contact in turn.
     trace, determinant: both ends of the enclosures of the trace and determinant of the tangent map over m periods.
     multipliers: ends of four enclosures, the real and the imaginary part of the first multiplier, then of the second.
     verdict: "attracting" if both multipliers are inside the unit circle, "saddle" if one is outside, else "undecided".

@@ -28,7 +28,7 @@ def certify(
         A periodic motion of the impacting or the stiff gear.
     delta, epsilon, beta : Exact | None
         Exact parameters: text such as "0.6" or "3/5", or a Fraction. They may differ from those of the motion only by
-        rounding. By default the doubles of the motion, as exact numbers.
+        rounding. If None, the double of the motion is taken as exact.
     **added : Exact | None
         Parameters that the model adds: `kappa` of the stiff gear.
 

@@ -96,7 +96,7 @@ class CertifiedMotion:
         )
 
     def pieces(self, x: Sequence[Interval]) -> "list[MotionPiece]":
-        """Return the pieces of the motion between its events, at the unknowns x."""
+        """Return the pieces of the motion between its events, for the unknowns x."""
         return [MotionPiece(self, i, x) for i in range(len(self.walls))]
 
     def equations(self, x: Sequence[Interval]) -> tuple[list[Interval], list[dict[int, Interval]]]:
@@ -144,7 +144,7 @@ class CertifiedMotion:
         return [a + b for a, b in zip(x, spread, strict=True)]
 
     def require_admissible(self, x: Sequence[Interval]) -> None:
-        """Raise Refused unless each piece joins its two walls with speeds that are not 0, and no event is between."""
+        """Raise Refused unless each piece lasts from its event to the next, and all speeds at events are not 0."""
         for i, p in enumerate(self.pieces(x), 1):
             side = p.wall if p.k != 0 else -p.wall  # sign of the velocity at the start: a contact moves into its wall
             speeds = side * p.w, (-p.wall if p.k != 0 else p.target) * self.turns * p.next
@@ -227,15 +227,15 @@ class MotionPiece:
         return y - c * self.y0 + s * pushed, v - c1 * self.y0 + s1 * pushed
 
     def stays(self) -> bool:
-        """Return whether it is proved that a flight meets no wall, or a contact does not end, before its stated end."""
+        """Return whether a flight is proved to meet no wall, or a contact not to end, before its stated end."""
 
         def clear(y: Interval) -> bool:
-            """Return whether a flight is between the walls at y, or a contact beyond its wall."""
+            """Return whether at the displacement y a flight is between the walls, or a contact beyond its wall."""
             free = (1 - self.wall) * self.beta - y, (1 + self.wall) * self.beta + y
             return is_positive(self.wall * y) if self.k != 0 else is_positive(*free)
 
         parts = [(ZERO, self.duration.b)]
-        for _ in range(MOST_PARTS):  # y is clear or on a wall at both ends of a part, so in it if y' has one sign
+        for _ in range(MOST_PARTS):  # at both ends y is clear or on a wall: so between if y' has one sign
             low, high = parts.pop()
             part, middle = IV.mpf([low, high]), (low + high).mid / 2
             slope = self.after(part)[1]

@@ -1,4 +1,4 @@
-"""The finder: it proves, from a computed periodic motion, the theorem about the exact motion near it."""
+"""The finder: from a computed periodic motion it proves the theorem about the exact motion near it."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ LONG = 16
 
 
 class MotionSystem(Evaluated, Protocol):
-    """A periodic motion whose times are balls."""
+    """The pieces of a periodic motion between given times, which are balls."""
 
     @property
     def speeds(self) -> list[arb]:
-        """The speeds at the times of the impacts, or of the ends of contacts."""
+        """The speeds after the impacts, or at the beginning and the end of each contact."""
 
     @property
     def trace(self) -> arb:
@@ -78,7 +78,7 @@ def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
 def motions_of(
     orbit: Periodic, parameters: dict[str, Fraction]
 ) -> tuple[Callable[[Sequence[arb]], MotionSystem], NDArray[np.float64]]:
-    """Return the equations for motions with the walls of a computed motion, and its times as a start."""
+    """Return the equations for motions with the walls of a computed motion, and the times from which to solve them."""
     plane = ModelPlane(*(ball(parameters[name]) for name in ("delta", "epsilon", "beta")))
     if stiff.ADDED not in parameters:
         return impacting.ImpactingSystem(plane, orbit.walls, orbit.m), orbit.departures
@@ -156,7 +156,7 @@ def published(x: arb) -> Ends:
 
 
 def radius_of(box: Sequence[arb], centres: Sequence[Fraction]) -> Fraction:
-    """Return a bound, in two digits, of the distance of all speeds of a box from their centres."""
+    """Return an upper bound, of two digits, of the distances of the balls in `box` from their `centres`."""
     apart = (abs(each - ball(centre)) for each, centre in zip(box, centres, strict=True))
     widest = exactly(reduce(arb.max, apart).upper())
     unit = Fraction(1, 10**30)

@@ -31,7 +31,7 @@ class ModelPlane:
 
     @cached_property
     def drift(self) -> arb:
-        """4π, the mean velocity of the forcing's response."""
+        """4π, the mean velocity of the forced motion."""
         return 4 * PI()
 
     @cached_property
@@ -50,7 +50,7 @@ class ModelPlane:
 
     @cached_property
     def edges(self) -> tuple[arb, ...]:
-        """The two phases at which g vanishes (Lemma 4); empty below the quiet limit. Raises NotProvedError."""
+        """The two phases at which g vanishes (Lemma 4); empty below the quiet limit. Raises NotProvedError at it."""
         share = 2 * self.delta / (self.epsilon * (4 * PI() ** 2 + self.delta**2).sqrt())
         if share > 1:
             return ()
@@ -64,7 +64,7 @@ class ModelPlane:
 
 @dataclass(frozen=True)
 class FlightEnclosure:
-    """A flight as balls.
+    """A flight, all of whose numbers are balls.
 
     t0, t1: times at which it starts and ends.
     rest: C of (1.5) to (1.7).
@@ -228,7 +228,7 @@ def extremum(flight: FlightEnclosure, start: arb, end: arb, name: str) -> arb:
 
 
 def _turn(flight: FlightEnclosure, start: float, end: float) -> float:
-    """Return about the time at which Φ' changes sign, in doubles. The bound of `extremum` holds for any time."""
+    """Return a guess, in doubles, of the time at which Φ' changes sign. The bound of `extremum` holds for any guess."""
     delta, epsilon = float(flight.plane.delta), float(flight.plane.epsilon)
     t0, rest = float(flight.t0), float(flight.rest)
 

@@ -67,14 +67,14 @@ class ImpactEnclosures:
 
 @dataclass(frozen=True)
 class ImpactingSystem:
-    """The equations of motions that meet these walls (n,) in m forcing periods, in the times (n,) of their impacts."""
+    """The equations of motions that meet `walls` (n,) in m forcing periods, for the times (n,) of their impacts."""
 
     plane: ModelPlane
     walls: tuple[int, ...]
     m: int
 
     def __call__(self, times: Sequence[arb]) -> ImpactEnclosures:
-        """Return the flights between these times. They are a motion where R = 0; elsewhere impacts are not elastic."""
+        """Return the flights between these times. They form a motion if R = 0; else an impact is not elastic."""
         n, turns = len(times), [(2 * time).sin_cos_pi() for time in times]
         flights = [
             flight(

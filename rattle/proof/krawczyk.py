@@ -80,7 +80,7 @@ def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
             for _ in range(MOST_REPEATED):
                 if all(each.rad() < small for each in moved):
                     break
-                moved = _moved(equations, x, step, about, moved)  # contains the zero too, and is narrower
+                moved = _moved(equations, x, step, about, moved)  # also contains the zero
             return Enclosure(centre, radius, [a + b for a, b in zip(x, moved, strict=True)])
     raise NotProvedError("no box around the motion is mapped into itself: the motion is too close to a bifurcation")
 
@@ -88,7 +88,7 @@ def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
 def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_mat, list[Fraction]]:
     """Return an approximate inverse of ∂R/∂x at a computed zero, and the zero after two steps of Newton's method.
 
-    After two steps all decimals of the zero follow from the equations, so they do not depend on how a processor rounds.
+    After two steps all PLACES decimals follow from the equations, so they do not depend on how a processor rounds.
 
     Returns
     -------
@@ -106,7 +106,9 @@ def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_
     step = (about * column(here.residual)).entries()
     moved = max(abs(float(each)) for each in step)
     if not moved < MOST_MOVED:
-        raise NotProvedError(f"the nearest solution of the equations is not this one: it is {moved:.1e} away")
+        raise NotProvedError(
+            f"the nearest exact solution is {moved:.1e} away from the computed motion: compute the motion again"
+        )
     x = [(a - b).mid() for a, b in zip(x, step, strict=True)]
     step = (about * column(equations(x).residual)).entries()
     return about, [nearest(a - b, PLACES) for a, b in zip(x, step, strict=True)]

@@ -16,7 +16,7 @@ from rattle.proof.flights import FlightEnclosure, ModelPlane, flight, require_fi
 
 #: Name of this model in certificates.
 MODEL = "stiff"
-#: Its parameter besides δ, ε and β.
+#: Name of the parameter that this model has besides δ, ε and β.
 ADDED = "kappa"
 #: Most parts into which the time of a contact is bisected, in the proof that y keeps its sign.
 MOST_PARTS = 2000
@@ -24,7 +24,7 @@ MOST_PARTS = 2000
 
 @dataclass(frozen=True)
 class Walls:
-    """The parameters of the stiff gear, and its motion in contact with a wall; kappa: the stiffness κ."""
+    """The parameters of the stiff gear, with the stiffness κ in `kappa`, and its motion in contact with a wall."""
 
     plane: ModelPlane
     kappa: arb
@@ -168,14 +168,14 @@ class Contacts:
 
 @dataclass(frozen=True)
 class StiffSystem:
-    """The equations of motions that touch these walls (c,) in m forcing periods, in the times (2c,) of contacts."""
+    """The equations of motions that touch these walls (c,) in m forcing periods, for the times (2c,) of contacts."""
 
     walls: Walls
     itinerary: tuple[int, ...]
     m: int
 
     def __call__(self, times: Sequence[arb]) -> Contacts:
-        """Return the contacts and flights between these times. They are a motion where R = 0, and else do not join."""
+        """Return the contacts and flights between these times. They form a motion if R = 0; else they do not join."""
         c, n, plane = len(self.itinerary), len(times), self.walls.plane
         turns = [(2 * time).sin_cos_pi() for time in times]
         flights = [

@@ -1,1 +1,1 @@
-"""Resilience: attractors along a path of parameters, and the smallest shocks that end them."""
+"""Resilience: attractors along a path of parameters, and the smallest shocks that make a motion leave its attractor."""

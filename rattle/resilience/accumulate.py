@@ -1,4 +1,4 @@
-"""Accumulate quantities over the impacts of samples, the library's own ones or those that a user defines."""
+"""Accumulate quantities over the impacts of samples: quantities of this library, or quantities that a user defines."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ class Accumulator(Protocol):
     """A quantity of each of n samples, accumulated from their impacts on Σ⁺ one by one."""
 
     def begin(self, tau: Array, v: Array) -> None:
-        """Start with the samples (n,) at these states."""
+        """Prepare for n samples that start at the states tau, v (n,)."""
 
     def add(self, sample: NDArray[np.int64], tau: Array, v: Array, time: Array) -> NDArray[np.bool_] | None:
-        """Add the next departures (τ, v) from Σ⁺ of the samples with these numbers (k,).
+        """Add the next departure (τ, v) from Σ⁺ of k samples.
 
-        time: forcing periods since the samples started. Return flags (k,) of samples that need not be followed further,
-        or None if all must be followed.
+        sample: the indices (k,) of these samples. time: forcing periods since the samples started. The method returns
+        flags (k,), True for samples that need not be followed further; or None if all must be followed.
         """
 
     def values(self) -> Array:
-        """Return the quantity (n,)."""
+        """Return the quantity of each sample (n,)."""
 
 
 Make = Callable[[], Accumulator]
@@ -43,8 +43,8 @@ def accumulated(
 ) -> Array:
     """Return an accumulated quantity of samples (τ, v) of a gear.
 
-    Each sample is followed for `periods` forcing periods, or for `impacts` impacts on Σ⁺ if this is less. A sample that
-    comes to rest on a wall has no further impacts.
+    Each sample is followed for `periods` forcing periods, but at most for `impacts` impacts on Σ⁺. A sample that comes
+    to rest on a wall has no further impacts.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def accumulated(
 def accumulated_at(
     parameters: Parameters, tau: Array, v: Array, accumulator: Accumulator, periods: float, impacts: int = 100_000
 ) -> Array:
-    """Return an accumulated quantity of samples (n,), each at its own parameters; else as `accumulated`."""
+    """Return an accumulated quantity of n samples as `accumulated` does, each sample at its own parameters."""
     periods = require_number("periods", periods, positive=True)
     impacts = require_integer("impacts", impacts, 1, MOST_IMPACTS)
     model = MODELS[parameters.model]

@@ -17,17 +17,17 @@ from rattle.resilience.gears import SAME_POINT, unit_of
 Array = NDArray[np.float64]
 SADDLE_NODE, FLIP, GRAZE = "saddle-node", "flip", "graze"
 CRISIS, QUIET_LIMIT, SAMPLING, CONTINUES, UNKNOWN = "crisis", "quiet limit", "sampling", "continues", "unknown"
-#: Smallest step of continuation, as a share of the way from one point to the next.
+#: Smallest step of continuation, as a share of the way from one point of the path to the next.
 LEAST_STEP = 1e-9
-#: Most impacts of an orbit that is followed; an orbit of a hundred impacts would take half a minute.
+#: Orbits with more impacts are not followed, because an orbit of a hundred impacts would take half a minute.
 LONGEST = 32
 #: Largest distance between the departures of an orbit and of its continuation, with speeds in units of `unit_of`.
 FARTHEST = 0.1
-#: Distance from ±1 at which a multiplier counts as ±1 when an orbit is about to end.
+#: A multiplier that is closer to ±1 than this, where an orbit is about to end, counts as ±1.
 AT_ONE = 0.01
-#: Least ratio of two values from which the end of an orbit is extrapolated.
+#: The end of an orbit is extrapolated from two values whose ratio is larger than this.
 CLEARLY = 1.5
-#: Distance beyond the end of an orbit, as a share of the way, at which a grazing orbit continues as a virtual one.
+#: Distance beyond the end of an orbit, as a share of the way, at which its virtual continuation is sought.
 BESIDE = 1e-3
 
 
@@ -44,8 +44,8 @@ class TrackedOrbit:
 class OrbitEnd:
     """The end of an orbit between two points of a path.
 
-    cause: why it ends. low, high: the shares of the way between which it ends.
-    orbit: the orbit at the second point, if it exists there.
+    cause: why the orbit ends. low, high: the orbit ends between these shares of the way from the first point to the
+    second. orbit: the orbit at the second point, None if it was not followed that far.
     """
 
     cause: str
@@ -62,8 +62,8 @@ def gear_between(start: Parameters, end: Parameters, share: float) -> AnyGear:
 def end_of(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> OrbitEnd:
     """Follow an orbit from one point towards another, as long as it is admissible and attracts.
 
-    A step that fails is halved. Close to a multiplier ±1 Newton's method loses digits and stops before the orbit's end.
-    The end is then extrapolated from the multipliers, and `low` and `high` have it in their middle.
+    A step that fails is halved. Where a multiplier is close to ±1 Newton's method loses digits and stops before the
+    orbit's end. The end is then extrapolated from the multipliers, and is the middle between `low` and `high`.
 
     Returns
     -------
@@ -91,7 +91,15 @@ def end_of(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> OrbitEnd:
 
 
 def _to_zero(trail: list[tuple[float, Any]], sign: float, power: int) -> float:
-    """Return how far beyond a trail the power of (1 + sign λ₁)(1 + sign λ₂) is 0, by linear extrapolation."""
+    """Return how far beyond the last point of a trail ((1 + sign λ₁)(1 + sign λ₂))^power becomes 0.
+
+    trail: the shares of the way at which the orbit was found, with its multipliers λ₁ and λ₂ there.
+
+    Returns
+    -------
+    float
+        The distance as a share of the way, by linear extrapolation; 0 if the values do not differ enough.
+    """
     known = [(share, float(np.real(np.prod(1.0 + sign * np.array(pair)))) ** power) for share, pair in trail]
     last, rest = known[-1]
     for share, value in reversed(known):
@@ -101,7 +109,7 @@ def _to_zero(trail: list[tuple[float, Any]], sign: float, power: int) -> float:
 
 
 def _solved(gear: AnyGear, near: TrackedOrbit) -> Any:
-    """Return the periodic motion with this label whose departure is near, or None."""
+    """Return the periodic motion with the label of `near` that departs close to it, or None if there is none."""
     try:
         found = gear.orbit(near.tau, near.v, near.label[1])
     except RattleError:
@@ -131,7 +139,7 @@ def after_part(gear: AnyGear, label: TrackedOrbit, found: Any) -> float:
 
 
 def _was_doubled(gear: AnyGear, at: TrackedOrbit) -> bool:
-    """Return whether a motion of half the period is near whose multiplier is close to −1: before or after its flip."""
+    """Return whether a motion of half the period that is near its flip (multiplier −1) departs close to `at`."""
     if any(n % 2 for n in at.label):
         return False
     m, n_plus, n_minus = (n // 2 for n in at.label)
@@ -142,7 +150,15 @@ def _was_doubled(gear: AnyGear, at: TrackedOrbit) -> bool:
 def _cause(
     start: Parameters, end: Parameters, last: Any, at: TrackedOrbit, trail: list[tuple[float, Any]]
 ) -> tuple[str, float]:
-    """Return why the orbit is about to end, and the distance to its end as a share of the way; 0 if that is unknown."""
+    """Return why an orbit is about to end, and the distance to its end as a share of the way, 0 if unknown.
+
+    last, at: the orbit at the last step. trail: the shares of the way so far, with the orbit's multipliers.
+
+    Returns
+    -------
+    tuple[str, float]
+        The cause and the distance.
+    """
     multipliers, share = np.array(last.multipliers), trail[-1][0]
     if np.abs(multipliers - 1.0).min() < AT_ONE:
         if _was_doubled(gear_between(start, end, share), at):
@@ -151,5 +167,5 @@ def _cause(
     if np.abs(multipliers + 1.0).min() < AT_ONE:
         return FLIP, _to_zero(trail, 1.0, 1)
     beyond = _solved(gear_between(start, end, min(share + BESIDE, 1.0)), at)
-    # beyond a graze the orbit continues as a virtual one, or it meets another wall and is not found
+    # beyond a graze the orbit is virtual, or it meets another wall and Newton's method does not find it
     return (GRAZE if beyond is None or not beyond.admissible else UNKNOWN), 0.0

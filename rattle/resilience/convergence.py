@@ -26,8 +26,9 @@ class Convergence:
     """The arrivals of samples (n,) at their attractors.
 
     attractors: the attractors, the largest basin fraction first. which (n,): the index of each sample's attractor.
-    time (n,): forcing periods until a departure from Σ⁺ is first nearer than `within` to its quiet or periodic
-    attractor. It is NaN for other attractors, and for samples that did not arrive within the observation time.
+    time (n,): forcing periods until the sample departs from Σ⁺ nearer than `within` to its quiet or periodic
+    attractor for the first time. The time is NaN for chaotic and undecided samples, and for samples that did not arrive
+    within the observation time.
     within: the distance at which a sample counts as arrived.
     """
 
@@ -47,7 +48,7 @@ class Convergence:
         return self._of(np.max)
 
     def _of(self, function: object) -> Array:
-        """Return a function of the known times to each attractor."""
+        """Return the value of a function of the known times, for each attractor; NaN where no time is known."""
         assert callable(function)
         times = (self.time[(self.which == i) & np.isfinite(self.time)] for i in range(len(self.attractors)))
         return np.array([float(function(x)) if x.size else np.nan for x in times])
@@ -75,8 +76,9 @@ class Convergence:
 class _Arrival:
     """Accumulate the first time at which each sample is near its attractor.
 
-    which: the attractor of each sample. points: for each attractor its points (k, 2), no points for quiet motion, and
-    None if arrival is not defined. near, unit: the distance of arrival, and the unit of speeds.
+    which: the index of each sample's attractor. points: for each attractor its departures (k, 2); no rows for quiet
+    motion, and None for attractors whose arrival is not defined. near: the distance at which a sample has arrived.
+    unit: the unit of speeds in this distance.
     """
 
     def __init__(self, which: NDArray[np.int64], points: list[Array | None], near: float, unit: float) -> None:
@@ -88,7 +90,7 @@ class _Arrival:
         self.add(np.arange(tau.size), tau, v, np.zeros(tau.size))
 
     def add(self, sample: NDArray[np.int64], tau: Array, v: Array, time: Array) -> NDArray[np.bool_]:
-        """Record the samples that have arrived, and return their flags."""
+        """Record the times of samples that have arrived. Return flags of samples that need no further observation."""
         there = ~np.isnan(self.time[sample])
         for i, points in enumerate(self.points):
             mine = np.flatnonzero((self.which[sample] == i) & ~there)
@@ -121,8 +123,8 @@ def convergence(
 ) -> Convergence:
     """Return the times that the sample of `Gear.attractors` takes to reach its attractors.
 
-    A sample has arrived when a departure from Σ⁺ is nearer to its attractor than `within`. The distance is that of
-    (τ, v), with v in units of √(16πδβ)/4.2; quiet motion is v = 0.
+    A sample has arrived when it departs from Σ⁺ nearer to its attractor than `within`. Distances are measured in the
+    (τ, v) plane, with v in units of (1.5 √(16πδβ) + 2πε)/7. For quiet motion the distance is v in these units.
 
     Parameters
     ----------

@@ -20,17 +20,19 @@ from rattle.orbits.iterates import fold
 from rattle.resilience.gears import unit_of
 
 Array = NDArray[np.float64]
-#: Distance of the two states after a bisection, and the distance at which they have separated.
+#: A bisection ends when the two states are closer than the first distance; they have separated at the second.
 TOGETHER, APART = 1e-12, 1e-6
-#: Parts of the line between the states that are tried at once.
+#: Number of parts into which each step of a bisection divides the line between the states.
 PARTS = 64
 #: Default of `turns`, the number of bisections.
 MOST_TURNS = 200
-#: Most impacts on Σ⁺ of a saddle that is searched.
+#: Saddles with up to this number of impacts on Σ⁺ a period are searched.
 LONGEST = 8
-#: A saddle of more impacts replaces one of fewer only if it is closer by this factor; else it may be its repetition.
+#: A saddle with more impacts replaces a saddle with fewer only if its distance is smaller by this factor. Otherwise it
+#: may be the shorter saddle, run through several times.
 TWICE = 0.1
-#: Distances from a saddle at which it is solved for, and at which it is the edge state.
+#: Distance of a state from itself after some impacts below which a saddle is sought with Newton's method; and distance
+#: of a state from a saddle below which the saddle is the edge state.
 CLOSE, ARRIVED = 1e-2, 1e-5
 
 
@@ -38,9 +40,10 @@ CLOSE, ARRIVED = 1e-2, 1e-5
 class EdgeState:
     """The edge state on the boundary between two basins.
 
-    tau, v: phase and speed of a state of it. distance: the accuracy of this state.
-    orbit: the unstable periodic motion, or None if it has more than eight impacts or the edge state is chaotic.
-    impacts: the number of impacts on Σ⁺ that were followed to it.
+    tau, v: phase and speed of one state on the edge state. distance: the accuracy of this state.
+    orbit: the edge state as an unstable periodic motion; None if this was not found, because the motion has more than
+    eight impacts on Σ⁺ or the edge state is chaotic.
+    impacts: the number of impacts on Σ⁺ that the search followed.
     """
 
     tau: float
@@ -60,12 +63,12 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
     one, other : ArrayLike
         The two states (τ, v).
     turns : int
-        Most bisections.
+        Largest number of bisections.
 
     Returns
     -------
     EdgeState
-        A state of it, and its unstable periodic motion if that was found.
+        A state on the edge state, and the unstable periodic motion if one was found.
 
     Raises
     ------
@@ -96,12 +99,12 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
 
 
 def _distance(pair: Array, unit: float) -> float:
-    """Return the distance of two states, with speeds in the unit."""
+    """Return the distance of two states (τ, v), with speeds in units of `unit`."""
     return float(np.hypot(wrapped(pair[1, 0] - pair[0, 0]), (pair[1, 1] - pair[0, 1]) / unit))
 
 
 def _together(gear: AnyGear, pair: Array, unit: float) -> Array:
-    """Return two states on different sides of the boundary, closer than TOGETHER, on the line between a pair."""
+    """Return two states on both sides of the basin boundary, closer than TOGETHER, on the line between `pair`."""
     share = np.arange(PARTS + 1) / PARTS
     while True:
         step = np.array([wrapped(pair[1, 0] - pair[0, 0]), pair[1, 1] - pair[0, 1]])
@@ -117,7 +120,7 @@ def _together(gear: AnyGear, pair: Array, unit: float) -> Array:
 
 
 def _saddle(gear: AnyGear, state: Array, unit: float) -> tuple[Any, float] | None:
-    """Return the unstable periodic motion that is nearest to a state, if it is CLOSE, and its distance."""
+    """Return the unstable periodic motion nearest to a state, and its distance; None if none is CLOSE to the state."""
     best = None
     for n in range(1, LONGEST + 1):
         after = gear.iterate(state[0], state[1], n)

@@ -1,4 +1,4 @@
-"""Helpers of this room: the sample of one gear, the unit of speeds, and the points of a path of parameters."""
+"""Helper functions of `rattle.resilience`: samples of one gear, the unit of speeds, and the points of a path."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ Array = NDArray[np.float64]
 States = tuple[ArrayLike, ArrayLike] | None
 #: Largest number of steps of a path.
 MOST_STEPS = 100_000
-#: Largest distance of two points of the same attractor, with speeds in units of `unit_of`.
+#: Two points are on the same attractor if τ and v differ by less than this, with speeds in units of `unit_of`.
 SAME_POINT = 1e-6
 
 
 def sample_of(gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, states: States = None) -> tuple[Array, Array]:
-    """Return the states (τ, v) of the sample of `Gear.attractors`, or the given states, flat. Raises ParameterError."""
+    """Return the initial states (τ, v) of `Gear.attractors`, or `states` as flat arrays. Raises ParameterError."""
     if states is not None:
         tau, v, _shape = states_of(*states)
         return tau, v
@@ -33,12 +33,12 @@ def sample_of(gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, states: S
 
 
 def unit_of(gear: AnyGear) -> float:
-    """Return the unit in which distances of speeds are measured at the gear's parameters."""
+    """Return the unit of speeds in which distances between states are measured, at the gear's parameters."""
     return float(speed_unit(gear.delta, gear.epsilon, gear.beta))
 
 
 def same(one: Attractor, other: Attractor, unit: float) -> bool:
-    """Return whether two attractors of one gear are the same: by label, and by position if they are periodic."""
+    """Return whether two attractors of a gear have the same label and, if periodic, the same state."""
     if (one.kind, one.m, one.n_plus, one.n_minus) != (other.kind, other.m, other.n_plus, other.n_minus):
         return False
     near = abs(wrapped(one.tau - other.tau)) < SAME_POINT and abs(one.v - other.v) < SAME_POINT * unit
@@ -51,15 +51,15 @@ def path_points(path: ArrayLike, beta: float, added: Mapping[str, float | None],
     Parameters
     ----------
     path : ArrayLike
-        The corners (k, 2 or more) of the path: δ, ε, then β and the parameters that the model adds, as far as they
-        vary.
+        The corners of the path, (k, 2 or more): columns δ and ε, then β and the parameters that the model adds. Columns
+        at the end may be left out if they do not vary.
     beta : float
-        The half-backlash, if the path does not have it.
+        The half-backlash, if the path has no column of β.
     added : Mapping[str, float | None]
-        The parameters that the model adds, if the path does not have them.
+        The parameters that the model adds, if the path has no columns of them. None means not given.
     steps : int | None
-        The number of equal steps between n = steps + 1 points. Lengths are measured with each parameter in units of its
-        range. By default the points are the corners of the path.
+        The number of equal steps, between n = steps + 1 points. Lengths are measured with each parameter in units of
+        its range. None: the points are the corners of the path.
 
     Returns
     -------

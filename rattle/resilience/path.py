@@ -29,21 +29,22 @@ NOTHING: Mapping[str, Make] = MappingProxyType({})
 PERIODS = 200.0
 #: Number of states of a chaotic attractor that are followed at the next step.
 CHAOTIC_STATES = 16
-#: Largest distance of two points of the same attractor, with speeds in units of `unit_of`.
+#: Two points are on the same attractor if τ and v differ by less than this, with speeds in units of `unit_of`.
 SAME_POINT = 1e-6
-#: In place of a family's number: a motion is chaotic, and no chaotic family is known at that step.
+#: Stands for a family's number where a motion is chaotic, but no chaotic family is known at that step.
 CHAOS_THERE = -2
 
 
 class Change(NamedTuple):
-    """The begin or the end of a family between two steps of a path.
+    """The beginning or the end of a family between two steps of a path.
 
-    family: its number. step: the change is between the steps `step` and `step` + 1. begins: whether the family begins.
+    family: the number of the family. step: the change is between the steps `step` and `step` + 1.
+    begins: True if the family begins, False if it ends.
     cause: "saddle-node", "flip", "graze", "crisis", "quiet limit" or "unknown"; "sampling" if the attractor exists at
-    both steps and no sample reached it at one; "continues" if it exists at both steps, at one of them as the family
-    `other`.
-    low, high: the positions between which it changes, in steps and fractions of a step.
-    other: the family that a motion on the attractor goes to where the attractor does not exist, −1 if unknown.
+    both steps but at one of them no sample reached it; "continues" if the attractor exists at both steps, at one of
+    them as the family `other`.
+    low, high: the change is between these positions along the path, in steps and fractions of a step.
+    other: the family that a motion on the attractor goes to at the step without the attractor, −1 if unknown.
     """
 
     family: int
@@ -61,11 +62,11 @@ class GlobalContinuation:
 
     parameters (n, 3 or more): δ, ε, β and the parameters that the model adds.
     count: the number of samples at each step.
-    attractors: the attractors of all steps, one in each row; `cell` is the number of the step. Orbits that were
-    continued from a neighbouring step and reached by no sample have 0 samples. entered (rows,): whether the attractor
-    was found by such a continuation only. family (rows,): the number of its family, 0 for quiet motion, −1 for
-    undecided samples. which (n, count): the row of the attractor that each sample reaches.
-    changes: the begins and ends of families, in order along the path.
+    attractors: the attractors of all steps, one in each row; `cell` is the number of the step. Orbits that no sample
+    reached, but that were continued from a neighbouring step, have 0 samples. entered (rows,): True if the attractor
+    was found only by such a continuation. family (rows,): the number of the attractor's family, 0 for quiet motion, −1
+    for undecided samples. which (n, count): the row of the attractor that each sample reaches.
+    changes: the beginnings and ends of families, in order along the path.
     quantities: the accumulated quantities of each sample (n, count), by name.
     """
 
@@ -80,7 +81,7 @@ class GlobalContinuation:
 
     @property
     def families(self) -> tuple[int, ...]:
-        """The numbers of the families, quiet motion first, then by falling number of steps."""
+        """The numbers of the families: quiet motion first, then families at many steps before families at few."""
         return tuple(int(x) for x in np.unique(self.family) if x >= 0)
 
     def label(self, number: int) -> tuple[str, int, int, int]:
@@ -111,7 +112,7 @@ class GlobalContinuation:
             return mean, np.sqrt(spread / (many - 1) / many)
 
     def _rows(self, number: int) -> NDArray[np.int64]:
-        """Return the rows of a family. Raises ParameterError."""
+        """Return the rows of a family in `attractors`. Raises ParameterError if there is no such family."""
         rows = np.flatnonzero(self.family == number)
         require(rows.size > 0, f"there is no family {number}: choose one of {', '.join(map(str, self.families))}")
         return rows
@@ -139,7 +140,7 @@ def global_continuation(
 ) -> GlobalContinuation:
     """Return the attractors along a path of parameters, joined to families.
 
-    Each stable orbit is continued to the neighbouring steps, so that they have the orbits that their samples missed.
+    Each stable orbit is continued to the neighbouring steps. So a step also has the orbits that its samples missed.
     Chaotic attractors of two steps are one family if they visit the same states (docs/families.md).
 
     Parameters
@@ -150,19 +151,20 @@ def global_continuation(
     count, v_max, seed
         The sample of each step, as in `Gear.attractors`.
     steps : int | None
-        The number of equal steps along the path. By default the corners are the steps.
+        The number of equal steps along the path. None: the corners of the path are the steps.
     beta : float
-        The half-backlash, if the path does not have it.
+        The half-backlash, if the path has no column of β.
     causes : bool
-        Whether to find the cause of each begin and end of a family, by following its orbit.
+        If True, find the cause of each beginning and end of a family, by following its orbit. If False, `changes` is
+        empty.
     quantities : Mapping[str, Make]
-        More quantities to accumulate for each sample, by name (`Accumulator`).
+        Further quantities to accumulate for each sample: by name, a function that returns an `Accumulator`.
     periods : float
-        The forcing periods over which they are accumulated.
+        The number of forcing periods over which these quantities are accumulated.
     states : States
         Initial states (τ, v) for every step instead of the sample.
     **added : float | None
-        The parameters that a model adds, such as `kappa` of the stiff gear, if the path does not have them.
+        The parameters that a model adds, such as `kappa` of the stiff gear, if the path has no columns of them.
 
     Returns
     -------
@@ -198,9 +200,9 @@ def global_continuation(
 
 
 class _Changes:
-    """Find the begins and ends of families along a path, and their causes.
+    """Find the beginnings and ends of families along a path, and their causes.
 
-    here: for each step the rows of the families that exist, by their numbers.
+    here: for each step a mapping from the number of each family that exists there to its row in the table.
     """
 
     def __init__(self, points: Parameters, attractors: AttractorTable, family: NDArray[np.int64]) -> None:
@@ -232,7 +234,7 @@ class _Changes:
         return self.here[step + begins][family]
 
     def _explain(self, family: int, step: int, begins: bool, others: dict[tuple[int, int, bool], Change]) -> Change:
-        """Return the change of a family after a step, with its cause; others: the changes found before."""
+        """Return the change of a family after a step, with its cause. others: the changes explained so far."""
         row, where, away = self._row(family, step, begins), step + begins, step + 1 - begins
         kind, gears = self.rows.kind[row], (gear_at(self.points, where), gear_at(self.points, away))
         end = OrbitEnd(UNKNOWN, 0.0, 1.0)
@@ -256,17 +258,20 @@ class _Changes:
         return self._change(family, step, begins, end, other)
 
     def _change(self, family: int, step: int, begins: bool, end: OrbitEnd, other: int) -> Change:
-        """Return a change; the shares of `end` count from the step where the family exists."""
+        """Return a change as a record; the shares low and high of `end` count from the step where the family exists."""
         low, high = (step + 1 - end.high, step + 1 - end.low) if begins else (step + end.low, step + end.high)
         return Change(family, step, begins, end.cause, float(low), float(high), other)
 
     def _goes_to(self, row: int, step: int, gear: AnyGear, there: AnyGear) -> int:
         """Return the family at a step that most states of an attractor go to.
 
+        row: the row of the attractor. gear, there: the gears at the attractor's own step and at `step`.
+
         Returns
         -------
         int
-            Number of the family, CHAOS_THERE if the motion is chaotic and has none, −1 if none is known.
+            The number of the family; CHAOS_THERE if the motion becomes chaotic but belongs to no known family; −1 if no
+            family is known.
         """
         tau, v = float(self.rows.tau[row]), float(self.rows.v[row])
         if self.rows.kind[row] == Outcome.CHAOTIC and model_at(there).rests_late(there.delta, there.epsilon):
@@ -280,7 +285,7 @@ class _Changes:
         return CHAOS_THERE if goes.kind == KINDS[Outcome.CHAOTIC] else -1
 
     def _listed(self, orbit: TrackedOrbit, step: int, gear: AnyGear) -> int:
-        """Return the family at a step that an orbit belongs to, −1 if it is not listed there."""
+        """Return the family at a step to which an orbit belongs, −1 if no attractor of the step is this orbit."""
         all_of_it = gear.iterate(orbit.tau, orbit.v, np.arange(orbit.label[1]))
         for family, row in self.here[step].items():
             if self.rows.label(row) == orbit.label:
@@ -291,7 +296,7 @@ class _Changes:
         return -1
 
     def _is(self, goes: Attractor, row: int, unit: float) -> bool:
-        """Return whether an attractor is that of a row."""
+        """Return whether an attractor is the attractor in a row of the table. unit: the unit of speeds."""
         label = KINDS[self.rows.kind[row]], *self.rows.label(row)
         if label != (goes.kind, goes.m, goes.n_plus, goes.n_minus):
             return False

@@ -17,25 +17,27 @@ from rattle.resilience.gears import same, unit_of
 Array = NDArray[np.float64]
 #: Number of shocks of each sign that are tried from a state in one scan.
 SCANNED = 64
-#: Scans of all states, each up to the smallest shock so far.
+#: Number of scans of all states. Each tries shocks up to the smallest that was found before.
 ROUNDS = 3
-#: Further scans of the best state, each of which narrows the smallest shock by the factor SCANNED.
+#: Number of further scans of the best state. Each narrows the interval of the smallest shock by the factor SCANNED.
 HALVINGS = 5
-#: Number of phases at which quiet motion is shocked.
+#: Number of phases at which shocks are applied to quiet motion.
 PHASES = 64
-#: Speed of a departure that stands for a motion at rest, in units of `unit_of`.
+#: A departure at this speed stands for a motion at rest on Σ⁺, in units of `unit_of`.
 AT_REST = 1e-6
-#: Most states of a chaotic attractor, or of a long orbit, that are shocked.
+#: Shocks are applied to at most this number of states of a chaotic attractor or of a long orbit.
 MOST_STATES = 64
 
 
 class LeastShock(NamedTuple):
     """The smallest shock that was found to take a motion to another attractor.
 
-    change: the change of Φ'; a departure from Σ⁺ that becomes faster by x has −x. It is inf if no shock was found.
-    tau: the phase of the shock. position, velocity: Φ and Φ' before it.
+    change: the change of Φ', inf if no shock was found. It is −x where a departure from Σ⁺ becomes faster by x, because
+    Φ' is negative there.
+    tau: the phase of the shock. position, velocity: Φ and Φ' before the shock.
     to: the attractor that the motion goes to, None if no shock was found.
-    error: accuracy; a shock smaller by this was tried from the same state, and does not suffice.
+    error: the accuracy of `change`. A shock that is smaller by `error` was tried from the same state, and did not
+    suffice.
     """
 
     change: float
@@ -62,17 +64,17 @@ def smallest_shock(
 ) -> LeastShock:
     """Return the smallest shock, a jump of Φ' at one moment, that takes a motion on an attractor to another attractor.
 
-    The result is an upper bound. From each state 64 shocks of each sign are tried, in three scans up to the smallest
-    shock so far; a thin basin between them may be missed. `Gear.boundary_distance` searches quiet motion more
-    thoroughly.
+    The result is an upper bound. Three scans try 64 shocks of each sign from each state, up to the smallest shock that
+    was found before. A thin basin between two tried shocks may be missed. `Gear.boundary_distance` searches quiet
+    motion more thoroughly.
 
     Parameters
     ----------
     phase : float | None
-        The phase of the forcing at which the shock comes, for periodic or quiet motion. By default it comes at any
-        departure of the attractor from Σ⁺; of a chaotic attractor 64 departures are tried.
+        The phase of the forcing at which the shock comes, for periodic or quiet motion. None: the shock may come at any
+        departure of the attractor from Σ⁺. For a chaotic attractor 64 departures are tried.
     v_max : SpeedLimit
-        Largest speed of departure after a shock, as in `Gear.attractors`.
+        Largest speed of departure after a shock, given as in `Gear.attractors`.
 
     Returns
     -------
@@ -84,7 +86,7 @@ def smallest_shock(
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If the attractor is not one of this gear.
+        If the attractor is not an attractor of this gear.
     """
     highest = sampled_speed(v_max, gear.delta, gear.epsilon, gear.beta)
     require(
@@ -101,7 +103,7 @@ def smallest_shock(
 
 
 def _at_departures(gear: AnyGear, attractor: Attractor) -> list[_State]:
-    """Return the states of an attractor at its departures from Σ⁺; quiet motion at PHASES phases."""
+    """Return the states of an attractor at its departures from Σ⁺; for quiet motion, states at PHASES phases."""
     if attractor.kind == "quiet":
         return [_State(float(tau), gear.beta, 0.0) for tau in (np.arange(PHASES) + 0.5) / PHASES]
     many = min(attractor.n_plus, MOST_STATES) if attractor.kind == "periodic" else MOST_STATES
@@ -141,7 +143,11 @@ def _at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple[list[_
 
 
 class _ShockSearch:
-    """The search of the smallest shock. From the best state a shock `low` does not suffice, and a shock `high` does."""
+    """The search of the smallest shock.
+
+    state, way: the index of the best state, and the sign of the best shock. low, high: from this state a shock of size
+    `low` does not suffice, and one of size `high` does. to: the attractor after the shock.
+    """
 
     def __init__(
         self, gear: AnyGear, attractor: Attractor, states: list[_State], departure: Departure, highest: float
@@ -153,7 +159,7 @@ class _ShockSearch:
         self.to: Attractor | None = None
 
     def run(self) -> None:
-        """Scan all states ROUNDS times up to the smallest shock so far; then narrow the shock of the best state."""
+        """Scan all states ROUNDS times up to the smallest known shock; then narrow the shock of the best state."""
         every, both = np.arange(len(self.states)), np.array([-1.0, 1.0])
         for _ in range(ROUNDS):
             limit = min(self.high, self.highest)
@@ -171,7 +177,7 @@ class _ShockSearch:
         return LeastShock(self.way * self.high, *state, self.to, self.high - self.low)
 
     def _scan(self, states: NDArray[np.int64], ways: Array, low: float, high: float) -> None:
-        """Try SCANNED shocks from low to high, of these signs (ways), from these states. Raises RattleError."""
+        """Try SCANNED sizes of shock from low to high, with the signs `ways`, from these states. Raises RattleError."""
         size = low + (high - low) * np.arange(1, SCANNED + 1) / SCANNED
         tried = [(int(i), float(way), k) for i in states for way in ways for k in range(SCANNED)]
         after = [self.departure(self.states[i], way * float(size[k])) for i, way, k in tried]

@@ -1,4 +1,4 @@
-"""Tipping: the attractors that states reach after a jump of the parameters, by the attractors before the jump."""
+"""Tipping: which attractors states reach before and after a jump of the parameters."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ from rattle.models import AnyGear
 from rattle.numerics.sampling import wilson_interval
 from rattle.resilience.gears import States, sample_of, unit_of
 
-#: Speed of the departure of a motion that was at rest, in units of `unit_of`.
+#: Speed of the departure that stands for a motion at rest on Σ⁺, in units of `unit_of`.
 SLOW = 1e-4
 
 
 @dataclass(frozen=True)
 class Tipping:
-    """The overlap of the basins of one parameter point with those of another.
+    """The overlap of the basins at one parameter point with the basins at another point.
 
-    before, after: the attractors at both points, the largest basin fraction first.
-    number (before, after): the number of samples that are in the basin of one before the jump and of the other after
-    it. goes (before,): for a motion on each attractor before the jump, the index of its attractor after it.
+    before, after: the attractors at the first and at the second point, the largest basin fraction first.
+    number: for each pair (i, j) the number of samples in the basin of before[i] at the first point and in the basin of
+    after[j] at the second. goes: for each attractor in `before`, the index in `after` of the attractor that a motion on
+    it goes to after the jump.
     """
 
     before: tuple[Attractor, ...]
@@ -35,9 +36,9 @@ class Tipping:
 
     @property
     def probability(self) -> NDArray[np.float64]:
-        """The tipping probabilities (before, after): the shares of a basin that belong to each basin after the jump.
+        """The tipping probabilities (before, after): the share of each basin before the jump in each basin after it.
 
-        Each row adds up to 1. Source: Kaszás, Feudel and Tél, Scientific Reports 9 (2019) 8654.
+        The sum of each row is 1. Source: Kaszás, Feudel and Tél, Scientific Reports 9 (2019) 8654.
         """
         return np.asarray(self.number / self.number.sum(axis=1, keepdims=True), np.float64)
 
@@ -50,7 +51,8 @@ class Tipping:
 def lift_off(gear: AnyGear) -> tuple[float, float]:
     """Return a very slow departure that stands for a motion at rest on Σ⁺.
 
-    Its phase is the one at which the contact force becomes 0, or is least below the quiet limit.
+    The departure is at the phase at which the contact force becomes 0; below the quiet limit, where the force is always
+    positive, at the phase of its minimum.
 
     Returns
     -------

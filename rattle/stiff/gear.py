@@ -30,8 +30,8 @@ LONGEST_RUN = 1e5  # longest time that one call follows, in forcing periods
 class MotionState(NamedTuple):
     """The state of a motion after a time.
 
-    It has Φ, Φ', the numbers of contacts with each wall that began, and the tangent map (2, 2) ∂(Φ, Φ')/∂(Φ₀, Φ'₀) at
-    fixed times, whose determinant is e^(−δ time).
+    position, velocity: Φ and Φ'. n_plus, n_minus: the numbers of contacts with Σ⁺ and Σ⁻ that began in this time.
+    tangent (2, 2): the tangent map ∂(Φ, Φ')/∂(Φ₀, Φ'₀) at fixed times, whose determinant is e^(−δ time).
     """
 
     position: float
@@ -47,9 +47,9 @@ class StiffGear(Sampled, Rattling):
 
         Φ'' + δΦ' + 2κB(Φ) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt,
 
-    where B(Φ) is the depth of Φ beyond ±β; time is in forcing periods. A state is (Φ, Φ') at a time, or (τ, v): a
-    departure from Σ⁺ (Φ = β) at phase τ ∈ [0, 1) with velocity −v, as in the impacting model `rattle.Gear`, the limit κ
-    → ∞.
+    where B(Φ) is the signed depth of Φ beyond ±β, 0 between the walls; time is in forcing periods. A state is (Φ, Φ')
+    at a time, or (τ, v): a departure from Σ⁺ (Φ = β) at phase τ ∈ [0, 1) with velocity −v, as in the impacting model
+    `rattle.Gear`, which is the limit κ → ∞.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class StiffGear(Sampled, Rattling):
 
     @property
     def sn1(self) -> float:
-        """Eccentricity at which A and C are born at this damping. Raises RattleError where SN1 does not exist."""
+        """Eccentricity of SN1, at which A and C are born at this damping. Raises RattleError if SN1 does not exist."""
         return period_one.saddle_node_1(self.delta, self.kappa, self.beta).epsilon
 
     def flight(self, position: float, velocity: float, phase: float = 0.0, time: float = 1.0) -> MotionState:
@@ -92,7 +92,7 @@ class StiffGear(Sampled, Rattling):
         Returns
         -------
         MotionState
-            Φ and Φ' at that time, the contacts begun before, and the tangent map.
+            Φ and Φ' after this time, the numbers of contacts that began, and the tangent map.
 
         Raises
         ------
@@ -117,9 +117,9 @@ class StiffGear(Sampled, Rattling):
         return MotionState(float(whole), float(w), n_plus, n_minus, np.array(tangent).reshape(2, 2))
 
     def impact(self, tau: float, v: float) -> Impact:
-        """Return the return map of departures from Σ⁺, (τ, v) with v > 0, with its tangent matrix (2, 2).
+        """Return the image of a departure (τ, v) from Σ⁺, v > 0, under the return map, with the tangent matrix (2, 2).
 
-        In (t, v²/2) the tangent has determinant e^(−δ time).
+        In (t, v²/2) the tangent matrix has determinant e^(−δ time).
 
         Returns
         -------
@@ -131,7 +131,7 @@ class StiffGear(Sampled, Rattling):
         ParameterError
             If an argument is outside its domain.
         RattleError
-            Where contact with Σ⁺ never ends (quiet motion).
+            If contact with Σ⁺ never ends (quiet motion).
         """
         v = require_number("v", v, positive=True)
         status, tau1, v1, time, n_minus, *tangent, _ = return_map.step_tangent(_phase(tau), v, self._point)
@@ -149,7 +149,7 @@ class StiffGear(Sampled, Rattling):
         Returns
         -------
         tuple[float, float]
-            Phase τ in [0, 1) and speed v; v is 0 if its contact with Σ⁺ never ends.
+            Phase τ in [0, 1) and speed v; v is 0 if contact with Σ⁺ never ends.
 
         Raises
         ------
@@ -162,13 +162,13 @@ class StiffGear(Sampled, Rattling):
         return departure(*self._point, _phase(phase), position, velocity)
 
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
-        """Return Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast; see `rattle.stiff`. Raises ParameterError."""
+        """Return Π^n of arrays of states; tau, v and n broadcast: see `rattle.stiff.iterate`. Raises ParameterError."""
         return iterate(self.delta, self.epsilon, tau, v, n, self.beta, self.kappa)
 
     def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
         """Return Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, over a number of forcing periods.
 
-        The result is that of `Gear.trajectory`, with the beginnings of contacts in place of impacts.
+        The result is like that of `Gear.trajectory`, with the beginnings of contacts in place of impacts.
 
         Returns
         -------
@@ -200,16 +200,16 @@ class StiffGear(Sampled, Rattling):
         Returns
         -------
         periodic.StiffOrbit
-            With its contacts, multipliers and stability.
+            The motion, with its contacts, multipliers and stability.
         """
         return periodic.stiff_orbit(self.delta, self.epsilon, self.kappa, tau, v, n_plus, self.beta)
 
     def saddle(self, orbit: Orbit) -> periodic.StiffOrbit:
-        """Return an orbit of `orbits` as a saddle with manifolds."""
+        """Return the periodic motion of an orbit from `orbits`; a saddle has manifolds (`rattle.orbits.manifolds`)."""
         return self.orbit(orbit.tau, orbit.v)
 
     def region(self) -> int:
-        """Region 1…5 (I…V) by the counterparts of A–D. Other sets have numbers in `rattle.REGIONS`."""
+        """Return the region's number in `rattle.REGIONS`, by the counterparts of A to D: 1 to 5 for I to V."""
         return int(period_one.regions(*self._point))
 
     @property
@@ -222,5 +222,5 @@ class StiffGear(Sampled, Rattling):
 
 
 def _phase(phase: float) -> float:
-    """Return a finite phase folded into [0, 1). Raises ParameterError otherwise."""
+    """Return a phase folded into [0, 1). Raises ParameterError unless it is a finite number."""
     return float(law.folded(require_finite("phase", phase)))

@@ -63,7 +63,7 @@ def add_key(
 
 
 def find_key(database: Database, token: str) -> KeyRow | None:
-    """Return the valid key of a token, or None. The database is read each time, so a revoked key is refused at once."""
+    """Return the valid key with this token, or None. The database is read each time: a revoked key fails at once."""
     parts = TOKEN.fullmatch(token)
     if parts is None:
         return None
@@ -95,7 +95,7 @@ def has_live_key(database: Database) -> bool:
 
 
 def hash_of(secret: str) -> str:
-    """Return the stored hash of a secret.
+    """Return the hash of a secret, which the database stores in place of the secret.
 
     One SHA-256 suffices, because nobody can guess 256 random bits. The slow hashes for passwords, which make guessing
     expensive, would only cost time at each request.

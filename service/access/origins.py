@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 
 from gear_rattle.service.errors import ForbiddenError
 
-if TYPE_CHECKING:  # not installed where surveys are computed without a service
+if TYPE_CHECKING:  # starlette is not installed without the extra for services
     from starlette.datastructures import Headers
     from starlette.types import Scope
 
@@ -60,8 +60,8 @@ def require_own_name(headers: Headers, host: str, allowed: Collection[str]) -> N
     if address is not None and (address.is_loopback or host in WILDCARDS):
         return
     raise ForbiddenError(
-        f"This service does not know the name {name!r}. Call it 127.0.0.1 or localhost, or start it with its names in "
-        "RATTLE_ALLOWED_HOSTS."
+        f"This service does not answer under the name {name!r}. Call it 127.0.0.1 or localhost, or start it with its "
+        "names in RATTLE_ALLOWED_HOSTS."
     )
 
 

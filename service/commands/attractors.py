@@ -1,4 +1,4 @@
-"""``rattle attractors``: the attractors of one parameter point, and how hard they rattle."""
+"""``rattle attractors``: print the attractors of one parameter point, and how hard they rattle."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ def attractors(
         bool, typer.Option("--verdict", help="Print in one line whether a machine rattles, and nothing else.")
     ] = False,
 ) -> None:
-    """Print the attractors of one parameter point, their shares, and how hard they rattle.
+    """Print the attractors of one parameter point, their basin fractions, and how hard they rattle.
 
-    The share has its 95 % interval. Impacts and energies are per revolution. For a machine speeds are in m/s along the
-    line of action, and the power of the impacts is in watts and in dB re 1 pW. Chaotic motions have a 95 % error bar,
-    undecided ones no figures.
+    The column share has the basin fraction, with its 95 % interval. Impacts and energies are per revolution. For a
+    machine, speeds are in m/s along the line of action, and the power of the impacts is in watts and in dB re 1 pW.
+    Figures of chaotic motions have a 95 % error bar; undecided samples have no figures.
     """
     from rich.console import Console
     from rich.table import Table

@@ -68,9 +68,9 @@ def certify(
     For a survey, or a slice of it, all periodic attractors are proved, and their certificates are written to a store
     beside the survey; the same command resumes an interrupted run. For a point, for curves, for points where curves
     meet, and for chaos, the certificates are printed, one in a line. For a plane, blocks are proved: the region I to V,
-    the motions of period one that exist and attract, and whether quiet running is possible. A block is one line of the
-    file, and columns are complete. The exit status is 1 if something is not proved, which does not mean that it is
-    false.
+    the motions of period one that exist and attract, and whether quiet running is possible. The file has one block in
+    each line, and complete columns only. The exit status is 1 if something is not proved, which does not mean that it
+    is false.
     """
     if [store, point, check, areas, codimension_two or None].count(None) != 4:
         raise typer.BadParameter(
@@ -206,11 +206,11 @@ def _prove_survey(store: str, out: Path, processes: int, scheduler: str | None, 
                 if client is None:
                     found = certify_survey(survey, out, on_done=on_done, should_stop=stop.is_set)
                 else:
-                    from gear_rattle.workers.cluster.runner import certify_on  # dask
+                    from gear_rattle.workers.cluster.runner import certify_on  # loads dask
 
                     found = certify_on(client, survey, out, on_done, stop.is_set)
         except SurveyError:
-            if not stop.is_set():  # otherwise the stop ended the cluster
+            if not stop.is_set():  # after a stop, the error only reports the end of the cluster
                 raise
     if stop.is_set():
         typer.echo(f"Stopped. {out} keeps what is proved; the same command resumes it.", err=True)

@@ -22,7 +22,7 @@ def copy(
     """
     for each in (source, target):
         if "://" in each and not each.startswith("s3://"):
-            raise typer.BadParameter(f"{each} is neither a path nor s3://BUCKET/PREFIX: give one of both")
+            raise typer.BadParameter(f"{each} is neither a path nor s3://BUCKET/PREFIX: give a path or an s3:// URL")
     if target.endswith(".nc"):
         from gear_rattle.service.commands.export import export
 

@@ -76,8 +76,8 @@ def figure(
 
     rattle figure STORE [OUT] draws a survey: regions with the bifurcation
     curves, quiet fraction, largest Lyapunov exponent. OUT ends in .png, .pdf or
-    .svg. Of a survey with a third axis it draws one --slice. A store that has a
-    number for a name is ./4, or ./stiff.
+    .svg. For a survey with a third axis, --slice names the slice to draw. Write
+    ./4 or ./stiff for a store whose name is a number or stiff.
     """
     options = {
         "--out": out, "--delta": delta, "--epsilon": epsilon, "--beta": beta,
@@ -92,7 +92,8 @@ def figure(
     for option, given in options.items():
         if given is not None:
             raise typer.BadParameter(
-                f"{option} is for figures of the paper, and {what[0]!r} is none", param_hint="STORE"
+                f"{option} is for figures of the paper, and {what[0]!r} is not the number of a figure",
+                param_hint="STORE",
             )
     if len(what) > 2:
         raise typer.BadParameter(

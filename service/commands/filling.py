@@ -51,7 +51,7 @@ def _fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | N
                 cluster = nullcontext() if here else started(request.added_numbers, scheduler, processes, stop.is_set)
                 _compute(request, out, missing, cluster, stop.is_set)
             except survey.SurveyError:
-                if not stop.is_set():  # after a stop the error is the end of the cluster
+                if not stop.is_set():  # after a stop, the error only reports the end of the cluster
                     raise
     else:
         typer.echo(f"{out} is complete.")

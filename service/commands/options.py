@@ -22,7 +22,7 @@ NO_NUMBERS: Mapping[str, Any] = MappingProxyType({})
 MACHINE = "A machine in SI units (two equal gears, or with --driven-… unlike ones), instead of delta, epsilon and beta"
 NONE = "none: the impacting model"
 METRES = "in m along the line of action"
-#: The numbers of a gear, each with its help text and the default to show. A machine's numbers come after the models'.
+#: The numbers of a gear, each with its help text and the default to show. A machine's numbers come after a model's.
 NUMBERS: dict[str, tuple[str, str | bool]] = {
     "delta": ("Damping.", False),
     "epsilon": ("Eccentricity.", False),
@@ -78,7 +78,7 @@ def number_options(kind: Any, metavar: str | None = None, panel: str = MACHINE) 
 def with_options(
     command: Command, options: dict[str, Any], taken_as: Callable[[dict[str, Any]], Any], **defaults: Any
 ) -> Command:
-    """Give a command further options, whose defaults are `defaults` or None.
+    """Give a command further options. defaults: default values by option; the default of other options is None.
 
     The command's first argument is then `taken_as(given)`, with the given options by name.
 
@@ -94,7 +94,8 @@ def with_options(
     shared = [
         inspect.Parameter(name, keyword, default=defaults.get(name), annotation=kind) for name, kind in options.items()
     ]
-    required = [each for each in own if each.default is inspect.Parameter.empty]  # for example a file; they come first
+    # Required parameters, such as a file, come before the added options.
+    required = [each for each in own if each.default is inspect.Parameter.empty]
     taken = [*required, *shared, *(each for each in own if each not in required)]
 
     @functools.wraps(command)

@@ -21,7 +21,8 @@ def orbits(point: GivenPoint) -> None:
     found = model_at(gear).limits(gear.delta)
     limits = [(name, value) for field, name in NAMES.items() if (value := getattr(found, field)) is not None]
     console = Console(highlight=False, width=WIDTH)
-    region = "" if gear.parameters.harmonics else f": {region_in_words(gear.region())}"  # regions are for one cosine
+    # Regions are defined only for forcing by one cosine.
+    region = "" if gear.parameters.harmonics else f": {region_in_words(gear.region())}"
     console.print(f"{point.words}{region}")
     console.print(", ".join(f"{name} at epsilon = {value:.10g}" for name, value in limits))
     if machine is not None:

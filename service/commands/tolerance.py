@@ -129,7 +129,8 @@ def _request(
             found, matrix = rattle.read_gears(measured)
             if both := sorted(found.keys() & gear.keys()):
                 raise typer.BadParameter(
-                    f"{measured} and the command line both have {' and '.join(both)}: leave one of both out"
+                    f"{measured} and the command line both have {' and '.join(both)}: give each number "
+                    "in one place only"
                 )
             varying = [name for name, value in gear.items() if isinstance(value, dict)]
             if varying or pairs:

@@ -70,7 +70,7 @@ class Database(Surveys, Keys):
         self._reader.dispose()
 
     def _open(self, exclusive: bool) -> None:
-        current = is_current(self._reader)  # before any change: it refuses the databases of other programs
+        current = is_current(self._reader)  # before any change, because it refuses other programs' databases
         if current and not exclusive:
             return
         self._hold = hold(self._reader)

@@ -13,7 +13,7 @@ from gear_rattle.service.errors import DataDirectoryError
 
 BUSY_SECONDS = 10  # longest wait for another writer, or for a connection
 POOL = {"pool_size": 10, "max_overflow": 30, "pool_timeout": BUSY_SECONDS, "pool_pre_ping": True}
-FILE = "file"  # key of a connection's `info`: the identity of the opened SQLite file
+FILE = "file"  # key in a connection's `info`; its value is the identity of the opened SQLite file
 UNPOOLED = {"poolclass": NullPool}
 
 
@@ -44,7 +44,7 @@ def open_engine(url: str | URL, pool: dict[str, Any] = POOL) -> Engine:
     if kind == "sqlite" and ":memory:" not in (parsed.database or ":memory:") and "mode" not in parsed.query:
         return _open_sqlite(parsed, pool)
     raise DataDirectoryError(
-        f"The job database {shown(parsed)} would not last: use sqlite:///FILE or postgresql://USER@HOST/DATABASE."
+        f"The job database {shown(parsed)} is lost when the service ends: use sqlite:///FILE or postgresql://USER@HOST/DATABASE."
     )
 
 

@@ -20,8 +20,8 @@ MOST_ANSWERED = 100
 class NewJob:
     """A survey or population that is submitted.
 
-    body_hash: distinguishes request bodies with the same idempotency key. owner: id of an API key; each owner has its
-    own idempotency keys.
+    body_hash: hash of the request body, which shows whether an idempotency key is used again for the same body. owner:
+    id of an API key; each owner has its own idempotency keys.
     """
 
     name: str
@@ -36,10 +36,10 @@ class NewJob:
 
     @property
     def stored_key(self) -> str | None:
-        """The idempotency key as the database stores it, with the owner."""
+        """The idempotency key as the database stores it, with the owner; None without a key."""
         if self.owner is None or self.idempotency_key is None:
             return self.idempotency_key
-        return f"{self.owner} {self.idempotency_key}"  # keys in headers have no spaces
+        return f"{self.owner} {self.idempotency_key}"  # idempotency keys have no spaces, so the text is unique
 
 
 def find_by_key(session: Session, new: NewJob) -> JobRow | None:

@@ -19,7 +19,7 @@ _PRESENT = {name: set(table.columns.keys()) for name, table in Table.metadata.ta
 
 
 def is_current(engine: Engine) -> bool:
-    """Return whether the schema is the one of this version. Nothing is written.
+    """Return whether the database has the schema of this version. Nothing is written.
 
     Returns
     -------
@@ -61,7 +61,8 @@ def upgrade_schema(engine: Engine) -> None:
     from alembic import command
 
     if engine.dialect.name == "sqlite":
-        with engine.connect() as connection:  # the caller has checked that the database is ours: this mode is permanent
+        # WAL mode is permanent, so the caller has checked that no other program owns the database.
+        with engine.connect() as connection:
             connection.exec_driver_sql("COMMIT")
             connection.exec_driver_sql("PRAGMA journal_mode=WAL")
             connection.exec_driver_sql("BEGIN")

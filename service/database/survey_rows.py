@@ -44,7 +44,7 @@ class Active(NamedTuple):
 
 @dataclass(frozen=True)
 class DoneTile:
-    """A tile that is written to the store. failed: its number of failed cells. failures: why the first ones failed."""
+    """A written tile. failed: number of its failed cells. failures: indices and messages of the first failed cells."""
 
     index: int
     cells: int
@@ -108,7 +108,7 @@ class Surveys(Transactions):
         Raises
         ------
         UnknownSurveyError
-            There is no job with this id, or it is of the other kind.
+            There is no job with this id, or it is not a job of this kind.
         """
         with self._read() as session:
             job = _find(session, survey_id)
@@ -119,7 +119,7 @@ class Surveys(Transactions):
     def jobs(
         self, limit: int, before: int | None = None, kind: JobKind = JobKind.SURVEY
     ) -> tuple[Sequence[JobRow], int]:
-        """Return jobs with a number below ``before``, newest first, and the total number of jobs of this kind."""
+        """Return jobs of a kind, newest first, and their total number. before: only jobs with smaller numbers."""
         newest_first = select(JobRow).where(JobRow.kind == kind).order_by(JobRow.number.desc()).limit(limit)
         if before is not None:
             newest_first = newest_first.where(JobRow.number < before)
@@ -129,7 +129,7 @@ class Surveys(Transactions):
             return session.scalars(newest_first).all(), total
 
     def known(self, survey_ids: Collection[str]) -> set[str]:
-        """Return those of the given ids that belong to surveys."""
+        """Return the ids among `survey_ids` for which a survey or population exists."""
         ids, found = sorted(survey_ids), set[str]()
         with self._read() as session:
             for start in range(0, len(ids), CHUNK):
@@ -179,7 +179,7 @@ class Surveys(Transactions):
             return session.scalar(select(func.count()).select_from(JobRow).where(JobRow.state == state)) or 0
 
     def set_state(self, survey_id: str, state: State, message: str = "") -> bool:
-        """Change the state of an active survey. Return False if the survey has ended or is gone; then do nothing."""
+        """Change the state of an active survey. If the survey has ended or is gone, do nothing and return False."""
         with self._write() as (session, _):
             job = _find_active(session, survey_id)
             if job is None:
@@ -295,7 +295,8 @@ class Surveys(Transactions):
     def failures(self, survey_id: str, limit: int) -> list[dict[str, Any]]:
         """Return the indices and messages of the first failed cells of a survey."""
         with self._read() as session:
-            has_failed = text("tiles.failed > 0")  # literal, for the index ix_tiles_failed
+            # Literal SQL, because with a bound parameter the database would not use the partial index ix_tiles_failed.
+            has_failed = text("tiles.failed > 0")
             failed = select(TileRow.failures).where(TileRow.job == _number(session, survey_id), has_failed)
             some = {"yield_per": 10}
             with session.scalars(failed.order_by(TileRow.index).limit(limit), execution_options=some) as tiles:

@@ -110,7 +110,7 @@ class JobRow(Table):
 class TileRow(Table):
     """A finished tile. Tiles without a row are not computed yet.
 
-    failed: number of failed cells. failures: indices and messages of the first of them.
+    failed: number of failed cells. failures: indices and messages of the first failed cells.
     """
 
     __tablename__ = "tiles"
@@ -177,7 +177,7 @@ class KeyRow(Table):
 
 
 class SessionRow(Table):
-    """The session of a browser that is signed in with a key. hash: of the token in the browser's cookie."""
+    """The session of a browser that is signed in with a key. hash: the hash of the token in the browser's cookie."""
 
     __tablename__ = "sessions"
 
@@ -190,7 +190,7 @@ class SessionRow(Table):
 class ServiceRow(Table):
     """The single row that every writer locks first, so that a database has one writer at a time.
 
-    epoch: grows when a service opens the database. surveys, populations: how many there are. directory: identity of the
+    epoch: grows when a service opens the database. surveys, populations: their numbers. directory: identity of the
     data directory with the stores, if the database is elsewhere.
     """
 

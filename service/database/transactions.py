@@ -88,7 +88,7 @@ class Transactions:
             self._writing.release()
 
     def directory(self) -> str | None:
-        """Return the identity of the data directory with the stores, if one was recorded."""
+        """Return the recorded identity of the data directory with the stores; None if there is no record."""
         with self._read() as session:
             return session.scalar(select(ServiceRow.directory))
 

@@ -1,1 +1,1 @@
-"""The explorer: a page at `/` for people who would rather look. Panel and Bokeh, loaded when first needed."""
+"""The explorer: the web page at `/`, made with Panel and Bokeh, which are imported when a page first needs them."""

@@ -11,7 +11,7 @@ TOUR = Path(__file__).parents[1] / "documents" / "tour.md"
 
 @cache
 def asset(name: str) -> str:
-    """Return the text of one of them."""
+    """Return the text of a file in the folder `assets`, such as "page.css"."""
     return (ASSETS / name).read_text()
 
 

@@ -17,7 +17,7 @@ from starlette.concurrency import run_in_threadpool
 from gear_rattle.service.database.tables import EventRow, State
 from gear_rattle.service.errors import UnavailableError, UnknownSurveyError
 
-KEPT = 512  # at most this many events of a survey are kept in memory; slower listeners read the database
+KEPT = 512  # at most this many events of a survey are kept in memory; older events are read from the database
 PAUSE = 0.05  # seconds between two reads; events in between are sent together
 RETRY_SECONDS = 1.0  # seconds until the next read after an error
 WOKEN_TOGETHER = 50  # at most this many listeners are notified before the event loop can do other work
@@ -67,7 +67,7 @@ class Feed:
             self._loop.call_soon_threadsafe(self._stale.set)
 
     def after(self, seen: int) -> list[Written] | None:
-        """Return the events after number `seen` that have been read; None if some of them are no longer kept."""
+        """Return the events after number `seen` that have been read; None if some of these are no longer kept."""
         if seen >= self._last:
             return []
         first = self._recent[0].id if self._recent else self._last + 1
@@ -124,7 +124,7 @@ class Broadcast:
 
     @contextmanager
     def watch(self, on_change: Callable[[str], None]) -> Iterator[None]:
-        """Call `on_change` with the id of each survey that changes, during this context. Any thread may call it."""
+        """Call `on_change`, in any thread, with the id of each survey that changes during this context."""
         with self._lock:
             self._watchers.add(on_change)
         try:

@@ -41,8 +41,8 @@ DELETION, TEMPORARY, SURVEY_STORE, OF_CERTIFICATES = (
 class StoreEntry:
     """An entry in the directory of stores.
 
-    survey_id: empty if the name is not the name of a store. deletion: a store whose deletion has begun. temporary: a
-    store whose creation has not ended. remove: function that removes the entry.
+    survey_id: empty if the name is not the name of a store. deletion: True for a store whose deletion has begun.
+    temporary: True for a store whose creation has not ended. remove: function that removes the entry.
     """
 
     name: str
@@ -196,7 +196,7 @@ class DataDirectory:
         try:
             found = json.loads((store / "zarr.json").read_bytes())["attributes"]["content_hash"]
         except (OSError, ValueError, KeyError, TypeError):
-            return  # this is no store of a survey, which the job manager will report
+            return  # the path is not a store of a survey; the job manager will report this
         if found == content_hash:
             for stray in store.rglob("*.partial"):
                 stray.unlink(missing_ok=True)

@@ -47,7 +47,8 @@ if TYPE_CHECKING:
     from gear_rattle.workers.kinds import AnyTile
     from gear_rattle.workers.survey.template import Template
 
-FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0  # seconds until the next attempt after an error; each pause doubles the last
+#: Seconds until the next attempt after an error. Each pause is twice as long as the one before.
+FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
 OK, READY, STARTING = "ok", "ready", "starting"
 WORKERS_SECONDS = 2.0  # longest wait for the number of the cluster's threads
 LAST_TILES_SECONDS = 3.0  # longest wait of a deletion for the last tiles, which end within 2 s after a dismissal
@@ -84,9 +85,9 @@ class JobManager:
     ) -> None:
         self._on_tile = on_tile
         self._turns = turns or Turns()
-        # By id of a survey that waits for its next turn: its missing tiles, by index.
+        # For each survey that waits for its next turn, by id: its missing tiles, by index.
         self._left: dict[str, dict[int, AnyTile]] = {}
-        self._begun: dict[str, Begun] = {}  # by id: the states of the same surveys and of the running survey
+        self._begun: dict[str, Begun] = {}  # by id: states of these surveys and of the running survey
         self._ends: dict[str, float] = {}  # predicted end of the running survey's tiles, by `time.monotonic`
         self._client: Client | None = None
         self._database = database
@@ -358,7 +359,7 @@ class JobManager:
         return {tile.index: tile for tile in tiles_of(request) if tile.index not in done}, bool(lost)
 
     def _is_turn_over(self, survey_id: str) -> bool:
-        """Return whether the turn of the running survey is over. If no other survey is next, begin a new turn of it."""
+        """Return whether the turn of the running survey is over. If the same survey is next, begin its next turn."""
         if not self._turns.is_used_up:
             return False
         following = self._turns.next(self._database.active())
@@ -370,7 +371,7 @@ class JobManager:
         return True
 
     def _telling(self, survey_id: str) -> Callable[[int, int], None]:
-        """Return a function that shows the number of tried attractors in the survey's message, at each per cent."""
+        """Return a function that writes the progress of proofs into the message of a survey, at each per cent."""
         shown = -1
 
         def tell(done: int, number: int) -> None:
@@ -384,7 +385,7 @@ class JobManager:
         return tell
 
     def seconds_left(self, survey_id: str) -> float | None:
-        """Return the seconds until the tiles of a survey end; None if the survey does not run, or if unknown."""
+        """Return the seconds until the tiles of a survey end; None if it does not run, or the time is not known."""
         ends = self._ends.get(survey_id)
         return None if ends is None else max(ends - time.monotonic(), 0.0)
 

@@ -32,8 +32,8 @@ def opened(
     Raises
     ------
     DataDirectoryError
-        One of both cannot be used, or another service has locked it, or the database belongs to another directory,
-        whose disk may not be mounted.
+        The directory or the database cannot be used, or another service has locked it, or the database belongs to
+        another directory, whose disk may not be mounted.
     """
     directory = open_directory(settings.data, settings.store)
     inside = settings.database_url is None

@@ -14,7 +14,7 @@ TURN_SECONDS = 3.0  # duration of a turn; running tasks end within two seconds a
 
 @dataclass
 class _Standing:
-    """The turns of an API key. last: number of its last turn. smallest: its next turn is for its smallest survey."""
+    """The turns of an API key. last: number of its last turn. smallest: True if its smallest survey is next."""
 
     last: int = 0
     smallest: bool = True

@@ -126,7 +126,7 @@ def log_config(form: str) -> dict[str, Any]:
 
 
 def adopt_handlers() -> None:
-    """Give the log handlers that libraries such as dask and Panel install at import this project's formatter."""
+    """Set this project's formatter in the log handlers that libraries, such as dask and Panel, install at import."""
     ours = next((each for each in logging.root.handlers if isinstance(each.formatter, Printable)), None)
     if ours is None:
         return

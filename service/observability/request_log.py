@@ -26,7 +26,7 @@ UNANSWERED = 499
 
 
 class RequestLogMiddleware:
-    """Logs and counts each request, and gives it an id. The client may choose the id; the answer's header has it."""
+    """Logs and counts each request, and gives it an id, which the client may choose. The answer has the id, too."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         self.app = app

@@ -14,7 +14,7 @@ from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest
 
 
 def is_owed(front: Front, survey_id: str, key: str) -> bool:
-    """Return whether the store of a survey must have this key already. It reads the database, so it needs a thread."""
+    """Return whether the store of a survey must already have the file with this key. It blocks: use a thread."""
     try:
         ended = front.database.job(survey_id).state == State.SUCCESSFUL
         manifest = _manifest(front.directory.store(survey_id), ended)

@@ -16,7 +16,7 @@ from rattle import Limit, design_limit
 from rattle.models import Model
 
 VALUES = 17  # number of dampings across a survey
-COUNT = 512  # least number of initial conditions
+COUNT = 512  # least number of initial conditions for each limit
 KEPT = 16  # at most this many limits are kept
 
 Key = tuple[Model, Pair, float]

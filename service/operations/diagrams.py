@@ -7,14 +7,14 @@ from rattle.models import AnyGear
 
 Pair = tuple[float, float]
 
-#: By direction: how far a diagram reaches on either side of the point by default, relative to the scale of the plane.
+#: Default extent of a diagram on either side of the point, by direction, relative to the scale of the plane.
 SPANS = {"epsilon": 0.02, "delta": 0.05}
-LEAST_SPAN, MOST_SPAN = 1e-7, 0.5  # a diagram may reach this far in δ or ε on either side
+LEAST_SPAN, MOST_SPAN = 1e-7, 0.5  # least and largest extent in δ or ε on either side
 STEPS, COUNT = 160, 32  # points of the parameter along a diagram, and initial conditions at each point
 
 
 def diagram_span(gear: AnyGear, direction: str, either_way: float | None = None) -> Pair:
-    """Return the range of δ or ε around a point, inside the plane. either_way: its extent on either side."""
+    """Return a range of δ or ε around a point, inside the plane. either_way: extent on either side, else SPANS."""
     either_way = either_way or SPANS[direction] * plane_scale(gear.delta)
     if direction == "epsilon":
         return max(gear.epsilon - either_way, 0.0), gear.epsilon + either_way
@@ -26,7 +26,8 @@ def diagram_ends(
 ) -> tuple[Pair, Pair]:
     """Return the points (δ, ε) where a diagram begins and ends.
 
-    The diagram passes through the point along "epsilon" or "delta"; or it goes from the point to the point `to`.
+    The diagram passes through the gear's point along `direction`, "epsilon" or "delta", and reaches `either_way` on
+    either side. If `to` is given, the diagram goes from the gear's point to the point `to` instead.
 
     Returns
     -------

@@ -79,7 +79,7 @@ async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
 
 
 def _by_others(front: Front, request: AnyRequest) -> tuple[float, str] | None:
-    """Return a process's seconds for a cell of a similar survey, and the basis in words; None without such a survey."""
+    """Return the seconds per cell that a similar survey took, and the basis in words; None if no survey is similar."""
     if isinstance(request, PopulationRequest):
         return None
     jobs, _ = front.database.jobs(LOOKED_AT)

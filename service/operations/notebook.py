@@ -11,7 +11,7 @@ from gear_rattle.service.operations.diagrams import COUNT, STEPS, Pair
 from rattle import Machine
 from rattle.models import AnyGear, Capability, model_at
 
-STARTS, SIDE = 1024, 300  # initial conditions of the attractors; cells of the basins a side
+STARTS, SIDE = 1024, 300  # initial conditions for the attractors; cells along each axis of the basins
 PACKAGE = "gear-rattle"
 TITLE = """# What runs at δ = {gear.delta:g}, ε = {gear.epsilon:g}
 
@@ -38,9 +38,9 @@ diagram_figure(diagram)"""
 
 
 def notebook_of(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> dict[str, Any]:
-    """Return a notebook (nbformat 4.5) for a point or a machine. ends: the points between which its diagram goes.
+    """Return a notebook (nbformat 4.5) for a point or a machine. ends: the points where its diagram begins and ends.
 
-    Its numbers are written such that they read back the same to the last bit.
+    The numbers in the notebook read back the same to the last bit.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def notebook_of(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair])
 
 
 def _cells(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> Iterator[tuple[str, str, str]]:
-    """Yield the name, the kind and the text of each cell."""
+    """Yield the name, the kind and the text of each cell of the notebook."""
     version = rattle.__version__
     made = TITLE.format(gear=gear, kind=type(gear).__name__, model=model_at(gear), package=PACKAGE, version=version)
     yield "title", "markdown", made

@@ -27,7 +27,7 @@ class Asked:
 
     index: number of the slot, orbit or family. slice: number of the slice, if there is a third axis. share: required
     probability of quiet running for the design limit. pixels: resolution along (delta, epsilon) at which to compute the
-    window anew, or None.
+    window anew; None draws the cells of the survey.
     """
 
     variable: str

@@ -111,14 +111,14 @@ def describe_survey(front: Front, caller: Caller, survey_id: str, given: Descrip
     UnknownSurveyError
         There is no such survey.
     ForbiddenError
-        It was submitted with another key.
+        The survey was submitted with another key.
     """
     require_owner(front, caller, survey_id)
     return front.database.describe(survey_id, given.name, given.notes)
 
 
 def verify_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> JobRow:
-    """Queue a survey that has ended or was dismissed again, to compute its damaged or missing tiles.
+    """Queue again a survey that has ended or was dismissed, to compute its damaged or missing tiles.
 
     Returns
     -------
@@ -130,7 +130,7 @@ def verify_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = 
     UnknownSurveyError
         There is no such survey.
     ForbiddenError
-        It was submitted with another key.
+        The survey was submitted with another key.
     ConflictError, QueueFullError
         See `gear_rattle.service.jobs.manager.JobManager.verify`.
     """

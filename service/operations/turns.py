@@ -26,8 +26,8 @@ async def in_turn(
     """Return `compute(*arguments)`, computed in another process. All arguments must be picklable.
 
     A process of its own is needed because a compiled loop cannot be interrupted, keeps other threads waiting, and may
-    take minutes at extreme parameters. The time limit begins when the kernels of `model` are compiled. `what` names the
-    result in messages, in the plural or singular of "… were not found"; `advice` says how to need less time.
+    take minutes at extreme parameters. The time limit begins when the kernels of `model` are compiled. what: name of
+    the result in the plural, for the message "… were not found". advice: sentence that says how to need less time.
 
     Returns
     -------

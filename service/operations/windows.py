@@ -1,4 +1,4 @@
-"""Compute windows at finer resolution than their survey, on the workers of the service, in finer and finer frames.
+"""Compute windows of the plane at finer resolution than their survey, on the service's workers, frame by frame.
 
 The newest windows are kept, because pictures of them may be requested.
 """

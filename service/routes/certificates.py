@@ -80,7 +80,8 @@ async def read_certificates(
 ) -> Response:
     """Read a file of the store of certificates.
 
-    Certificates appear one by one as attractors are proved. The variables are complete when all have been tried.
+    Certificates appear one by one as attractors are proved. The variables are complete when the proof of
+    every attractor has been attempted.
     """
     job, out = await run_in_threadpool(_stored, front, survey_id)
     if not KEY.fullmatch(key):

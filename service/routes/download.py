@@ -67,7 +67,7 @@ async def parquet(request: Request, front: FrontState, survey_id: SurveyId, form
     responses={200: {"content": {CSV: {"schema": {"type": "string"}}}}, **NOT_MODIFIED, **declared(404, 422)},
 )
 async def csv(request: Request, front: FrontState, survey_id: SurveyId, form: Formed = RowForm.CELLS) -> Response:
-    """Return a table. Codes are numbers. A cell with `status` 0 is not computed yet."""
+    """Return a table. Codes, such as those of regions, are numbers. A cell with `status` 0 is not computed yet."""
     place, headers = await _of(front, survey_id, "csv" if form is RowForm.CELLS else f"{form}.csv")
     if is_known(request, headers):
         return Response(status_code=304, headers=headers)
@@ -108,7 +108,7 @@ async def _of(front: Front, survey_id: str, ending: str) -> tuple[Path | Bucket,
 
 
 def _netcdf(place: Path | Bucket) -> IO[bytes]:
-    from gear_rattle.workers.storage.export import require_readable, write_netcdf  # xarray
+    from gear_rattle.workers.storage.export import require_readable, write_netcdf  # loads xarray
     from gear_rattle.workers.storage.store import open_groups
 
     with open_survey(place, as_stored=True) as dataset:

@@ -108,9 +108,7 @@ def _both(first: str, one: T | None, last: str, other: T | None) -> tuple[T, T] 
     if one is None and other is None:
         return None
     if one is None or other is None:
-        raise LimitError(
-            f"query.{first if one is None else last}", f"give both {first} and {last}, or neither of both."
-        )
+        raise LimitError(f"query.{first if one is None else last}", f"give both {first} and {last}, or neither.")
     return one, other
 
 
@@ -239,7 +237,7 @@ def _draw(place: Path | Bucket, asked: Asked, form: Form, over: Over) -> bytes:
     from gear_rattle.workers.pictures.levels import levels_in_groups
     from gear_rattle.workers.pictures.maps import (
         map_picture,
-    )  # matplotlib: a second for who asks first, not for every start
+    )  # loads matplotlib in a second, so only for the first picture
 
     opened = partial(open_survey, place)
     with_families = SHARE if asked.look.family is not None else asked.variable

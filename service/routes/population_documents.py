@@ -74,14 +74,14 @@ class Interval(BaseModel):
 
 
 class IndexDocument(BaseModel):
-    """Sobol indices of one number: its share of the variance alone, and together with all others."""
+    """Sobol indices of one number: its share of the variance alone, and with its interactions with other numbers."""
 
     first: Interval
     total: Interval
 
 
 class WorstDocument(BaseModel):
-    """A gear of the population."""
+    """One of the worst gears of a population, by its row, with its numbers and how it runs."""
 
     row: int
     numbers: dict[str, float]

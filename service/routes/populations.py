@@ -198,9 +198,7 @@ async def answers(request: Request, front: FrontState, population_id: Population
     """Return the probability of quiet running, yield, quantiles of the intensity, Sobol indices and the worst gears."""
     job, place = await run_in_threadpool(front.stored, population_id, KIND)
     if job.state != State.SUCCESSFUL:
-        raise MissingError(
-            f"Population {population_id} is {job.state}: its answers can be read when it is successful. Try again then."
-        )
+        raise MissingError(f"Population {population_id} is {job.state}: its answers can be read once it has completed.")
     headers = {"ETag": picture_tag(job.id, job.last_event, "answers"), "Cache-Control": REVALIDATE}
     if is_known(request, headers):
         return Response(status_code=304, headers=headers)
@@ -210,7 +208,7 @@ async def answers(request: Request, front: FrontState, population_id: Population
 
 
 def _answered(place: FilePath | Bucket) -> str:
-    from gear_rattle.workers.answers import population_of  # zarr
+    from gear_rattle.workers.answers import population_of  # loads zarr
 
     return answers_document(population_of(place)).model_dump_json()
 

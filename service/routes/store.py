@@ -103,5 +103,5 @@ async def file_at(store: pathlib.Path | Bucket, key: str, request: Request, unch
 
 
 def _by_tag_only(scope: Scope) -> Scope:
-    """Return the scope without If-Modified-Since, because a file may change twice within its resolution of a second."""
+    """Return the scope without If-Modified-Since, because a file may change twice within a second, its resolution."""
     return {**scope, "headers": [each for each in scope["headers"] if each[0] != b"if-modified-since"]}

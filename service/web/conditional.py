@@ -34,7 +34,7 @@ OF_UNCHANGED = frozenset({"etag", "cache-control", "last-modified", "expires", "
 
 
 class AnyTagMiddleware:
-    """Answers `If-None-Match: *` with 304 if the full answer would have an ETag: only then the resource exists."""
+    """Answers `If-None-Match: *` with 304 if the full answer would have an ETag, because then the resource exists."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app

@@ -268,7 +268,7 @@ ANSWERS = {
 
 
 def _links(parameters: dict[str, str], *names: str) -> dict[str, Any]:
-    """Return OpenAPI links to operations. parameters: for each parameter of theirs, its path in the answer."""
+    """Return OpenAPI links to operations. parameters: for each parameter, the path of its value in the answer."""
     further = {"read": {"key": "zarr.json"}}
     return {
         name: {
@@ -280,7 +280,7 @@ def _links(parameters: dict[str, str], *names: str) -> dict[str, Any]:
 
 
 def _point_links(*names: str, **parts: str) -> dict[str, Any]:
-    """Return OpenAPI links to operations at a point. parts: paths of its numbers in the answer, if not the names."""
+    """Return OpenAPI links to operations at a point. parts: path of a number in the answer, if not its name."""
     return _links({name: parts.get(name, name) for name in ("delta", "epsilon", *OTHERS)}, *names)
 
 

@@ -45,7 +45,7 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
     app
         The application. Its lifespan calls ``app.state.on_start`` when ``app.state.front`` exists.
     settings
-        The settings of the service; they have the address and limits.
+        The settings of the service, with its address and limits.
     log_config
         The configuration for `logging.config.dictConfig`.
     asked_to_stop
@@ -143,7 +143,7 @@ def bind(host: str, port: int) -> list[socket.socket]:
 def _end_with_signals(app: FastAPI) -> None:
     """Make SIGINT and SIGTERM end surveys and requests at once, not only when uvicorn has closed its connections.
 
-    This is called inside the lifespan, when uvicorn has installed its signal handlers. The new handlers call them.
+    This is called inside the lifespan, when uvicorn has installed its signal handlers. The new handlers call them, too.
     """
     loop = asyncio.get_running_loop()
 

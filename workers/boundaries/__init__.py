@@ -1,1 +1,1 @@
-"""Explain differences between two cells by the curve that passes between them."""
+"""Explain why neighbouring cells of a survey differ, by the bifurcation curve that passes between them."""

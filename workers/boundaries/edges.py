@@ -1,4 +1,4 @@
-"""Find the edges of families of attractors in a survey, and the curves that pass there."""
+"""Find the edges of families of attractors in a survey, and the bifurcation curves at these edges."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -15,8 +15,9 @@ from rattle.families import Rectangle
 class Edges(NamedTuple):
     """Edges of families. An edge is a pair of neighbouring cells of which exactly one has the family.
 
-    names: names of the curves (curves,). number (families,): how many edges each family has. on (families, curves): how
-    many of these edges each curve passes between, if the curve makes or ends motions of the family's label.
+    names: the names of the bifurcation curves. number (families,): how many edges each family has.
+    on (families, curves): at how many of these edges each curve passes between the two cells. It is 0 for a curve that
+    neither makes nor ends motions of the family's label.
     """
 
     names: tuple[str, ...]
@@ -25,9 +26,10 @@ class Edges(NamedTuple):
 
 
 class FamilyEnds(NamedTuple):
-    """Edges of components (k,) of families in a part of a grid.
+    """Edges in a part of a grid. A component is a connected part of a family.
 
-    number (k,): how many edges each component has. on (k, curves): how many of them each curve passes between.
+    component (k,): the numbers of the components in the part. number (k,): how many edges each component has.
+    on (k, curves): at how many of these edges each curve passes between the two cells.
     """
 
     component: np.ndarray
@@ -40,9 +42,10 @@ def ends_in(
 ) -> FamilyEnds:
     """Return the edges between the cells of a part of a grid and their next cells along δ and ε.
 
-    columns: columns of the grid. cell, component (attractors,): the cell and component of each attractor in the part
-    and in the next cells; −1 is the component of undecided samples. Pairs are left out if one of the cells has no
-    attractor, because it is not computed, or has undecided samples, because it may have attractors that are not listed.
+    columns: the number of columns of the grid. cell, component (attractors,): the cell and the component of each
+    attractor in the part and in the next cells; component −1 stands for undecided samples. A pair is left out if one of
+    its cells has no attractor, because that cell is not computed, or if one has undecided samples, because that cell
+    may have attractors that are not listed.
 
     Returns
     -------
@@ -64,7 +67,7 @@ def ends_in(
     row, column = np.divmod(at, width)
     number, on = np.zeros(ids.size, np.int64), np.zeros((ids.size, len(crossings)), np.int64)
     for axis, (down, right) in enumerate(((0, 1), (1, 0))):
-        for back in (0, 1):  # 1: the family is in the second cell of the pair, not in the first
+        for back in (0, 1):  # 0: only the first cell of the pair has the family; 1: only the second
             i, j = row - back * down, column - back * right
             other = (row + (1 - 2 * back) * down) * width + column + (1 - 2 * back) * right
             pair = (i >= 0) & (i < part.bottom - part.top) & (j >= 0) & (j < part.right - part.left)
@@ -79,12 +82,14 @@ def ends_in(
 
 
 def edges_of(parts: Iterable[FamilyEnds], family: np.ndarray, table: FamilyTable, names: Sequence[str]) -> Edges:
-    """Add the edges of all parts of a survey, by family. family: the number of each component's family.
+    """Add the edges of all parts of a survey to sums for each family.
+
+    family: the number of the family of each component. table: the families. names: the names of the curves.
 
     Returns
     -------
     Edges
-        Numbers of edges, by family and by family and curve.
+        The numbers of edges for each family, and for each family and curve.
     """
     n = table.cells.size
     number, on = np.zeros(n, np.int64), np.zeros((n, len(names)), np.int64)
@@ -96,7 +101,7 @@ def edges_of(parts: Iterable[FamilyEnds], family: np.ndarray, table: FamilyTable
 
 
 def _concerned(table: FamilyTable, name: str) -> np.ndarray:
-    """Return for each family whether a curve makes or ends motions of its label; False for chaos."""
+    """Return for each family whether a curve makes or ends motions of the family's label; False for chaos."""
     known = labels_on_curve(name)
     labels = zip(*(column.tolist() for column in table[:4]), strict=True)
     return np.array([label in known for label in labels], bool) & (table.kind != CHAOTIC)

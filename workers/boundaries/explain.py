@@ -1,4 +1,4 @@
-"""Explain the boundaries of a survey: find the bifurcation curve between each two neighbouring cells that differ.
+"""Explain the boundaries of a survey: find the bifurcation curve between every two neighbouring cells that differ.
 
 The curves of the period-one motions are tried first. If two neighbours differ by a motion that none of these curves
 makes or ends, the motion is followed from one cell to the other (`rattle.impacting.bifurcations.branches.fate`) until
@@ -23,19 +23,20 @@ from rattle.models import DEFAULT_MODEL, MODELS, Capability, lacking
 CHAOTIC = KINDS.index("chaotic")
 MOST_CURVES = 100  # at most this many curves of motions of higher period are computed, by default
 WORTH_A_CURVE = 4  # a curve is traced if at least this many pairs differ by motions of the same label
-#: No curve is traced for motions of more impacts, because these take seconds and explain few pairs.
+#: Curves of motions with more impacts are not traced, because such a curve takes seconds and explains few pairs.
 LONGEST_TRACED = 16
-#: Points of a traced curve across the survey. Few suffice, because its crossings of grid lines are solved for.
+#: Number of points of a curve across the survey. Few suffice, because crossings with grid lines are computed exactly.
 COARSE = 30
 ORBITS = ("A", "B", "C", "D")
 
 
 @dataclass(frozen=True)
 class KnownCurve:
-    """A bifurcation curve.
+    """A bifurcation curve, and the pairs of neighbouring cells that it explains.
 
-    labels: labels of the attractors that it may make or end. bounds_regions: whether it divides regions. crosses (n,):
-    flags of the pairs that it passes between. explains: how many of these pairs differ by such an attractor or region.
+    labels: the labels of the attractors that the curve may make or end. bounds_regions: whether the curve divides
+    regions. crosses (n,): for each pair, whether the curve passes between its cells. explains: how many of these pairs
+    differ by an attractor with such a label, or by a region that the curve bounds.
     """
 
     curve: Curve
@@ -49,7 +50,8 @@ class KnownCurve:
 class Rest:
     """Pairs that no curve explains, grouped by what changes between the two cells and by the reason.
 
-    change: what changes. why: why no curve explains it. pairs: how many pairs. example: (δ, ε) of both cells of a pair.
+    change: the difference between the two cells, in words. why: the reason why no curve explains it. pairs: how many
+    pairs. example: (δ, ε) of both cells of one pair.
     """
 
     change: str
@@ -62,12 +64,12 @@ class Rest:
 class Explanation:
     """Explanation of a survey's boundaries.
 
-    pairs: the n pairs of neighbouring cells that differ. known: the curves, by falling number of explained pairs.
-    region_explained, attractors_explained (n,): flags of the pairs that differ in their region (or attractors) and have
-    a curve between them that explains it. sampling (n,): flags of the pairs whose families are the same: samples missed
-    an attractor in one cell, and there is nothing to explain. met: how many pairs are explained by a single computed
-    point of a curve between the two cells. rest: the unexplained pairs. crossed (n,): flags of the pairs with any curve
-    between them.
+    pairs: the n pairs of neighbouring cells that differ. known: the curves, sorted by the number of explained pairs,
+    largest first. region_explained, attractors_explained (n,): whether the cells of a pair differ in their region (or
+    attractors) and a curve between them explains the difference. sampling (n,): whether both cells have the same
+    families, so that nothing needs an explanation: in one cell no sample reached one of the attractors. met: how many
+    pairs are explained by a single computed point of a curve between the two cells. rest: the unexplained pairs.
+    crossed (n,): whether any curve passes between the cells of a pair.
     """
 
     pairs: Pairs
@@ -86,7 +88,7 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Da
     Parameters
     ----------
     most_curves : int
-        The most curves of motions of higher period that may be computed.
+        The largest number of curves of motions of higher period that are computed.
     families : xr.Dataset | None
         The group `families` of the survey, if it has one.
 
@@ -148,7 +150,7 @@ class _Search:
         return (float(delta[0]), float(delta[-1])), (float(epsilon[0]), float(epsilon[-1]))
 
     def run(self) -> Iterator[tuple[int, str]]:
-        """Compute curves for all pairs; yield the number of each pair without a curve, and the reason."""
+        """Compute curves for all pairs; yield the number of each pair that no curve explains, and the reason."""
         for n in range(len(self.pairs)):
             if self.pairs.region[n] and not self.covers_region()[n]:
                 for orbit, target in self._period_one_changes(n):
@@ -169,20 +171,20 @@ class _Search:
             yield replace(item, explains=int(np.sum(own | region)))
 
     def covers_region(self) -> np.ndarray:
-        """Return flags of the pairs (n,) that differ in their region and have a region's boundary between them."""
+        """Return for each pair (n,) whether its regions differ and a curve that bounds regions passes between them."""
         bounds = [item.crosses for item in self.known if item.bounds_regions]
         return self.pairs.region & np.any(bounds, axis=0)
 
     def uncovered(self, n: int) -> list[Label]:
         """Return the labels of attractors that only one cell of the n-th pair has and that no curve explains.
 
-        Chaos counts as explained if it replaces a motion that a curve ends, or is replaced by a motion that a curve
-        makes.
+        If curves explain all other differences, chaos counts as explained: it replaces a motion that a curve ends, or
+        is replaced by a motion that a curve makes.
 
         Returns
         -------
         list[Label]
-            Empty if curves explain all changes.
+            Empty if curves explain all differences.
         """
         changed = self.changes[n]
         here = [item.labels for item in self.known if item.crosses[n]] + [self.met.get(n, frozenset())]
@@ -191,9 +193,9 @@ class _Search:
         return left + chaos if left or len(chaos) == len(changed) else []
 
     def _resolve(self, n: int, label: Label) -> str | None:
-        """Find the curve that explains the change of a label between a pair; return the reason if there is none."""
+        """Find the curve that explains why the cells of a pair differ in a label; return the reason if none does."""
         if label == QUIET_LABEL:
-            return "quiet is below its limit on both sides: its share is small" if self._quiet(n) else "quiet limit"
+            return "quiet motion exists on both sides: its basin fraction is small" if self._quiet(n) else "quiet limit"
         if label[0] == CHAOTIC:
             return "chaos begins or ends by itself: a crisis, or a transient longer than the observation time"
         here, there, attractor = self._side(n, label)
@@ -203,13 +205,13 @@ class _Search:
             return "the motion could not be solved for"
         found = self._follow(n, start, self.grid.point(there), self.often[label] >= WORTH_A_CURVE)
         if isinstance(found, PeriodicOrbit):
-            return "the motion attracts on both sides: its share is small, one sample missed it"
+            return "the motion attracts on both sides: its basin fraction is small, and one sample missed it"
         if found is None:
             return "the motion could not be followed"
         return None if label not in self.uncovered(n) else f"{found.kind} of another motion on the way"
 
     def _side(self, n: int, label: Label) -> tuple[np.ndarray, np.ndarray, CellAttractor]:
-        """Return the cell of a pair with more attractors of a label, the other cell, and the rarest such attractor."""
+        """Return the cell of the n-th pair with more attractors of a label, the other cell, and the rarest of these."""
         ends = self.pairs.first[n], self.pairs.second[n]
         having = [[found for found in self.grid.attractors(cell) if found.label == label] for cell in ends]
         here = 0 if len(having[0]) > len(having[1]) else 1
@@ -222,7 +224,7 @@ class _Search:
         )
 
     def _period_one_changes(self, n: int) -> Iterator[tuple[PeriodicOrbit, tuple[float, float]]]:
-        """Yield each motion A to D that changes existence or stability between a pair, and the (δ, ε) of its end."""
+        """Yield each of A to D whose existence or stability differs in the n-th pair, and (δ, ε) of the other cell."""
         points = [self.grid.point(cell) for cell in (self.pairs.first[n], self.pairs.second[n])]
         found = [period_one(*point, self.grid.beta) for point in points]
         for here, there in ((0, 1), (1, 0)):
@@ -237,7 +239,15 @@ class _Search:
     def _follow(
         self, n: int, orbit: PeriodicOrbit, target: tuple[float, float], worth: bool
     ) -> PeriodicOrbit | Event | None:
-        """Follow a motion from one cell of a pair to the other. worth: trace the curve of the event that it meets."""
+        """Follow a motion from its cell to the other cell of the pair, at (δ, ε) = target, or to a bifurcation.
+
+        worth: trace the curve of the bifurcation too, unless its motion has too many impacts.
+
+        Returns
+        -------
+        PeriodicOrbit | Event | None
+            The motion at the target, or the bifurcation that it meets; None if the motion could not be followed.
+        """
         found = fate(orbit, *target)
         if isinstance(found, Event):
             self.met[n] = self.met.get(n, frozenset()) | _labels_at(found)
@@ -256,7 +266,15 @@ def _labels_at(event: Event) -> frozenset[Label]:
 
 
 def _changes(grid: CellGrid, pairs: Pairs, n: int) -> list[Label]:
-    """Return the labels with different numbers of attractors in the n-th pair, unless the families are the same."""
+    """Return the labels of which the cells of the n-th pair have different numbers of attractors.
+
+    If the survey has families, labels are left out whose families are the same in both cells.
+
+    Returns
+    -------
+    list[Label]
+        Labels in ascending order.
+    """
     if not pairs.attractors[n]:
         return []
     cells = pairs.first[n], pairs.second[n]

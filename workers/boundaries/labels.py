@@ -24,10 +24,11 @@ def labels_on_curve(name: str) -> frozenset[Label]:
 
 
 def labels(walls: tuple[int, ...], m: int, impact: int | None, flip: bool) -> frozenset[Label]:
-    """Return the labels of the motions at a bifurcation: the motion itself and those that a graze or flip makes of it.
+    """Return the labels of the motions at a bifurcation: the motion itself, and motions that a graze or flip adds.
 
-    walls: 1 or −1 for each impact on Σ⁺ or Σ⁻. m: forcing periods. impact: index of the grazing impact, without which
-    there is a second motion. flip: whether there is a motion of twice the period.
+    walls: 1 or −1 for each impact of the motion, on Σ⁺ or Σ⁻. m: its forcing periods. impact: at a graze, the index of
+    the impact of speed 0, which the second motion does not have; None otherwise. flip: at a flip the second motion has
+    twice the period.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Find the pairs of neighbouring cells of a survey that differ, and the pairs that a curve passes between."""
+"""Find the pairs of neighbouring cells of a survey that differ, and the pairs between whose cells a curve passes."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -20,8 +20,8 @@ UNDECIDED = KINDS.index("undecided")
 class Pairs:
     """Pairs of neighbouring cells that differ.
 
-    first, second (n, 2): indices (i, j) along ε and δ of both cells; the second is the next along δ or along ε.
-    region, attractors (n,): whether the cells differ in their region, or in their attractors.
+    first, second (n, 2): the indices (i, j) along ε and δ of both cells of each pair; the second cell follows the first
+    along δ or along ε. region, attractors (n,): whether the two cells differ in their region, and in their attractors.
     """
 
     first: np.ndarray
@@ -63,7 +63,7 @@ class CellGrid:
         self.labels: np.ndarray | None = None
         self.slots, self.states = tuple[np.ndarray, ...](), tuple[np.ndarray, ...]()
         if all(name in dataset for name in names):
-            # Each slot's label becomes one number; the sorted numbers of a cell then are its set of attractors.
+            # Each slot's label becomes one number, so two cells have the same attractors if their sorted numbers agree.
             kind, m, plus, minus = (np.asarray(dataset[name]).astype(np.int64) for name in names)
             self.labels = np.sort(((kind * 2**15 + m) * 2**15 + plus) * 2**15 + minus, axis=0)
             self.slots = kind, m, plus, minus
@@ -91,7 +91,7 @@ class CellGrid:
         return Pairs(first, second, *(np.concatenate([item[k] for item in found]) for k in (2, 3)))
 
     def _undecided(self) -> np.ndarray:
-        """Return flags (m, n) of the cells with an undecided sample, whose set of attractors is not known."""
+        """Return for each cell (m, n) whether it has an undecided sample, so that its attractors are not all known."""
         return (self.slots[0] == UNDECIDED).any(axis=0)
 
     def differing_labels(self, one: np.ndarray, other: np.ndarray) -> frozenset[Label] | None:
@@ -112,7 +112,7 @@ class CellGrid:
         return bool(epsilon < quiet_limit(delta))
 
     def attractors(self, cell: np.ndarray) -> list[CellAttractor]:
-        """Return the attractors of one cell (i, j), by falling fraction."""
+        """Return the attractors of one cell (i, j), the largest basin fraction first."""
         columns = (*self.slots, *self.states)
         rows = zip(*(values[:, cell[0], cell[1]] for values in columns), strict=True)
         found = [
@@ -130,8 +130,8 @@ class CellGrid:
 class _Families:
     """The families of each cell.
 
-    A family is in a cell if one of its slots lists it, if its orbit was continued into the cell from a neighbour, or,
-    for quiet running, if ε is below the quiet limit.
+    A cell has a family if one of the cell's slots lists it, or if the family's orbit was continued into the cell from a
+    neighbour. A cell has quiet running if ε is below the quiet limit.
     """
 
     def __init__(self, dataset: xr.Dataset, families: xr.Dataset) -> None:
@@ -152,7 +152,7 @@ class _Families:
 
 
 def crossed_pairs(curve: Curve, grid: CellGrid, pairs: Pairs) -> np.ndarray:
-    """Return flags of the pairs (n,) that a curve passes between. Its crossings of the grid lines are solved for."""
+    """Return for each pair (n,) whether a curve passes between its cells, from exact crossings with the grid lines."""
     found = np.zeros(len(pairs), bool)
     beside = pairs.first[:, 0] == pairs.second[:, 0]
     for chosen, fixed in ((~beside, "delta"), (beside, "epsilon")):

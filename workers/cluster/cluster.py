@@ -66,10 +66,11 @@ NO_PAGES: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "dist
 SPANS = "spans"  # an extension of dask's scheduler that is left out, because its records are never deleted
 
 OURS, MODULE = "gear-rattle", "gear_rattle"
-#: Packages whose versions must be equal in all processes: others cannot exchange messages, or compute different bits.
+#: Packages whose versions must be equal in all processes. With different versions, processes cannot exchange messages,
+#: or compute different bits.
 PACKAGES = (OURS, "dask", "distributed", "numpy", "numba", "llvmlite", "zarr")
 SHOWN = 3  # a message names at most this many workers
-REFUSED = "gear-rattle-refused"  # topic of dask's events: a worker with other software
+REFUSED = "gear-rattle-refused"  # topic of dask's events about refused workers, which have other software
 
 logger = logging.getLogger(__name__)
 
@@ -87,7 +88,7 @@ class WarmKernels(WorkerPlugin):
         await warming
 
     def teardown(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
-        """Keep the garbage collector from examining all modules when the process ends: it took a third of a second."""
+        """Keep the garbage collector from examining all modules at the end, which took a third of a second."""
         gc.freeze()
 
 
@@ -139,8 +140,8 @@ def version_check(versions: Mapping[str, str | None], module: str, topic: str) -
                     "the worker is refused, install the same version on both"
                 )
                 worker.log_event(topic, sentence)
-                # The end of closing must not be awaited: the nanny, which must not start the worker again, answers only
-                # once the worker has started.
+                # This must not wait until the worker has closed: the nanny, which must not restart the worker, answers
+                # only once the worker has started.
                 self.closing = asyncio.create_task(worker.close(reason=sentence))
                 await asyncio.sleep(0)  # closing has begun
                 raise RuntimeError(sentence)  # dask writes it to the worker's log
@@ -181,7 +182,7 @@ class _Processes:
             "memory_limit": MEMORY_LIMIT,
             "dashboard": False,
             "silence_logs": logging.CRITICAL,
-            "extensions": {},  # dask's only extension of workers is spans
+            "extensions": {},  # without SPANS, which is dask's only extension of workers
             "preload": __name__,  # imported before the worker must send heartbeats
         }
         start = nannies.Start(dask.config.config, cluster.scheduler_address, n_workers, nice, options)
@@ -238,7 +239,7 @@ class _Processes:
 
 
 def _environment() -> dict[str, str]:
-    """Return the environment variables of workers: as here, with one thread, without warnings of leaked semaphores."""
+    """Return the environment of workers: this process's, with one thread and no warnings of leaked semaphores."""
     ignored = ",".join(filter(None, [os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning"]))
     return {**environment(), **ONE_THREAD, "PYTHONWARNINGS": ignored}
 
@@ -273,7 +274,7 @@ def embedded_cluster(
         `n_workers` is below 1, the processes do not start, or start-up was cancelled.
     """
     if n_workers < 1:
-        raise SurveyError(f"a cluster of {n_workers} processes cannot compute: use 1 process or more")
+        raise SurveyError(f"n_workers must be at least 1, got {n_workers}")
     with ExitStack() as stack:
         # The cluster's event loop logs every lost connection with a traceback until it ends. dask's own option
         # `silence_logs` does not silence the last of these, because it is reset earlier.
@@ -311,9 +312,9 @@ def _scheduler() -> SpecCluster:
 def connect(url: str) -> Iterator[Client]:
     """Connect to an existing dask scheduler, for example at `tcp://host:8786`. The scheduler keeps running afterwards.
 
-    Its workers need the same version of this package, and access to the store under the same path. A worker that joins
-    later with other software is closed before it computes, and the logs of both processes say why. For an address
-    `tls://host:8786`, dask's settings `distributed.comm.tls` name the certificates.
+    The scheduler's workers need the same version of this package, and access to the store under the same path. A worker
+    that joins later with other software is closed before it computes, and the logs of both processes say why. For an
+    address `tls://host:8786`, dask's settings `distributed.comm.tls` name the certificates.
 
     Parameters
     ----------
@@ -331,11 +332,11 @@ def connect(url: str) -> Iterator[Client]:
     ClusterLostError
         Nothing answers at the address, or it has no workers, or the scheduler file cannot be read.
     SurveyError
-        Its workers cannot run the kernels, or have other versions.
+        The workers cannot run the kernels, or have other versions.
     """
     url = _address_of(url)
     with ExitStack() as stack:
-        # The client logs every lost connection with a traceback; the exception below says it in one sentence.
+        # The client would log every lost connection with a traceback; the exception below reports it in one sentence.
         stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
         try:
             _probe(url)
@@ -419,7 +420,7 @@ def _address_of(url: str) -> str:
 
 
 def end_processes(client: Client, addresses: list[str]) -> None:
-    """Kill workers in the middle of their tasks. Workers without a nanny are spared, because nothing restarts them."""
+    """Kill workers, even during a task. Workers without a nanny are spared, because nothing restarts them."""
     if addresses:
         # A frozen worker does not answer this call, so a thread makes the call and nothing waits for the answer.
         ending = partial(client.run, _end_process, workers=addresses, wait=False, on_error="ignore")
@@ -432,7 +433,7 @@ def end_processes(client: Client, addresses: list[str]) -> None:
 
 
 def end_tasks(client: Client, futures: list[Future]) -> None:
-    """Cancel tasks, and kill the processes that compute nothing else."""
+    """Cancel tasks, and kill the workers that run only these tasks."""
     keys = {future.key for future in futures}
     try:
         processing = client.processing()
@@ -445,8 +446,8 @@ def end_tasks(client: Client, futures: list[Future]) -> None:
 def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
     """Cancel tasks, and return when no process computes any of them.
 
-    A worker may have begun a task just when it was cancelled, and the scheduler does not know of it. Workers with a
-    nanny are killed; a worker without a nanny completes such a task.
+    A worker may have begun a task just when it was cancelled, and then the scheduler does not know that the task runs.
+    Workers with a nanny are killed; a worker without a nanny completes such a task.
     """
     end_tasks(client, futures)
     quiet, keys = 0, {future.key for future in futures}

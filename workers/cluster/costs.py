@@ -12,22 +12,22 @@ from gear_rattle.workers.cluster.partial import PartialTile
 from gear_rattle.workers.kinds import AnyTile
 from gear_rattle.workers.survey.tiles import TileRecord
 
-MANY = 64  # cells are measured if a run has at least this many tiles; else its first finished tiles tell as much
+MANY = 64  # cells are measured if a run has at least this many tiles; else its first finished tiles predict as well
 MEASURED = 256  # at most this many tiles have measured cells
 FEWEST, EACH = 128, 5  # at least FEWEST cells are measured in all tiles together, but at most EACH in one tile
-#: The measured cells of a tile are kept if it has at most this many cells for each; in larger tiles they are computed
-#: again with the others, which takes less time than computing the others without them.
+#: The measured cells of a tile are kept if the tile has at most this many cells for each measured cell. In larger tiles
+#: they are computed again with all others, which takes less time than computing the others without them.
 KEPT = 64
 NEAREST = 5  # a tile's cost is the mean of this many measured tiles near it, because a single one may be an exception
 TRUST = 1.0  # weight of the predictions, relative to the measured seconds of finished tiles
-BITS = 20  # a row or column of tiles has a number of at most this many bits
+BITS = 20  # numbers of rows and columns of tiles have at most this many bits
 
 
 @dataclass
 class Begun:
     """State of a run, with which it continues after a pause.
 
-    partial: partly computed tiles, by index. foreseen: measured seconds for a cell of each measured tile, by index.
+    partial: partly computed tiles, by index. foreseen: mean seconds per measured cell of a tile, by index of the tile.
     """
 
     partial: dict[int, PartialTile] = field(default_factory=dict)
@@ -47,7 +47,7 @@ class Begun:
         return evenly(new, columns)[: MEASURED - len(self.foreseen)]
 
     def take_measured(self, tile: AnyTile) -> bool:
-        """Record the cost of a tile after another of its cells was measured; return whether it needs further cells."""
+        """Record the cost of a tile after one more of its cells was measured. Return whether to measure another."""
         part = self.partial[tile.index]
         self.foreseen[tile.index] = part.record.seconds / part.record.cells
         if part.record.cells < self._each:
@@ -85,7 +85,7 @@ class Begun:
         self._rest = math.fsum(self._expected.values())
 
     def in_order(self, tiles: Sequence[AnyTile], columns: int) -> list[AnyTile]:
-        """Sort tiles: first partly computed ones, then by falling cost; equally expensive ones spread over the plane.
+        """Sort tiles: first partly computed tiles, then by falling cost; equally expensive tiles spread over the plane.
 
         Fewer than MANY tiles keep their order.
 
@@ -106,7 +106,9 @@ class Begun:
         if not threads or not self._ended + trusted:
             return None
         pace = (self._spent + trusted) / (self._ended + trusted)
-        if self.foreseen:  # overestimated tiles begin first, so their savings must not be extrapolated to the others
+        # Tiles with too high predictions begin first. So the ratio of measured and predicted time of the finished tiles
+        # # must not be extrapolated to the others.
+        if self.foreseen:
             pace = max(pace, 1.0)
         lefts, begun = [], 0.0
         for index, part in self.partial.items():
@@ -123,8 +125,8 @@ class Begun:
 def evenly(tiles: Iterable[AnyTile], columns: int) -> list[AnyTile]:
     """Sort tiles so that the first n tiles, for any n, are spread over the plane. columns: columns of tiles.
 
-    The order is that of ordered dithering: every second row and column comes before the others, and among these again
-    every second one comes first, and so on.
+    The order is that of ordered dithering: tiles with even row and column numbers come first, then the three groups of
+    other parities. Within each of these four groups the same rule holds for half the numbers, and so on.
 
     Returns
     -------

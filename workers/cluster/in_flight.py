@@ -38,7 +38,7 @@ class InFlight(ABC, Generic[Work, Result]):
     """The submitted tasks of one run. Subclasses decide the order of submission and the response to failures."""
 
     def __init__(self, client: Client, name: str, lost: str) -> None:
-        """Store the client; name: prefix of the tasks' keys in dask. lost: message if the scheduler is lost."""
+        """Store the client. name: prefix of the tasks' keys in dask. lost: error message if the scheduler is lost."""
         self._client, self._lost = client, lost
         self._loop = cast("IOLoop", client.loop)
         self._name = f"{name}-{uuid4().hex}"  # unique, so that dask does not confuse the tasks of two runs
@@ -100,7 +100,7 @@ class InFlight(ABC, Generic[Work, Result]):
         if future.status == "error":
             self.after_error(task, future.exception())
             return None
-        if isinstance(error, CANCELLED | OSError):  # nobody else cancels: the scheduler is gone
+        if isinstance(error, CANCELLED | OSError):  # no other code cancels tasks, so the scheduler is gone
             raise self.lost() from error
         raise error
 
@@ -118,9 +118,9 @@ class InFlight(ABC, Generic[Work, Result]):
         self._ended.put((future, result, error))
 
     def drop(self, belongs: Callable[[Work], bool]) -> None:
-        """Forget the tasks whose work `belongs` selects. The scheduler then cancels them if they are unfinished.
+        """Forget the tasks for whose work `belongs` returns true. The scheduler then cancels the unfinished ones.
 
-        Finished tasks must be forgotten too: dask would compute a kept one again if its worker died.
+        Finished tasks must be forgotten, too: if a worker died, dask would compute its remembered tasks again.
         """
         for key, task in list(self.in_flight.items()):
             if belongs(task.work):

@@ -14,9 +14,9 @@ from gear_rattle.workers.errors import StoppedError, SurveyError
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.tiles import POLL_SECONDS
 
-#: A task is attempted this often; an attempt ends when two workers have died.
+#: A task is attempted at most this many times; an attempt fails when two workers have died during it.
 ATTEMPTS = 3
-SEVERAL = 8  # tasks for each thread in a batch, where the next batch begins only after all tasks have ended
+SEVERAL = 8  # tasks for each thread in a batch; the next batch begins only after all tasks of this one have ended
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Joining(InFlight[_Item, Any]):
     """Runs the tasks that complete a survey on a cluster. Its method `each` is an argument of `complete`."""
 
     def __init__(self, client: Client, should_stop: Callable[[], bool]) -> None:
-        """Store the client; should_stop: called several times a second, returns whether to stop."""
+        """Store the client. should_stop: returns whether to stop; it is called several times a second."""
         super().__init__(client, "join", LOST)
         self._should_stop = should_stop
         self._waiting = deque[_Item]()
@@ -39,7 +39,7 @@ class Joining(InFlight[_Item, Any]):
     def each(
         self, task: Callable[..., Any], request: SurveyRequest, path: str, items: Sequence[tuple[Any, ...]]
     ) -> list[Any]:
-        """Run `task(request, path, *item)` for each item, as `map` does."""
+        """Run `task(request, path, *item)` for each item with `map`, and return the results in order."""
         return self.map(task, [(request, path, *item) for item in items])
 
     def map(self, task: Callable[..., Any], items: Sequence[tuple[Any, ...]]) -> list[Any]:

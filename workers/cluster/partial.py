@@ -14,7 +14,7 @@ from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.survey.tiles import Tile, TileArrays, TileRecord
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 
-PART_SECONDS = 2.0  # a task takes at most this long, unless one cell takes longer; other surveys can begin after it
+PART_SECONDS = 2.0  # a task takes at most this long, unless one cell takes longer, so that others can begin soon
 FEW = 16  # a tile with fewer cells has no parts
 QUICK = 0.25  # a tile that takes less than this share of a task's time has no parts
 
@@ -41,7 +41,8 @@ class PartialTile:
 def is_divisible(request: AnyRequest, cells: int) -> bool:
     """Return whether a tile with this number of cells may take long, and can be computed in parts.
 
-    Tiles of closed forms take no time. Refined tiles cannot be divided, because their leaves share cells.
+    Tiles of quantities in closed form take no time. Tiles of a refined survey cannot be divided, because the leaves
+    (squares of cells that are filled from their rims) share cells.
 
     Returns
     -------

@@ -12,12 +12,12 @@ from gear_rattle.workers.survey.request import SurveyRequest
 
 PRIORITY = 10  # dask runs tasks of higher priority first; tiles have 0
 PART_SECONDS = 0.3  # intended duration of a part; a running part cannot be interrupted
-FIRST_CELLS = 64  # cells of a part as long as the time for a cell is not known
-FIRST_CLOSED_FORM = 16_384  # the same for variables in closed form
+FIRST_CELLS = 64  # number of cells of a part until the time per cell has been measured
+FIRST_CLOSED_FORM = 16_384  # this number for variables in closed form
 FRAME_SECONDS = 0.4  # seconds between two frames of a level
 POLL_SECONDS = 0.1  # seconds between two checks whether to stop
 WORKERLESS_SECONDS = 20.0  # the cluster is lost after this time without workers
-AHEAD = 2  # submitted parts for each thread: a running one and a waiting one
+AHEAD = 2  # submitted parts for each thread: one runs, and one waits
 LOST = "the workers are gone, or are being restarted: try again in a few seconds"
 
 
@@ -69,7 +69,7 @@ def refined_frames(
 
 
 class _Work(InFlight[WindowPart, PartValues]):
-    """The parts of a window that are on the cluster."""
+    """The parts of a window that are submitted to the cluster and have not ended."""
 
     def __init__(self, client: Client, survey: SurveyRequest, variable: str, index: int) -> None:
         super().__init__(client, "window", LOST)

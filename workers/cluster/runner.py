@@ -38,8 +38,8 @@ from gear_rattle.workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-#: A template is attempted this often, because dask may send it to a worker that is just ending. An attempt ends when
-#: two workers have died.
+#: The computation of a template is attempted this many times, because dask may send it to a worker that is just
+#: ending. An attempt fails when two workers have died during it.
 ATTEMPTS = 3
 
 
@@ -84,7 +84,7 @@ def advance_tile(
 
 @lru_cache(maxsize=16)
 def _loaded_for(_request: AnyRequest) -> list[bool]:
-    """Return a list for each request. It is empty until this process has loaded the kernels that the request needs."""
+    """Return the list of this request. It is empty until this process has loaded the kernels that the request needs."""
     return []
 
 
@@ -149,7 +149,7 @@ def complete_on(
     """Complete a survey on a cluster with `complete`, while holding the lock of the store.
 
     See `complete` for on_proved and should_pause, and `template_on` for should_stop and the errors. After a stop no
-    process computes any part of it.
+    process continues the work.
     """
     place, joining = place_of(where), Joining(client, should_stop)
     with place.writing():

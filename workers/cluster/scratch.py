@@ -1,4 +1,4 @@
-"""The directory for a cluster's temporary files. If a killed process leaves one behind, the next start removes it."""
+"""The directory for a cluster's temporary files. The directory of a killed process is removed at the next start."""
 
 import fcntl
 import os

@@ -20,11 +20,11 @@ from gear_rattle.workers.survey.tiles import TileRecord
 #: A tile is late if it takes longer than LATE_SECONDS, and than LATE_FACTOR times the longest tile of the run so far.
 #: Its worker may be frozen.
 LATE_SECONDS, LATE_FACTOR = 30.0, 10
-#: A tile of up to TILE_CELLS cells may take TILE_SECONDS on a worker; a larger one proportionally longer, but at most
-#: MOST times as long. A usual tile takes seconds.
+#: A tile of up to TILE_CELLS cells may take TILE_SECONDS on a worker. A larger tile may take proportionally longer, but
+#: at most MOST times as long. A usual tile takes seconds.
 TILE_CELLS, TILE_SECONDS, MOST = 4096, 900.0, 8.0
-#: After the process of such a tile has been killed, the next one is killed after this time at the earliest, because the
-#: process restarts meanwhile.
+#: Least seconds between killing the process of one tile that takes too long and that of the next such tile, because the
+#: killed process restarts meanwhile.
 RESTART_SECONDS = 60.0
 #: A cluster is lost after this time without workers; shorter times pass while workers restart.
 WORKERLESS_SECONDS = 60.0
@@ -36,14 +36,14 @@ Found = TileRecord | PartialTile
 
 @dataclass(frozen=True)
 class Attempt:
-    """An attempt at a tile; several attempts at the same tile write the same bytes."""
+    """An attempt to compute a tile. All attempts at the same tile write the same bytes."""
 
     tile: AnyTile
     apart: bool
 
 
 class Submission(InFlight[Attempt, Found]):
-    """The tiles of one run that are on the cluster."""
+    """The tiles of one run that are submitted to the cluster and have not ended."""
 
     def __init__(
         self,
@@ -55,8 +55,8 @@ class Submission(InFlight[Attempt, Found]):
     ) -> None:
         """Store the function that tasks run, and its arguments.
 
-        task: called as `advance_tile`. path: location of the store. partial: partly computed tiles by index, updated in
-        place.
+        task: function with the arguments of `advance_tile`. path: location of the store. partial: partly computed tiles
+        by index, updated in place.
         """
         super().__init__(client, "tile", LOST)
         self._task, self._request, self._path = task, request, path
@@ -93,7 +93,7 @@ class Submission(InFlight[Attempt, Found]):
         Parameters
         ----------
         again : bool
-            Also repeat tiles that were repeated before. They may just be slow, and delay new tiles.
+            Also repeat tiles that were repeated before. Such tiles may just be slow, and would delay new tiles.
 
         Returns
         -------
@@ -114,7 +114,7 @@ class Submission(InFlight[Attempt, Found]):
         return len(self.in_flight) - before
 
     def set_endless_tile_apart(self) -> None:
-        """Kill the process of a tile that has taken too long, and compute the tile apart, with a limit for each cell.
+        """Kill the process of a tile that has taken too long, and compute its cells with a time limit in a new process.
 
         Only one tile is treated at a time: dask may send another tile to the ending process, and would count the death
         against that tile.
@@ -151,7 +151,7 @@ class Submission(InFlight[Attempt, Found]):
         return found
 
     def after_error(self, task: Task[Attempt], error: BaseException) -> None:
-        """Compute a tile apart if it has killed its workers; raise any other error."""
+        """Compute a tile in a process of its own if it has killed its workers; raise any other error."""
         tile = task.work.tile
         if not isinstance(error, KilledWorker):
             raise tile_error(self._request, tile, error) from error
@@ -172,7 +172,7 @@ class Submission(InFlight[Attempt, Found]):
         self.drop(lambda attempt: attempt.tile.index == tile.index)
 
     def cut_off(self) -> None:
-        """Cancel all tasks, and kill the processes that compute nothing else."""
+        """Cancel all tasks of this run, and kill the workers that run only these tasks."""
         futures = [task.future for task in self.in_flight.values()]
         self.in_flight.clear()
         end_tasks(self._client, futures)

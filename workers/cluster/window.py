@@ -26,7 +26,7 @@ from rattle.errors import require_integer, require_pair
 HALVINGS = 5  # the coarsest level has every 2⁵-th row and column of the whole grid
 MOST_PIXELS = 4096  # the most pixels along an axis
 RESOLVED = 4  # neighbouring values of an axis differ by at least this many units in the last place
-#: Groups that are computed at once at full resolution, if the model has them in closed form.
+#: Groups of variables that are computed at once at full resolution, if the model has closed forms of them.
 CLOSED_FORM = frozenset({Group.REGION, Group.ORBITS})
 
 
@@ -38,7 +38,7 @@ class WindowPart(NamedTuple):
 
 
 class PartValues(NamedTuple):
-    """Result of a part: values (n_epsilon, n_delta), the number of failed cells, and the seconds that it took."""
+    """Result of a part: values (n_epsilon, n_delta), number of failed cells, and seconds of the computation."""
 
     values: np.ndarray
     failed: int
@@ -47,7 +47,7 @@ class PartValues(NamedTuple):
 
 @dataclass(frozen=True)
 class Frame:
-    """A partly computed window: cell centres delta (n,) and epsilon (m,), values (m, n) in the dtype of the map.
+    """A partly computed window. delta (n,), epsilon (m,): the cell centres. values (m, n): in the dtype of the map.
 
     A cell that is not computed yet has the value of a neighbour on the next coarser level. done: computed share of the
     whole grid, 1 in the last frame. failed: number of cells that could not be computed and have no value.
@@ -140,7 +140,7 @@ class Grid:
         return WindowPart(odd, every), WindowPart(even, odd)
 
     def parts(self, block: WindowPart, cells: int) -> Iterator[WindowPart]:
-        """Yield the parts of a block, with about `cells` cells each: bands of rows, or pieces of a row."""
+        """Yield the parts of a block, with about `cells` cells each: bands of whole rows, or parts of a row."""
         rows, columns = range(self.epsilon.size)[block.epsilon], range(self.delta.size)[block.delta]
         band = max(1, cells // max(len(columns), 1))
         piece = len(columns) if cells >= len(columns) else max(1, cells)
@@ -204,7 +204,7 @@ def compute_part(
 
 
 def _evaluated(wanted: tuple[Quantity, ...], index: int, cells: Cells) -> np.ndarray:
-    """Compute variables, and return the map of the last one. index: position along its dimension beside the cells."""
+    """Compute variables, and return the map of the last one. index: position along its dimension besides δ and ε."""
     for quantity in (each for each in wanted if each.per_cell):
         values = np.asarray(quantity.evaluate(cells)).astype(quantity.dtype)
     return values[(index, *(0,) * (values.ndim - 3))] if values.ndim > 2 else values

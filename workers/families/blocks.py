@@ -1,6 +1,6 @@
-"""The blocks in which a survey's attractors are joined to families, and their temporary files in the store.
+"""The blocks (rectangles of cells) in which a survey's attractors are joined to families, and their temporary files.
 
-Blocks do not depend on the tiles of the survey.
+Blocks do not depend on the tiles of the survey. The temporary files are in the store.
 """
 
 from __future__ import annotations
@@ -20,15 +20,17 @@ from gear_rattle.workers.survey.request import Along, SurveyRequest
 from rattle import Attractors
 from rattle.families import Rectangle
 
-#: The most slots in a block, for which a worker needs some 100 MB. Another number changes one continued orbit in 10⁸.
+#: Largest number of slots in a block, for which a worker needs some 100 MB. With another number one in 10⁸ continued
+#: orbits would differ.
 SLOTS_OF_BLOCK = 1 << 19
 
 
 @dataclass(frozen=True)
 class Block:
-    """A rectangle of cells that is joined in one task, and is a chunk of the array of family numbers.
+    """A rectangle of cells that one task joins, and that is a chunk of the array of family numbers.
 
-    row, column: its position among the blocks. side: cells along a side of a block; blocks at the end may be smaller.
+    row, column: the position of the block among all blocks. cells: its cells. side: the number of cells along a side of
+    a block; blocks at the ends of the axes may be smaller.
     """
 
     row: int
@@ -39,15 +41,15 @@ class Block:
 
     @property
     def chunk(self) -> str:
-        """The key of the chunk with the family numbers of its slots."""
+        """The key of the chunk with the family numbers of the block's slots."""
         return "/".join([FAMILY, "c", *map(str, (*self.along, 0, self.row, self.column))])
 
     def kept(self, what: str) -> str:
-        """Return the key of a temporary file of the block, COMPONENTS or TARGETS. It exists during the join only."""
+        """Return the key of a temporary file of the block, COMPONENTS or TARGETS, which exists during the join only."""
         return ".".join([f"{GROUP}/joining", *map(str, (*self.along, self.row, self.column)), what])
 
 
-#: Names of a block's temporary files: the component of each attractor, and its slot.
+#: Names of a block's temporary files: the component (connected part of a family) of each attractor, and its slot.
 COMPONENTS, TARGETS = "components", "slots"
 
 
@@ -79,13 +81,13 @@ def within(cell: np.ndarray, cells: Rectangle, columns: int) -> np.ndarray:
 
 
 def numbered_in(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
-    """Replace the cells' numbers in the grid by their numbers in a rectangle."""
+    """Return attractors whose cells are numbered in a rectangle, from a table whose cells are numbered in the grid."""
     row, column = np.divmod(table.cell, columns)
     return table.replace(cell=(row - cells.top) * (cells.right - cells.left) + column - cells.left)
 
 
 def numbered_over(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
-    """Replace the cells' numbers in a rectangle by their numbers in the grid."""
+    """Return attractors whose cells are numbered in the grid, from a table whose cells are numbered in a rectangle."""
     row, column = np.divmod(table.cell, cells.right - cells.left)
     return table.replace(cell=(row + cells.top) * columns + column + cells.left)
 
@@ -111,7 +113,7 @@ def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along:
 
 
 def read_components(place: Place, block: Block) -> np.ndarray:
-    """Return the component of each attractor of a block, listed or continued, sorted by cell."""
+    """Return the component of each attractor of a block, listed in a slot or continued into it, sorted by cell."""
     with reading(f"a temporary file of {place}"):
         return np.frombuffer(place.read(block.kept(COMPONENTS)), np.int32).astype(np.int64)
 
@@ -127,9 +129,9 @@ def common(one: Rectangle, other: Rectangle) -> Rectangle:
 
 
 def read_targets(request: SurveyRequest, place: Place, cells: Rectangle, blocks: Iterable[Block]) -> np.ndarray:
-    """Read the slots (slots, m, n) to which the listed attractors of each cell of a rectangle belong.
+    """Read for each listed attractor in a rectangle of cells the slot in which it belongs, shape (slots, m, n).
 
-    Along the first axis are the first, second, … attractor of a cell. blocks: the blocks that cover the rectangle.
+    The first axis counts the attractors of a cell. blocks: the blocks that cover the rectangle.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Join the attractors of a survey to families after all tiles. Each task handles one block, here or on a cluster."""
+"""Join the attractors of a survey to families after all tiles. A task handles one block, in this process or by dask."""
 
 from __future__ import annotations
 
@@ -52,15 +52,22 @@ Rows = TypeVar("Rows", Attractors, Border)
 
 
 def lacks_families(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Return whether the families of a survey whose tiles are all computed are still missing."""
+    """Return whether a survey, whose tiles are all computed, is to have families but does not have them yet."""
     return Group.FAMILIES in request.quantities and not has_added(where, FAMILY)
 
 
 def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = here, at_once: int = 1) -> None:
     """Join the attractors of a survey whose tiles are all computed, slice by slice, and store their families.
 
-    The caller holds the lock of the store. The result depends on the cells alone, not on the shape or order of tiles. A
-    killed run leaves a survey without families, and the next call joins it from the beginning.
+    The caller must hold the lock of the store. The result depends on the cells alone, and not on the shape or order of
+    tiles. If the process is killed, the survey has no families, and the next call joins it from the beginning.
+
+    Parameters
+    ----------
+    each : Each
+        Function that runs a task for each block.
+    at_once : int
+        Number of tiles whose attractors are moved to their slots at the same time.
 
     Raises
     ------
@@ -82,7 +89,7 @@ def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = 
 
 
 class _Join:
-    """The join of one slice. It keeps summaries of all blocks in memory: their families, and attractors at borders."""
+    """The join of one slice. Summaries of all blocks are in memory: their families, and the attractors at borders."""
 
     def __init__(self, survey: SurveyRequest, place: Place, each: Each, at_once: int, along: Along) -> None:
         self.along, self._survey, self._request = along, survey, survey.at(along)
@@ -127,7 +134,15 @@ class _Join:
         return [i for i in found if i is not None]
 
     def _beside(self, block: Block, tables: Sequence[Rows], before: int = 1) -> Rows:
-        """Select the rows in the cells around a block (with before=0, after its end) from the tables of all blocks."""
+        """Return the rows, from the tables of all blocks, that belong to cells just around a block.
+
+        before: 0 for only the cells after the block's last row and column.
+
+        Returns
+        -------
+        Rows
+            A table of the same type.
+        """
         frame = with_rim(block.cells, self._request.shape, before)
         near = [tables[i] for i in self._near(block)]
         rim = [
@@ -166,7 +181,7 @@ class _Join:
                 new[i], entered[i] = found, together(entered[i], found)
 
     def _components(self, parts: Sequence[Connected]) -> list[np.ndarray]:
-        """Join the components of all blocks. Return for each block the survey's component of each of its components.
+        """Connect the components of all blocks to components of the survey.
 
         Parameters
         ----------
@@ -176,9 +191,10 @@ class _Join:
         Returns
         -------
         list[np.ndarray]
-            For each block: numbers by component of the block, and NO_FAMILY as the last entry, for component −1.
+            For each block an array: for each component of the block the number of the survey's component to which it
+            belongs. The last entry is NO_FAMILY, so that component −1 (undecided samples) has no family.
         """
-        from scipy.sparse import coo_array  # here, because it takes an eighth of a second to load
+        from scipy.sparse import coo_array  # imported here, because it takes an eighth of a second to load
         from scipy.sparse.csgraph import connected_components
 
         begin = np.cumsum([0, *(part.number for part in parts)])
@@ -210,7 +226,7 @@ class _Join:
         return self._of_blocks(tell_block, zip(entered, component, self._after(first), passed, strict=True))
 
     def _slots(self, told: Sequence[Told], family: np.ndarray, families: int) -> np.ndarray:
-        """Return the slot that each family has in all its cells, −1 if it has none, and a last entry −1."""
+        """Return the slot of each family in all its cells, −1 for none. A last entry −1 stands for no family."""
         if not self._request.slots_follow_families:
             return np.full(families + 1, -1, np.int8)
         pairs = np.unique(np.sort(np.concatenate([family[each.pairs] for each in told]), axis=1), axis=0)
@@ -230,7 +246,8 @@ class _Join:
     def _move(self) -> None:
         """Move the attractors of all tiles to their slots.
 
-        A tile that an earlier, killed run rewrote but did not record counts as damaged, and is computed again.
+        If an earlier run rewrote a tile but was killed before it recorded the tile, the tile counts as damaged, and is
+        computed again.
         """
         known, tiles = known_manifest(self._place), iter(tiles_at(self._survey, self.along))
         with noting(self._place) as note:
@@ -241,13 +258,13 @@ class _Join:
 
 
 def _of_all(borders: Sequence[Border], begin: np.ndarray) -> Border:
-    """Concatenate the borders of all blocks. The numbers of block i's components are shifted by begin[i]."""
+    """Concatenate the borders of all blocks. begin[i] is added to the numbers of the components of block i."""
     found = Border.concat(list(borders))
     return found.replace(component=found.component + np.repeat(begin[:-1], [each.cell.size for each in borders]))
 
 
 def _curves(request: SurveyRequest, place: Place, along: Along) -> dict[str, Polyline]:
-    """Read the curves of a slice from the store."""
+    """Read the bifurcation curves of a slice from the store: δ, ε and piece of their points, by name of the curve."""
     found: dict[str, Polyline] = {}
     with reading(f"the curves of {place}"):
         for name in request.gear_model.curve_names:

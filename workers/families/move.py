@@ -20,7 +20,7 @@ from rattle.families import Rectangle
 def move_tile(
     request: SurveyRequest, path: str, tile: Tile, blocks: Sequence[Block], known: Mapping[str, str]
 ) -> Mapping[str, str]:
-    """Move the attractors of a tile to their slots, and write the tile unless all attractors already are in place.
+    """Move the attractors of a tile to their slots, and write the tile if this changes it.
 
     If the stored tile is damaged, for example because a worker died while it moved attractors, it is computed again.
 
@@ -54,7 +54,7 @@ def move_tile(
 def _source(
     request: SurveyRequest, place: Place, tile: Tile, blocks: Sequence[Block], values: TileArrays
 ) -> np.ndarray:
-    """Return for each slot (slots, m, n) of a tile the present slot of the attractor that belongs there."""
+    """Return for each slot of a tile (slots, m, n) the slot in which the attractor that belongs there is now."""
     cells = Rectangle(tile.epsilon.start, tile.epsilon.stop, tile.delta.start, tile.delta.stop)
     target = read_targets(request, place, cells, blocks).reshape(request.n_slots, -1)
     found = attractors_in_slots(values, request.initial_conditions.count)

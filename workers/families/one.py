@@ -34,16 +34,17 @@ PER_CELL = {
 def open_family(path_or_url: str | Path | Place, number: int, slice_number: int | None = None) -> xr.Dataset:
     """Return one family of a survey that was computed with families, as a map over (epsilon, delta).
 
-    `fraction` and its upper bound are NaN in cells without the family; `fraction` is 0 where its orbit exists but no
-    sample reached it. `phase` and `velocity` are a state on the attractor; `lyapunov` has both exponents, and
+    `fraction` and `fraction_upper` are NaN in cells without the family; `fraction` is 0 where the family's orbit exists
+    but no sample reached it. `phase` and `velocity` are a state on the attractor; `lyapunov` has both exponents, and
     `multiplier` the moduli of the multipliers of a periodic orbit. `attractors` is the number of attractors of the
-    family in a cell. If there are several, `fraction` is their sum, and all other variables describe the attractor with
-    the largest fraction. The attributes are the family's row of the group `families`.
+    family in a cell. If there are several, `fraction` is the sum of their fractions, and all other variables describe
+    the attractor with the largest fraction. The attributes are the family's row of the group `families`.
 
     Parameters
     ----------
     slice_number : int | None
-        Number of the slice, from 0, if the survey has a third axis; each slice has its own families.
+        The number of the slice, from 0, if the survey has a third axis, because each slice has its own families; None
+        without a third axis.
 
     Returns
     -------
@@ -66,9 +67,9 @@ def family_of(
     Parameters
     ----------
     opened : Callable[[str | None], xr.Dataset]
-        Opens the survey (None), or a group of it, given the group's path.
+        Function that opens the survey (called with None) or one of its groups (called with the group's path).
     name : str
-        What messages call the survey.
+        The name of the survey in messages.
 
     Returns
     -------
@@ -109,7 +110,7 @@ def family_of(
 def _map_of(survey: xr.Dataset, number: int, entered: xr.Dataset) -> dict[str, np.ndarray]:
     """Return the maps of a family: fraction, state, exponents, and number of attractors.
 
-    entered: the family's orbits that continuation found without a slot.
+    entered: the family's orbits that have no slot, because only continuation found them.
 
     Returns
     -------

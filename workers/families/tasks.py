@@ -1,4 +1,4 @@
-"""The tasks of the join: each handles one block of a survey.
+"""The tasks that join a survey's attractors to families. Each task handles one block of cells.
 
 The result of a task follows from its arguments and the contents of tiles, so a task may be repeated.
 """
@@ -36,12 +36,16 @@ from rattle import Attractors
 from rattle.families import NO_FAMILY, QUIET_FAMILY, Rectangle, Sums, connected, entering, in_order, sums_of, together
 from rattle.numerics import StructOfArrays
 
-PLACES = 1 << 16  # more than a cell can have attractors
+PLACES = 1 << 16  # larger than the number of attractors of any cell
 
 
 @dataclass(frozen=True, eq=False)
 class Border(StructOfArrays):
-    """Attractors (k,) on the border of a block. place: position among the attractors of the cell."""
+    """The attractors (k,) on the border of a block.
+
+    cell: the cell of each attractor. place: its position among the attractors of the cell. component: the number of the
+    connected part of a family to which it belongs.
+    """
 
     cell: np.ndarray
     place: np.ndarray
@@ -49,17 +53,17 @@ class Border(StructOfArrays):
 
     @property
     def key(self) -> np.ndarray:
-        """A number for each attractor that identifies it by cell and place."""
+        """A number for each attractor, which follows from cell and place and differs for different attractors."""
         found: np.ndarray = self.cell * PLACES + self.place
         return found
 
 
 class Connected(NamedTuple):
-    """The components of a block.
+    """The components (connected parts of families) of a block.
 
-    number: their number; component 0 is quiet running. first: the attractors in the block's first row and column.
-    beyond: the attractors in the cells after its last row and column that are connected with a component of the block.
-    entered: the component of each orbit that was continued into the block.
+    number: how many components there are; component 0 is quiet running. first: the attractors in the block's first row
+    and column. beyond: those attractors in the cells after the block's last row and column that are connected with a
+    component of the block. entered: the component of each orbit that was continued into the block.
     """
 
     number: int
@@ -69,7 +73,7 @@ class Connected(NamedTuple):
 
 
 class Told(NamedTuple):
-    """Summary of a block's components: their sums, their edges, and the pairs of components that share a cell."""
+    """Summary of the components in a block: their sums, their edges, and the pairs that occur in the same cell."""
 
     sums: Sums
     ends: FamilyEnds
@@ -81,8 +85,8 @@ def enter_block(
 ) -> Attractors:
     """Continue orbits into the cells of a block, from cell to cell.
 
-    beside: orbits around the block that are new since the last call. If it is None, all attractors of the block and
-    around it are continued.
+    entered: the orbits that were continued into the block before. beside: the orbits in the cells around the block that
+    are new since the last call; None: continue all attractors of the block and of the cells around it.
 
     Returns
     -------
@@ -107,10 +111,10 @@ def enter_block(
 def connect_block(
     request: SurveyRequest, path: str, block: Block, entered: Attractors, beside: Attractors
 ) -> Connected:
-    """Connect the attractors of a block with each other and with those in the cells after its last row and column.
+    """Connect the attractors of a block with each other, and with attractors just after its last row and column.
 
-    entered: orbits that were continued into the block. beside: orbits that were continued into the cells after it. The
-    component of each attractor is written to a temporary file.
+    entered: the orbits that were continued into the block. beside: the orbits that were continued into the cells after
+    its last row and column. The component of each attractor is written to a temporary file.
 
     Returns
     -------
@@ -157,11 +161,11 @@ def tell_block(
     entered : Attractors
         The orbits that were continued into the block.
     component : np.ndarray
-        The survey's component for each component of the block; the last entry is for component −1.
+        For each component of the block the number of the survey's component; the last entry is for component −1.
     beyond : Border
         The attractors in the cells after the block's last row and column.
     crossings : Sequence[Crossings]
-        Where each curve passes between cells of the block.
+        For each curve, where it passes between cells of the block.
 
     Returns
     -------
@@ -181,10 +185,10 @@ def tell_block(
 def write_families(
     request: SurveyRequest, path: str, block: Block, entered: Attractors, family: np.ndarray, slot: np.ndarray
 ) -> str:
-    """Write the family numbers of a block, and the slots of its attractors to a temporary file.
+    """Write the family numbers of a block to the store, and the slots of its attractors to a temporary file.
 
-    family: the family of each component of the block; the last entry is for component −1. slot: the slot of each
-    component's family in all cells, −1 if it has none.
+    entered: the orbits that were continued into the block. family: the family of each component of the block; the last
+    entry is for component −1. slot: the slot of each component's family in all cells, −1 if it has none.
 
     Returns
     -------
@@ -230,7 +234,7 @@ def _known(place: Place, block: Block, found: Slots, entered: Attractors) -> tup
 
 
 def _pairs(cell: np.ndarray, component: np.ndarray) -> np.ndarray:
-    """Return the pairs (k, 2) of components that share a cell, sorted, with the smaller number first."""
+    """Return the sorted pairs (k, 2) of components that occur in the same cell, the smaller number first."""
     found = [np.zeros((0, 2), np.int64)]
     for apart in range(1, int(np.bincount(np.unique(cell, return_inverse=True)[1]).max(initial=0))):
         same = cell[apart:] == cell[:-apart]

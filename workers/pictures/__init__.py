@@ -1,1 +1,1 @@
-"""Draw maps with matplotlib."""
+"""Draw the variables of a survey as maps over the (δ, ε) plane, with matplotlib."""

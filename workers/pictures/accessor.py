@@ -28,9 +28,9 @@ class SurveyAccessor:
         variable : str
             Any variable over (epsilon, delta), by default the regions.
         index : int
-            Number of the orbit or slot, if the variable has several.
+            The number of the orbit or slot, from 0, if the variable has a map for each of several.
         slice_number : int | None
-            Number of the slice, from 0, if the survey has a third axis.
+            The number of the slice, from 0, if the survey has a third axis; None if it has no third axis.
 
         Returns
         -------

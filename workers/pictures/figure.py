@@ -1,4 +1,4 @@
-"""Draw the picture of a survey: its regions with their bounding curves, quiet fraction, and largest exponent."""
+"""Draw the picture of a survey: regions with the curves between them, quiet fraction, largest Lyapunov exponent."""
 
 from collections.abc import Iterable
 
@@ -69,14 +69,14 @@ def region_places(region: np.ndarray, delta: np.ndarray, epsilon: np.ndarray) ->
 
 
 def widest_of(codes: np.ndarray, asked: Iterable[int]) -> dict[int, tuple[int, int, float]]:
-    """Return for each requested code that occurs in a map (m, n) the middle cell of its widest part.
+    """Return for each requested code that occurs in a map (m, n) the middle cell of the widest part with this code.
 
     Returns
     -------
     dict[int, tuple[int, int, float]]
-        Row, column, and distance to the nearest cell of another code, by code.
+        By code: row and column of the cell, and its distance in cells from the nearest cell with another code.
     """
-    from scipy.ndimage import distance_transform_edt  # here, because it takes a fifth of a second to load
+    from scipy.ndimage import distance_transform_edt  # imported here, because it takes a fifth of a second to load
 
     places = {}
     for code in asked:

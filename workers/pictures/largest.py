@@ -24,7 +24,7 @@ from rattle import KINDS
 from rattle.attractors import CHAOTIC, PERIODIC
 from rattle.plot import KIND_COLOURS, Palette, legend_name
 
-OTHERS = 31  # the last code, for all further families: a level distinguishes 32 codes, and code 0 is "none"
+OTHERS = 31  # the last code, for all further families: a pyramid level distinguishes 32 codes, and code 0 is "none"
 FLAG_COLOURS = "flag_colours"  # attribute of a map: the colour of each code
 NONE_COLOUR = "#f4efe3"
 APART = 40.0  # least distance in CIELAB between the colours of two families, if possible
@@ -38,12 +38,14 @@ LETTERS = {(1, 1, 0): "C", (1, 1, 1): "D"}  # motions of the impacting gear with
 def open_maps(
     opened: Callable[[str | None], xr.Dataset], variable: str, number: int | None = None, limit: int = MOST_CELLS
 ) -> xr.Dataset:
-    """Return an open survey, or a slice of it; with the maps of its families if `variable` is LARGEST or SHARE.
+    """Return an open survey, or a slice of it. If `variable` is LARGEST or SHARE, add the maps of its families.
 
     Parameters
     ----------
     opened : Callable[[str | None], xr.Dataset]
-        Opens the survey (None), or a group of it, given the group's path.
+        Function that opens the survey (called with None) or one of its groups (called with the group's path).
+    number : int | None
+        The number of the slice; None for a survey without a third axis.
 
     Returns
     -------
@@ -70,12 +72,12 @@ def open_maps(
 
 
 def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
-    """Add the maps of families to a survey, or to a slice of it. table: its group of families.
+    """Add the maps of families to a survey or to a slice of it. table: the group `families` of the survey or slice.
 
     Returns
     -------
     xr.Dataset
-        The survey with LARGEST (among, epsilon, delta) and SHARE (family, epsilon, delta).
+        The survey with the variables LARGEST (among, epsilon, delta) and SHARE (family, epsilon, delta).
     """
     with reading("the families"):
         names, colours = names_of(survey, table), colours_of(table)
@@ -100,7 +102,7 @@ def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
 
 
 def names_of(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> list[str]:
-    """Return the names of the first families, such as "2: P(1,1,0) = C"; only the impacting gear's have letters."""
+    """Return the names of the first families, such as "2: P(1,1,0) = C"; letters only for the impacting gear."""
     of = {name: np.asarray(table[name][:most]).tolist() for name in ("kind", "m", "n_plus", "n_minus")}
     letters = LETTERS if surveyed_model(survey).in_closed_form else {}
     found = []
@@ -116,7 +118,7 @@ def names_of(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> list[
 
 
 def _contacts_of(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
-    """Return the number of contact phases of a family where its share is largest; 0 for models without them."""
+    """Return how many contact phases a family has where its share is largest; 0 for models without contact phases."""
     if CONTACTS not in survey:
         return 0
     at = {axis: float(table[f"{axis}_at"][number]) for axis in CELL}
@@ -125,7 +127,7 @@ def _contacts_of(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
 
 
 def colours_of(table: xr.Dataset) -> list[str]:
-    """Return the colours of the first families: the usual colour of its motion, or another one if that is taken."""
+    """Return a colour for each of the first families: the colour of its motion, or a spare one if that is taken."""
     palette, found = Palette(APART), []
     rows = (np.asarray(table[name][: OTHERS - 1]).tolist() for name in ("kind", "m", "n_plus", "n_minus"))
     for kind, *label in zip(*rows, strict=True):
@@ -141,11 +143,11 @@ def largest(family: np.ndarray, share: np.ndarray, first: int = 0) -> np.ndarray
     Parameters
     ----------
     family : np.ndarray
-        Family of each slot, shape (slots, …), −1 in an empty slot.
+        The number of the family in each slot, shape (slots, …), −1 in an empty slot.
     share : np.ndarray
-        Share of each slot, shape (slots, …).
+        The share of the samples in each slot, shape (slots, …).
     first : int
-        Families with a lower number are left out.
+        Families with a number below this are left out.
 
     Returns
     -------
@@ -162,7 +164,7 @@ def largest(family: np.ndarray, share: np.ndarray, first: int = 0) -> np.ndarray
 
 
 class _OfFamilies(BackendArray):
-    """An array of `length` maps that is computed from the slots of a survey when it is read."""
+    """An array (length, epsilon, delta) of maps. Its values are computed from a survey's slots when they are read."""
 
     def __init__(self, survey: xr.Dataset, length: int, dtype: type) -> None:
         self._family, self._fraction = survey[FAMILY], survey["attractor_fraction"]
@@ -183,7 +185,7 @@ class _OfFamilies(BackendArray):
         return found.reshape([size for each in asked for size in np.shape(each)])
 
     def _of(self, index: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Return the values of some maps in some rows and columns."""
+        """Return the values of the maps with the numbers `index`, in these rows and columns."""
         spans = dict(zip(CELL, ((each.min(), each.max() + 1) for each in (rows, columns)), strict=True))
         window = {axis: slice(int(low), int(high)) for axis, (low, high) in spans.items()}
         cells = np.ix_(rows - rows.min(), columns - columns.min())

@@ -21,9 +21,9 @@ from gear_rattle.workers.survey.values.evaluate import FAILED
 from gear_rattle.workers.survey.values.schema import CELL, is_phase
 
 BAND = 1 << 22  # at most this many cells are reduced at a time
-RARE = 2.0  # an extreme is rare if it is more than this many times as far from the mean as the other extreme
+RARE = 2.0  # an extreme is rare if its distance from the mean is more than this times that of the other extreme
 
-NEAR = 1  # the frequency of a code is counted up to this many cells away, on each side
+NEAR = 1  # to find the rarest code around a cell, count the codes of cells up to this many cells away on each side
 
 #: A function that opens a group of a survey's store; None if there is no such group.
 OpenGroup = Callable[[str], xr.Dataset | None]
@@ -31,10 +31,11 @@ OpenGroup = Callable[[str], xr.Dataset | None]
 
 @dataclass(frozen=True)
 class DisplayedCells:
-    """Displayed cells (epsilon, delta): their values, float32, and their status.
+    """The cells (epsilon, delta) that a picture displays, each of which stands for several cells of the survey.
 
-    shares: the share of each code among the survey's own cells. without: the share of the survey's own cells that have
-    no number; None if it is not known.
+    values: float32. status: the status of each displayed cell. shares: for a map of codes, the share of each code among
+    the survey's cells. without: for a map of numbers, the share of the survey's cells that have no number; None if this
+    share is not known.
     """
 
     values: np.ndarray
@@ -45,21 +46,22 @@ class DisplayedCells:
 
 @dataclass(frozen=True)
 class LevelPart:
-    """A rectangle `at`, along (epsilon, delta), of the cells of a level, or of the map itself if `level` is None."""
+    """A rectangle of the cells of a pyramid level. level: None for the full map. at: its rows and columns there."""
 
     level: Level | None
     at: tuple[slice, slice]
 
 
 def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> LevelPart:
-    """Return the finest level on which a window has at most `room` cells along (epsilon, delta).
+    """Return the finest pyramid level on which a window has at most `room` cells along (epsilon, delta).
 
-    first, end: the window, in cells of the map. If no level is coarse enough, the coarsest one is returned.
+    first, end: the first cell of the window, and the cell after the last one, as (row, column) of the map. If no level
+    is coarse enough, the coarsest level is returned.
 
     Returns
     -------
     LevelPart
-        The level, and the cells of the window on it.
+        The level, and the cells of the window on this level.
     """
     for level in (None, *levels):
         cells = level.cells if level else (1, 1)
@@ -71,7 +73,7 @@ def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> Lev
 
 
 def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level: Level) -> DisplayedCells:
-    """Reduce a map to the displayed cells of a level. values: the map's `drawn_numbers`. status: (m, n) as stored."""
+    """Reduce a map to the cells of a pyramid level. values (m, n): its `drawn_numbers`. status (m, n): as stored."""
     steps = [_step(level.cells, number) for number in range(max(level.cells).bit_length() - 1)]
     states = _codes(status, status > 0, steps, FAILED + 1, level.cells[0])
     known = (status > 0) & (status != FAILED)
@@ -85,9 +87,11 @@ def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level:
 
 
 def _codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int, rows: int) -> reduce.Codes:
-    """Reduce codes to the coarsest level of `steps`, whose cells have `rows` rows of the map each.
+    """Reduce a map of codes step by step, and return the last, coarsest level.
 
-    The map is reduced in bands, because the reduction takes hundreds of bytes for each cell.
+    known: flags of the cells that have a value. steps: for each halving, how many cells become one along (epsilon,
+    delta). number: the number of codes. rows: how many rows of the map a cell of the last level covers. The map is
+    reduced in bands of rows, because the reduction takes hundreds of bytes for each cell.
 
     Returns
     -------
@@ -106,7 +110,7 @@ def _codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number:
 def of_level(
     plane: xr.DataArray, stored: xr.Dataset, index: int, level: Level, at: tuple[slice, slice]
 ) -> DisplayedCells:
-    """Return the displayed cells of a part of a stored level. plane: the map in full resolution."""
+    """Return the displayed cells in the part `at` of a stored pyramid level. plane: the map in full resolution."""
     name = str(plane.name)
 
     def read(name: str) -> np.ndarray:
@@ -129,12 +133,13 @@ def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened:
     Parameters
     ----------
     opened : OpenGroup | None
-        Opens groups of the same survey or slice. If the store has no levels, the whole map is read.
+        Function that opens groups of the same survey or slice, or None. If the store has no pyramid levels, or this is
+        None, the whole map is read.
 
     Returns
     -------
     xr.Dataset
-        The reduced map and the status; the survey itself if it is small enough.
+        A dataset with only the reduced map and the status; the survey itself if it is small enough.
 
     Raises
     ------
@@ -166,12 +171,21 @@ def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened:
 
 
 def levels_in_groups(opened: Callable[[str], xr.Dataset], number: int | None, has_levels: bool) -> OpenGroup:
-    """Return a function that opens a level of a survey, or of a slice, by its path."""
+    """Return a function that opens a pyramid level by its path. number: of the slice; None without a third axis."""
     return lambda path: slice_of(opened(path), number) if has_levels and path.startswith(GROUP) else None
 
 
 def _step(cells: Pair, number: int) -> Pair:
-    """Return how many cells become one in the halving with this number, from 0; cells: those of a cell at the end."""
+    """Return how many cells along each axis become one in the halving with this number, from 0.
+
+    cells: how many cells of the map a cell of the last level covers along each axis. An axis that needs fewer halvings
+    has 1 in the further ones.
+
+    Returns
+    -------
+    Pair
+        1 or 2 for epsilon, and for delta.
+    """
     return (2 if cells[0] >> number > 1 else 1), (2 if cells[1] >> number > 1 else 1)
 
 
@@ -187,7 +201,7 @@ def _status(states: reduce.Codes) -> np.ndarray:
 
 
 def _sizes(size: int, cells: int, at: slice) -> np.ndarray:
-    """Return how many cells of an axis are in each cell of a level: `cells`, but fewer in the last one."""
+    """Return how many cells of the map each cell of a level covers along an axis: `cells`, or fewer for the last."""
     begins = np.arange(0, size, cells)[at]
     found: np.ndarray = np.minimum(size - begins, cells)
     return found
@@ -196,10 +210,10 @@ def _sizes(size: int, cells: int, at: slice) -> np.ndarray:
 def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns: np.ndarray) -> DisplayedCells:
     """Choose the displayed code of each cell of a level.
 
-    A cell with several codes displays the code that occurs in the fewest cells around it; if two codes are equally
-    rare there, the code that occurs in the fewest cells of the picture. A code that more than half of the cell has is
-    displayed only if the cell has no other code. rows, columns: how many of the survey's cells each cell has along
-    each axis.
+    A cell with several codes displays the code that occurs in the fewest cells around it. If two codes are equally
+    rare there, it displays the one that occurs in the fewest cells of the picture. A code of more than half of the
+    survey's cells in the cell is displayed only if the cell has no other code. rows, columns: how many of the survey's
+    cells each row and each column of the level covers.
 
     Returns
     -------
@@ -225,7 +239,7 @@ def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns:
 
 
 def _around(cells: np.ndarray) -> np.ndarray:
-    """Return for each cell how many cells up to NEAR away from it are set."""
+    """Return for each cell how many of the flags `cells` are set up to NEAR cells away from it."""
     size = 2 * NEAR + 1
     sums = np.pad(cells, ((NEAR + 1, NEAR), (NEAR + 1, NEAR))).astype(np.int64).cumsum(axis=0).cumsum(axis=1)
     found: np.ndarray = sums[size:, size:] - sums[:-size, size:] - sums[size:, :-size] + sums[:-size, :-size]
@@ -235,7 +249,17 @@ def _around(cells: np.ndarray) -> np.ndarray:
 def _shares(
     found: reduce.Codes, others: np.ndarray, cells: Mapping[int, np.ndarray], sizes: np.ndarray
 ) -> dict[int, float]:
-    """Return the shares of codes. They are exact if all cells are computed and no cell of a level has more than two."""
+    """Return the share of each code among the survey's cells.
+
+    others: for each cell of the level the bits of its codes except the most frequent one. cells: flags of the cells in
+    which each code occurs. sizes: how many of the survey's cells each cell covers. The shares are exact if all cells
+    are computed and no cell of the level has more than two codes.
+
+    Returns
+    -------
+    dict[int, float]
+        Shares by code.
+    """
     known = sizes[found.occurs > 0].sum()
     each = (1 - found.share) / np.maximum(np.bitwise_count(others), 1)
     return {
@@ -247,7 +271,8 @@ def _shares(
 def _numbered(plane: xr.DataArray, statistics: np.ndarray, states: reduce.Codes) -> DisplayedCells:
     """Choose the displayed number of each cell of a level: the mean, or an extreme if it is rare.
 
-    If less than half of a cell has no number, the cell displays no number, because that is the rare value.
+    If some of the survey's cells in a cell have no number, but less than half of them, the cell displays no number,
+    because "no number" is the rare value there.
 
     Returns
     -------

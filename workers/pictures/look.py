@@ -29,29 +29,29 @@ CRISIS, LIMIT, POINTS = "crisis", "design_limit", "points"
 LARGEST, SHARE = "largest_family", "family_fraction"
 #: Maps that exist for surveys only: a window of such a map cannot be computed at finer resolution.
 SURVEY_ONLY = frozenset({LARGEST, SHARE, *OF_PERIODIC})
-#: Further maps without finer windows, if the survey's slots follow families, because a window has no families.
+#: If the survey's slots follow families, these maps also exist for surveys only, because a window has no families.
 IN_SLOTS = frozenset(quantity.name for quantity in QUANTITIES if SLOT in quantity.dims)
 AMONG, WHICH = "among", ("all", "rattling")
 LINES = (*NAMES, CRISIS, LIMIT, POINTS)
 #: Styles of lines other than bifurcation curves, in the form of `rattle.plot.STYLES`.
 OWN_STYLES: dict[str, tuple[str, Any]] = {CRISIS: ("#00695c", (0, (4, 1.5))), LIMIT: ("#b8860b", "-")}
-USUAL_SHARE = 0.9  # default probability of running quietly up to a design limit
+USUAL_SHARE = 0.9  # a design limit's default probability of running quietly
 COVERED = 0xC4 / 0xFF  # opacity of the white cover over cells without the chosen family
 OPACITY = 0.3  # opacity of the interval of a design limit
 
 
 def is_of_survey_only(variable: str, request: SurveyRequest) -> bool:
-    """Return whether a map exists for surveys only, so that its windows cannot be computed at finer resolution."""
+    """Return whether a map exists for surveys only, so that no window of it can be computed at finer resolution."""
     return variable in SURVEY_ONLY or (variable in IN_SLOTS and request.slots_follow_families)
 
 
 def variable_words(name: str) -> str:
-    """Return the name of a variable in words: a velocity of a store is the size of one, a speed."""
+    """Return the name of a variable in words. "velocity" becomes "speed", because stores hold only sizes of Φ'."""
     return name.replace("_", " ").replace("velocity", "speed")
 
 
 def in_revolutions(text: str) -> str:
-    """Return a text about a machine, whose forcing period is a revolution."""
+    """Return a text with "revolution" for "forcing period", as texts about a machine have it."""
     return text.replace("forcing period", "revolution").replace("watched periods", "watched revolutions")
 
 
@@ -59,10 +59,10 @@ def in_revolutions(text: str) -> str:
 class Look:
     """Options of a picture.
 
-    delta, epsilon: (low, high) of the window, None for all cells. span: range of the colours: "auto" (the usual range
-    of the variable), "robust" (the middle 96 % of the values), "full" (all values), or (low, high). log: logarithmic
-    colours. lines: names from LINES; None for the lines that explain the map. family: cells without this family are
-    dimmed. caption: text below the map.
+    delta, epsilon: (low, high) of the window, None for all cells. span: the range of the colours: "auto" (the usual
+    range of the variable), "robust" (the middle 96 % of the values), "full" (all values), or (low, high). log: whether
+    the colour scale is logarithmic. lines: names from LINES to draw; None for the lines that explain the map.
+    family: the number of a family; cells without it are dimmed; None to dim no cells. caption: text below the map.
     """
 
     delta: Pair | None = None
@@ -109,9 +109,9 @@ class Finer:
 class Over:
     """Overlays of a map that are computed beforehand, because this takes long.
 
-    lines: points (k, 2) of the lines CRISIS and LIMIT, by name; NaN between pieces. band: dampings (n,), and both ends
-    of the design limit's confidence interval at each, NaN at an open end. finer: cells of finer resolution, drawn where
-    they have a value.
+    lines: points (k, 2) of the lines CRISIS and LIMIT, by name, with NaN between pieces. band: dampings (n,), and the
+    lower and upper ends of the design limit's confidence interval at each damping, NaN at an open end; None for no
+    interval. finer: cells of finer resolution, which are drawn where they have a value, or None.
     """
 
     lines: Mapping[str, np.ndarray] = field(default_factory=dict)
@@ -123,13 +123,21 @@ NOTHING_OVER = Over()
 
 
 def _around(cells: np.ndarray, low: float, high: float) -> slice:
-    """Return the cells of an ascending axis inside a range, with one more on each side, at least two altogether."""
+    """Return the cells of an ascending axis inside a range and one cell more on each side, in all at least two."""
     first = min(max(int(np.searchsorted(cells, low)) - 1, 0), max(cells.size - 2, 0))
     return slice(first, max(int(np.searchsorted(cells, high, "right")) + 1, first + 2))
 
 
 def limits_of(shown: np.ndarray, auto: Pair, span: Span | Pair) -> tuple[float, float, str]:
-    """Return the range of colours for the shown values, and a note for the viewer, or "". auto: the usual range."""
+    """Return the range (low, high) of the colours for the shown values, and a note for the viewer, "" for no note.
+
+    auto: the usual range of the variable. span: as in `Look`.
+
+    Returns
+    -------
+    tuple[float, float, str]
+        The range and the note.
+    """
     if isinstance(span, tuple):
         return *span, ""
     low, high = auto
@@ -141,7 +149,15 @@ def limits_of(shown: np.ndarray, auto: Pair, span: Span | Pair) -> tuple[float, 
 
 
 def positive(shown: np.ndarray, low: float, high: float, note: str) -> tuple[float, float, bool, str]:
-    """Return limits (low, high) of a logarithmic scale, whether such a scale is possible, and a note for the viewer."""
+    """Return limits (low, high) of a logarithmic scale, whether such a scale is possible, and a note for the viewer.
+
+    low, high, note: the limits and the note for a linear scale.
+
+    Returns
+    -------
+    tuple[float, float, bool, str]
+        The limits, False if no shown value is positive, and the note.
+    """
     above = shown[shown > 0]
     if not above.size or high <= 0:
         return low, high, False, "nothing positive to show: the scale stays linear"

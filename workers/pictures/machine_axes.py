@@ -1,4 +1,4 @@
-"""Axes of a map of a machine's survey: speed and eccentricity, which rise to the right and upwards, beside δ and ε."""
+"""Label the axes of a machine's map with speed (rising to the right) and eccentricity (upwards), beside δ and ε."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from gear_rattle.workers.survey.machine import AXES
 
 MICROMETRES = 1e6  # per metre
 LABELS = ("speed, rpm", "eccentricity, µm")
-STEPS = 6  # the usual number of steps between ticks
-NEAREST = 0.1  # of the axis, between two ticks
+STEPS = 6  # an axis has about this many steps between ticks
+NEAREST = 0.1  # least distance between two ticks, as a share of the axis
 
 
 def draw_machine_axes(axes: Axes, dataset: xr.Dataset) -> bool:
@@ -44,7 +44,7 @@ def draw_machine_axes(axes: Axes, dataset: xr.Dataset) -> bool:
 
 
 def round_numbers(low: float, high: float) -> list[float]:
-    """Return the round numbers between two, about STEPS of them; 1, 2 and 5 of each power of ten over a wide range."""
+    """Return about STEPS round numbers from low to high; over a wide range, 1, 2 and 5 times each power of ten."""
     if low > 0 and high > 10 * low:
         powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
         found = [float(f"{digit}e{power}") for power in powers for digit in (1, 2, 5)]
@@ -57,7 +57,7 @@ def round_numbers(low: float, high: float) -> list[float]:
 
 
 def _apart(values: list[float], positions: np.ndarray) -> list[float]:
-    """Return the values whose positions along an axis (0 to 1) are far enough apart for their labels."""
+    """Return those values whose ascending positions along an axis (0 to 1) leave enough space for tick labels."""
     kept: list[float] = []
     last = -np.inf
     for value, position in zip(values, positions, strict=True):

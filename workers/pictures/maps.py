@@ -76,7 +76,8 @@ SLOTS = {
     UNJOINED: "attractor {} of each cell, by falling share until families are joined",
 }
 AT_ZERO = {"boundary_distance": "no quiet motion"}
-#: Unit of a variable, by a word in its name. The first word that the name contains counts; without one it has no unit.
+#: Unit of a variable, by a word in its name. The first of these words that the name contains gives the unit; a variable
+#: whose name contains none of them has no unit.
 UNITS = {
     "entropy": "nats",
     "level": "dB",
@@ -93,7 +94,7 @@ UNITS = {
 FARTHEST_DRAWN = 1e300  # axes reach at most to this value, so that matplotlib's margins do not overflow
 SIGNS = {"+": "₊", "-": "₋"}  # subscripts of the walls
 CAPTION = 110  # at most this many characters in a line of the caption
-ROOM = (512, 512)  # the most cells of a drawn map; a map has more pixels than that
+ROOM = (512, 512)  # largest number of drawn cells along (epsilon, delta); a map has more pixels than cells
 SYMMETRIC = "symmetric"  # attribute of a map whose colours are centred at 0
 CODE_COLOURS = ("#f4efe3", "#9ecae1", "#74c476", "#e6550d", "#756bb1", "#636363")
 
@@ -147,11 +148,12 @@ def map_figure(
     variable : str
         Any variable over (epsilon, delta).
     index : int
-        Number of the orbit or slot, if the variable has several. Of two exponents or multipliers the first is shown.
+        The number of the orbit or slot, if the variable has a map for each of several. Of two exponents or multipliers
+        the first is shown.
     opened : OpenGroup | None
-        Opens a level of the survey, which is faster than reading all cells.
+        Function that opens a pyramid level of the survey, which is faster than reading all cells; None: read all cells.
     look : Look
-        Window, colours and lines; by default the usual ones. If it names a family, the dataset must have the maps of
+        Window, colours and lines; by default the usual ones. If `look.family` is set, the dataset must have the maps of
         families (`with_families`).
     over : Over
         Overlays that were computed beforehand.
@@ -204,7 +206,7 @@ def bar_label(plane: xr.DataArray) -> str:
 
 
 def readable(text: str) -> str:
-    """Return a description of a store, whose characters are few, as it is written elsewhere: P(m,n₊,n₋), Σ⁺."""
+    """Return a description from a store with subscripts and superscripts, such as P(m,n₊,n₋) for P(m, n+, n-)."""
     text = text.replace("P(m, n+, n-)", "P(m,n₊,n₋)").replace("Σ+", "Σ⁺").replace("Σ-", "Σ⁻")
     return re.sub(r"\b([nv]|Σv)([+-])(?![\w.])", lambda found: found[1] + SIGNS[found[2]], text)
 
@@ -220,14 +222,14 @@ def title_of(plane: xr.DataArray) -> str:
 
 
 def _chosen(dim: str, value: object, plane: xr.DataArray) -> str:
-    """Return the description of one map among several of a variable: its orbit, or the slot of its attractors."""
+    """Return the words that tell one map of a variable from its others: the orbit, or the slot of the attractors."""
     if dim != SLOT:
         return f"{dim} {value}"
     return SLOTS[plane.attrs.get(SLOT_ORDER, BY_FRACTION)].format(value)
 
 
 def without_value(plane: xr.DataArray) -> str:
-    """Return the words in the legend for computed cells of a map that have no value."""
+    """Return the words with which the legend explains computed cells that have no value."""
     words = (words for dim, words in WITHOUT_VALUE_OF.items() if dim in plane.coords)
     return WITHOUT_VALUE.get(str(plane.name)) or next(words, "no value")
 
@@ -250,12 +252,15 @@ def draw_map(
     look: Look = USUAL,
     finer: Finer | None = None,
 ) -> None:
-    """Draw a map with its colour bar. The colour of a cell without a value says why: not computed, failed, or none.
+    """Draw a map with its colour bar.
+
+    The colour of a cell without a value says whether it is not computed, failed, or has no value although it is
+    computed.
 
     Parameters
     ----------
     nothing : str
-        Words in the legend for computed cells without a value; by default `without_value(plane)`.
+        Words in the legend for computed cells without a value; "": the words of `without_value(plane)`.
     look : Look
         Window, and range of the colours.
     finer : Finer | None
@@ -312,7 +317,7 @@ def draw_map(
 def valueless_layers(
     variable: str, values: np.ndarray, status: np.ndarray, nothing: str
 ) -> dict[str, tuple[np.ndarray, str]]:
-    """Return the layers of cells without a value: by reason, in words, flags of the cells and their colour."""
+    """Return the layers of cells without a value: for each reason, in words, the flags of its cells and a colour."""
     layers = {
         "not computed": (status == 0, NOT_COMPUTED),
         "failed": (status == FAILED, FAILURE),
@@ -325,7 +330,7 @@ def valueless_layers(
 
 
 def draw_legend(axes: Axes) -> None:
-    """Draw a legend below the map with the colours that the colour bar does not explain, if there are any."""
+    """Draw a legend below the map for lines and for colours that the colour bar does not explain, if there are any."""
     if axes.get_legend_handles_labels()[1]:
         axes.legend(
             loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=5, columnspacing=1.2, fontsize=8, frameon=False
@@ -333,7 +338,7 @@ def draw_legend(axes: Axes) -> None:
 
 
 def _dim_others(axes: Axes, dataset: xr.Dataset, family: int) -> None:
-    """Dim the cells without a family. A cell of a reduced map stays bright if any of its cells has the family."""
+    """Dim the cells without a family. A cell of a reduced map stays bright if any of the cells in it has the family."""
     share = plane_of(dataset, SHARE, family)
     with reading(f"the map of {SHARE}"):
         values = drawn_numbers(share)
@@ -358,7 +363,7 @@ def _cells(axes: Axes, at: xr.Dataset | Finer, values: np.ndarray, cmap: Colorma
 
 
 def _extend(norm: Normalize, values: np.ndarray) -> str:
-    """Return the ends of the colour bar that some values exceed, in matplotlib's words."""
+    """Return at which ends values exceed the colour bar: matplotlib's "both", "min", "max" or "neither"."""
     low, high = bool(np.any(values < norm.vmin)), bool(np.any(values > norm.vmax))
     return {(True, True): "both", (True, False): "min", (False, True): "max"}.get((low, high), "neither")
 
@@ -376,7 +381,7 @@ def colours_of_codes(plane: xr.DataArray) -> Sequence[str]:
 
 
 def scale_of(plane: xr.DataArray, values: np.ndarray) -> tuple[Colormap, Normalize, Sequence[float] | None, list[str]]:
-    """Return colour map, norm, ticks and tick labels that suit a variable."""
+    """Return colour map, norm, ticks (None: matplotlib's) and tick labels for a map with these finite values."""
     if "flag_meanings" in plane.attrs:
         meanings = meanings_of(plane)
         colours = colours_of_codes(plane)
@@ -399,10 +404,10 @@ def scale_of(plane: xr.DataArray, values: np.ndarray) -> tuple[Colormap, Normali
     if str(plane.name).endswith("_fraction"):
         return colormaps["viridis"], Normalize(0, 1), None, []
     if np.issubdtype(plane.dtype, np.integer) and values.size:
-        # The largest 2 % share a colour: long periods are rare, and would make all other colours alike.
+        # The largest 2 % of the values have one colour: long periods are rare, and would make all other colours alike.
         high = max(float(np.quantile(values, 0.98)), low + 1)
     if "lyapunov" in str(plane.name) or plane.attrs.get(SYMMETRIC):
-        # The largest 2 % share a colour: exponents near the quiet limit would make all other colours alike.
+        # The largest 2 % of the sizes have one colour: exponents near the quiet limit would make all others alike.
         reach = float(np.quantile(np.abs(values), 0.98)) if values.size else 1.0
         reach = reach or float(np.abs(values).max(initial=0.0)) or 1.0
         return colormaps["RdBu_r"], Normalize(-reach, reach), None, []

@@ -14,11 +14,11 @@ Box = tuple[float, float, float, float]
 DIRECTIONS = ((1, 1), (-1, 1), (1, -1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1))  # tried in turn
 GAPS = (8.0, 20.0, 34.0, 50.0, 70.0, 95.0, 125.0)  # pixels between a mark and its name
 MARK = 6.0  # half a side of the square that a mark fills
-SAMPLES = np.linspace(0.1, 1.0, 24)[:, None]  # along a leader
+SAMPLES = np.linspace(0.1, 1.0, 24)[:, None]  # positions of the tested points along a leader, from mark (0) to name (1)
 
 
 class PlacedName(NamedTuple):
-    """Centre of a name, and the end of the leader from its mark, in pixels; None for a name beside its mark."""
+    """The place of a name in pixels. leader: the end of the line that joins mark and name, None without such a line."""
 
     centre: tuple[float, float]
     leader: tuple[float, float] | None
@@ -30,10 +30,10 @@ def place_names(
     frame: tuple[float, float],
     taken: Sequence[Box] = (),
 ) -> list[PlacedName | None]:
-    """Place a name beside each mark, the first free place of a few directions and rising distances.
+    """Place a name beside each mark, at the first free place among some directions and increasing distances.
 
-    A name farther than the smallest distance gets a leader from its mark. No name overlaps a mark, a box that is taken,
-    another name or its leader, or leaves the frame.
+    A name that is farther than the smallest distance gets a leader, a line from its mark. A place is free if the name
+    there is inside the frame and overlaps no mark, no taken box, no other name and no leader.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def _first_free(
 
 
 def _dense(mark: Array, end: tuple[float, float] | None) -> Array:
-    """Return points (k, 2) along a leader; none without one."""
+    """Return points (k, 2) along the leader from a mark to `end`; an empty array if `end` is None (no leader)."""
     return np.empty((0, 2)) if end is None else mark + SAMPLES * (np.array(end) - mark)
 
 

@@ -13,7 +13,7 @@ from gear_rattle.workers.survey.slices import surveyed_model
 from rattle import plot
 from rattle.curves import NAMES
 
-#: By variable: the curves that explain its map.
+#: For each variable the bifurcation curves that explain its map, drawn by default.
 CURVES_ON: dict[str, tuple[str, ...]] = {
     "region": NAMES,
     "quiet_fraction": ("SN1", "quiet_limit"),
@@ -25,7 +25,7 @@ CURVES_ON: dict[str, tuple[str, ...]] = {
 
 
 def draw_curves(axes: Axes, dataset: xr.Dataset, names: Sequence[str], over: Over = NOTHING_OVER) -> list[np.ndarray]:
-    """Draw lines over a map, and return the points (k, 2) of each line in the window, with NaN between pieces."""
+    """Draw the lines `names` over a map, and return the points (k, 2) of each drawn line, with NaN between pieces."""
     model, window, drawn = surveyed_model(dataset), _window(dataset), []
     limits = {"xlim": axes.get_xlim(), "ylim": axes.get_ylim()}
     if LIMIT in names and over.band is not None:
@@ -46,5 +46,5 @@ def _window(dataset: xr.Dataset) -> Window:
 
 
 def draw_points_over(axes: Axes, dataset: xr.Dataset, curves: Sequence[np.ndarray]) -> None:
-    """Mark and name the codimension-two points, away from the curves and from existing text."""
+    """Mark the codimension-two points of the model, and write their names away from the curves and existing text."""
     plot.draw_points(axes, surveyed_model(dataset).codimension_two(), curves)

@@ -16,13 +16,26 @@ from rattle.attractors import PERIODIC
 if TYPE_CHECKING:  # not imported at run time: it takes half a second, and the start of a service does not need it
     import xarray as xr
 
-#: Attribute of a slot's map: the rule that puts attractors into slots, BY_FRACTION, BY_FAMILY or UNJOINED. UNJOINED
-#: means by fraction now, and by family once the families are joined.
+#: SLOT_ORDER is the attribute of a slot's map that names the rule by which attractors are put into slots: BY_FRACTION,
+#: BY_FAMILY or UNJOINED. UNJOINED means by fraction until the families are joined, and then by family.
 SLOT_ORDER, UNJOINED = "slot_order", "unjoined"
 
 
 def plane_of(dataset: xr.Dataset, variable: str, index: int = 0) -> xr.DataArray:
-    """Return a variable over (epsilon, delta). Raises SurveyError if there is no such map, or a third axis."""
+    """Return a variable as a map (epsilon, delta).
+
+    index: the number of the orbit or slot, if the variable has a map for each of several; else 0.
+
+    Returns
+    -------
+    xr.DataArray
+        The map; a map of a slot has the attribute SLOT_ORDER.
+
+    Raises
+    ------
+    SurveyError
+        There is no such map, or the dataset still has a third axis.
+    """
     require_slice(third_of(dataset), None)
     if variable not in dataset.data_vars or dataset[variable].dims[-2:] != CELL:
         maps = sorted(str(name) for name, values in dataset.data_vars.items() if values.dims[-2:] == CELL)
@@ -48,9 +61,9 @@ def _order_of_slots(dataset: xr.Dataset) -> str:
 
 
 def with_periodic(dataset: xr.Dataset, plane: xr.DataArray, index: int) -> xr.DataArray:
-    """Remove cells whose attractor is not periodic from the map of a variable that means something for periodic ones.
+    """Remove the cells whose attractor is not periodic from a map, if its variable describes periodic attractors only.
 
-    Other maps are returned unchanged. index: the slot of the map. plane: the map, or a part of it.
+    Maps of other variables are returned unchanged. index: the slot of the map. plane: the map, or a part of it.
 
     Returns
     -------
@@ -64,5 +77,5 @@ def with_periodic(dataset: xr.Dataset, plane: xr.DataArray, index: int) -> xr.Da
 
 
 def drawn_numbers(plane: xr.DataArray | np.ndarray) -> np.ndarray:
-    """Return the values of a map as float64; the moduli of complex values."""
+    """Return the values of a map as float64; for complex values, their moduli."""
     return np.asarray(np.abs(plane) if np.iscomplexobj(plane) else plane).astype(float)

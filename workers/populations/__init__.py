@@ -1,1 +1,1 @@
-"""Populations of gears: their request, tiles and store."""
+"""Populations of gears that differ within tolerances: the request, the tiles and the store of a population."""

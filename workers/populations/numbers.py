@@ -10,7 +10,7 @@ from gear_rattle.workers.survey.axes import Real, Strict, words_of
 from rattle import LogNormal, Measured, Normal, Triangular, Uniform
 from rattle.populations import DIMENSIONLESS, OF_MACHINE, Distribution
 
-MOST_MEASURED = 10_000  # at most this many measured values
+MOST_MEASURED = 10_000  # a measured distribution has at most this many values
 
 
 class NormalNumber(Strict):
@@ -98,7 +98,7 @@ def _number_or_distribution(value: Any, handler: ValidatorFunctionWrapHandler) -
         raise PydanticCustomError("number_or_distribution", "{said}", {"said": said}) from error
 
 
-#: A wrong value is reported once: as a wrong distribution if it looks like one, else as a wrong number.
+#: A wrong value is reported once: as a wrong distribution if it is an object with fields, else as a wrong number.
 Number = Annotated[Real | AnyDistribution | None, WrapValidator(_number_or_distribution)]
 
 

@@ -20,13 +20,14 @@ from rattle.populations import JUDGED, MOST_COUNT, MOST_GEARS, MOST_SHARE, PAIRS
 
 MAX_TILE_GEARS = 65_536
 FEWEST = 64  # a default tile has at least this many gears, unless each takes long
-LOOKED_AT = 64  # the least damping of this many gears determines the default tile
+LOOKED_AT = 64  # the size of a default tile follows from the least damping among this many gears
 
 
 class ShockGiven(Strict):
     """A knock that parts teeth in contact.
 
-    speed: in m/s for a machine, else in the model's unit. phase: in forcing periods, by default random.
+    speed: the speed with which the teeth part, in m/s for a machine and otherwise in the model's unit. phase: the phase
+    of the forcing at which the knock comes, in forcing periods; by default it is random.
     """
 
     speed: Real | AnyDistribution
@@ -59,7 +60,7 @@ class PopulationRequest(Strict):
 
     @model_validator(mode="after")
     def _meant(self) -> Self:
-        """Refuse values that the library refuses; its ParameterError is a ValueError."""
+        """Refuse values that the library refuses: making the plan raises its ParameterError, which is a ValueError."""
         # The library refuses a restitution above 1 only when a gear draws it, which may be in the last tile.
         for name, each in ADDED.items():
             value = self.plan.tolerances.given.get(name)
@@ -68,7 +69,7 @@ class PopulationRequest(Strict):
                     f"{name} must be at most {each.greatest:g}, and its distribution goes up to {value.range[1]:.3g}: "
                     f"cut it off (high={each.greatest:g})"
                 )
-        with np.errstate(all="ignore"):  # extreme but allowed numbers overflow in between
+        with np.errstate(all="ignore"):  # allowed but extreme numbers may overflow in intermediate results
             size = self.tile_shape[0]
         if size * self.count > MAX_TILE_SAMPLES:
             raise ValueError(f"a tile may hold at most {MAX_TILE_SAMPLES:,} initial conditions: use a smaller tile")
@@ -101,7 +102,7 @@ class PopulationRequest(Strict):
 
     @cached_property
     def added_numbers(self) -> dict[str, float]:
-        """Parameters that the model adds to δ, ε and β, by name, for one of the gears."""
+        """Parameters that the model adds to δ, ε and β, by name, with their values for the first gear."""
         points = self.plan.tolerances.points(self.plan.values(np.arange(1)))
         return {name: float(x[0]) for name, x in points.parameters.added.items()}
 
@@ -113,7 +114,7 @@ class PopulationRequest(Strict):
 
     @property
     def shape(self) -> tuple[int]:
-        """Number of rows, which are the gears of all parts of the plan."""
+        """Shape of the table, in a tuple: its rows are the gears of all parts of the plan."""
         return (self.plan.rows,)
 
     @cached_property
@@ -129,7 +130,7 @@ class PopulationRequest(Strict):
 
     @property
     def n_cells(self) -> int:
-        """Number of rows, as a survey has a number of cells."""
+        """Number of rows (gears). It has the name that a survey's number of cells has."""
         return self.plan.rows
 
     @property
@@ -149,7 +150,7 @@ class PopulationRequest(Strict):
 
     @property
     def samples(self) -> int:
-        """The least number of states to follow, including the additional ones for judged gears."""
+        """The least number of states to follow, including additional states of the gears tested for passing."""
         judging = self.plan.looks[-1] if self.share is not None else 0
         return self.n_cells * self.count + self.plan.judging * judging
 

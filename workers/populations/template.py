@@ -17,7 +17,7 @@ KIND = "population"
 
 
 def template_of(request: PopulationRequest, created: str | None = None) -> Template:
-    """Return the files of a population's store before its first tile."""
+    """Return the files of a population's store without tiles. created: the date of its creation; None: now."""
     kept: dict[str, Buffer] = {}
     created = created or now()
     root = zarr.create_group(MemoryStore(kept), zarr_format=3, attributes=_attributes(request, created))

@@ -1,4 +1,4 @@
-"""Tiles of a population: groups of rows, each computed by a pure function."""
+"""Tiles of a population: groups of gears (rows of the store), each group computed by a pure function."""
 
 import time
 from collections.abc import Iterable, Iterator
@@ -23,14 +23,14 @@ from rattle.populations import Gears, computed
 
 @dataclass(frozen=True)
 class GearTile:
-    """Some rows of a population, which are a chunk of every variable."""
+    """A range of rows of a population (each row is a gear), which are one chunk of every variable."""
 
     index: int
     gear: slice
 
     @property
     def n_cells(self) -> int:
-        """Rows of the tile."""
+        """Number of rows of the tile."""
         return int(self.gear.stop - self.gear.start)
 
     @property
@@ -40,7 +40,7 @@ class GearTile:
 
     @property
     def at(self) -> tuple[slice, EllipsisType]:
-        """Index of the tile in a variable."""
+        """The index that selects the tile's rows in the array of a variable."""
         return self.gear, ...
 
 

@@ -38,12 +38,12 @@ class PopulationVariable:
 
     @property
     def fill(self) -> float | int:
-        """Value of an entry that is not computed."""
+        """The value of entries that are not computed."""
         return float("nan") if np.dtype(self.dtype).kind == "f" else 0
 
     @property
     def attributes(self) -> dict[str, Any]:
-        """CF attributes."""
+        """The attributes of the stored array, by the CF conventions."""
         found: dict[str, Any] = {"long_name": self.long_name, "units": self.units, "references": f"doi:{DOI}"}
         if self.flags:
             found |= {"flag_values": list(range(len(self.flags))), "flag_meanings": " ".join(self.flags)}
@@ -55,7 +55,7 @@ class PopulationVariable:
 
 
 def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
-    """Return the variables of a population. `status` is last: a tile whose status is written is complete."""
+    """Return the variables of a population. `status` is last, so a tile whose status is written is complete."""
     names = request.plan.tolerances.names
     alone, but = ([f"{way}_{name}" for name in names] for way in ("sharing", "sharing_all_but"))
     one = (GEAR,)

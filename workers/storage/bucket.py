@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from obstore.store import S3Store
 
 SCHEME = "s3://"
-#: Objects beside the files of a store. They mean: creation has begun, deletion has begun, a run has locked the store.
+#: Objects beside the files of a store. Their existence means: creation has begun, deletion has begun, and a run has
+#: locked the store.
 CREATING, DELETING, LOCK = ".creating", ".deleting", ".lock"
 MARKERS = (CREATING, DELETING, LOCK)
 #: A failed request is repeated for RETRY_SECONDS; after that the survey has to wait. RETRIES is so large that the time
@@ -66,7 +67,7 @@ class Bucket:
         return ObjectStore(self.objects)
 
     def occupied(self) -> bool:
-        """Return whether the prefix has any object, other than the remains of a killed creation."""
+        """Return whether the prefix has any object that a killed creation did not leave."""
         with self.reaching():
             if self.has(ROOT) or self.has(DELETING):
                 return True
@@ -232,7 +233,7 @@ class Bucket:
                 obstore.put(self.objects, LOCK, mine, mode={"e_tag": found.meta["e_tag"]})
                 return
         except (FileNotFoundError, PreconditionError):
-            holder = {}  # the lock was released or taken over at this very moment
+            holder = {}  # the lock was released or taken over between the two calls
         except (ValueError, TypeError, KeyError):
             holder = {"process": "unknown"}
         who = (

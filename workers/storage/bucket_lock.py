@@ -11,7 +11,7 @@ import psutil
 
 
 def identity() -> dict[str, Any]:
-    """Return the identity of this process, from which another process on the same machine can tell whether it lives."""
+    """Return the identity of this process, by which a process on the same machine can check whether it still runs."""
     return {
         "host": socket.gethostname(),
         "boot": _boot(),
@@ -30,7 +30,7 @@ def _boot() -> str:
 
 
 def has_died(holder: dict[str, Any]) -> bool:
-    """Return whether a process has certainly ended, which cannot be known on other machines or after a reboot."""
+    """Return whether a process has certainly ended. False if it ran on another machine or before a reboot."""
     if not _boot() or (holder["host"], holder["boot"]) != (socket.gethostname(), _boot()):
         return False
     try:

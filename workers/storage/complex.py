@@ -9,7 +9,8 @@ from xarray.core import indexing
 
 CONVENTIONS, CF = "Conventions", "CF-1.11"
 REAL, IMAGINARY = "_real", "_imag"
-#: Encodings of a part that the complex variable must not inherit: written so, it would lose its imaginary part.
+#: Encodings of the real and imaginary part that the complex variable must not inherit: with them, writing the variable
+#: would drop its imaginary part.
 PARTS_ONLY = ("dtype", "fill_value")
 
 

@@ -37,7 +37,7 @@ class Files(Protocol):
 
 
 class ZipStore:
-    """A store in a zip file, in the form that zarr reads. Members are not compressed, because chunks already are."""
+    """A store in a zip file, in the form that zarr reads. Its files are not compressed, because chunks already are."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -51,7 +51,7 @@ class ZipStore:
         return str(self.path)
 
     def read(self, key: str) -> bytes:
-        """Return the content of a member. Raises FileNotFoundError."""
+        """Return the content of a file in the zip file. Raises FileNotFoundError."""
         try:
             return self._file.read(key)
         except (KeyError, BadZipFile) as error:
@@ -71,7 +71,8 @@ def copy_store(
     source
         Path, s3:// URL or zip file of a survey's or population's store.
     target
-        Path, s3:// URL or zip file. It must not exist, or be an interrupted copy of this store (but no zip file).
+        Path, s3:// URL or zip file. It must not exist, except that a path or URL may have an interrupted copy of this
+        store.
     on_file
         Called with the number of copied files and the number of all files.
 

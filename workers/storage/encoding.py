@@ -9,7 +9,7 @@ import numpy as np
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Encodings that are kept. Chunks and codecs are not: they belong to the opened store, and would be errors in another.
+#: Encodings that are kept. Chunks and codecs belong to the opened store, and would cause errors in another file.
 KEPT = ("dtype", "fill_value", "preferred_chunks")
 NO_FILL: dict[str, Any] = {"_FillValue": None}  # CF forbids a fill value of coordinates, and xarray's default is NaN
 

@@ -19,7 +19,7 @@ ROWS = 32  # rows of a band, if the dataset does not say how many rows the store
 CELLS = 16_384  # at most this many cells are converted to text at a time
 
 
-#: By form of a table: the dimension whose entries get rows of their own, and the variable that says whether they exist.
+#: By form of a table: the dimension whose entries have a row each, and the variable that says whether an entry exists.
 OWN_ROWS = {RowForm.ATTRACTORS: ("attractor", "attractor_kind"), RowForm.ORBITS: ("orbit", "orbit_exists")}
 
 
@@ -49,7 +49,8 @@ def _append(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: str | 
         encoding[name] = {"zlib": True, "complevel": 1} if values.ndim else {}
         if values.ndim and values.dtype.kind in "biuf":  # HDF5 has no checksums of texts
             encoding[name]["fletcher32"] = True
-        if values.dims[-2:] == CELL:  # chunks as high as a band: HDF5 would compress a higher one again for each band
+        # Chunks are as high as a band, because HDF5 would compress a higher chunk again for each of its bands.
+        if values.dims[-2:] == CELL:
             height, width = min(rows, values.shape[-2]), values.shape[-1]
             encoding[name]["chunksizes"] = (*(1 for _ in values.shape[:-2]), height, width)
     written = dataset.to_netcdf(path, mode=mode, group=group, engine="h5netcdf", encoding=encoding, compute=False)  # type: ignore[call-overload]
@@ -57,7 +58,7 @@ def _append(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: str | 
 
 
 def _rows(dataset: xr.Dataset) -> int:
-    """Return the number of rows of a band: as many as a tile has."""
+    """Return the number of rows of a band: that of a tile if the dataset names it, else ROWS."""
     return int(dataset["status"].encoding.get("preferred_chunks", {}).get("epsilon", ROWS))
 
 

@@ -29,7 +29,7 @@ from rattle.numerics import environment
 STATUS = "status"
 COMPLETED = "date_completed"  # attribute of the root of a completed survey
 READERS = 8  # files read at a time, because a bucket answers slowly
-BATCH = 1024  # tasks that are submitted at a time, because each waiting one takes 1.6 kB
+BATCH = 1024  # tasks that are submitted at a time, because each waiting task takes 1.6 kB
 _START = f"from {__name__} import serve_tiles; serve_tiles()"
 
 Item = TypeVar("Item")
@@ -47,7 +47,7 @@ class Integrity:
 
     done: frozenset[int]  # indices of the tiles that are computed and whole
     damaged: dict[int, tuple[str, ...]]  # by index of a computed tile: variables with a lost or damaged chunk
-    template: tuple[str, ...]  # lost or damaged files that are no tile's: metadata, coordinates, curves
+    template: tuple[str, ...]  # lost or damaged files that belong to no tile: metadata, coordinates, curves
     tiles: int  # number of tiles of the survey
     files: int  # number of checked files
     version: str  # code version of the store; empty if its root is damaged
@@ -114,19 +114,20 @@ def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tupl
     Returns
     -------
     tuple[int, tuple[str, ...]]
-        The number, and the keys of files.
+        The number of chunks, and the keys of lost or damaged files.
 
     Raises
     ------
     SurveyError
-        Its metadata cannot be read.
+        The metadata of the store cannot be read.
     """
     version = attributes["code_version"]
     is_ours = version == code_version()  # this version writes a file for every chunk
     lost = [MANIFEST] if is_ours else []
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ZarrUserWarning)  # the lock is no part of a zarr hierarchy
+            # zarr warns about the lock file, which is not part of a zarr hierarchy.
+            warnings.simplefilter("ignore", ZarrUserWarning)
             group = zarr.open_group(place.zarr(), mode="r")
             arrays = [(name, each) for name, each in group.members(max_depth=None) if isinstance(each, zarr.Array)]
     except Exception as error:  # a foreign format raises errors of several types
@@ -187,14 +188,14 @@ def examine_tiles(place: Place, manifest: Manifest, should_stop: Callable[[], bo
 
 
 def _mapped(threads: ThreadPoolExecutor, function: Callable[[Item], Answer], items: Iterable[Item]) -> Iterator[Answer]:
-    """Yield what `threads.map` yields, a batch of items after the other."""
+    """Yield the results of `threads.map`, submitting the items in batches."""
     left = iter(items)
     while batch := list(islice(left, BATCH)):
         yield from threads.map(function, batch)
 
 
 def _examine_apart(place: Place, manifest: Manifest, processes: int) -> Found:
-    """Return what `examine_tiles` returns, from processes that each read every so-many-th tile."""
+    """Examine tiles like `examine_tiles`, in several processes. Each of n processes reads every n-th tile."""
     tiles = list(manifest.tiles.items())
     parts = [replace(manifest, files={}, tiles=dict(tiles[first::processes])) for first in range(processes)]
     done, damaged = set[int](), dict[int, tuple[str, ...]]()
@@ -206,7 +207,7 @@ def _examine_apart(place: Place, manifest: Manifest, processes: int) -> Found:
 
 
 def _examined_apart(where: str, manifest: Manifest) -> Found:
-    """Return what `examine_tiles` returns, from a process that does not import the caller's main module."""
+    """Examine tiles like `examine_tiles`, in one other process, which does not import the caller's main module."""
     command, given = [sys.executable, "-c", _START], pickle.dumps((where, manifest))
     ran = subprocess.run(command, input=given, stdout=subprocess.PIPE, env=environment(), check=False)
     if ran.returncode:
@@ -220,7 +221,7 @@ def _examined_apart(where: str, manifest: Manifest) -> Found:
 def serve_tiles() -> None:
     """Examine the tiles that stdin names, and write the result or the error to stdout: the process's main function."""
     (where, manifest), answer = pickle.load(sys.stdin.buffer), sys.stdout.buffer
-    sys.stdout = sys.stderr  # a library may print, which is no answer
+    sys.stdout = sys.stderr  # text that a library prints must not mix with the answer
     found: Found | Exception
     try:
         found = examine_tiles(place_of(where), manifest)

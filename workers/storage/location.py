@@ -17,7 +17,7 @@ from gear_rattle.workers.errors import SurveyError, storage_error
 from gear_rattle.workers.storage.bucket import LOCK, SCHEME, Bucket
 from gear_rattle.workers.survey.manifest import ROOT
 
-CERTIFICATES = ".certificates.zarr"  # the path of a store of certificates ends so
+CERTIFICATES = ".certificates.zarr"  # ending of the path of a store of certificates
 
 
 class Directory:
@@ -47,7 +47,7 @@ class Directory:
         return (self.path / ROOT).exists()
 
     def deletion_begun(self) -> bool:
-        """Return False: the deletion of a directory begins by renaming it."""
+        """Return False, because a directory whose deletion has begun has another name."""
         return False
 
     def read(self, key: str) -> bytes:
@@ -55,7 +55,7 @@ class Directory:
         return (self.path / key).read_bytes()
 
     def reaching(self) -> AbstractContextManager[None]:
-        """Return a context that does nothing; that of a bucket translates errors, but OSError needs no translation."""
+        """Return a context that does nothing, because OSError needs no translation, unlike the errors of a bucket."""
         return nullcontext()
 
     def build(self, template: Mapping[str, bytes]) -> None:
@@ -135,7 +135,7 @@ def place_of(where: str | Path | Place) -> Place:
     if "://" not in str(where):
         return Directory(where)
     if not str(where).startswith(SCHEME):
-        raise SurveyError(f"{where} is no location of a store: give a path, or {SCHEME}BUCKET/PREFIX")
+        raise SurveyError(f"{where} is not a location of a store: give a path, or {SCHEME}BUCKET/PREFIX")
     return _bucket(str(where))
 
 

@@ -20,10 +20,11 @@ from gear_rattle.workers.storage.location import Place
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest, digests
 from gear_rattle.workers.survey.template import COMPACT, Template, consolidate
 
-#: The manifest is written when more than 1/SHARE of its tiles are new, so that a large manifest is written rarely.
+#: The manifest is written when more than 1/SHARE of its tiles are new since it was last written, so that a large
+#: manifest is written rarely.
 SHARE = 200
 KNOWN = 8  # parsed manifests in the cache, because each is needed repeatedly
-LARGE = 4 * 2**20  # bytes; of larger manifests only the last is kept, because one of 10⁹ cells takes 250 MB
+LARGE = 4 * 2**20  # bytes; only the latest larger manifest is kept, because that of 10⁹ cells takes 250 MB
 
 Note = Callable[[Mapping[int, Mapping[str, str]]], None]
 
@@ -51,7 +52,7 @@ def read_file(place: Place, key: str) -> bytes | None:
         return None
     except OSError as error:
         if error.errno != errno.EIO:
-            raise SurveyError(f"{place} cannot be read ({error}): make it readable") from error
+            raise SurveyError(f"{place} cannot be read ({error}): give this user permission to read it") from error
         return None
 
 
@@ -180,7 +181,7 @@ def noting(place: Place) -> Iterator[Note]:
 
 
 def tell(place: Place, told: Mapping[str, Any]) -> None:
-    """Set attributes of the root; the value None removes an attribute. The caller holds the lock of the store.
+    """Set attributes of the store's root; the value None removes an attribute. The caller holds the lock of the store.
 
     Raises
     ------
@@ -242,7 +243,7 @@ def update_metadata(place: Place, added: Template, there: Mapping[str, str], is_
 
 
 def replace_root(place: Place, before: Manifest, root: bytes, after: Manifest) -> None:
-    """Replace the root. before: the manifest that belongs to the old root. after: the one that belongs to the new root.
+    """Replace the root. before, after: the manifests that belong to the old root and to the new root.
 
     At every instant the manifest on disk has the digest of the root on disk. Raises OSError.
     """

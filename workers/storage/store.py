@@ -62,8 +62,9 @@ _blank = lru_cache(maxsize=16)(blank)
 def create_store(request: AnyRequest, where: str | Path | Place, make: Make | None = None) -> None:
     """Create the empty store of a survey, or accept and repair the store that an earlier run of the same survey left.
 
-    The new store appears complete, in one step. In an earlier store, damaged files that are no tile's (for example
-    metadata) are written again; the values of cells are not touched. Any other content of the path is left alone.
+    The new store appears complete, in one step. In an earlier store, damaged files that belong to no tile (for
+    example metadata) are written again; the values of cells are not touched. Any other content of the path is left
+    alone.
 
     Parameters
     ----------
@@ -129,7 +130,7 @@ def _decodable(request: AnyRequest, place: Place) -> Iterator[tuple[int, dict[st
 
 
 def _require_same(request: AnyRequest, place: Place) -> Manifest | None:
-    """Require that a store is this survey's, and return its manifest, or None if the manifest is lost or damaged."""
+    """Require that a store belongs to this survey. Return its manifest, or None if the manifest is lost or damaged."""
     manifest = manifest_of(place)
     if manifest is not None and manifest.content_hash == request.content_hash():
         return manifest
@@ -153,7 +154,7 @@ def tiles_done(
 ) -> set[int]:
     """Return the indices of the tiles that are computed and undamaged.
 
-    Every chunk is read to check its digest. `should_stop` is called at each tile.
+    Every chunk is read to check its digest. should_stop: called at each tile; returns whether to stop.
 
     Returns
     -------
@@ -163,7 +164,7 @@ def tiles_done(
     Raises
     ------
     SurveyError
-        The store is of another survey.
+        The store belongs to another survey.
     StoppedError
         `should_stop` returned true.
     """
@@ -194,7 +195,7 @@ def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[st
     Raises
     ------
     SurveyError
-        The tile is not a chunk of the store, an array has another shape, or the store is of another survey.
+        The tile is not a chunk of the store, an array has another shape, or the store belongs to another survey.
     StorageError
         The tile cannot be written now, or the store is gone because it was deleted or its disk is not there.
     """
@@ -211,7 +212,7 @@ def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[st
 
 @lru_cache(maxsize=16)
 def _place(path: str, request: AnyRequest) -> Place:
-    """Return the location of a store. Each process checks once that the store is this survey's."""
+    """Return the location of a store. Each process checks once that the store belongs to this survey."""
     _require_same(request, place_of(path))
     return place_of(path)
 
@@ -227,7 +228,7 @@ def read_tile(request: AnyRequest, path: str, tile: AnyTile, known: Mapping[str,
     Raises
     ------
     SurveyError
-        The store is of another survey, or may not be read.
+        The store belongs to another survey, or permission to read it is denied.
     StorageError
         The store cannot be read now.
     """
@@ -301,7 +302,8 @@ def finish_store(where: str | Path | Place) -> None:
         try:
             place.sweep()
             told = {COMPLETED: attributes_of(place).get(COMPLETED) or now()}
-            if AUDIT in manifest.chunks and LEAF not in manifest.chunks:  # with LEAF, the rounds of audits count them
+            # If the survey has LEAF, the rounds of audits have counted its cells.
+            if AUDIT in manifest.chunks and LEAF not in manifest.chunks:
                 told |= _refined(place)
             tell(place, told)
         except OSError as error:
@@ -316,7 +318,7 @@ def has_added(where: str | Path | Place, name: str) -> bool:
 
 
 def added_to_store(where: str | Path | Place, added: Template, there: Mapping[str, str]) -> None:
-    """Add files to a store. added: contents of files to write. there: digests of chunks that are already written.
+    """Add files to a store. added: contents of files to write, by key. there: digests of chunks already written.
 
     The root is written last, and all additions become visible with it.
 
@@ -369,7 +371,7 @@ def _refined(place: Place) -> dict[str, int | float]:
 
 
 def bands(place: Place, name: str) -> Iterator[np.ndarray]:
-    """Yield the values of a per-cell variable, a row of tiles at a time, because all at once may need too much memory.
+    """Yield the values of a per-cell variable, a row of tiles at a time, because all values may not fit in memory.
 
     Yields
     ------

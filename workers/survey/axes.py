@@ -1,4 +1,4 @@
-"""The axes of a survey's grid, and the common parts of all fields of a request."""
+"""The axes of a survey's grid, and base classes, types and messages for the fields of requests."""
 
 import json
 import re
@@ -22,12 +22,12 @@ from pydantic_core import PydanticCustomError
 from gear_rattle.workers.errors import SurveyError
 from rattle.errors import did_you_mean
 
-#: Strict: neither True nor "0.6" is a number here.
+#: A finite number in a request. It is strict: True and "0.6" are refused.
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
 
 def require_visible(what: str, text: str, besides: str = "") -> str:
-    """Return a text, if all of its characters are visible.
+    """Return a text unchanged if all of its characters are visible, and refuse it otherwise.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ class Axis(Strict):
             raise SurveyError(f"{how}: {place_and_reason(error)}") from error
 
 
-#: Message for each of pydantic's types of error. Pydantic's own messages describe the program ("Input should be …").
+#: Message for each of pydantic's types of error. It replaces pydantic's own, such as "Input should be …".
 _WORDS = {
     "missing": "is not given: give it",
     "greater_than": "must be greater than {gt}, got {input}",
@@ -192,7 +192,7 @@ def words_of(detail: Mapping[str, Any]) -> str:
     if kind == "extra_forbidden":
         name = str(detail["loc"][-1])
         known = sorted(_fields_below(Strict) - {name})
-        return f"is no field here{did_you_mean(name, known) or ': remove it'}"
+        return f"is not a known field{did_you_mean(name, known) or ': remove it'}"
     if kind in ("too_long", "too_short"):
         ends = [f"at {end} {context[key]}" for end, key in _ENDS if context.get(key) is not None]
         return f"has {context.get('actual_length')} entries: give {' and '.join(ends)}"
@@ -211,7 +211,7 @@ def _shortened(given: Any) -> str:
 
 
 def reason(error: ValueError) -> str:
-    """Return the message for the first wrong field, without pydantic's preamble."""
+    """Return the message for the first wrong field, without pydantic's heading and without the field's name."""
     errors = getattr(error, "errors", None)
     return words_of(errors()[0]) if errors else str(error)
 

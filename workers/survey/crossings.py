@@ -4,14 +4,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-Polyline = tuple[np.ndarray, np.ndarray, np.ndarray]  # the points of a curve: δ, ε, and the number of their piece
+Polyline = tuple[np.ndarray, np.ndarray, np.ndarray]  # for each point of a curve: δ, ε, and the number of its piece
 
 
 class Crossings(NamedTuple):
-    """Passages of a curve between neighbouring cells of a grid.
+    """The pairs of neighbouring cells of a grid between which a curve passes.
 
-    delta, epsilon: ascending cell numbers. The curve passes between each of these cells and the next cell along δ (or
-    along ε).
+    delta: the numbers of the cells, in ascending order, for which the curve passes between the cell and the next one
+    along δ. epsilon: the same for the next cell along ε. Cells are numbered row by row.
     """
 
     delta: np.ndarray
@@ -19,19 +19,19 @@ class Crossings(NamedTuple):
 
 
 def crossings_of(curve: Polyline, delta: np.ndarray, epsilon: np.ndarray) -> Crossings:
-    """Return the passages of a curve between the cells epsilon (m,) × delta (n,)."""
+    """Return the pairs of neighbouring cells between which a curve passes, in the grid epsilon (m,) × delta (n,)."""
     row, column = _along(curve, delta, epsilon)
     line, before = _along((curve[1], curve[0], curve[2]), epsilon, delta)
     return Crossings(np.unique(row * delta.size + column), np.unique(before * delta.size + line))
 
 
 def _along(curve: Polyline, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where a polyline (x, y) crosses the horizontal grid lines `y`, between two neighbouring values of `x`.
+    """Return where a curve crosses the horizontal grid lines at the heights `y`, between the least and largest `x`.
 
     Returns
     -------
     tuple[np.ndarray, np.ndarray]
-        For each crossing: the index of its grid line in `y`, and the index of the last value of `x` before it.
+        For each crossing: the index in `y` of the grid line, and the index in `x` of the last value before it.
     """
     if len(curve[0]) < 2 or x.size < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)

@@ -21,20 +21,25 @@ from rattle.curves import CodimensionTwo, Curve
 from rattle.models import Model
 
 LOWEST_DELTA = 0.1  # a window's δ is at least this share of the first δ of the axis, because no curve reaches δ = 0
-#: A window's half-width is at least this share of its δ (or ε), because curves take minutes in narrower windows.
+#: A window extends beyond its cells by at least this share of its largest δ (or ε), because curves take minutes in
+#: narrower windows.
 NARROWEST = 1e-9
-LEAST_EPSILON = 1e-6  # replaces a smaller ε in that limit, which would be 0 at ε = 0
+LEAST_EPSILON = 1e-6  # NARROWEST counts from at least this ε, because a share of ε = 0 would be 0
 
 
 class Missing(NamedTuple):
-    """A curve that cannot be traced, and why."""
+    """Stands for a curve that cannot be traced. reason: why not, in words."""
 
     reason: str
 
 
 @dataclass(frozen=True)
 class CurveVariable:
-    """A stored variable of a group. values: the function that reads it from a curve; a missing curve has length 0."""
+    """A variable that is stored in a group, such as the group of a curve.
+
+    values: the function that takes the values from the described object, for example a `Curve`. For a missing curve the
+    variable is empty.
+    """
 
     name: str
     dims: tuple[str, ...]
@@ -43,14 +48,14 @@ class CurveVariable:
     values: Callable[[Any], Any]
 
     def of(self, item: Any) -> np.ndarray:
-        """Return the values, in the stored type; empty for a missing curve."""
+        """Return the values of the variable for an object, in the stored type; an empty array for a missing curve."""
         if isinstance(item, Missing):
             return np.empty([2 if dim == "multiplier" else 0 for dim in self.dims], self.dtype)
         return np.asarray(self.values(item), self.dtype)
 
     @property
     def parts(self) -> tuple["CurveVariable", ...]:
-        """The stored variables: real and imaginary part if it is complex, else the variable itself."""
+        """The variables to store: the real and the imaginary part of a complex variable, else the variable itself."""
         if self.dtype is not complex:
             return (self,)
 
@@ -66,7 +71,7 @@ class CurveVariable:
 
     @property
     def attributes(self) -> dict[str, str]:
-        """CF attributes."""
+        """The attributes of the stored array, by the CF conventions."""
         return {"long_name": self.long_name, "units": "1"}
 
 
@@ -184,7 +189,7 @@ def _around(axis: np.ndarray, scale: float) -> tuple[float, float]:
 
 @lru_cache(maxsize=128)
 def traced_curve(name: str, model: Model, window: Window) -> Curve | Missing:
-    """Return a curve inside a window. It is cached, because pictures of a running survey need it repeatedly."""
+    """Return a curve inside a window. Curves are cached, because pictures of a running survey draw them repeatedly."""
     try:
         with np.errstate(all="ignore"):  # steps of the search may overflow if the window has extreme values
             return model.trace(name, window.delta, window.epsilon)
@@ -194,7 +199,7 @@ def traced_curve(name: str, model: Model, window: Window) -> Curve | Missing:
 
 @lru_cache(maxsize=8)
 def traced_crossings(model: Model, delta: Axis, epsilon: Axis) -> tuple[Crossings, ...]:
-    """Return where each curve of a model, as the store's template contains it, passes between the cells of a grid."""
+    """Return for each curve of a model where it passes between cells of a grid, from the curves as they are stored."""
     grid = delta.values(), epsilon.values()
     found = (traced_curve(name, model, window_around(*grid)) for name in model.curve_names)
     return tuple(crossings_of(_points(curve), *grid) for curve in found)
@@ -207,7 +212,7 @@ def _points(curve: Curve | Missing) -> Polyline:
 
 
 def curve_attributes(name: str, model: Model, curve: Curve | Missing) -> dict[str, str]:
-    """Return the attributes of a curve, with the reason if its group is empty.
+    """Return the attributes of a curve's group. If the group has no points, the attribute `comment` says why.
 
     The attribute `references` names the paper of the model, which does not contain all of these curves.
 

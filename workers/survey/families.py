@@ -1,4 +1,4 @@
-"""The families of a survey's attractors: read attractors from slots, number slots, and write the group."""
+"""The families of a survey's attractors: read attractors from slots, assign slots to families, write the group."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -88,7 +88,7 @@ EDGE_VARIABLES: tuple[CurveVariable, ...] = (
 
 
 class Slots(NamedTuple):
-    """The attractors that a survey lists, and the number (attractors,) of each one's slot."""
+    """The attractors that a survey lists. slot (attractors,): the number of each attractor's slot."""
 
     attractors: Attractors
     slot: np.ndarray
@@ -97,8 +97,9 @@ class Slots(NamedTuple):
 class Joined(NamedTuple):
     """The families of a survey.
 
-    table: the families. entered: orbits that continuation found and that have no slot, in the order of their cells.
-    entered_family: the family of each of these orbits. columns: the number of columns of the grid.
+    table: the families. entered: the orbits without a slot, which no sample reached and continuation from neighbouring
+    cells found, sorted by cell. entered_family: the family of each of these orbits. columns: the number of columns of
+    the grid.
     """
 
     table: FamilyTable
@@ -112,9 +113,11 @@ def _places(joined: Joined) -> tuple[np.ndarray, np.ndarray]:
 
 
 def attractors_in_slots(values: Mapping[str, np.ndarray], count: int) -> Slots:
-    """Return the attractors in the slots of a rectangle of cells, from the variables STORED (slots, …, rows, columns).
+    """Return the attractors in the slots of a rectangle of cells.
 
-    The attractors are sorted by cell, in an order that does not depend on their slots. Cells are numbered row by row.
+    values: the variables STORED of these cells, with axes (slots, …, rows, columns). count: the number of samples of a
+    cell. The attractors are sorted by cell, and within a cell in an order that does not depend on their slots. Cells
+    are numbered row by row.
 
     Returns
     -------
@@ -153,15 +156,16 @@ def attractors_in_slots(values: Mapping[str, np.ndarray], count: int) -> Slots:
 
 
 def with_empty(source: np.ndarray) -> np.ndarray:
-    """Complete `source` (slots, m, n), which says from which slot each slot of a cell is filled, to a permutation.
+    """Complete the sources of the slots of each cell to a permutation of the slots.
 
-    A slot without a source (−1) gets one of the slots that no other slot uses, in ascending order; these are empty, so
-    empty slots stay empty.
+    source (slots, m, n): for each slot of a cell the slot whose content moves there, −1 for none. Each slot without a
+    source gets one of the slots that are no source yet, in ascending order. Those slots are empty, so a slot without a
+    source becomes empty.
 
     Returns
     -------
     np.ndarray
-        Source of each slot; all sources in a cell are different.
+        The source of each slot; all sources in a cell are different.
     """
     taken = np.zeros((source.shape[0] + 1, *source.shape[1:]), bool)
     np.put_along_axis(taken, source.astype(np.int64), True, 0)  # −1 addresses the additional last row
@@ -176,13 +180,14 @@ def with_empty(source: np.ndarray) -> np.ndarray:
 def slots_of_families(together: np.ndarray, families: int, slots: int) -> np.ndarray:
     """Assign to each family one slot for all its cells.
 
-    together (k, 2): pairs of families that share a cell, the smaller number first. Families are assigned in the order
-    of their numbers; each gets the lowest slot that is free in all its cells.
+    together (k, 2): pairs of families that occur in the same cell, the smaller number first. families, slots: how many
+    families and how many slots there are. Families are assigned in the order of their numbers; each gets the lowest
+    slot that is free in all its cells.
 
     Returns
     -------
     np.ndarray
-        Slot of each family (families,), int8; −1 if no slot is free in all its cells.
+        The slot of each family (families,), int8; −1 for a family without a slot that is free in all its cells.
     """
     order = np.argsort(together[:, 1], kind="stable")
     begin = np.searchsorted(together[order, 1], np.arange(families + 1)).tolist()
@@ -199,10 +204,11 @@ def slots_of_families(together: np.ndarray, families: int, slots: int) -> np.nda
 
 
 def slots_of(family: np.ndarray, cell: np.ndarray, of_family: np.ndarray) -> np.ndarray:
-    """Return the slots of attractors (k,), given the slot of each family (`of_family`, −1 for none).
+    """Return the slots of attractors (k,) within their cells.
 
-    The attractors of each cell are sorted by falling basin fraction. The first attractor of a family in a cell gets the
-    family's slot. All others, and attractors of families without a slot, get the lowest free slot of the cell.
+    family, cell (k,): the family and the cell of each attractor; the attractors of a cell are sorted by falling basin
+    fraction. of_family: the slot of each family, −1 for none. The first attractor of a family in a cell gets the
+    family's slot. Every other attractor, and those of families without a slot, get the lowest free slot of the cell.
 
     Returns
     -------
@@ -224,12 +230,12 @@ def slots_of(family: np.ndarray, cell: np.ndarray, of_family: np.ndarray) -> np.
 
 
 def _lowest_free(used: int) -> int:
-    """Return the number of the lowest bit that is 0."""
+    """Return the number of the lowest bit of `used` that is 0; bit i says whether slot i is taken."""
     return (~used & (used + 1)).bit_length() - 1
 
 
 def create_numbers(root: zarr.Group, request: SurveyRequest, side: int) -> zarr.Array:
-    """Create the array with the family of every slot, in chunks of `side` × `side` cells."""
+    """Create the array with the number of the family in every slot, in chunks of `side` × `side` cells."""
     described: dict[str, Any] = {
         "long_name": "number of the family of the attractor, a row of the group families; 0: quiet, -1: none",
         "units": "1",
@@ -255,7 +261,7 @@ def files_of_families(request: SurveyRequest, side: int, found: Mapping[Along, t
     Parameters
     ----------
     found : Mapping[Along, tuple[Joined, Any]]
-        For each slice, by its index: its families, and the `Edges` for EDGE_VARIABLES.
+        For each slice, by its index: the families, and the `Edges` with the values of EDGE_VARIABLES.
 
     Returns
     -------

@@ -1,9 +1,9 @@
-"""A survey of a machine: a pair of gears with fixed dimensions, whose speed and eccentricity are the axes.
+"""A survey of a machine: two gears with fixed dimensions; the axes of the survey are their speed and eccentricity.
 
 β depends on neither speed nor eccentricity; δ = 2πc/(IΩ) depends on the speed alone (drag c, inertia I, angular speed
-Ω), and ε on the eccentricity alone. So a plane of one β is a plane of speeds and eccentricities, also for two unlike
-gears. Harmonics of the request are relative to the eccentricity. Even steps of δ are even steps of the duration of a
-revolution, not of the speed.
+Ω), and ε on the eccentricity alone. So a plane of one β is a plane of speeds and eccentricities, also if the gears
+differ. Amplitudes of harmonics in the request are relative to the eccentricity. Even steps of δ are even steps of the
+duration of a revolution, not of the speed.
 """
 
 from collections.abc import Mapping
@@ -44,7 +44,7 @@ class SurveyedMachine(Strict):
 
     @model_serializer(mode="wrap")
     def _without_nothing(self, handler: SerializerFunctionWrapHandler):  # type: ignore[no-untyped-def]
-        """Leave out fields that are not given, so that two equal gears have only the fields of one gear."""
+        """Leave out fields that are None: where the driven gear equals the driving gear, only the latter is written."""
         return {name: value for name, value in handler(self).items() if value is not None}
 
     def at(self, rpm: float, eccentricity: float) -> Machine:
@@ -73,10 +73,10 @@ class SurveyedMachine(Strict):
 
 
 def span_of(machine: SurveyedMachine, name: str, axis: Axis) -> tuple[float, float]:
-    """Return the ends of the axis of δ for a range of speeds, or of ε for eccentricities. Raises ParameterError."""
+    """Return the range of δ for an axis of speeds ("rpm"), or of ε for eccentricities. Raises ParameterError."""
     if name == "rpm":
         return machine.at(axis.stop, 0.0).delta, machine.at(axis.start, 0.0).delta
-    any_speed = 1.0  # rpm: ε does not depend on it
+    any_speed = 1.0  # in rpm; ε does not depend on the speed
     return machine.at(any_speed, axis.start).epsilon, machine.at(any_speed, axis.stop).epsilon
 
 

@@ -1,4 +1,4 @@
-"""The names of a store's files, and its manifest: the digest of each file, which shows that it is whole."""
+"""The names of a store's files, and its manifest, which lists a digest of each file to show that it is undamaged."""
 
 import hashlib
 import json
@@ -15,7 +15,7 @@ SLICE = "{slice}"  # placeholder in a pattern of chunk keys for the index along 
 
 
 def group_path(along: tuple[int, ...], group: str = "") -> str:
-    """Return the path of a slice's group: in SLICES under the slice's index, or at the top without a third axis."""
+    """Return the path of a group of a slice: in SLICES under the slice's index; without a third axis at the top."""
     return "/".join([*(f"{SLICES}/{index}" for index in along), *([group] if group else [])])
 
 
@@ -32,17 +32,17 @@ def digest(key: str, content: bytes) -> str:
 
 @dataclass(frozen=True)
 class Manifest:
-    """Files of a store and their digests. Only the process that leads a run writes it.
+    """The files of a store and their digests. Only the process that leads a run writes the manifest.
 
-    A tile is computed once its chunks are in `tiles`.
+    A tile counts as computed when `tiles` lists its chunks.
     """
 
     content_hash: str
     date_created: str
-    grid: tuple[int, int]  # numbers of tiles along (epsilon, delta); the rows of all slices are counted
+    grid: tuple[int, int]  # numbers of tiles along (epsilon, delta), with the rows of all slices together
     chunks: dict[str, str]  # by variable: the pattern of its chunk keys, with {row} and {column}
     root: tuple[str, ...]  # digest of the root; the old and the new digest while it is replaced
-    files: dict[str, str]  # by key: the digest of each file beside the root and the tiles' chunks
+    files: dict[str, str]  # by key: the digest of each file except the root and the chunks of tiles
     tiles: dict[int, str] = field(default_factory=dict)  # by index of a computed tile: the joined digests of its chunks
     slices: int = 1  # number of slices along a third axis
 
@@ -91,7 +91,7 @@ class Manifest:
         return dict(zip(self.keys(index).values(), each, strict=False))
 
     def tile_of(self, key: str) -> int | None:
-        """Return the index of the tile that has the chunk of this key; None if no tile has it."""
+        """Return the index of the tile to which the chunk with this key belongs; None for other files."""
         pattern = self.chunks.get(key.rpartition("/c/")[0], "")
         places = dict(zip(pattern.split("/"), key.split("/"), strict=False))
         along, row, column = (places.get(part, "0") for part in (SLICE, "{row}", "{column}"))

@@ -58,20 +58,21 @@ DEFAULT_TILE, SMALLEST_DEFAULT = 32, 4
 LEAST_TILES = 16
 #: By default a large survey has about this many tiles, because each tile has some 35 files.
 MOST_TILES = 100
-LARGER = 16  # the default tile of a large survey has at most this many times the samples of a usual tile
+LARGER = 16  # the default tile of a large survey has at most this many times the samples of other default tiles
 BASIN_SIDE = 8  # cells along a side of a default tile if basins are computed; such a tile takes a second or two
-BASIN_SAMPLES = 4096  # states that a cell follows at a time if basins are computed
-MAX_TILE_CELLS = 65_536  # some 50 MB of results in a worker
+BASIN_SAMPLES = 4096  # number of states of a cell that are followed at a time if basins are computed
+MAX_TILE_CELLS = 65_536  # largest number of cells of a tile, whose results take some 50 MB in a worker
 MAX_TILE_REGIONS = 1_048_576  # the same limit for a refined survey of regions alone, where a cell has a few bytes
-#: A default tile of such a survey is higher than wide by the square of this, because closed forms share work by column.
+#: A default tile of a refined survey of regions is higher than wide by the square of this factor, because the closed
+#: forms of all cells of a column share constants.
 TALL = 4
-MAX_TILE_SAMPLES = 4_194_304  # some 300 MB while a worker follows them
+MAX_TILE_SAMPLES = 4_194_304  # largest number of samples of a tile, which take some 300 MB while a worker follows them
 BY_FRACTION, BY_FAMILY = "fraction", "family"  # rules for the slot of an attractor
 #: Default numbers of slots: SLOTS, or MORE_SLOTS if the survey begins below the damping MANY_ATTRACTORS.
 SLOTS, MORE_SLOTS, MANY_ATTRACTORS = 8, 24, 0.1
 MAX_SLOTS = 64
 MAX_TILES = 1_000_000  # a tile has a file for each variable, and costs a millisecond of scheduling
-MAX_SLICES = 64  # most slices along a third axis; the curves of a slice take seconds to compute, and a hundred files
+MAX_SLICES = 64  # largest number of slices; the curves of a slice take seconds to compute, and a hundred files
 
 
 class InitialConditions(Strict):
@@ -103,7 +104,7 @@ class InitialConditions(Strict):
 
     @property
     def tau(self) -> tuple[float, float]:
-        """Range of the phases."""
+        """Range (low, high) of the phases of the initial conditions."""
         return self.tau_min, self.tau_max
 
 
@@ -131,7 +132,7 @@ class _Head(Strict):
 
 
 def _kind_of(parameter: Parameter) -> Any:
-    """Return the type of the field for a model's parameter: a number, or also an axis if it may be one."""
+    """Return the type of a request's field for a model's parameter: a number, or also an axis if this is allowed."""
     most = parameter.greatest if math.isfinite(parameter.greatest) else None
     least: Any = {"ge": 0} if parameter.may_be_zero else {"gt": 0}
     number: Any = Annotated[Real, Field(le=most, **least)]
@@ -210,7 +211,7 @@ class SurveyRequest(_Numbers):
             raise ValueError(f"{info.field_name} must be positive: raise start ({value.start}) above 0")
         most = math.inf if info.field_name not in ADDED else ADDED[info.field_name].greatest
         if value.stop > most:
-            raise ValueError(f"{info.field_name} reaches to {most:g} at most: lower stop ({value.stop})")
+            raise ValueError(f"{info.field_name} must be at most {most:g}: lower stop ({value.stop})")
         if value.num > MAX_SLICES:
             raise ValueError(f"a third axis has {MAX_SLICES} values at most: lower num ({value.num})")
         return value
@@ -218,7 +219,7 @@ class SurveyRequest(_Numbers):
     @model_validator(mode="before")
     @classmethod
     def _by_model(cls, given: Any) -> Any:
-        """Restrict the default quantities to those that the model has."""
+        """Choose those default groups that the model has, if no quantities are given."""
         if isinstance(given, dict) and given.get("model") in (*MODELS,) and "quantities" not in given:
             known = groups_of(given["model"], bool(given.get("harmonics")))
             return given | {"quantities": [str(group) for group in DEFAULT if group in known]}
@@ -227,7 +228,7 @@ class SurveyRequest(_Numbers):
     @model_validator(mode="before")
     @classmethod
     def _by_default(cls, given: Any) -> Any:
-        """Fill in the defaults of the model's parameters."""
+        """Fill in the default values of the model's parameters that are not given."""
         if isinstance(given, dict) and given.get("model") in (*MODELS,):
             added = MODELS[given["model"]].added
             left_out = [each for each in added if each.default is not None and given.get(each.name) is None]
@@ -258,7 +259,7 @@ class SurveyRequest(_Numbers):
         if len(self.third_axis) > 1:
             raise ValueError(f"a survey has one third axis: give one number for {', or for '.join(self.third_axis)}")
         if self.slots_by == BY_FAMILY and Group.FAMILIES not in self.quantities:
-            raise ValueError("slots by family need the families: name these quantities too, or leave slots_by out")
+            raise ValueError("slots_by family needs the quantity families: add it to quantities, or leave slots_by out")
         known = groups_of(self.model, bool(self.harmonics))
         if unknown := set(self.quantities).difference(known):
             names, whose = ", ".join(sorted(unknown)), f"the {self.model} model"
@@ -292,7 +293,7 @@ class SurveyRequest(_Numbers):
     @model_validator(mode="after")
     def _has_what_it_proves(self) -> Self:
         if self.certify and Group.ATTRACTORS not in self.quantities:
-            raise ValueError("certify proves attractors: name this quantity too, or leave certify out")
+            raise ValueError("certify needs the quantity attractors: add it to quantities, or leave certify out")
         if self.certify and Capability.PROOFS not in MODELS[self.model].has:
             raise ValueError(f"periodic motions of the {self.model} model cannot be proved: leave certify out")
         if self.certify and self.third:
@@ -322,7 +323,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def variables(self) -> tuple[Quantity, ...]:
-        """The variables of the store."""
+        """The variables that the survey's store has."""
         more = () if self.refine is None else (*REFINED, *BOUNDED) if self.refine.bound else REFINED
         return stored(self.quantities, self.model, more)
 
@@ -333,7 +334,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def gear_model(self) -> Model:
-        """The model with its parameters. Raises SurveyError if there is a third axis: each slice has its own model."""
+        """The model with its parameters. Raises SurveyError with a third axis, where each slice has its own model."""
         if self.third:
             raise SurveyError(f"this survey has {self.n_slices} values of {self.third}: choose one of its slices")
         return with_harmonics(model_of(**self.others), self.harmonics)
@@ -350,7 +351,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def added_numbers(self) -> dict[str, float]:
-        """Parameters that the model adds to δ, ε and β, by name; for a third axis its last value."""
+        """The values of the parameters that the model adds to δ, ε and β, by name; of a third axis its last value."""
         return {
             name: value.stop if isinstance(value, Axis) else value
             for name, value in self.others.items()
@@ -365,7 +366,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def third_axis(self) -> dict[str, Axis]:
-        """The third axis by its name, if there is one."""
+        """The third axis by its name; empty if there is none."""
         return {name: axis for name in FIXED if isinstance(axis := getattr(self, name), Axis)}
 
     @property
@@ -380,7 +381,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def slices(self) -> "dict[Along, SurveyRequest]":
-        """The request for each slice, by its index along the third axis; without a third axis this request, at ()."""
+        """The request for each slice, by the slice's index; without a third axis this request, with the index ()."""
         return {place: self.at(place) for place in np.ndindex(*(axis.num for axis in self.third_axis.values()))}
 
     def along(self, number: int) -> Along:
@@ -394,7 +395,15 @@ class SurveyRequest(_Numbers):
         return (min(number, self.n_slices - 1),) if self.third else ()
 
     def at(self, place: Along) -> "SurveyRequest":
-        """Return the request for one slice alone, with the initial conditions and tiles of the whole survey."""
+        """Return the request for one slice alone, with the initial conditions and tile shape of the whole survey.
+
+        place: the index of the slice; () returns this request.
+
+        Returns
+        -------
+        SurveyRequest
+            A request without a third axis.
+        """
         if not place:
             return self
         values = {name: float(axis.values()[place[0]]) for name, axis in self.third_axis.items()}
@@ -416,7 +425,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def n_slots(self) -> int:
-        """The most attractors that a cell lists."""
+        """The number of slots: the largest number of attractors that a cell lists."""
         return self.slots or (SLOTS if self.delta.start >= MANY_ATTRACTORS else MORE_SLOTS)
 
     @property
@@ -446,7 +455,7 @@ class SurveyRequest(_Numbers):
             side = min(side, math.isqrt(int(samples / longer) // self.initial_conditions.count))
         if Group.BASINS in self.quantities:
             side = min(side, BASIN_SIDE)
-        if self.refine is not None:  # few of its cells are computed
+        if self.refine is not None:  # few cells of a refined tile are computed, so it may be larger
             side = min(2 * side, math.isqrt(self._most_tile_cells))
             tall = TALL if self._refines_regions else 1
             return max(side * tall // BLOCK, 1) * BLOCK, max(side // tall // BLOCK, 1) * BLOCK
@@ -484,10 +493,10 @@ class SurveyRequest(_Numbers):
         return math.prod(self.tile_grid)
 
     def content_hash(self) -> str:
-        """Return the hex SHA-256 of everything that decides the bytes of the store, code version included.
+        """Return the SHA-256, in hexadecimal, of everything that decides the bytes of the store, with the code version.
 
-        The name is left out, because a renamed survey is the same. The tile shape is included, although no cell depends
-        on it, because it is the chunk shape of the store.
+        The name is left out, because a survey stays the same when it is renamed. The tile shape is included, although
+        no value of a cell depends on it, because it is the chunk shape of the store.
 
         Returns
         -------

@@ -17,19 +17,19 @@ if TYPE_CHECKING:
 
 
 def require_slice(third: Mapping[str, int], number: int | None) -> None:
-    """Raise SurveyError unless this is the number of a slice.
+    """Raise SurveyError unless `number` is the number of a slice, or None for a survey without a third axis.
 
     Parameters
     ----------
     third : Mapping[str, int]
         The length of the third axis by its name, or an empty mapping.
     number : int | None
-        None for a survey without a third axis.
+        The number of the slice, from 0; None for a survey without a third axis.
 
     Raises
     ------
     SurveyError
-        There is no such slice.
+        There is no such slice, or the survey has slices and `number` is None.
     """
     if not third and number is not None:
         raise SurveyError("this survey has no third axis: leave slice out")
@@ -51,7 +51,7 @@ def slice_of(dataset: xr.Dataset, number: int | None = None) -> xr.Dataset:
 
 
 def group_in(number: int | None, group: str) -> str:
-    """Return the path of a group. number: its slice, or None for a survey without a third axis."""
+    """Return the path of a group of a slice. number: the number of the slice; None without a third axis."""
     return group_path(() if number is None else (number,), group)
 
 
@@ -65,7 +65,7 @@ def slices_of(dataset: xr.Dataset) -> Iterator[xr.Dataset]:
 
 
 def value_along(dataset: xr.Dataset) -> dict[str, float]:
-    """Return a slice's value along the third axis, by the axis' name; empty for a survey without one."""
+    """Return the value of the third axis at a slice, by the axis' name; empty for a survey without a third axis."""
     one = [name for name in FIXED if name in dataset.coords and not dataset[name].dims]
     return {name: dataset[name].item() for name in one if name not in dataset.attrs}
 

@@ -44,10 +44,10 @@ Template = dict[str, bytes]  # content of every file of a store without tiles, b
 
 
 def template_of(request: SurveyRequest, created: str | None = None) -> Template:
-    """Return the files of a survey's store before its first tile. created: date of its creation, by default now.
+    """Return the files of a survey's store before its first tile. created: the date of its creation; None: now.
 
-    The root already has all metadata, which chunks never change, so a running survey can be opened from disk and over
-    HTTP.
+    The root already has the metadata of all arrays, which chunks never change. So a running survey can be opened from
+    disk and over HTTP.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def completed(kept: dict[str, Buffer], request: Any, created: str, chunks: dict[
     Parameters
     ----------
     chunks : dict[str, str]
-        Pattern of each variable's chunk keys, with {row} and {column}.
+        The pattern of each variable's chunk keys, with placeholders such as {row} and {column}.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def completed(kept: dict[str, Buffer], request: Any, created: str, chunks: dict[
 
 
 def blank(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
-    """Create empty arrays in memory, with which tiles are encoded without reading the metadata of the store.
+    """Create empty arrays in memory, which encode tiles without reading the metadata of the store.
 
     Returns
     -------
@@ -105,7 +105,7 @@ def blank(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Arr
 
 
 def _chunks(request: SurveyRequest, quantities: Iterable[Quantity]) -> dict[str, str]:
-    """Return the pattern of each variable's chunk keys, with {row}, {column}, and {slice} if there is a third axis."""
+    """Return each variable's pattern of chunk keys, with {row}, {column} and, if there is a third axis, {slice}."""
     first = ["c", *(SLICE for _ in request.third_axis)]
     return {
         quantity.name: "/".join([quantity.name, *first, *"0" * (len(quantity.dims) - 2), "{row}", "{column}"])
@@ -131,7 +131,7 @@ def consolidate(store: StoreLike) -> None:
 
 
 def _attributes(request: SurveyRequest, created: str) -> dict[str, Any]:
-    """Return the attributes of the whole survey: text and numbers, which NetCDF can hold too."""
+    """Return the attributes of the whole survey. They are texts and numbers, so that NetCDF can hold them too."""
     return {
         "Conventions": "CF-1.11",
         "history": f"{created}: computed by gear-rattle {code_version()}",
@@ -160,7 +160,7 @@ def _title(request: SurveyRequest) -> str:
 
 
 def _machine_attributes(request: SurveyRequest) -> dict[str, Any]:
-    """Return attributes for a machine's numbers, and the names of auxiliary coordinates, which CF wants in the root."""
+    """Return attributes for a machine's numbers, and `coordinates`, where CF wants auxiliary coordinates named."""
     machine = {} if request.machine is None else request.machine.model_dump()
     names = [*(name for name in fixed(request) if name != request.third), *(AXES if machine else ())]
     return {"coordinates": " ".join(names), **{f"machine_{name}": value for name, value in machine.items()}}
@@ -187,7 +187,7 @@ def _model_attributes(request: SurveyRequest) -> dict[str, Any]:
 
 
 def now() -> str:
-    """Return the time in UTC, to the second."""
+    """Return the present time in UTC in ISO format, to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
@@ -216,7 +216,7 @@ def dimension_name(request: SurveyRequest, dim: str) -> str:
 
 
 def coordinate_values(values: tuple[int, ...] | tuple[str, ...]) -> np.ndarray:
-    """Return labels as variable-length text, the only kind of text that zarr v3 specifies, or as int64."""
+    """Return the labels of a dimension as int64 or as variable-length text, the only text that zarr v3 specifies."""
     text = isinstance(values[0], str)
     return np.array(values, dtype=np.dtypes.StringDType() if text else np.int64)
 
@@ -286,7 +286,7 @@ def write_variables(group: zarr.Group, variables: Iterable[CurveVariable], item:
 
 
 def write(group: zarr.Group, name: str, dims: tuple[str, ...], values: np.ndarray, attributes: dict[str, Any]) -> None:
-    """Write a whole array as one chunk; no tile writes to it."""
+    """Create an array with these values, as one chunk; tiles never write to such arrays."""
     chunks = tuple(max(size, 1) for size in values.shape)  # zarr wants chunks of at least 1, also for an empty array
     group.create_array(
         name, data=values, chunks=chunks, compressors=CODECS, config=WHOLE, dimension_names=dims, attributes=attributes

@@ -1,4 +1,4 @@
-"""Tiles: the rectangles of cells in which a survey is computed, each by a pure function."""
+"""Tiles: rectangles of cells. A survey is computed tile by tile, each by a pure function."""
 
 import time
 from collections.abc import Iterable, Iterator
@@ -23,7 +23,7 @@ GRACE_SECONDS = 2.0  # seconds that running tiles have to end after a stop
 #: Failures of the computer, not of a cell. They are never stored, because results must not depend on the computer.
 MACHINE_FAILURES = (MemoryError, OSError, ImportError)
 
-FailedCell = tuple[int, int, str]  # i_epsilon, i_delta, message
+FailedCell = tuple[int, int, str]  # indices of the cell along ε and along δ, and the message of its failure
 TileArrays = dict[str, np.ndarray]
 CellOutcome = TileArrays | str  # a cell's values, or the reason why there are none
 
@@ -32,8 +32,9 @@ CellOutcome = TileArrays | str  # a cell's values, or the reason why there are n
 class Tile:
     """A rectangle of cells, which is a chunk of every variable.
 
-    index: the number of the tile, counted along δ first, then along ε, then along a third axis. delta, epsilon: its
-    spans in the grid. along: the index of its slice. rounds: rounds of audits after the first one, of a refined survey.
+    index: the number of the tile, counted along δ first, then along ε, then along a third axis. delta, epsilon: the
+    ranges of the tile's cells in the grid. along: the index of its slice. rounds: in a refined survey with a bound, the
+    rounds of audits after the first one.
     """
 
     index: int
@@ -44,30 +45,30 @@ class Tile:
 
     @property
     def n_cells(self) -> int:
-        """Cells of the tile."""
+        """Number of cells of the tile."""
         return (self.delta.stop - self.delta.start) * (self.epsilon.stop - self.epsilon.start)
 
     @property
     def spans(self) -> tuple[slice, slice]:
-        """Slices of the grid, along (epsilon, delta)."""
+        """Ranges of the tile's cells in the grid, along (epsilon, delta)."""
         return self.epsilon, self.delta
 
     @property
     def at(self) -> tuple[int | EllipsisType | slice, ...]:
-        """Index of the tile in a variable."""
+        """The index that selects the tile's cells in the array of a variable."""
         return *self.along, ..., self.epsilon, self.delta
 
 
 @dataclass(frozen=True)
 class TileRecord:
-    """Result of a tile. failed_cells: their rows are counted through all slices."""
+    """Summary of a computed tile. failed_cells: (row, column, message); rows are counted through all slices."""
 
     index: int
     cells: int
     failed_cells: tuple[FailedCell, ...]
     undecided_cells: int
     seconds: float
-    impacts: int = 0  # impacts on Σ⁺ of all samples; 0 without samples, or if cells were computed in another process
+    impacts: int = 0  # impacts on Σ⁺ of all samples; 0 without samples, or if cells were computed one by one
     filled_cells: int = 0  # cells of a refined tile that were not computed
     files: dict[str, str] = field(default_factory=dict, compare=False)  # digests of its written chunks, by key
 
@@ -150,10 +151,10 @@ def compute_tile(
 def _refined(request: SurveyRequest, tile: Tile) -> RefinedCells:
     """Return the cells of a refined tile, of which only some are computed."""
     whole = cells_of_tile(request.at(tile.along))
-    # Curves of a model without closed form take minutes to trace, so its tiles do without.
+    # Curves of a model without closed form take minutes to trace, so tiles of such a model are refined without curves.
     curves = traced_crossings(whole.model, request.delta, request.epsilon) if whole.model.in_closed_form else ()
-    # A bound combines the audits of all slices, so each slice draws other cells. Without a bound, a slice has the same
-    # draws, and so the same values, as a survey of its plane alone.
+    # A bound combines the audits of all slices, so each slice draws other cells. Without a bound, a slice draws the
+    # same cells, and so has the same values, as a survey of this plane alone.
     seed = request.seed + (sum(tile.along) << 32) * request.is_bounded
     plan = FillingPlan((first_audit(request), *tile.rounds), request.quantities, curves, seed)
     return refined_cells(whole, *tile.spans, plan)
@@ -182,7 +183,7 @@ def cell_outcomes(
     Parameters
     ----------
     failing : tuple[type[Exception], ...]
-        Failures of the computer that are to count as failures of a cell.
+        Exceptions in MACHINE_FAILURES that count as failures of the cell here, instead of ending the tile.
 
     Yields
     ------

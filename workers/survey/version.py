@@ -1,4 +1,4 @@
-"""Identify the code that computes a survey, because a resumed survey must not mix numbers of two versions."""
+"""Identify the code that computes a survey, because a continued survey must not mix numbers of two code versions."""
 
 from functools import cache
 from hashlib import sha256
@@ -11,9 +11,9 @@ FOLDERS = ("survey", "populations")
 
 @cache
 def code_version() -> str:
-    """Return the version of the library, with a digest of every source that decides the contents of a store.
+    """Return the version of the library, with a digest of all source files that decide the contents of a store.
 
-    These are the sources of rattle, and those of surveys and of populations.
+    These are the files of the package `rattle` and of the folders `survey` and `populations`.
 
     Returns
     -------

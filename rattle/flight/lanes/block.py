@@ -12,7 +12,7 @@ from rattle.flight.law import Flight
 from rattle.numerics.compile import inline, kernel
 
 LANES, GROUP = 192, 16  # lanes of a block, and of a group; only groups in use are computed
-#: All groups, none, and one, as np.int64: Python integers would compile further variants of the kernels.
+#: Numbers of groups: all, none, one. They are np.int64, because Python integers would compile further kernel variants.
 GROUPS, NONE, ONCE = np.array([LANES // GROUP, 0, 1])
 SMOOTH, ROUGH, ARCS = range(3)
 ROUGHNESS = 0.75  # share of the amplitude at which the contact force changes sign; above it a better first guess pays
@@ -22,11 +22,12 @@ ZERO, ONE = f32(0.0), f32(1.0)
 #: Fields that also have a copy in single precision, named with a trailing underscore.
 _STATE = ("tau", "w", "wall", "sin0", "cos0")
 _PARAMETERS = ("inverse_delta", "delta", "epsilon", "gap")
-#: Double precision: what a lane carries is that, the impacts counted, at most `limit` on Σ⁺, and why it stopped early;
-#: the coefficient of restitution, with v/h² up to which a chatter completes, 0 where impacts are elastic;
-#: a tangent vector (dt, dw) with the product of determinants and the time; and what a driver keeps of the trajectory on
-#: a lane: a reference state with the impacts to there, looks so far and at which the reference moves up; the batch that
-#: it is measured for (below 0: none yet) and since when; the unit of its speeds.
+#: Fields in double precision that a lane keeps from flight to flight, in this order: state and parameters; the
+#: coefficient of restitution; the largest v/h², with the pressing force h, at which a chatter is certain to complete (0
+#: for elastic impacts); the impacts on both walls, the most impacts on Σ⁺, and the reason of an early stop (0 if none);
+#: a tangent vector (dt, dw), the product of determinants, and the time. The last line is for the code that follows
+#: trajectories: a reference state and its number of impacts, the number of checks so far and the number at which the
+#: reference is replaced; the batch that is measured (below 0 if none yet) and its begin; the unit of speeds.
 _CARRIED = (
     *_STATE,
     *_PARAMETERS,
@@ -35,24 +36,24 @@ _CARRIED = (
     *("at_tau", "at_v", "at_n", "looks", "next_look", "batch", "since", "unit"),
 )
 _NEXT_IMPACT = ("f0", "s", "w1", "bend", "lost", "sin1", "cos1", "target", "sure")
-#: Single precision: copies of parameters and state, the arc of negative contact force; then flight time, Taylor
-#: coefficients, what was decided.
+#: Fields in single precision: copies of parameters and state, and the arc of negative contact force; in _GUESSED the
+#: flight time, Taylor coefficients at this time, and the results of the guess and of the proof.
 _PARAMETERS_32, _STATE_32 = (tuple(f"{name}_" for name in names) for names in (_PARAMETERS, _STATE))
 _ARC = ("arc_exit", "arc_length", "sin_entry", "sin_exit", "no_arc")
 _CARRIED_32 = ("rough", *_PARAMETERS_32, *_ARC)
 _SCANNED = (*_PARAMETERS_32[1:], *_ARC, *_STATE_32, "a_")
 _GUESSED = (*("s_", "c0", "c1", "c2", "c3", "c4", "c5"), *("step", "speed", "turn", "bound", "tilt", "falls", "proved"))
-#: z_: the lanes of the second attempt, compacted, and what it finds.
+#: Fields for the second attempt: copies of the lanes without proof at the first places, and the results for them.
 _COMPACTED = tuple("z_" + name.rstrip("_") for name in _SCANNED)
 _FOUND = ("z_f", "z_g", "z_turned", "z_turn", "z_ended", "z_falls", "z_end", "z_s", "z_proved")
 
-#: Every field is an array over the lanes; `who` is the trajectory on a lane (−1: none).
+#: All fields, each an array over the lanes. `who` is the number of the trajectory on a lane, −1 if there is none.
 FIELDS = (
     dict.fromkeys((*_CARRIED, *_NEXT_IMPACT), np.float64)
     | dict.fromkeys((*_CARRIED_32, *_STATE_32, "a_", *_GUESSED, *_COMPACTED, *_FOUND), np.float32)
     | dict.fromkeys(("who", "todo"), np.int64)
 )
-#: Tables (field, lane) over the bytes of neighbouring fields, for loops over many fields.
+#: Arrays (field, lane) that share the memory of neighbouring fields, for loops over many fields.
 TABLES = {
     "state": _STATE,
     "state_": _STATE_32,
@@ -66,7 +67,7 @@ TABLES = {
 
 
 def _layout() -> np.dtype[np.void]:
-    """Return the dtype of one block: the fields in turn, each on whole cache lines, and the tables over them."""
+    """Return the dtype of one block: the fields in turn, each on whole cache lines, and the arrays of TABLES."""
     ends = accumulate((np.dtype(of).itemsize * LANES for of in FIELDS.values()), initial=0)
     offsets = dict(zip([*FIELDS, ""], ends, strict=True))
     fields = [(name, (of, (LANES,)), offsets[name]) for name, of in FIELDS.items()]
@@ -201,7 +202,16 @@ def synchronise(b, groups):
 
 @inline
 def made_ready(b, groups, none_waits):
-    """Prepare the block for flights: close ranks unless trajectories wait, synchronise; return groups in use."""
+    """Prepare the block for flights, and return the number of groups in use.
+
+    If no trajectory waits for a lane, the trajectories are moved to the first lanes. Then sines and cosines are
+    recomputed.
+
+    Returns
+    -------
+    int
+        Number of groups in use.
+    """
     if none_waits:
         groups = close_ranks(b)
     synchronise(b, groups)

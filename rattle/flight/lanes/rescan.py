@@ -26,7 +26,7 @@ from rattle.flight.law import Flight
 from rattle.flight.proof import clears_the_gap, is_located, single_turn, two_turns
 from rattle.numerics.compile import inline, kernel
 
-SCANNED, SAFE = range(2)  # indices of `paths`: flights located by this second attempt, and by the search
+SCANNED, SAFE = range(2)  # indices of `paths`, the numbers of flights located by this second attempt and by the search
 
 
 @kernel
@@ -78,7 +78,7 @@ def arc_scanned(b, i):
 
 @inline
 def scan(b, n, padded):
-    """Evaluate the n flights at fixed steps until each has ended. Padding lanes count as ended."""
+    """Evaluate the n flights at fixed steps until each has ended. The other lanes, up to `padded`, count as ended."""
     for k in range(padded):
         from_bottom = b.z_wall[k] < ZERO
         b.z_f[k], b.z_g[k], b.z_turn[k], b.z_end[k] = ZERO, b.z_w[k], ZERO, ZERO

@@ -1,9 +1,9 @@
 """Many flights at once (compiled): a block of lanes, each one trajectory with its own parameters, flown in step.
 
 Every stage is a short loop over the lanes of a block whose state stays in the first-level cache, and whose body is
-straight-line code: LLVM turns it into vector instructions, and short stages overlap in the processor. A lane without
-proof of its first impact goes to a second attempt from a scan, together with the others like it, and after that
-alone to `first_impact.safe_impact`. docs/kernel.md explains.
+straight-line code: LLVM turns it into vector instructions, and short stages overlap in the processor. All lanes without
+proof of their first impact get a second attempt, from a scan. Lanes that are still without proof are computed one by
+one by `first_impact.safe_impact`. docs/kernel.md explains the stages.
 """
 
 import numpy as np
@@ -52,7 +52,7 @@ def guess(b, groups):
 
 @inline
 def improve(b, groups):
-    """Improve the guess, where the force varies so much that its mean misleads."""
+    """Improve the guess on lanes where the contact force varies so much that its mean gives a poor guess."""
     for i in range(GROUP * groups):
         s = better_guess(b.s_[i], b.wall_[i], b.gap_[i], flight32(b, i))
         s = min(s, f32(0.95) * TOO_FAR * b.inverse_delta_[i])
@@ -163,9 +163,10 @@ def _land(tangent):
 
     @inline
     def land(b, groups):
-        """Take the last step. Lanes with a proved impact and impacts left arrive and are reflected.
+        """Move the lanes with a proved impact, and with impacts left, to this impact, and reflect their velocity.
 
-        For `carry`, other lanes have a flight of no duration, and sin1 and cos1 are those of the departure.
+        With tangent vectors, the flights of other lanes get duration 0, and for `carry` sin1 and cos1 become the sine
+        and cosine at the departure.
         """
         for i in range(GROUP * groups):
             tau, wall, target, s, flight = b.tau[i], b.wall[i], b.target[i], b.s[i], flight64(b, i)
@@ -228,7 +229,7 @@ def carry(b, groups):
 
 @inline
 def loses_energy(b, groups):
-    """Return whether a chatter completes on some lane."""
+    """Return whether on some lane impacts lose energy, so that a chatter may complete."""
     found = False
     for i in range(GROUP * groups):
         found |= b.capture[i] > 0.0
@@ -247,7 +248,7 @@ def enter_contact(b, groups):
 
 @kernel
 def search(b, i, paths):
-    """Compute the flight of lane i by the search that cannot skip a crossing, unless it is in lasting contact."""
+    """Compute the flight of lane i by `safe_impact`, which cannot skip an impact; stop a lane in lasting contact."""
     wall, flight = np.int64(b.wall[i]), flight64(b, i)
     if stays_in_contact(wall, flight.w, b.tau[i], flight.delta, flight.epsilon, DRIFT):
         b.stuck[i], b.limit[i] = IN_CONTACT, -1.0
@@ -279,9 +280,10 @@ def repair(b, groups, paths):
 
 @kernel
 def advance(memory, groups, flights, force, tangent, paths):
-    """Fly every lane of a block this many times, with its tangent vector or without.
+    """Compute the next flights of every lane of a block: `flights` of them, if `tangent` with their tangent vectors.
 
-    `force` is the result of `roughest`. `paths` counts the flights located by the scan and by the search.
+    `groups` is the number of groups in use, `force` the result of `roughest`. `paths` counts the flights that the scan
+    and the search locate.
     """
     b = memory[0]
     lossy = loses_energy(b, groups)

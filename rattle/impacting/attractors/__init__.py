@@ -1,1 +1,1 @@
-"""The classifier of the impacting gear, its plane of states, the boundary distance."""
+"""The classifier of the impacting gear, its families of attractors, and the boundary distance."""

@@ -1,7 +1,9 @@
-"""Grow capture regions in lanes, with a group of lanes for each region (compiled).
+"""Compute the radii of capture regions in lanes, with a group of lanes for each region (compiled).
 
-The radius is the largest of those tried at which no direction fails. Larger radii mostly fail in many directions. So a
-group first tries four directions at four radii, and then all directions at the largest radius that passed.
+A lane follows the state at one radius and in one direction from the centre. The direction fails at this radius if the
+state does not meet the conditions of `rattle.attractors.ball` over the orbit's period. The radius of the region is the
+largest tried radius at which no direction fails. A radius that is too large mostly fails in many directions. So a group
+first tries four directions at four radii, and then all directions at the largest radius that passed.
 """
 
 import math
@@ -18,11 +20,12 @@ from rattle.flight.tangent import flight_tangent
 from rattle.numerics.compile import inline, kernel
 
 ALL = 2 * DIRECTIONS  # directions tried at once, one for each lane of a group
-FEW = 4  # directions, a quarter turn apart, and radii of the first attempt
+FEW = 4  # number of directions, a quarter turn apart, and number of radii of the first attempt
 RADII = int(math.log2(LARGEST / SMALLEST)) + 1  # number of radii to try, each half the previous one
 
-#: For each lane: the departure of its flight, 1 − e^(−δs) of the flight, and the matrix of its flights so far. For each
-#: group: its centre (−1: none), the number of halvings of the radius, and whether it tries several radii at once.
+#: For each lane: w, sine and cosine of 2πτ at the departure of its flight, 1 − e^(−δs) of the flight (`lost`), and the
+#: tangent matrix [[a, b], [c, d]] of its flights so far. For each group: the number of its centre (`of`, −1: none), the
+#: number of halvings of the radius (`level`), and whether it tries few directions at several radii (`few`).
 WORK = np.dtype(
     [(name, np.float64, (LANES,)) for name in ("w", "sin0", "cos0", "lost", "a", "b", "c", "d")]
     + [(name, np.int64, (int(GROUPS),)) for name in ("of", "level", "few")]
@@ -31,13 +34,13 @@ WORK = np.dtype(
 
 @inline
 def direction_of(lane, few):
-    """Return the direction, and the number of halvings of the radius, that a lane of a group tries."""
+    """Return the direction that a lane of a group tries, and its number of further halvings of the radius."""
     return (lane % FEW * (ALL // FEW), lane // FEW) if few else (lane, 0)
 
 
 @inline
 def take(b, group, i, centres, cells):
-    """Give the parameters of centre i to the lanes of a group."""
+    """Load the parameters of the cell of centre i into all lanes of a group."""
     first, cell = group * GROUP, centres.cell[i]
     load(b, first, 0.0, 1.0, cells.delta[cell], cells.epsilon[cell], cells.beta[cell], -1.0)
     for field in range(len(b.carried)):
@@ -50,7 +53,7 @@ def take(b, group, i, centres, cells):
 
 @inline
 def depart(b, work, group, i, level, few, centres):
-    """Put the next states to try around centre i on the lanes of a group."""
+    """Put the next states to try around centre i on the lanes of a group, a state on each lane."""
     for j in range(GROUP):
         lane = group * GROUP + j
         direction, halvings = direction_of(j, few)
@@ -64,7 +67,7 @@ def depart(b, work, group, i, level, few, centres):
 
 @inline
 def fly(memory, work, groups, force, paths):
-    """Fly one flight on every lane, with its tangent."""
+    """Advance the state on every lane by one flight, and multiply its tangent matrix by that of the flight."""
     b = memory[0]
     for i in range(GROUP * groups):
         work.w[i], work.sin0[i], work.cos0[i], b.time[i] = b.w[i], b.sin0[i], b.cos0[i], 0.0
@@ -88,7 +91,7 @@ def fly(memory, work, groups, force, paths):
 
 @inline
 def under_way(b, group, most):
-    """Return whether a lane of the group still has impacts to make and has not met Σ⁻ more often than the orbit."""
+    """Stop lanes with more than `most` impacts on Σ⁻, and return whether any lane of the group still has to fly."""
     left = False
     for lane in range(group * GROUP, (group + 1) * GROUP):
         if b.n_minus[lane] > most:
@@ -99,7 +102,7 @@ def under_way(b, group, most):
 
 @inline
 def holds(b, work, lane, i, centres):
-    """Return whether the state on a lane returned with the conditions of `ball.contracts`."""
+    """Return whether the state on a lane, followed over the period of centre i, meets the conditions of `contracts`."""
     arrived = b.n_plus[lane] == centres.n_plus[i] and b.n_minus[lane] == centres.n_minus[i]
     a, b_, c, d = work.a[lane], -work.b[lane], -work.c[lane], work.d[lane]  # in (τ, v), with v = −w at both ends
     return arrived and shrinks(a, b_, c, d, centres.m00[i], centres.m01[i], centres.m11[i])
@@ -107,7 +110,7 @@ def holds(b, work, lane, i, centres):
 
 @inline
 def largest_held(b, work, group, i, level, few, centres):
-    """Return the largest radius tried at which no direction failed, or the next smaller one if all failed."""
+    """Return the halvings of the largest tried radius without a failure; if all failed, of the next smaller radius."""
     radii = FEW if few else 1
     for halvings in range(radii):
         good = True
@@ -121,7 +124,7 @@ def largest_held(b, work, group, i, level, few, centres):
 
 @kernel
 def grow(memory, work, centres, cells, paths):
-    """Find the radius of every capture region, 0 where there is none. `work` is scratch memory (`WORK`)."""
+    """Write the radius of every capture region to `centres`, 0 for no region. `work` is scratch memory (`WORK`)."""
     b, n, fresh, force = memory[0], centres.radius.size, NONE, SMOOTH
     of, level, few = work.of, work.level, work.few
     of[:] = -1
@@ -158,5 +161,5 @@ def grow(memory, work, centres, cells, paths):
 
 
 def enlarge(memory, centres, cells):
-    """Find the radii of the capture regions of these centres in lanes (`Classifier.enlarge`)."""
+    """Write the radii of the capture regions to `centres`, computed in lanes (`Classifier.enlarge`)."""
     grow(memory, np.zeros(1, WORK)[0], centres, cells, np.zeros(2, np.int64))

@@ -1,10 +1,11 @@
 """The boundary distance of quiet motion: the least speed after an impact from which another attractor is reached.
 
 Quiet motion is the line v = 0 of all phases τ, so the distance is the least v of all states that do not become quiet.
-It is computed in four steps: a sample of the plane by the classifier of `rattle.attractors.table`; preimages of the
-basins that the sample found, because all preimages of a basin belong to it, however thin they are; further samples of
-the strip below the least speed so far; and a pattern search from the lowest states found. Every state that counts is
-followed exactly.
+It is computed in four steps. The classifier of `rattle.attractors.table` first decides a set of states over the plane
+and over the strip of small speeds. Then preimages of the basins that this set found are computed, because all preimages
+of a basin belong to the basin, however thin they are. Further sets of states cover the strip below the least speed so
+far. Finally a pattern search starts from the slowest states found. Every state that counts was itself followed to its
+attractor. "Low" means slow, because v is the height in the (τ, v) plane.
 """
 
 from __future__ import annotations
@@ -28,24 +29,30 @@ from rattle.numerics.sampling import sobol
 from rattle.orbits.iterates import fold
 from rattle.parameters import Parameters
 
-SAMPLED, ROUNDS = 1024, 8  # states of one sample of the strip or the plane; most further samples of the strip
-# states at the edges of all capture regions of a cell; fewest and most states of one region
+SAMPLED, ROUNDS = 1024, 8  # number of states of one set over the strip or the plane; most further sets over the strip
+# number of states at the edges of all capture regions of a cell; fewest and most states at the edge of one region
 EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64
-# most steps back from a state; speed, in units of the natural one, above which preimages are not followed
+# largest number of impacts backwards from a state; speed, in natural speeds, above which no preimage is followed back
 PREIMAGES, CEILING = 64, 25.0 / 7.0
-# states of a cell whose preimages are computed; copies of each if they are few; relative distance of copies
+# states of a cell whose preimages are computed; copies near each state if states are few; relative distance of copies
 STATES, COPIES, NEAR = 1024, 3, 1.0 / 64.0
 TRIED = 64  # lowest preimages of a cell that are followed to their attractors
 STARTS, APART = 4, 1.0 / 32.0  # pattern searches of a cell, and least phase difference between their first states
-SIDEWAYS, DOWN = 8.0 ** -np.arange(3), 8.0 ** -np.arange(5)  # shape of a pattern; near a smooth minimum it is flat
+# offsets of the states of a pattern in τ and in v, in units of its size; those in v are also small, because the
+# boundary is flat near a smooth minimum
+SIDEWAYS, DOWN = 8.0 ** -np.arange(3), 8.0 ** -np.arange(5)
 FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20  # first and last size of a pattern: relative in v, in forcing periods in τ
-# factor on a pattern that found nothing lower; a search this many sizes above the best one is given up
+# factor by which a pattern shrinks if it holds no lower state; a search is given up if its state is more than this many
+# sizes of its pattern above the lowest state of the cell
 SHRINK, HOPE = 1.0 / 16.0, 8.0
-MOST_PATTERNS = 60
-LEAST_IMPACTS, MOST_IMPACTS = 512, 4096  # bounds of the impacts of a state after the first step, at strong damping
-PATIENCE = 2  # multiple of the impacts that the sample needed to reach its orbits, and in chaotic cells quiet motion
-LASTING = 8  # the lowest states that seem chaotic are finally followed this many times as long
-LOWEST = 1e-6 / 7.0  # least speed of the strip, in units of the natural speed, where capture is not certain above it
+MOST_PATTERNS = 60  # most patterns of one search
+# least and largest limit of the impacts of a state of the steps after the first, at strong damping
+LEAST_IMPACTS, MOST_IMPACTS = 512, 4096
+# A state may make this many times the most impacts that any state of the first set needed to reach a periodic orbit (in
+# chaotic cells: a periodic orbit or quiet motion).
+PATIENCE = 2
+LASTING = 8  # the lowest states that seem chaotic are finally followed for this many times as many impacts
+LOWEST = 1e-6 / 7.0  # least lower edge of the strip, in natural speeds; it is used if the capture speed is smaller
 
 Array = NDArray[np.float64]
 
@@ -57,13 +64,13 @@ class BoundaryDistance(NamedTuple):
     ----------
     v
         The speed. It is inf if no state up to v_max reaches another attractor, and 0 if there is no quiet motion. It is
-        NaN if all states that do not become quiet are undecided, and also (with undecided = 0) if quiet motion takes
-        more impacts than the limit: within a few per cent of the quiet limit, or more at weak damping, no sample can
-        distinguish it from chaos.
+        NaN if all states that do not become quiet are undecided. It is also NaN, with undecided = 0, if becoming quiet
+        takes more impacts than the limit, as happens within a few per cent of the quiet limit (in a wider range at weak
+        damping). There no sample can distinguish quiet motion from chaos.
     tau
-        The phase of the impact; NaN unless v is positive and finite.
+        The phase of the impact; NaN if v is 0, inf or NaN.
     undecided
-        The least speed of an undecided state, inf if there is none. If it is below v, the true distance may be smaller.
+        The least speed of an undecided state, inf if there is none. If it is below v, the true distance may be below v.
     """
 
     v: Any
@@ -72,16 +79,16 @@ class BoundaryDistance(NamedTuple):
 
 
 class _Cells:
-    """Cells (n,) with a quiet motion: a classifier of states in them, and the lowest states that leave quiet motion.
+    """The cells (n,) that have quiet motion, their classifier, and the lowest states that leave quiet motion.
 
     Attributes
     ----------
     chaos : flags (n,)
-        True if the unresolved samples are chaotic.
+        True if the unresolved samples of the cell are chaotic.
     most : (n,)
-        Limit of impacts of a state.
+        Largest number of impacts for which a state is followed.
     tau, v : (n, STARTS)
-        The lowest states that reach another attractor; v is inf where there is none.
+        The lowest states that reach an attractor other than quiet motion; v is inf in places without a state.
     undecided : (n,)
         The least speed of an undecided state.
     """
@@ -93,7 +100,7 @@ class _Cells:
             capture_speeds(delta, epsilon, beta), LOWEST * usual, 0.5 * v_max
         )  # slower states become quiet
         self.v_max, self.ceiling = v_max, CEILING * usual
-        self.longer = longest_rest(delta) / LONGEST_REST  # factor relative to strong damping
+        self.longer = longest_rest(delta) / LONGEST_REST  # factor on limits of impacts, compared with strong damping
         self.tau, self.v = np.full((n, STARTS), np.nan), np.full((n, STARTS), np.inf)
         self.balls = np.zeros(n, np.int64)  # number of capture regions whose preimages are already computed
         self.sampled = self.strip_and_plane(n)
@@ -111,13 +118,13 @@ class _Cells:
         self.undecided = np.full(n, np.inf)
 
     def strip_and_plane(self, n: int) -> tuple[Array, Array]:
-        """Return the first sample of n cells: states of the strip and of the plane (n, 2 · SAMPLED)."""
+        """Return τ and v (n, 2 · SAMPLED) of the first set of states of n cells, over the strip and over the plane."""
         (tau, v), (x, y) = self.strip(self.v_max, 0), sobol(SAMPLED).T
         plane = self.v_max[:, None] * (y + 0.5 / SAMPLED)
         return np.hstack([tau, np.tile(x, (n, 1))]), np.hstack([v, plane])
 
     def sample(self) -> None:
-        """Classify the first sample. Keep its lowest states that reach another attractor and their lowest preimages."""
+        """Keep the lowest states of the first set that leave quiet motion, and the lowest of their preimages."""
         (tau, v), status = self.sampled, self.classifier.status
         away = (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[:, None])
         self.undecided = np.where((status != Outcome.QUIET) & ~away, v, np.inf).min(axis=1)
@@ -125,15 +132,16 @@ class _Cells:
         self.look_back(away, tau, v)
 
     def strip(self, below: Array, i: int) -> tuple[Array, Array]:
-        """Return part i of a low-discrepancy sample (n, SAMPLED), uniform in τ and ln v, up to each cell's speed."""
+        """Return τ and v (n, SAMPLED) of set i over the strip up to the speeds `below` (n,), uniform in τ and ln v."""
         x, y = sobol((i + 1) * SAMPLED)[i * SAMPLED :].T
         low, high = np.log(self.floor)[:, None], np.log(np.maximum(below, self.floor))[:, None]
         return np.repeat(x[None], below.size, axis=0), np.exp(low + (high - low) * y)
 
     def away(self, cell: NDArray[np.int64], tau: Array, v: Array, times: int = 1) -> NDArray[np.bool_]:
-        """Return whether states (k,) of these cells reach another attractor than quiet motion.
+        """Return whether states (k,) of these cells reach an attractor other than quiet motion.
 
-        In a cell with chaos, a state that reaches no attractor counts as chaotic.
+        Each state is followed for `times` times the limit of impacts of its cell. In a cell with chaos, a state that
+        reaches no attractor by then counts as chaotic.
 
         Returns
         -------
@@ -144,7 +152,7 @@ class _Cells:
         return (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[cell])
 
     def keep(self, tau: Array, v: Array) -> None:
-        """Keep the lowest of the new and the known states, at different phases; v is inf for states not to count."""
+        """Keep the lowest of the new (n, k) and the kept states, at different phases. Ignore states with v = inf."""
         tau, v = np.append(self.tau, tau, axis=1), np.append(self.v, v, axis=1)
         for i in range(STARTS):
             each, one = np.arange(v.shape[0]), np.argmin(v, axis=1)
@@ -166,13 +174,13 @@ class _Cells:
         return np.repeat(cell, each), fold(tau + x), v + y
 
     def look_back(self, away: NDArray[np.bool_], tau: Array, v: Array) -> None:
-        """Keep the lowest preimages of states (n, k) that reach another attractor, and of edges of new regions.
+        """Keep the lowest preimages of the states flagged in `away`, and of the edges of new capture regions.
 
-        If the states are few, copies close to them are added. New regions are capture regions found since the last
-        call.
+        `away` (n, k) flags the states that reach an attractor other than quiet motion. If there are few such states,
+        copies close to them are added. New capture regions are the regions found since the last call.
         """
         number = away.sum(axis=1)[:, None]
-        every = -(-number * (1 + COPIES) // STATES)  # every this many-th copy is used, because room is limited
+        every = -(-number * (1 + COPIES) // STATES)  # only every `every`-th state is used, because room is limited
         some = np.flatnonzero(away & (np.cumsum(away, axis=1) % np.maximum(every, 1) == 0))
         near = sobol(1 + COPIES)[:, :, None] * NEAR
         near_tau, near_v = fold(tau.flat[some] + near[:, 0]), v.flat[some] * (1.0 - near[:, 1])
@@ -192,7 +200,7 @@ class _Cells:
         self.keep(found_tau, found)
 
     def sample_below(self) -> None:
-        """Sample the strip below the least speed so far again, as long as this finds a lower state."""
+        """Classify further sets of states over the strip below the least speed so far, as long as this speed falls."""
         pending = np.arange(len(self.v))
         for i in range(1, ROUNDS + 1):
             if not pending.size:
@@ -207,7 +215,7 @@ class _Cells:
             pending = pending[self.v[pending, 0] < before[pending]]
 
     def descend(self) -> None:
-        """Search patterns around each state for a lower one, and refine a pattern that finds none."""
+        """Search for lower states in a pattern around each kept state; shrink a pattern that holds none."""
         offset = np.concatenate([-SIDEWAYS, [0.0], SIDEWAYS[::-1]])
         sideways, down = (x.ravel() for x in np.meshgrid(offset, DOWN))
         cell = np.repeat(np.arange(len(self.v)), STARTS)
@@ -228,7 +236,7 @@ class _Cells:
         self.tau, self.v = best_tau.reshape(-1, STARTS), best.reshape(-1, STARTS)
 
     def confirm(self) -> None:
-        """Follow states that seem chaotic for longer. A state that then becomes quiet counts as undecided only."""
+        """Follow the kept states of chaotic cells for longer. A state that then becomes quiet counts as undecided."""
         row, column = np.nonzero(self.chaos[:, None] & np.isfinite(self.v))
         transient = ~self.away(row, self.tau[row, column], self.v[row, column], LASTING)
         row, column = row[transient], column[transient]
@@ -239,7 +247,7 @@ class _Cells:
 def boundary_distances(
     delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6, v_max: SpeedLimit = None
 ) -> BoundaryDistance:
-    """Return `Gear.boundary_distance` of all cells at once; delta, epsilon and beta broadcast.
+    """Return the results of `Gear.boundary_distance` for many cells; delta, epsilon and beta broadcast.
 
     A cell's values do not depend on the other cells.
 
@@ -280,8 +288,8 @@ def boundary_distances(
 def lowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta):
     """Return the slowest of the preimages Π⁻ᵏ, 0 ≤ k ≤ steps, of each state of flat arrays.
 
-    A state is followed back no further than its first preimage above `ceiling`. `ceiling` and the parameters are
-    arrays.
+    A state is followed back no further than its first preimage with a speed above `ceiling`. All arguments are arrays
+    of one length.
 
     Returns
     -------

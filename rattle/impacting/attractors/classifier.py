@@ -25,12 +25,12 @@ from rattle.parameters import Parameters
 def elastic_cells(
     delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: NDArray[np.float64], quiet: NDArray[np.float64]
 ) -> ImpactingCells:
-    """Return cells (n,) with elastic impacts. `quiet` holds the largest v³/g that is certain to become quiet."""
+    """Return cells (n,) with elastic impacts. quiet: largest v³/g at which a bounce is certain to become quiet."""
     return ImpactingCells(delta, epsilon, beta, quiet, np.ones_like(delta), np.zeros_like(delta))
 
 
 def cells_of(parameters: Parameters) -> ImpactingCells:
-    """Return the record of cells with these parameters (n,) for kernels."""
+    """Return these parameters (n,) as the record of cells that kernels take."""
     delta, epsilon, beta = parameters.delta, parameters.epsilon, parameters.beta
     return elastic_cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta))
 
@@ -42,12 +42,12 @@ def roughness_of(cells: Any) -> NDArray[np.float64]:
 
 
 def alike(which: NDArray[np.int64], samples: Trajectories, roughness: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return these samples sorted so that neighbours need the same stages of a flight, which lanes share."""
+    """Return the indices `which`, roughest cells first, so that neighbouring lanes need the same stages of a flight."""
     return which[np.argsort(-roughness[samples.cell[which]], kind="stable")]
 
 
 def quiet_invariant(parameters: Parameters) -> float:
-    """Return the largest v³/g that is certain to become quiet at the first of these points."""
+    """Return the largest v³/g at which a bounce is certain to become quiet, at the first of these points."""
     point = parameters.point()
     return capture_invariant(point["delta"], point["epsilon"], point["beta"])
 
@@ -56,7 +56,7 @@ class ImpactingClassifier(Classifier):
     """Classify the samples of a block of cells of the impacting gear."""
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
-        """Prepare the classifier. `paths` (2,) counts the flights located by the scan and by the search."""
+        """Prepare the classifier. `paths` (2,): numbers of flights that the scan and the search located."""
         self.paths = np.zeros(2, np.int64)
         self._block = working_block()
         self._roughness = roughness_of(cells)
@@ -68,14 +68,14 @@ class ImpactingClassifier(Classifier):
 
     @classmethod
     def cells_of_orbits(cls, parameters: Parameters) -> ImpactingCells:
-        """Return cells without the test for quiet motion, which periodic orbits never need and which takes time."""
+        """Return cells whose test for quiet motion is off: periodic orbits do not need it, and preparing it is slow."""
         return elastic_cells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
 
     @staticmethod
     def iterated(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Follow states as `Classifier.iterated` says. A trajectory that becomes quiet goes on bouncing."""
+        """Return the result of `Classifier.iterated`. No state is flagged as quiet: its trajectory goes on bouncing."""
         moved = iterate(parameters.delta, parameters.epsilon, tau, v, returns, parameters.beta)
         return moved.tau, moved.v, np.zeros(tau.size, np.bool_)
 
@@ -85,7 +85,7 @@ class ImpactingClassifier(Classifier):
         return np.asarray(self.cells.quiet_invariant > 0)
 
     def enter_known_orbits(self) -> None:
-        """Add the stable orbits of period one to the tables; other formulas give them without samples."""
+        """Add the stable orbits of period one to the tables of the cells. `stable_cells` finds them without samples."""
         delta, epsilon, beta = self.cells[:3]
         found = stable_cells(delta, epsilon, beta, ROOM)
         most = int(found.n.max(initial=0))
@@ -97,11 +97,11 @@ class ImpactingClassifier(Classifier):
         self.grow_balls()
 
     def enlarge(self, centres: Centres) -> None:
-        """Find the radii of these capture regions, in lanes."""
+        """Write the radii of these capture regions to `centres`, computed in lanes."""
         enlarge(self._block, centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
-        """Follow these samples to their ends or limits."""
+        """Follow these samples in lanes until each has an outcome or reaches its limit of impacts."""
         flights = CHUNK if early else LONG_CHUNK
         which, tables = alike(which, samples, self._roughness), (samples.for_kernels(), self.balls.for_kernels())
         settle(self._block, which, flights, self.cells, *tables, self.paths)
@@ -109,7 +109,7 @@ class ImpactingClassifier(Classifier):
     def watch(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
     ) -> None:
-        """Follow these samples with a tangent vector."""
+        """Follow these samples with a tangent vector (`Classifier.watch`); write their sums and bitmaps to `seen`."""
         tables = self.samples.for_kernels(), self.balls.for_kernels()
         measure(self._block, which, least, periods, self.cells, *tables, seen.sums, seen.prints, self.paths)
 
@@ -125,7 +125,7 @@ def attractors_of(
     tau: tuple[float, float] = (0.0, 1.0),
     v_min: float = 0.0,
 ) -> AttractorTable:
-    """Return the attractors of all cells at once; delta, epsilon and beta broadcast, and cells count in C order.
+    """Return the attractors of many cells, numbered in C order; delta, epsilon and beta broadcast.
 
     The attractors of a cell equal those of `Gear.attractors` to the last bit, whatever the other cells are.
 
@@ -136,7 +136,7 @@ def attractors_of(
     count, v_max, seed, budget
         The sample of each cell, as in `Gear.attractors`.
     tau, v_min
-        A smaller box of states, tau = (low, high) and v from v_min, instead of [0, 1) × (0, v_max).
+        The box from which samples are drawn: tau = (low, high), and v from v_min to v_max.
 
     Returns
     -------

@@ -20,16 +20,16 @@ def families_of(
     seed: int = 0,
     budget: int = BUDGET,
 ) -> Families:
-    """Return the attractors of the cells epsilon (m,) × delta (n,), joined to numbered families.
+    """Return the attractors of the cells epsilon (m,) × delta (n,), joined into numbered families.
 
-    Every stable periodic orbit is continued into the four neighbours of its cell, and from there into theirs. Cells
-    thus also get orbits that their samples missed. Chaotic attractors of neighbouring cells are joined if they visit
-    the same states.
+    Every stable periodic orbit is continued into the four neighbours of its cell, and from each neighbour into the next
+    cells. So a cell also gets orbits that its samples missed. Chaotic attractors of neighbouring cells are joined if
+    they visit the same states. docs/families.md defines families.
 
     Parameters
     ----------
     count, v_max, seed, budget
-        The sample of each cell, as in `attractors_of`. docs/families.md defines families.
+        The samples of each cell, as in `attractors_of`.
 
     Returns
     -------

@@ -1,12 +1,12 @@
-"""Follow samples of many cells in lanes until each is captured, recurs, or has made its impacts (compiled).
+"""Follow samples of many cells in lanes until each is captured, recurs, or reaches its limit of impacts (compiled).
 
-Between chunks of flights every lane that is on Σ⁺ is checked: is it certain to become quiet, is it in the capture
-region of a known orbit of its cell, has it returned to its reference state (Brent's cycle search, whose reference moves
-up at powers of two)? A lane that ends is refilled with the next sample. The outcome of a sample depends on the known
-orbits of its cell and on nothing else in the block.
+Between chunks of flights every lane that is on Σ⁺ is checked for three outcomes: it is certain to become quiet; it is
+in the capture region of a known orbit of its cell; or it has returned to its reference state. The reference is that of
+Brent's cycle search: the current state replaces it after 1, 2, 4, … checks. A lane whose sample ends gets the next
+sample. The outcome of a sample depends on the known orbits of its cell and on nothing else in the block of lanes.
 
-Where impacts lose energy a chatter may complete. The sample is then RECURRENT with the pause CONTACT, on the wall in
-its field `gap`, and `rattle.inelastic.attractors` continues it.
+Where impacts lose energy a chatter may complete. The sample then has the status RECURRENT, CONTACT in its field `pause`
+and the wall in its field `gap`, and `rattle.inelastic.attractors` continues it.
 """
 
 from typing import Any, NamedTuple
@@ -33,17 +33,23 @@ from rattle.impacting.map.impact_map import Point
 from rattle.numerics.compile import for_type, inline, kernel
 from rattle.orbits.return_map import between, point_of
 
-CHUNK, LONG_CHUNK = 11, 37  # flights between two checks, at first and for long trajectories; prime, so that checks of a
-# periodic motion meet all its impacts
-# flights between two entries of a measured lane in its bitmap; their sum, a prime, between checks
+# flights between two checks, at first and for long trajectories; both are prime, so that the checks of a periodic
+# motion come at each of its impacts in turn
+CHUNK, LONG_CHUNK = 11, 37
+# flights between two marks of a probe in its visited-cell bitmap; their sum, a prime, is the flights between two checks
 STRIDES = (6, 6, 6, 5)
 
 
 class ImpactingCells(NamedTuple):
-    """Parameters of the cells (n,), with the largest invariant v³/g that is certain to become quiet.
+    """Parameters of the cells (n,), as kernels take them.
 
-    Where impacts lose energy, `capture` is the largest v/h² of a chatter that completes
-    (`rattle.inelastic.map.contact`); otherwise it is 0.
+    Attributes
+    ----------
+    quiet_invariant
+        The largest v³/g at which a bounce is certain to become quiet; v is its speed and g the contact force.
+    capture
+        Where impacts lose energy, the largest v/h² at which a chatter is certain to complete, with the contact force h
+        towards the wall (`rattle.inelastic.map.contact`); otherwise 0.
     """
 
     delta: Any
@@ -63,7 +69,7 @@ def is_quiet(b, i, largest_invariant):
 
 @inline
 def fate_of_lane(b, i, cell, cells, balls):
-    """Return the outcome of lane i, on Σ⁺: (status, orbit)."""
+    """Return (status, orbit) of lane i, which is on Σ⁺; orbit is −1 unless a capture region holds its state."""
     if is_quiet(b, i, cells.quiet_invariant[cell]):
         return Outcome.QUIET, -1
     orbit = capturing_orbit(b.tau[i], -b.w[i], cell, balls)
@@ -72,7 +78,7 @@ def fate_of_lane(b, i, cell, cells, balls):
 
 @inline
 def start(b, i, k, cells, samples):
-    """Put sample k on lane i for its remaining impacts."""
+    """Put sample k on lane i, for the impacts that remain up to its limit."""
     c = samples.cell[k]
     limit = float(samples.limit[k] - samples.impacts[k])
     load(b, i, samples.tau[k], samples.v[k], cells.delta[c], cells.epsilon[c], cells.beta[c], limit)
@@ -82,7 +88,7 @@ def start(b, i, k, cells, samples):
 
 @inline
 def finish(b, i, k, status, orbit, samples):
-    """Write the state of lane i back to sample k."""
+    """Write the state and the outcome of lane i back to sample k, and stop the lane."""
     samples.tau[k], samples.v[k], samples.status[k], samples.orbit[k] = b.tau[i], abs(b.w[i]), status, orbit
     samples.impacts[k] += int(b.n_plus[i])
     samples.time[k] += b.time[i]
@@ -91,7 +97,7 @@ def finish(b, i, k, status, orbit, samples):
 
 @inline
 def recurs(b, i, k, samples):
-    """Return whether lane i is back at its reference, and write the impacts since then to the sample."""
+    """Return whether lane i is back at its reference state; if so, write the Σ⁺ impacts since then to `gap`."""
     tau, v, n = b.tau[i], -b.w[i], b.n_plus[i]
     near = abs(v - b.at_v[i]) < RECURRENCE * b.unit[i] and abs(wrapped(tau - b.at_tau[i])) < RECURRENCE
     b.looks[i] += 1.0
@@ -105,7 +111,7 @@ def recurs(b, i, k, samples):
 
 @inline
 def look(b, i, k, cells, samples, balls):
-    """Check lane i of sample k and return (status, orbit, ended); the status is UNRESOLVED while it goes on."""
+    """Check lane i, which holds sample k: (status, orbit, ended); the status is UNRESOLVED without an outcome."""
     over = ended(b, i)
     if b.wall[i] > 0.0:
         status, orbit = fate_of_lane(b, i, samples.cell[k], cells, balls)
@@ -123,7 +129,7 @@ def look(b, i, k, cells, samples, balls):
 
 @inline
 def looked_round(b, groups, fresh, which, cells, samples, balls):
-    """Check every lane in use, refill those that ended, and return how many of the samples `which` have begun."""
+    """Check every lane in use, put new samples on lanes that ended, and return how many of `which` have begun."""
     for i in range(GROUP * groups):
         k = b.who[i]
         if k >= 0:
@@ -140,9 +146,9 @@ def looked_round(b, groups, fresh, which, cells, samples, balls):
 
 @kernel
 def settle(memory, which, flights, cells, samples, balls, paths):
-    """Follow the samples `which` until they end, with this many flights between two checks.
+    """Follow the samples `which` until each has an outcome or reaches its limit, with `flights` between two checks.
 
-    A sample that makes all its impacts remains UNRESOLVED.
+    A sample that reaches its limit of impacts without an outcome remains UNRESOLVED.
     """
     b, fresh, groups = memory[0], NONE, GROUPS
     empty(b)
@@ -154,7 +160,7 @@ def settle(memory, which, flights, cells, samples, balls, paths):
 
 @inline
 def record(b, i, batches):
-    """Add time, ln stretch and ln|det| of lane i since the last call to its batch, if it has one."""
+    """Add the time, ln stretch and ln|det| that lane i gained since the last call to the sums of its batch, if any."""
     stretch, contraction = stretched(b, i)
     if b.batch[i] >= 0:
         row = batches[int(b.batch[i])]
@@ -164,7 +170,17 @@ def record(b, i, batches):
 
 
 class Observation(NamedTuple):
-    """The observation of probes: least impacts and forcing periods (k,), batch sums, and visited-cell bitmaps."""
+    """The observation of probes (k,): its limits, and the arrays that it fills.
+
+    Attributes
+    ----------
+    least, periods : (k,)
+        Least impacts on Σ⁺ and least forcing periods of each probe.
+    sums : (k, BATCHES, 3)
+        Time, ln stretch and ln|det| of each batch.
+    footprints
+        Visited-cell bitmap of each probe.
+    """
 
     least: Any
     periods: Any
@@ -174,7 +190,7 @@ class Observation(NamedTuple):
 
 @inline
 def watched_round(b, groups, fresh, which, cells, samples, balls, watch):
-    """Do the work of `looked_round` for lanes with a tangent vector."""
+    """Do the work of `looked_round` for probes, and add the growth of their tangent vectors to the batch sums."""
     for i in range(GROUP * groups):
         j = b.who[i]
         if j >= 0:
@@ -199,7 +215,7 @@ def watched_round(b, groups, fresh, which, cells, samples, balls, watch):
 
 @inline
 def leave_footprints(b, groups, footprints):
-    """Enter the states of lanes on Σ⁺ into their visited-cell bitmaps."""
+    """Mark the state of each lane on Σ⁺ in the visited-cell bitmap of its probe."""
     for i in range(GROUP * groups):
         if b.who[i] >= 0 and b.wall[i] > 0.0:
             mark(b.tau[i], -b.w[i], top_speed(b.epsilon[i], b.unit[i]), footprints[b.who[i]])
@@ -207,10 +223,11 @@ def leave_footprints(b, groups, footprints):
 
 @kernel
 def measure(memory, which, least, periods, cells, samples, balls, sums, footprints, paths):
-    """Settle probes with a tangent vector, for at least `least` impacts and `periods` forcing periods (k,).
+    """Follow the probes `which` (k,) as `settle` does, but with a tangent vector.
 
-    A probe ends earlier at its limit. sums[j, batch], zero before, collects time, ln stretch and ln|det| of sample
-    which[j] after ALIGNMENT impacts. footprints[j] collects the boxes that the sample visits.
+    Probe j goes on for at least least[j] impacts and periods[j] forcing periods, unless it has an outcome or reaches
+    its limit of impacts before. sums[j, batch], zero at the start, collects its time, ln stretch and ln|det| after
+    ALIGNMENT impacts. footprints[j] is its visited-cell bitmap.
     """
     b, fresh, groups, watch = memory[0], NONE, GROUPS, Observation(least, periods, sums, footprints)
     empty(b)

@@ -1,4 +1,4 @@
-"""Follow chaotic motions further in lanes, and sum over their impacts (compiled)."""
+"""Follow chaotic motions for longer in lanes, and sum over their impacts (compiled)."""
 
 import math
 from typing import Any
@@ -16,12 +16,12 @@ from rattle.intensity.visit import COLUMNS, FASTEST, IMPULSE, ON_MINUS, ON_PLUS,
 from rattle.numerics.compile import inline, kernel
 
 CHUNK = 16  # flights between two checks
-LOOKS = 4 * BATCHES  # checks of one motion at strong damping, some 1000 forcing periods
+LOOKS = 4 * BATCHES  # checks of one motion at strong damping, which take about 1000 forcing periods
 
 
 @inline
 def gather(b, groups, speeds, squares, impulses, fastest):
-    """Add the impacts of the last flight to the sums."""
+    """Add the impact that ended the last flight of each lane to the sums of the lane."""
     for i in range(GROUP * groups):
         speed = abs(before_reflection(b.w[i]))
         speeds[i] += speed
@@ -34,8 +34,8 @@ def gather(b, groups, speeds, squares, impulses, fastest):
 def fly_and_sum(memory, lanes, cell, tau, v, looks, cells, sums, paths):
     """Follow motions (n,) of these cells for `looks` (n,) checks, CHUNK flights each, and sum over their impacts.
 
-    `sums` (n, BATCHES, COLUMNS), zero before, collects the impacts in equal parts; NaN for a motion that becomes quiet.
-    `lanes` (4, LANES) is scratch memory.
+    `sums` (n, BATCHES, COLUMNS), zero at the start, collects the impacts of BATCHES equal parts of the checks. The sums
+    of a motion that becomes quiet are NaN. `lanes` (4, LANES) is scratch memory.
     """
     speeds, squares, impulses, fastest = lanes[0], lanes[1], lanes[2], lanes[3]
     lanes[:] = 0.0
@@ -80,7 +80,7 @@ def stretch(
 ) -> NDArray[np.float64]:
     """Return the sums over the impacts of chaotic motions (n,) of these cells.
 
-    Each motion is followed `longer` times as long as at strong damping.
+    longer (n,): factor by which each motion is followed for longer than at strong damping.
 
     Returns
     -------

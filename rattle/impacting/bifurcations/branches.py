@@ -1,7 +1,7 @@
 """Branches of any periodic motion along a line in the (δ, ε) plane, through folds and grazes.
 
-The unknowns are the times of the impacts, in which a graze is a regular point. Beyond a graze the branch continues as a
-virtual one, whose motion would have to pass a wall or start from behind it; its points are flagged.
+The unknowns are the times of the impacts, in which a graze is a regular point. Beyond a graze the branch continues with
+virtual motions, which would have to pass a wall or start from behind it. `admissible` is False at their points.
 """
 
 from dataclasses import dataclass
@@ -33,17 +33,19 @@ from rattle.orbits.periodic import at_parameters, twins
 
 LONGEST = 0.05  # longest continuation step, in the unknowns
 FEW_POINTS = 6  # points of a branch between neighbouring cells
-SHORTEST_FLIGHT = 1e-6
-TWICE = 1e-5  # distance from its flip below which rounding decides the direction of a doubled branch
-SAME_PLACE = 1e-9  # largest distance in the plane, relative to its scale, of equal points
-SAME_MOTION = 1e-6  # largest difference of times of equal motions
+SHORTEST_FLIGHT = 1e-6  # in forcing periods; if a flight is shorter, two impacts have become one
+# largest time difference of its two halves at which a doubled motion counts as back at its flip, because rounding
+# decides the direction of the branch there
+TWICE = 1e-5
+SAME_PLACE = 1e-9  # largest distance of equal points in the (δ, ε) plane, relative to `plane_scale`
+SAME_MOTION = 1e-6  # largest difference of the impact times of equal motions
 
 
 @dataclass(frozen=True, repr=False)
 class Branch(FollowedBranch):
     """A branch of the impacting model: see `FollowedBranch`.
 
-    unknowns (k, n + 2) are the n times as in `PeriodicOrbit`, δ and ε.
+    unknowns (k, n + 2): for each of k points the n impact times, as in `PeriodicOrbit`, then δ and ε.
     """
 
     itinerary: Itinerary
@@ -66,28 +68,28 @@ class Branch(FollowedBranch):
 
     @property
     def unfolded(self) -> Array:
-        """Times (k, n) without jumps along the branch."""
+        """Times (k, n) of the impacts without jumps by whole periods along the branch."""
         return self.times - self.times[:, :1] + np.unwrap(self.times[:, 0], period=1.0)[:, None]
 
     @property
     def names(self) -> tuple[str, ...]:
         """A, B, C or D for each point of a period-one branch, "" for the points of other branches.
 
-        A and B are the saddles with a multiplier above 1. At saddle-nodes they become C and D.
+        A and B are the saddles with a multiplier above 1. At a saddle-node A turns into C, and B into D.
         """
         pair = {(1, 1, 0): "CA", (1, 1, 1): "BD"}.get(self.label)
         if pair is None:
             return ("",) * len(self)
         index = np.linalg.det(self.itinerary.jacobian(self.unknowns))
-        # the index vanishes at saddle-nodes and stays finite at grazes
+        # det J(1) vanishes at saddle-nodes and stays finite at grazes
         return tuple(pair[int(above)] for above in index > 0.0)
 
     def curve_of(self, event: Event) -> str | None:
-        """Return the curve of `rattle.curves` on which an event lies, None if on none."""
+        """Return the name of the curve of `rattle.curves` on which an event lies, None if it lies on none."""
         return name_of(event)
 
     def orbit(self, index: int) -> PeriodicOrbit:
-        """Return the motion at one point."""
+        """Return the motion at point number `index`."""
         return orbit_of(*self.motion(index))
 
 
@@ -101,12 +103,12 @@ def branch(
     Parameters
     ----------
     orbit : PeriodicOrbit | Orbit
-        One of `Gear.orbits`, `Gear.orbit` or `periodic_orbit`.
+        The periodic motion, from `Gear.orbits`, `Gear.orbit` or `periodic_orbit`.
     parameter : "epsilon", "delta" or (dδ, dε)
         The parameter to change, or a direction in the plane.
     span : tuple[float, float], optional
-        (low, high) of the parameter, by default ± 0.02 (in proportion less below δ = 0.25). With a direction, the range
-        of its multiples, by default −1 to 1.
+        (low, high) of the parameter, by default 0.02 on either side of the orbit (below δ = 0.25 less, in proportion to
+        δ). If `parameter` is a direction, the span is the range of its multiples, by default −1 to 1.
     resolution : int
         Least number of points over the span.
 
@@ -142,7 +144,7 @@ def doubled(
     Returns
     -------
     Branch
-        It begins at the flip.
+        The branch, which begins at the flip.
 
     Raises
     ------
@@ -167,7 +169,7 @@ def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) ->
     Returns
     -------
     tuple[Branch, Branch]
-        The branch of motions that miss the wall, and that of motions that touch it.
+        The branch of motions that miss the wall, and the branch of motions that touch the wall.
 
     Raises
     ------
@@ -202,7 +204,8 @@ def through(itinerary: Itinerary, x: Array, parameter: Parameter, span: Span, re
 def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> PeriodicOrbit | Event | None:
     """Follow a motion along the straight line to other parameters.
 
-    If Newton's method finds the motion there at once, equally stable, and leads back from it, the line is not followed.
+    The line is not followed if Newton's method finds the motion at the other parameters at once, with equal stability,
+    and leads from there back to the given motion.
 
     Returns
     -------
@@ -235,7 +238,7 @@ def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> Periodic
 
 
 def _leads_back(found: PeriodicOrbit, orbit: PeriodicOrbit) -> bool:
-    """Return whether Newton's method leads back from one motion to the other. Next to a fold it may not."""
+    """Return whether Newton's method leads from `found` back to `orbit`. Next to a fold it may lead elsewhere."""
     back = at_parameters(orbit.itinerary, np.append(found.times, [orbit.delta, orbit.epsilon]))
     return back is not None and bool(np.max(np.abs(back[:-2] - orbit.times)) < SAME_MOTION)
 
@@ -248,7 +251,7 @@ def _follower(itinerary: Itinerary, line: ParameterLine) -> Follower:
 
 
 def _degenerate(itinerary: Itinerary, y: Array) -> str | None:
-    """Return why y = (times, p) is no motion of this itinerary and period; None if it is one."""
+    """Return the reason why y = (times, p) is no motion of this itinerary and period; None if it is such a motion."""
     if np.min(np.diff(np.append(y[:-1], y[0] + itinerary.m))) < SHORTEST_FLIGHT:
         return "two impacts become one"
     return HALF_PERIOD if is_twice(itinerary, y, TWICE) else None
@@ -265,7 +268,11 @@ def _both_ways(itinerary: Itinerary, line: ParameterLine, start: Array) -> Branc
 
 def _end(itinerary: Itinerary, path: Path) -> str:
     if path.outside is None:
-        return "followed far enough" if len(path.points) >= MOST_POINTS else "the equations become singular"
+        return (
+            "the branch has its largest number of points"
+            if len(path.points) >= MOST_POINTS
+            else "the equations become singular"
+        )
     return _degenerate(itinerary, path.outside) or "span"
 
 

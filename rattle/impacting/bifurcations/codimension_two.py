@@ -1,14 +1,14 @@
 """Codimension-two points, where bifurcation curves of the period-one motions meet, and the order of their contact.
 
-All lie on the one smooth grazing curve. C grazes on its part G1, and A on its part G2. Let T be the trace of the
-grazing motion (its multipliers without the impact on Σ⁻), E = e^(−δ), and M = (det J(1) + det J(−1))/2 of the motion
-with both impacts (`rattle.impacting.orbits.equations`). Along the grazing curve the points are
+All these points lie on one smooth grazing curve. On its part G1 the motion C grazes, and on its part G2 the motion A.
+Let T be the sum of the multipliers of the grazing motion without the impact on Σ⁻, E = e^(−δ), and M = (det J(1) + det
+J(−1))/2 for the motion with both impacts (`rattle.impacting.orbits.equations`). Along the grazing curve the points are
 
     COD20: T = −1 − E        COD21: T = 2 e^(−δ/2)        COD23: M = 0        COD22: T = 1 + E (τ = 3/4).
 
-Near the graze, where the speed u at Σ⁻ is small, the trace of B and D is proportional to M/u. Their saddle-node and
-their flip, where the trace is 1 + E and −1 − E, therefore reach the graze together where M vanishes, at COD23. In the
-paper they end at COD21, where the multipliers become real; the two points differ (docs/paper.md).
+Near the graze, where the speed u at Σ⁻ is small, the trace of B and D is proportional to M/u. Their saddle-node has the
+trace 1 + E and their flip the trace −1 − E. Both therefore reach the graze where M vanishes, at COD23. In the paper
+these curves end at COD21, where the multipliers become real; COD21 and COD23 differ (docs/paper.md).
 """
 
 import math
@@ -33,7 +33,7 @@ Residual = Callable[[float, float], float]
 
 
 def _scaled_cosine(delta: float, beta: float) -> float:
-    """Return 1 + E − T."""
+    """Return 1 + E − T, with E and T as in the module."""
     cosine, _ = closed_form.grazing_cosine(delta, beta)
     return 4 * math.pi * -math.expm1(-delta) * cosine / delta**2
 
@@ -47,12 +47,12 @@ def _equal_multipliers(delta: float, beta: float) -> float:
 
 
 def _two_thirds(delta: float, beta: float) -> float:
-    """Return a function that vanishes where the larger multiplier is 2/3, T = 2/3 + 3/2 E."""
+    """Return a number that vanishes where the larger multiplier is 2/3, so that T = 2/3 + 3/2 E."""
     return _scaled_cosine(delta, beta) - (1 / 3 - math.exp(-delta) / 2)
 
 
 def _no_square_root(delta: float, beta: float) -> float:
-    """Return −M. At M = 0 the square root drops out of the trace."""
+    """Return −M, NaN without a graze. At M = 0 the term with a square root vanishes from the trace."""
     sigma = closed_form.next_grazing(closed_form.EDGE, delta, beta)
     if not sigma < 0.5:
         return math.nan
@@ -64,7 +64,8 @@ def _no_square_root(delta: float, beta: float) -> float:
 class Condition:
     """A codimension-two point: its condition along the grazing curve, and the curves that meet there.
 
-    Each curve has the side on which it exists; −1 means smaller δ.
+    curves: the names of these curves, each with the side of the point on which the curve exists: −1 for smaller and +1
+    for larger δ.
     """
 
     meaning: str
@@ -76,7 +77,7 @@ POINTS = {
     "COD20": Condition("C flips as it grazes: a multiplier is −1", _flip, {"PDC": -1, "G1": -1}),
     "COD21": Condition("the multipliers of the grazing C become equal, and real", _equal_multipliers, {"G1": -1}),
     "COD23": Condition(
-        "SN2 and PD1 end on G1: beyond, D and not B is what C meets",
+        "SN2 and PD1 end on G1: beyond this point C meets D instead of B",
         _no_square_root,
         {"SN2": -1, "PD1": -1, "G1": -1},
     ),
@@ -95,12 +96,12 @@ class CodimensionTwo:
     Attributes
     ----------
     name, delta, epsilon
-        The point.
+        The name of the point and its parameters.
     curves : tuple[str, ...]
         The curves that meet there.
     tangency : dict
         For pairs of curves the measured order p of |ε₁ − ε₂| ∝ |Δδ|^p: 1 if they cross, 2 if they touch. At extreme
-        backlash a pair that cannot be followed is left out.
+        backlash a pair is left out if one of its curves cannot be followed.
     """
 
     name: str
@@ -112,7 +113,7 @@ class CodimensionTwo:
 
 
 def codimension_two(beta: float = 0.6) -> tuple[CodimensionTwo, ...]:
-    """Return the codimension-two points COD20, COD21, COD23 and COD22 (by rising δ at β = 0.6) at a half-backlash.
+    """Return the codimension-two points COD20, COD21, COD23 and COD22 (by rising δ at β = 0.6) of a half-backlash.
 
     Positions are accurate to about 1e-12. Orders of contact come from a fit over three decades of distance. COD21 and
     COD22 are in the paper (section 5.2), COD20 and COD23 are not.
@@ -151,7 +152,7 @@ def _on_grazing(name: str, residual: Residual, beta: float) -> tuple[float, floa
         raise RattleError(f"double precision does not resolve {name} at beta = {beta}")
     from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load
 
-    scan = np.geomspace(0.05, 8.0, 400) * 4 * beta / np.pi  # COD22 is near 4β/π, where 2πδ just crosses the gap
+    scan = np.geomspace(0.05, 8.0, 400) * 4 * beta / np.pi  # COD22 is near 4β/π, where speed 2πδ just crosses the gap
     values = np.array([residual(x, beta) for x in scan])
     falls = np.flatnonzero((values[:-1] > 0) & (values[1:] <= 0))
     if not falls.size:
@@ -164,13 +165,13 @@ def _on_grazing(name: str, residual: Residual, beta: float) -> tuple[float, floa
 def _tangency(curves: dict[str, int], delta: float, epsilon: float, beta: float) -> dict[tuple[str, str], float]:
     """Return the measured order of contact of each pair of curves at a point.
 
-    A curve that ends at the point is continued virtually. Distances are a share of the point's damping, beyond which
-    touching curves look like crossing ones.
+    Beyond the point where a curve ends, its virtual continuation is used. The curves are compared at distances in δ of
+    at most 1 % of the point's damping: farther away, curves that touch look like curves that cross.
 
     Returns
     -------
     dict[tuple[str, str], float]
-        By the pair's names: 1 for curves that cross, 2 for curves that touch.
+        The order for each pair of names: 1 if the curves cross, 2 if they touch.
     """
     distances = np.geomspace(1e-5, 1e-2, 13) * delta * plane_scale(delta)
     orders = {}
@@ -217,9 +218,9 @@ def robust_chaos_interval(beta: float = 0.6) -> tuple[float, float]:
     """Return the damping interval in which the paper's condition for robust chaos at G1 holds.
 
     The condition is that the larger multiplier of the grazing C is real and lies in (2/3, 1). The interval runs from
-    COD21 to COD22. At large backlash, where both multipliers at COD21 are still e^(−δ/2) < 2/3, it begins where the
-    larger one reaches 2/3. Below COD23 the chaos is not born at G1 but exists there already (docs/paper.md). Source:
-    paper, section 5.2.
+    COD21 to COD22. At large backlash both multipliers at COD21 are e^(−δ/2) < 2/3, and the interval begins where the
+    larger multiplier reaches 2/3. Below COD23 the chaos is not born at G1 but exists there already (docs/paper.md).
+    Source: paper, section 5.2.
 
     Returns
     -------
@@ -231,7 +232,7 @@ def robust_chaos_interval(beta: float = 0.6) -> tuple[float, float]:
     ParameterError
         If beta is outside its domain.
     RattleError
-        If this half-backlash has no such point.
+        If this half-backlash has no COD21 or no COD22.
     """
     beta = require_number("beta", beta, positive=True)
     lower, upper = (_on_grazing(name, POINTS[name].residual, beta)[0] for name in ("COD21", "COD22"))

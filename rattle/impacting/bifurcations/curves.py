@@ -27,9 +27,9 @@ from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import begun_at
 
 MOST_ACROSS = 1000  # most points across a window
-BESIDE = 1e-7  # relative distance in δ from the end of a curve
-REACH = 8.0  # damping, in half-backlashes, below which every curve passes; COD22 is near 4/π
-LEAST_DELTA = 1e-5  # damping below which times of motions differ by less than rounding
+BESIDE = 1e-7  # relative distance in δ from the end of a curve at which the curve is searched too
+REACH = 8.0  # multiple of β: every curve has points at smaller damping; COD22 is near δ = 4β/π
+LEAST_DELTA = 1e-5  # damping below which the impact times of different motions differ by less than rounding
 SAME_POINT = 1e-6  # largest relative difference in δ of equal points
 ALL_EPSILON = (0.0, 1.0)
 
@@ -42,8 +42,8 @@ def trace(
 ) -> Curve:
     """Return the bifurcation curve `name` of the period-one motions inside a window of the (δ, ε) plane.
 
-    It is followed by pseudo-arclength continuation of the impact equations with the curve's condition; points are
-    solutions to rounding (`Curve`).
+    The curve is followed by pseudo-arclength continuation of the impact equations with the curve's condition. Its
+    points solve these equations to rounding.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def trace(
     Returns
     -------
     Curve
-        Its pieces inside the window, each from end to end.
+        The pieces of the curve inside the window, each from end to end.
 
     Raises
     ------
@@ -110,13 +110,13 @@ def bifurcation_curve(
     """Return the saddle-node, flip or grazing curve through an event of a branch, inside a window of the plane.
 
     The branch (`rattle.branch`) may be of any periodic motion. The curve of an admissible event ends where its motion
-    becomes virtual; that of a virtual event continues. Points are those of `trace`, at least `resolution` of them
-    across the window. At a graze tau and v are those of the motion that touches the wall.
+    becomes virtual; that of a virtual event continues. Points are as in `trace`, with at least `resolution` points
+    across the window. At a graze tau and v describe the motion that touches the wall.
 
     Returns
     -------
     Curve
-        Its pieces inside the window, each from end to end.
+        The pieces of the curve inside the window, each from end to end.
 
     Raises
     ------
@@ -154,13 +154,13 @@ def _left(definition: Definition, itinerary: Itinerary, x: Array) -> str | None:
 
 
 def describe_motion(itinerary: Itinerary, x: Array, grazed: int | None = None) -> CurveDescription:
-    """Return phase, speed and multipliers of the motion at x; at a graze, of the motion that misses the wall."""
+    """Return phase, speed and multipliers of the motion at x; at a graze, multipliers without the grazing impact."""
     tau = float(x[0] - np.floor(x[0]))
     return CurveDescription(tau, float(-itinerary.flights(x).w0[0]), smooth_multipliers(itinerary, x, grazed))
 
 
 def _named(name: str, x: Array, reason: str, beta: float) -> str:
-    """Prefix the reason why a curve ends with the codimension-two point at which it ends, if any."""
+    """Return the reason why a curve ends, after the name of the codimension-two point at which it ends, if any."""
     off = {
         point.name: max(abs(x[-2] / point.delta - 1.0), abs(x[-1] / point.epsilon - 1.0))
         for point in codimension_two(beta)
@@ -178,7 +178,7 @@ def _quiet_limit(beta: float, window: PlaneWindow, dampings: Array) -> Curve:
     Returns
     -------
     Curve
-        `quiet_limit`, in pieces inside the window.
+        The pieces of `quiet_limit` inside the window.
     """
 
     def equations(x: Array) -> Array:

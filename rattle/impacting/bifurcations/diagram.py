@@ -26,7 +26,7 @@ from rattle.parameters import Parameters
 
 @dataclass(frozen=True)
 class ImpactingMotions(Motions):
-    """The impacting model's part of a diagram: see `Motions`."""
+    """The periodic motions of the impacting gear along the segment of a diagram (`Motions`)."""
 
     classifier = ImpactingClassifier
 
@@ -36,7 +36,7 @@ class ImpactingMotions(Motions):
         return Parameters(self.classifier.model, delta, epsilon, np.full_like(delta, self.beta))
 
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
-        """Yield one motion of each letter wherever it begins or ceases to exist."""
+        """Yield one motion of A to D, at the middle step, for each range of steps on which this orbit exists."""
         orbits = period_one(steps.delta, steps.epsilon, steps.beta)
         for exists, tau, v in zip(orbits.exists, orbits.tau, orbits.v, strict=True):
             for run in runs(np.flatnonzero(exists)):
@@ -46,7 +46,7 @@ class ImpactingMotions(Motions):
                     yield found
 
     def near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
-        """Return the periodic motion near this state (`Motions.near`), or None."""
+        """Return the periodic motion near this state (`Motions.near`); None if Newton's method finds none."""
         try:
             itinerary, x = follow_impacts(step["delta"], step["epsilon"], step["beta"], tau, v, n_plus)
         except RattleError:
@@ -59,7 +59,7 @@ class ImpactingMotions(Motions):
         return on_line(itinerary, self.segment.start, self.segment.direction)
 
     def solved(self, itinerary: Itinerary, y: Array) -> PeriodicOrbit | None:
-        """Return the orbit of a solution of the impact equations (`Motions.solved`)."""
+        """Return the orbit that solves the impact equations at the position of y = (times, position), or None."""
         found = at_parameters(itinerary, np.append(y[:-1], self.segment.at(y[-1])))
         return None if found is None else orbit_of(itinerary, found)
 
@@ -68,7 +68,7 @@ class ImpactingMotions(Motions):
         return through(*motion, self._direction, span, POINTS_ACROSS)
 
     def doubled(self, event: Event, span: tuple[float, float]) -> Branch:
-        """Return the doubled branch that leaves a flip (`Motions.doubled`)."""
+        """Return the branch of doubled period that starts at a flip (`Motions.doubled`)."""
         return doubled(event, self._direction, span, POINTS_ACROSS)
 
     def events(self, found: Branch) -> tuple[Event, ...]:
@@ -109,18 +109,18 @@ def diagram(
     beta : float
         Half-backlash.
     steps : int
-        Intervals between the parameter values of the sweeps.
+        Number of intervals between the parameter values of the sweeps.
     count, v_max, seed
-        The sample at each value, as in `Gear.attractors`.
+        The samples at each value, as in `Gear.attractors`.
     impacts : int
-        Most impacts per period, on both walls, of a branch to follow.
+        Most impacts per period, on both walls together, of a branch that is followed.
     most : int
-        Most branches. Branches beyond these limits are named in `left_out`.
+        Most branches. `left_out` names the branches that exceed one of these two limits.
 
     Returns
     -------
     Diagram[Branch, Event]
-        Sweeps, branches and events, and what was left out.
+        Sweeps, branches and events, and the names of the branches that were left out.
 
     Raises
     ------

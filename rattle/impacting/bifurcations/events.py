@@ -22,15 +22,17 @@ from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
 from rattle.impacting.orbits.periodic import PeriodicOrbit, admissible, first_failure, orbit_of
 from rattle.numerics.complex_step import Array
 
-# largest distance, where a branch turns back, from a motion of half the period that counts as that motion
+# largest time difference of the two halves of a motion at which, where the branch turns back, the motion counts as a
+# motion of half the period
 SAME_HALVES = 0.02
-NEARLY = 0.5  # a test function whose parabola falls below this share of its value may have two zeros
-FOUND = 1e-3  # share of a step: close enough to start Newton's method
-SAME_PLACE = 0.5  # share of a step: a solution farther from its candidate belongs to another event
+# a test function may have two zeros within a step if its parabola falls below this share of the value at the point
+NEARLY = 0.5
+FOUND = 1e-3  # distance from an event, as a share of a step, at which Newton's method starts
+SAME_PLACE = 0.5  # share of a step; a solution farther than this from its candidate belongs to another event
 
 
 class Candidate(NamedTuple):
-    """A candidate of an event: its place y = (times, p) on the branch, and a guess of its unknowns (n + 2,)."""
+    """A possible event: its position y = (times, p) on the branch, its kind, and a guess of its unknowns (n + 2,)."""
 
     y: Array
     kind: Kind
@@ -48,12 +50,14 @@ class Event:
     kind : Kind
         SN (saddle-node), PD (flip) or GR (graze).
     unknowns : ndarray, (n + 2,)
-        Times, δ and ε of the motion at the event. At a graze impact number `impact` has speed 0; one of the two motions
-        that meet does not make this impact.
+        Times, δ and ε of the motion at the event.
+    impact : int or None
+        Number of the impact that has speed 0 at a graze; one of the two motions that meet there does not make this
+        impact. None at other events.
     admissible : bool
         Whether the motion is admissible.
     after : int
-        Number of the branch's point before the event.
+        Index of the last point of the branch before the event.
     """
 
     kind: Kind
@@ -85,12 +89,12 @@ class Event:
 
     @property
     def wall(self) -> int | None:
-        """Wall that is grazed, or None."""
+        """Wall that is grazed, +1 or −1; None if the event is not a graze."""
         return None if self.impact is None else self.itinerary.walls[self.impact]
 
     @property
     def multipliers(self) -> NDArray[np.complex128]:
-        """Return both multipliers (2,); at a graze those of the motion that misses the wall."""
+        """Return both multipliers (2,); at a graze, the multipliers of the motion that misses the wall."""
         return smooth_multipliers(self.itinerary, self.unknowns, self.impact)
 
 
@@ -104,7 +108,7 @@ def find_events(
     Yields
     ------
     Event
-        An event.
+        The next event.
     """
     tests = _tests(itinerary, line, problem)
     values = _values(itinerary, line, points, tangents)
@@ -115,7 +119,7 @@ def find_events(
         for j in np.flatnonzero((values[k] < 0) != (values[k + 1] < 0)):
             kind, impact, test = tests[j]
             y = root_between(problem, a, b, partial(test, b - a), FOUND)
-            if y is None and kind is Kind.SADDLE_NODE:  # where two branches cross, no step between them converges
+            if y is None and kind is Kind.SADDLE_NODE:  # where two branches cross, no step from a to b converges
                 y = 0.5 * (a + b)
             if y is not None:
                 found.append(Candidate(y, kind, itinerary, line.plane(y), impact))
@@ -131,14 +135,15 @@ def find_events(
 def between_twins(
     itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem, points: Array, tangents: Array
 ) -> list[tuple[int, Array, Array]]:
-    """Return further solutions between points, each (number of the point before, y, tangent).
+    """Return solutions between two very close events of one kind that lie within one step of a branch.
 
-    At such a solution a test function changes sign twice within one step, because two events are very close.
+    Without such a solution the events are missed, because their test function has the same sign at both ends of the
+    step.
 
     Returns
     -------
     list[tuple[int, Array, Array]]
-        By rising number of the point before.
+        (index of the point before, y, tangent) of each solution, by rising index.
     """
     tests, values = _tests(itinerary, line, problem), _values(itinerary, line, points, tangents)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
@@ -160,13 +165,13 @@ def between_twins(
 
 
 def _values(itinerary: Itinerary, line: ParameterLine, points: Array, tangents: Array) -> Array:
-    """Return the values of the test functions, in the order of `_tests`, at the solutions."""
+    """Return the values (k, tests) of the test functions, in the order of `_tests`, at the solutions `points`."""
     departures = np.array([itinerary.flights(line.plane(y)).w0 for y in points])
     flips = [_flip(itinerary, line, y) for y in points]
     return np.column_stack([tangents[:, -1], flips, departures])
 
 
-# a function of the branch's direction and a solution, which changes sign at an event
+# a test function: it takes the direction of the branch and a solution, and changes sign at an event of its kind
 Test = Callable[[Array, Array], float]
 
 
@@ -184,7 +189,7 @@ def _tests(
 
 
 def _flip(itinerary: Itinerary, line: ParameterLine, y: Array) -> float:
-    """Return det J(−1) with rows scaled to length 1."""
+    """Return det J(−1), with the rows of J scaled to length 1. It vanishes at a flip."""
     matrix = itinerary.jacobian(line.plane(y), -1.0)
     return float(np.linalg.det(matrix / np.linalg.norm(matrix, axis=1, keepdims=True)))
 
@@ -203,9 +208,10 @@ def _touches(
 
 
 def _solved(line: ParameterLine, candidate: Candidate, after: int, near: float) -> Event | None:
-    """Return the event near a candidate, or None where there is none on the line.
+    """Return the event near a candidate, or None if Newton's method finds none within `near` of it on the line.
 
-    A branch that turns back as a motion of half the period leaves that motion at its flip.
+    Where a branch turns back and its motion repeats a motion of half the period, the event is the flip of this shorter
+    motion.
 
     Returns
     -------
@@ -223,7 +229,7 @@ def _solved(line: ParameterLine, candidate: Candidate, after: int, near: float) 
 
 
 def is_twice(itinerary: Itinerary, y: Array, tolerance: float) -> bool:
-    """Return whether the times at the beginning of y (≥ n,) repeat those of one motion of half the period."""
+    """Return whether the motion with the times y[:n] repeats a motion of half its period, to `tolerance`."""
     n, m = itinerary.n // 2, itinerary.m // 2
     if itinerary.n != 2 * n or itinerary.m != 2 * m or itinerary.walls[:n] != itinerary.walls[n:]:
         return False
@@ -231,12 +237,12 @@ def is_twice(itinerary: Itinerary, y: Array, tolerance: float) -> bool:
 
 
 def origin_of_doubling(itinerary: Itinerary, line: ParameterLine, y: Array, after: int) -> Event | None:
-    """Return the flip of the half-period motion at which a branch begins near y, or None."""
+    """Return the flip at which a branch of doubled period begins, near its point y; None if there is no flip."""
     return _solved(line, Candidate(y, Kind.SADDLE_NODE, itinerary, line.plane(y)), after, SAME_HALVES)
 
 
 def _halved(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array] | None:
-    """Return itinerary and unknowns of the half-period motion, if the motion nearly repeats one."""
+    """Return itinerary and unknowns of the motion of half the period that x nearly repeats; None if there is none."""
     if not is_twice(itinerary, x, SAME_HALVES):
         return None
     n, m = itinerary.n // 2, itinerary.m // 2

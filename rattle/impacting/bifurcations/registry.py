@@ -1,7 +1,7 @@
 """The registry of the bifurcation curves of the period-one motions. To add a curve, add one `Definition` to CURVES.
 
 A curve has a motion (the walls that it meets), a condition on that motion (`rattle.continuation.conditions`), starting
-points, and a rule which solutions belong to it.
+points, and a rule that decides which solutions belong to the curve.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.numerics.complex_step import Array
 
-SAME_START = 0.01  # largest relative distance in ε between a start and the curve's point at the same damping
+SAME_START = 0.01  # largest relative distance in ε between an event and the starting point of its curve at its damping
 PAPER = "Mason and Piiroinen (2009)"
 
 
@@ -30,11 +30,11 @@ class Definition:
     meaning : str
         The event, and the orbits that it changes.
     starts : callable
-        Guesses of the unknowns (n + 2,) at (δ, β).
+        A function of (δ, β) that returns guesses of the unknowns (n + 2,) of the curve's points at this damping.
     belongs : callable
-        None for a solution on this curve, else the reason why it is not.
+        A function of a solution (n + 2,) that returns None if the solution is on this curve, else the reason why not.
     impact : int or None
-        The grazing impact.
+        Number of the impact that grazes; None if the condition is not a graze.
     """
 
     walls: tuple[int, ...]
@@ -46,14 +46,14 @@ class Definition:
     belongs: Callable[[Array], str | None] = lambda _: None
 
     def itinerary(self, beta: float) -> Itinerary:
-        """Return the walls of the motion, at this half-backlash."""
+        """Return the itinerary of the motion at this half-backlash."""
         return Itinerary(self.walls, 1, beta)
 
 
 def _of_c(x: Array) -> str | None:
-    """Return None for a graze of C (G1, cos 2πτ > 0), else that it is one of A (G2).
+    """Return None for a graze of C (on G1, cos 2πτ ≥ 0), a reason for a graze of A (on G2).
 
-    Both are parts of one smooth curve, which SN1 touches at the point between them.
+    G1 and G2 are parts of one smooth curve, which SN1 touches at the point between them.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def _first_flip(delta: float, beta: float) -> Sequence[Array]:
 
 
 def _later_flips(delta: float, beta: float) -> Sequence[Array]:
-    """Return the flips at which D becomes stable again, and the one beyond the fold where it loses stability."""
+    """Return the flips at which D becomes stable again, and the flip beyond the fold at which D loses stability."""
     return starts.flips(delta, beta)[len(_first_flip(delta, beta)) :]
 
 
@@ -129,7 +129,8 @@ CURVES: dict[str, Definition] = {
     "PD2": Definition(
         (1, -1),
         Kind.FLIP,
-        "flip at which D, P(1,1,1), becomes stable again at high ε; beyond its fold, where D loses stability once more",
+        "flip at which D, P(1,1,1), becomes stable again at high ε; beyond the fold of this curve, at "
+        "which D loses stability again",
         "not in the paper",
         _later_flips,
     ),
@@ -149,7 +150,7 @@ def describe(name: str) -> str:
 
 
 def name_of(event: Event) -> str | None:
-    """Return the registered curve on which an event of a branch lies; None if on none."""
+    """Return the name of the registered curve on which an event of a branch lies; None if it lies on none."""
     walls, x, beta = event.itinerary.walls, event.unknowns, event.itinerary.beta
     near: list[tuple[float, str]] = []
     for name, curve in CURVES.items():

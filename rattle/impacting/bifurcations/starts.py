@@ -1,4 +1,4 @@
-"""Starting points of curves: their solutions at one damping, from closed forms of the period-one motions."""
+"""Starting points of bifurcation curves: solutions at one damping, from closed forms of the period-one motions."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -12,15 +12,24 @@ from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formula
 from rattle.numerics.complex_step import Array
 
-FINER, FINEST = 33, 12  # members inserted between two neighbours close to a zero, and number of repetitions
-CLOSE = 0.02  # largest difference, relative in ε and in times, of neighbours close to a zero
+FINER, FINEST = 33, 12  # members of each refinement between the two neighbours of a zero; most refinements
+CLOSE = 0.02  # difference of the neighbours of a zero, in times and relative in ε, that needs no further refinement
 
 
 class StartFamily(NamedTuple):
-    """The P(1,1,1) motions at one damping, for rising times 1/2 + σ from Σ⁺ to Σ⁻ with σ > 0.
+    """The P(1,1,1) motions at one damping: k members in the order of the time 1/2 + σ from Σ⁺ to Σ⁻, with σ > 0.
 
-    Arrays of the unknowns (k, 4), the speed at Σ⁻, det J(1) and det J(−1). The determinants vanish at a saddle-node and
-    at a flip. det J(1) is positive on D; det J(−1) is negative where D is stable.
+    Attributes
+    ----------
+    sigma : (k,)
+        Rising values of σ.
+    x : (k, 4)
+        Unknowns: both times, δ and ε.
+    u : (k,)
+        Speed at Σ⁻.
+    saddle_node, flip : (k,)
+        det J(1), which vanishes at a saddle-node and is positive on D, and det J(−1), which vanishes at a flip and is
+        negative where D is stable.
     """
 
     sigma: Array
@@ -43,7 +52,7 @@ def members(sigma: Array, delta: float, beta: float) -> StartFamily:
 
 @lru_cache(maxsize=256)
 def two_impacts(delta: float, beta: float) -> StartFamily:
-    """Return the family of B and D beyond its pole at σ = 0, at the nodes of `closed_form`."""
+    """Return the members of the family of B and D with σ > 0, at the nodes of `closed_form`."""
     sigma, epsilon = closed_form.nodes(delta, beta)
     return members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta)
 
@@ -56,11 +65,11 @@ def zeros(
     Parameters
     ----------
     values : callable
-        The function, of members of the family.
+        The function: it takes members (k,) of the family and returns values (k,).
     coarse : StartFamily
         Members between which sign changes are searched.
     members_at : callable
-        Return the members at given values of σ.
+        A function that returns the members at given values of σ.
 
     Returns
     -------
@@ -88,19 +97,19 @@ def _zeros_of(values: Callable[[StartFamily], Array], delta: float, beta: float)
 
 
 def folds(delta: float, beta: float) -> list[Array]:
-    """Return the saddle-nodes of B and D."""
+    """Return the unknowns at the saddle-nodes of B and D, close enough to start Newton's method."""
     return _zeros_of(lambda at: at.saddle_node, delta, beta)
 
 
 @lru_cache(maxsize=256)
 def grazes(delta: float, beta: float) -> tuple[Array, ...]:
-    """Return the members of the family whose speed at Σ⁻ is 0."""
+    """Return the unknowns of the members whose speed at Σ⁻ is 0, close enough to start Newton's method."""
     return tuple(_zeros_of(lambda at: at.u, delta, beta))
 
 
 @lru_cache(maxsize=256)
 def flips(delta: float, beta: float) -> tuple[Array, ...]:
-    """Return the flips of B and D."""
+    """Return the unknowns at the flips of B and D, close enough to start Newton's method."""
     return tuple(_zeros_of(lambda at: at.flip, delta, beta))
 
 
@@ -111,7 +120,7 @@ def loses_stability(x: Array, beta: float) -> bool:
 
 
 def one_impact(kind: Kind, delta: float) -> list[Array]:
-    """Return the unknowns of SN1 (τ = 3/4) or of PDC, the flip of C."""
+    """Return the unknowns of SN1 (τ = 3/4) or of PDC, the flip of C; an empty list if the formula gives no ε > 0."""
     offset = float(sine_offset(delta))
     epsilon = float(sn1_formula(delta) if kind is Kind.SADDLE_NODE else flip_formula(delta))
     if not np.isfinite(epsilon) or epsilon == 0.0:

@@ -1,8 +1,9 @@
 """Solve for the contact of a piece of W^u(A) with W^s(A): one scalar equation for ε, from a guess.
 
-W(s) is the point of W^u(A) at arclength s from A, F the impact map, and n the number of impacts after which the piece
-returns to A. h(s, ε) is the signed distance of F^n(W(s)) from the local series of W^s(A), positive on the side of the
-attractor. The piece touches W^s(A) where the minimum of h along it vanishes, at a corner or at a smooth bend.
+W(s) is the point of W^u(A) at position s, which near A is the arclength from A. Π is the impact map, and n the number
+of impacts on Σ⁺ after which the piece returns to A. h(s, ε) is the signed distance of Πⁿ(W(s)) from the local series of
+W^s(A), positive on the side of the attractor. The piece touches W^s(A) at the ε at which the minimum of h along the
+piece vanishes. The contact is a corner or a smooth bend of W^u(A).
 """
 
 from collections.abc import Callable
@@ -20,10 +21,10 @@ from rattle.impacting.orbits.periodic import period_one_saddle
 from rattle.orbits.saddles import Array, Local, eigenvectors, local_manifold
 
 GRID, ZOOMS = 41, 13  # points of a grid in s, and refinements of the grid around its minimum
-SAME = 1e-9  # relative distance in s, from the contact, at which its two sides are compared
-LONG, NODES = 30, 16  # steps from the series after which W^u is interpolated, and number of interpolation points
-NEWTON = 4
-MOST_ROUNDS = 40
+SAME = 1e-9  # relative distance in s from the contact of two points, one on either side, whose itineraries are compared
+LONG, NODES = 30, 16  # impacts after the local series beyond which W^u is interpolated; number of interpolation points
+NEWTON = 4  # Newton steps to the position along W^s(A)
+MOST_ROUNDS = 40  # most steps of an interval until it holds a root
 
 
 @dataclass(frozen=True)
@@ -35,16 +36,16 @@ class Crisis:
     contact : "corner" or "tangency"
         The shape of W^u(A) at the contact.
     piece : tuple[int, ...]
-        Impacts on Σ⁻ between successive impacts on Σ⁺ along the orbit of the contact, from the first to the last number
-        that is not 0; at a corner, on its side with more of them.
+        Numbers of impacts on Σ⁻ between successive impacts on Σ⁺ along the orbit of the contact, without the zeros at
+        the beginning and at the end. At a corner they are those on the side with more impacts on Σ⁻.
     parameter : float
-        Position s of the contact on W^u(A): arclength at A, followed to the last point before the orbit meets Σ⁻, and
-        one step back.
+        Position s on W^u(A) of one point of the contact's orbit; near A, s is the arclength from A. The point lies one
+        impact before the last point that precedes all impacts on Σ⁻.
     steps : int
-        Impacts on Σ⁺ from there to the return to W^s(A) near A.
+        Impacts on Σ⁺ from this point to the return to W^s(A) near A.
     chaotic : bool
         Whether the attractor of W^u(A) just below the crisis was observed to be chaotic. In a window of periodic motion
-        it is not, and the contact ends chaotic transients only.
+        the attractor is not chaotic, and the contact ends chaotic transients only.
     """
 
     delta: float
@@ -58,7 +59,7 @@ class Crisis:
 
     @property
     def gap(self) -> float:
-        """Distance of ε above SN1."""
+        """Distance of ε above the formula of SN1 at this damping."""
         return self.epsilon - float(sn1_formula(self.delta))
 
 
@@ -83,7 +84,8 @@ class ManifoldFrame:
     def heights(self, states: Array) -> tuple[Array, Array]:
         """Return the signed distance of states (2, n) from W^s(A), and their positions t along W^s(A).
 
-        The distance is along the unstable eigenvector; |t| is arclength at A. Both are infinite beyond the series.
+        The distance is measured along the unstable eigenvector; near A, |t| is the arclength from A, relative to the
+        size of the local series. Both are infinite for states beyond the series.
 
         Returns
         -------
@@ -101,7 +103,7 @@ class ManifoldFrame:
             return np.where(inside, across - polyval(t, unstable), np.inf), np.where(inside, t, np.inf)
 
     def points(self, s: Array) -> Array:
-        """Return the points W(s) (2, n), before W^u(A) first meets Σ⁻."""
+        """Return the points W(s) (2, n) at positions s (n,) on the part of W^u(A) before its first impact on Σ⁻."""
         local = self.unstable
         low, high = float(s.min()), float(s.max())
         if np.log(high / local.size) < LONG * np.log(local.multiplier) or not high > low:
@@ -111,12 +113,12 @@ class ManifoldFrame:
         return np.asarray(chebyshev.chebval((2.0 * s - low - high) / (high - low), powers) + self.at, np.float64)
 
     def returns(self, s: Array, n: int) -> tuple[Array, NDArray[np.int64]]:
-        """Return the distances of F^n(W(s)) (m,) from W^s(A), and their itineraries."""
+        """Return the distances (m,) of Πⁿ(W(s)) from W^s(A), inf if unknown, and the itineraries of these orbits."""
         ok, states, word, _ = self.unstable.map(self.points(s), n)
         return np.where(ok, self.heights(states)[0], np.inf), word
 
     def least(self, window: tuple[float, float], n: int) -> tuple[float, float]:
-        """Return the least distance of F^n(W(s)) in a window of s, and its s, by repeated grid refinement."""
+        """Return the least distance of Πⁿ(W(s)) from W^s(A) in a window of s, and its s, on ever finer grids."""
         low, high = window
         for _ in range(ZOOMS):
             s = np.linspace(low, high, GRID)
@@ -126,7 +128,7 @@ class ManifoldFrame:
         return float(values[i]), float(s[i])
 
     def symbols(self, s: float, n: int) -> tuple[int, ...]:
-        """Return the Σ⁻ impacts in each of the n steps from W(s), from the first to the last that is not 0."""
+        """Return the numbers of Σ⁻ impacts in the n returns from W(s) on, without the zeros at both ends."""
         start = self.points(np.array([s]))
         counts = np.array([int(self.unstable.map(start, j)[3][0]) for j in range(n + 1)])
         found = np.diff(counts)
@@ -147,13 +149,15 @@ def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, fl
     ----------
     window : tuple[float, float]
         Range of s that holds the piece.
+    n : int
+        Impacts on Σ⁺ after which the piece returns to A.
     bracket : float
-        Expected error of the guess, relative to gap.
+        Expected error of the guess `gap`, relative to it.
 
     Returns
     -------
     Crisis
-        With the ε at which the piece touches W^s(A), and the shape of the contact.
+        The contact, with the ε at which the piece touches W^s(A), and the shape of the contact.
 
     Raises
     ------
@@ -173,12 +177,12 @@ def solve_delta(
 ) -> Crisis:
     """Return the contact at SN1 + gap near delta. `bracket` is the expected error, `most` the longest step in δ.
 
-    Other arguments are those of `solve_contact`.
+    The other arguments are those of `solve_contact`.
 
     Returns
     -------
     Crisis
-        With the δ at which the piece touches W^s(A), and the shape of the contact.
+        The contact, with the δ at which the piece touches W^s(A), and the shape of the contact.
     """
 
     def m(x: float) -> float:
@@ -189,8 +193,8 @@ def solve_delta(
 
 
 def _root(m: Callable[[float], float], x: float, half: float, most: float) -> float:
-    """Return a root of m near x, from an interval of this half-width that moves and grows by at most `most` · x."""
-    from scipy.optimize import brentq  # a quarter of a second to load
+    """Return a root of m near x. The interval x ± half moves and grows until it holds one, by at most `most` · x."""
+    from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load
 
     low, high = x - half, x + half
     at_low, at_high = m(low), m(high)
@@ -220,7 +224,7 @@ def _labelled(delta: float, epsilon: float, beta: float, window: tuple[float, fl
 
 
 def reach(crisis: Crisis) -> float:
-    """Return the position of the contact on the series of W^s(A), relative to the end of the series."""
+    """Return the position of the contact on the local series of W^s(A): 0 at A, 1 at the end of the series."""
     here = frame(crisis.delta, crisis.epsilon, crisis.beta)
     start = here.points(np.array([crisis.parameter]))
     return abs(float(here.heights(here.unstable.map(start, crisis.steps)[1])[1][0]))
@@ -230,7 +234,7 @@ def root_slope(crisis: Crisis) -> float:
     """Return the coefficient b of h = b √x + c x + … at the corner next to this contact.
 
     x is the distance from the corner along W^u(A), relative to s, on the side with the square root. If b is positive
-    the corner touches, if it is negative the bend beside it does.
+    the corner touches W^s(A); if b is negative the smooth bend beside the corner touches it.
 
     Returns
     -------

@@ -1,9 +1,10 @@
 """Find the part of W^u(A) that becomes quiet, and decide whether chaos ends where W^u(A) touches W^s(A).
 
-W^s(A) bounds the basin of quiet motion. Before the crisis all of W^u(A) on the side of rising v stays with the
-attractor. Beyond it a part of W^u(A) lies beyond W^s(A) and becomes quiet. Samples of one fundamental domain reveal
-this, because all the rest of W^u(A) consists of their images. The domain is so close to A that the unstable eigenvector
-replaces the manifold. Long simulations on both sides of the contact show whether chaos ends.
+W^s(A) bounds the basin of quiet motion. Below the crisis, at smaller ε, the whole branch of W^u(A) on the side of
+rising v stays with the attractor. Above the crisis a part of this branch lies beyond W^s(A) and becomes quiet. Samples
+of one fundamental domain of the branch reveal this part, because the rest of the branch consists of images of the
+domain. The domain is so close to A that the unstable eigenvector replaces the manifold. Long simulations on both sides
+of the contact show whether chaos ends.
 """
 
 from typing import NamedTuple
@@ -27,16 +28,18 @@ from rattle.orbits.saddles import Array
 from rattle.parameters import Parameters
 
 Flags = NDArray[np.bool_]
-NEAREST = 1e-7  # distance of the first samples from A in (τ, v)
-SAMPLES = 512
-# impacts on Σ⁺ between leaving A and becoming quiet, after one return and after many, at strong damping
+NEAREST = 1e-7  # distance in (τ, v) of the fundamental domain from A
+SAMPLES = 512  # number of samples of a fundamental domain
+# impacts on Σ⁺ that a sample may make between leaving A and crossing W^s(A), at strong damping: if it crosses at its
+# first return to A, and if it crosses at a later return
 FIRST_RETURNS, RETURNS = 64, 256
 MOST_IMPACTS = 8192  # most impacts at strong damping; at weak damping more, in proportion to `longest_rest`
 SETTLE, WATCH = 20_000, 4_000  # impacts of the transient, and impacts over which the exponent is measured
 WATCHED = 32  # samples whose exponents are measured
-# relative distances below the crisis; narrow windows of periodic motion do not hold all of them
+# distances below the crisis, relative to ε − SN1, at which chaos is tested; no narrow window of periodic motion holds
+# all these points
 BELOW = (1e-4, 1e-3, 1e-5)
-ABOVE = 0.01  # relative distance above the crisis, where few transients last
+ABOVE = 0.01  # distance above the crisis, relative to ε − SN1, at which few chaotic transients last
 CHAOTIC = 0.02  # least first Lyapunov exponent of chaos, per forcing period
 SHARE, FEW = 0.2, 0.05  # least share of chaotic samples below the crisis, and largest share above it
 
@@ -62,17 +65,17 @@ class Saddles(NamedTuple):
 
     @property
     def first_excursion(self) -> Array:
-        """Impacts (n,) after which a sample that passes W^s(A) at its first return is quiet."""
+        """Impacts (n,) within which a sample that crosses W^s(A) at its first return to A becomes quiet."""
         return self._climb + self._impacts(FIRST_RETURNS)
 
     @property
     def excursions(self) -> Array:
-        """Impacts (n,) after which a sample that passes W^s(A) after many returns is quiet."""
+        """Impacts (n,) within which a sample that crosses W^s(A) at a later return to A becomes quiet."""
         return self._impacts(RETURNS)
 
     @property
     def decidable(self) -> Flags:
-        """Flags of points where quiet motion exists and is reached within a feasible number of impacts."""
+        """Flags (n,) of the points where A and quiet motion exist and `excursions` is below the limit of impacts."""
         below, most = self.epsilon < quiet_limit(self.delta), MOST_IMPACTS * _longer(self.delta)
         return self.exists & (self.multiplier > 1.0) & below & (self.excursions < most)
 
@@ -87,7 +90,7 @@ class Saddles(NamedTuple):
 
 
 def _longer(delta: Array) -> Array:
-    """Return the factor by which relaxation takes longer than at strong damping."""
+    """Return the factor by which becoming quiet may take more impacts than at strong damping."""
     return longest_rest(delta) / LONGEST_REST
 
 
@@ -112,7 +115,7 @@ def _direction(
 class FollowedManifold:
     """Samples (n · count,) of a fundamental domain of W^u(A) at n `decidable` points, followed for `impacts` (n,).
 
-    s (n, count) holds their initial distances from A, which are their positions on W^u(A).
+    s (n, count) holds the initial distances of the samples from A, which are their positions on W^u(A).
     """
 
     def __init__(self, a: Saddles, count: int, impacts: Array) -> None:
@@ -132,7 +135,7 @@ class FollowedManifold:
 
 
 def escapes(delta: float, epsilon: Array, beta: float) -> Flags:
-    """Return flags (n,) of parameter points where a part of W^u(A) becomes quiet; False where that is undecidable."""
+    """Return flags (n,) of points where a part of W^u(A) becomes quiet; False where this is not `decidable`."""
     a = saddles(np.full(epsilon.size, delta), epsilon, np.full(epsilon.size, beta))
     found = a.decidable
     if found.any():
@@ -142,7 +145,7 @@ def escapes(delta: float, epsilon: Array, beta: float) -> Flags:
 
 
 def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
-    """Return A at one parameter point. Raises RattleError if A does not exist or its fate is undecidable there."""
+    """Return A at one parameter point. Raises RattleError if A does not exist or the point is not `decidable`."""
     a = saddles(*(np.array([x]) for x in (delta, epsilon, beta)))
     if not a.decidable[0]:
         raise RattleError(
@@ -152,7 +155,7 @@ def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
 
 
 def chaotic_part(delta: float, epsilon: float, beta: float, settle: int = SETTLE) -> float:
-    """Return the share of orbits of W^u(A) that are chaotic after `settle` impacts."""
+    """Return the share of WATCHED samples of W^u(A) that are chaotic after `settle` impacts."""
     a = saddle_at(delta, epsilon, beta)
     found = FollowedManifold(a, WATCHED, a.first_excursion + settle)
     left = found.samples.status == Outcome.UNRESOLVED

@@ -1,4 +1,4 @@
-"""Find the boundary crisis at one damping: the ε where W^u(A) escapes, its contacts there, and whether chaos ends.
+"""Find the boundary crisis at one damping: the ε from which W^u(A) escapes, the contact there, and whether chaos ends.
 
 W^u(A) escapes if a part of it becomes quiet.
 """
@@ -16,19 +16,22 @@ from rattle.impacting.orbits.period_one import period_one
 from rattle.orbits.saddles import Array
 
 STEP = 0.04  # relative step in ε − SN1
-# first ε − SN1, relative to the squared distance from COD22, and least one relative to SN1
+# the first ε − SN1 is LOWEST · SN1 times the squared relative distance in δ from COD22, which counts as SMALLEST at
+# least
 LOWEST, SMALLEST = 0.5, 2e-5
 HIGHEST = 2.0  # last ε − SN1, relative to SN1; at weak damping the search ends at the quiet limit, far above SN1
 WEAK, WEAKEST = 0.3, 0.1  # damping below which the search ends at the quiet limit, and below which it is refused
-HALVINGS = 6
+HALVINGS = 6  # bisections of a step in ε − SN1 in which W^u(A) begins to escape
 # samples per unit of ln s on W^u(A), for the bracket and for the final check below the crisis
 DENSE, CHECKED = 2000, 40000
-MARGIN = 1e-4  # distance below the crisis, relative to ε − SN1, at which no other piece may touch
-MOST_PIECES = 6
+MARGIN = 1e-4  # distance below the crisis, relative to ε − SN1, at which no other piece of W^u(A) may escape
+MOST_PIECES = 6  # most contacts that are replaced by an earlier one
 MOST_RUNS = 4  # most runs of escaping samples whose contacts are tried in turn
 MOST_STEPS = 400  # most impacts of an escaping orbit
-NEAR, GONE = 0.3, 0.5  # distance of a return, relative to the farthest; speed below which an orbit is becoming quiet
-WIDER = 12
+# a return is nearer to W^s(A) than this share of the farthest distance from A so far; an orbit slower than this share
+# of the speed of A is becoming quiet
+NEAR, GONE = 0.3, 0.5
+WIDER = 12  # most doublings of the width of a window
 
 
 def end_of_curve(beta: float) -> float:
@@ -40,7 +43,7 @@ def end_of_curve(beta: float) -> float:
 
 
 def _gaps(delta: float, beta: float) -> Array:
-    """Return the ε − SN1 to try: those where A exists, up to the quiet limit."""
+    """Return the values of ε − SN1 to try, up to the quiet limit: those at which A exists."""
     floor, top = float(sn1_formula(delta)), float(quiet_limit(delta))
     first = LOWEST * floor * min(0.02, max(SMALLEST, (1.0 - delta / end_of_curve(beta)) ** 2))
     last = top * (1.0 - 1e-9) - floor
@@ -55,13 +58,13 @@ def _gaps(delta: float, beta: float) -> Array:
 
 
 def _followed(delta: float, beta: float, gap: float, density: int) -> FollowedManifold:
-    """Return W^u(A) at SN1 + gap, by this many samples per unit of ln s. Raises RattleError if undecidable."""
+    """Return W^u(A) at ε = SN1 + gap, with `density` samples per unit of ln s. Errors are those of `saddle_at`."""
     a = saddle_at(delta, float(sn1_formula(delta)) + gap, beta)
     return FollowedManifold(a, int(SAMPLES + density * np.log(a.multiplier[0])), a.first_excursion)
 
 
 def touched(delta: float, beta: float, gap: float, density: int) -> bool:
-    """Return whether W^u(A) escapes at SN1 + gap."""
+    """Return whether W^u(A) escapes at ε = SN1 + gap, to `density` samples per unit of ln s."""
     return bool(_followed(delta, beta, gap, density).at_rest.any())
 
 
@@ -75,7 +78,7 @@ def _narrowed(delta: float, beta: float, low: float, high: float) -> tuple[float
 def _runs(delta: float, beta: float, gap: float) -> list[Array]:
     """Return runs of positions s in a fundamental domain of W^u(A) that escape, the longest first.
 
-    Each run includes one more position on both sides.
+    Each run includes one more position on either side, which does not escape.
 
     Returns
     -------
@@ -99,7 +102,7 @@ def _runs(delta: float, beta: float, gap: float) -> list[Array]:
 
 
 def _orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[int]]:
-    """Return the steps until W(s) first meets Σ⁻, and from there until it enters the series of W^s(A)."""
+    """Return the number of returns until W(s) meets Σ⁻, and from there to each approach to the series of W^s(A)."""
     here = frame(delta, float(sn1_formula(delta)) + gap, beta)
     states, met, entries, inside, farthest = here.unstable.image(np.array([s]), 0)[1], -1, [], True, 0.0
     for j in range(MOST_STEPS + int(20.0 / np.log(here.unstable.multiplier))):
@@ -107,7 +110,7 @@ def _orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[i
         if not ok.all():
             break
         if met < 0 and bounces[0] > 0:
-            met = max(j - 1, 0)  # the other side of a corner meets Σ⁻ one step earlier
+            met = max(j - 1, 0)  # at a corner, orbits on the other side meet Σ⁻ one step earlier
         height = float(here.heights(states)[0][0])
         farthest = max(farthest, float(np.hypot(*(states - here.at))[0]))
         before, inside = inside, abs(height) < NEAR * farthest
@@ -121,12 +124,12 @@ def _orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[i
 def contact_near(delta: float, beta: float, low: float, high: float) -> Crisis:
     """Return the contact of a piece of W^u(A) that escapes at SN1 + high but not at SN1 + low.
 
-    The contact is that of the longest such piece for which one is found.
+    It is the contact of the longest such piece for which a contact is found.
 
     Returns
     -------
     Crisis
-        Between SN1 + low and SN1 + high.
+        The contact, with ε near the range from SN1 + low to SN1 + high.
     """
     *runs, last = _runs(delta, beta, high)[:MOST_RUNS]
     for run in runs:
@@ -136,7 +139,7 @@ def contact_near(delta: float, beta: float, low: float, high: float) -> Crisis:
 
 
 def _contact(delta: float, beta: float, low: float, high: float, run: Array) -> Crisis:
-    """Return the contact with the least ε, among the returns to A of the orbit in the middle of a run."""
+    """Return the contact with the least ε of the contacts at all returns to A of the orbit in the middle of a run."""
     met, entries = _orbit(delta, beta, high, float(run[run.size // 2]))
     if not entries:
         raise RattleError(
@@ -177,8 +180,8 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
     """Return the boundary crisis at a damping: the last contact, by rising ε, in which a chaotic attractor ends.
 
     ε is accurate to 1e-10. W^u(A) is followed at steps of 4 % in ε − SN1, up to 3 SN1 (from δ = 0.3 on) or the quiet
-    limit, beyond which nothing becomes quiet. The piece that touches is the first among those that 40000 samples per
-    unit of ln s resolve. The paper leaves the crisis open. Source: docs/crisis.md.
+    limit, beyond which nothing becomes quiet. The piece that touches is the first among the pieces that 40000 samples
+    per unit of ln s resolve. The paper leaves the crisis open. Source: docs/crisis.md.
 
     Returns
     -------
@@ -197,7 +200,7 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
     if delta < WEAKEST:
         raise RattleError(
             f"damping is too weak at delta = {delta:g} for boundary crises: below {WEAKEST:g} motions take thousands "
-            "of impacts to come to rest, and what W^u(A) goes to is hardly ever chaotic; rattle.crisis_side tells "
+            "of impacts to come to rest, and the attractor of W^u(A) is hardly ever chaotic; rattle.crisis_side tells "
             "whether it goes to rest"
         )
     gaps = _gaps(delta, beta)
@@ -212,15 +215,15 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
             reasons.append(str(error))
             continue
         if not is_chaotic_below(found):
-            reason = "what attracts W^u(A) there is not chaotic"
+            reason = "the attractor of W^u(A) there is not chaotic"
         elif outlived(found):
-            reason = "the chaotic attractor outlives it"
+            reason = "the chaotic attractor continues at larger epsilon"
         else:
             return found
         reasons.append(f"at epsilon = {found.epsilon:.6f} W^u(A) touches W^s(A), but {reason}")
     if gone[0]:
-        reasons.append("W^u(A) escapes from where A is born")
+        reasons.append("W^u(A) already escapes at the smallest epsilon that was tried")
     raise RattleError(
         f"no chaotic attractor ends in a contact with A at delta = {delta}, beta = {beta}: "
-        + ("; ".join(reasons) or f"W^u(A) stays up to epsilon = {sn1_formula(delta) + gaps[-1]:.7f}")
+        + ("; ".join(reasons) or f"no part of W^u(A) becomes quiet up to epsilon = {sn1_formula(delta) + gaps[-1]:.7f}")
     )

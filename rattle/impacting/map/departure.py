@@ -1,4 +1,4 @@
-"""The next departure from Σ⁺ of any state of the motion."""
+"""The next departure from Σ⁺ of a motion with any state."""
 
 from rattle.errors import RattleError, require
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing

@@ -1,7 +1,8 @@
 """The grazing curve Γ in the (τ, v) plane: states whose flight just touches Σ⁻ (paper, section 3; compiled).
 
-The time of the touch determines its state, because there Φ = −β and Φ' = 0. So Γ is parametrised by the time of touch,
-and each point is one flight backwards in time. Γ breaks where that flight itself grazes a wall.
+The time of the touch determines the state at the touch, because Φ = −β and Φ' = 0 there. So Γ is parametrised by the
+time of touch, and each point of Γ is found by one flight backwards in time. Γ breaks where this flight itself grazes a
+wall.
 """
 
 from typing import NamedTuple
@@ -16,15 +17,17 @@ from rattle.flight.law import folded
 from rattle.numerics.compile import kernel
 
 FIRST_POINTS = 256
-CLOSEST = 1e-13  # smallest difference of times of touch; Γ is broken between two such times whose states are far apart
-FINEST = 1e-4
+# smallest difference of neighbouring times of touch; Γ breaks where their states are still farther apart than the
+# spacing
+CLOSEST = 1e-13
+FINEST = 1e-4  # least spacing
 
 
 class GammaPiece(NamedTuple):
     """One piece of Γ: points (n,) (τ, v) on Σ⁺ in order of the time of touch, and that time in forcing periods.
 
     τ is continuous along the piece and may leave [0, 1); τ % 1 is the phase. `closed` is True if the last point is the
-    first one, a period later.
+    first point one forcing period later.
     """
 
     tau: NDArray[np.float64]
@@ -34,7 +37,7 @@ class GammaPiece(NamedTuple):
 
 
 def gamma(delta: float, epsilon: float, beta: float, spacing: float, unit: float) -> tuple[GammaPiece, ...]:
-    """Return the pieces of `rattle.Gear.gamma`; `unit` is the speed difference that equals one forcing period."""
+    """Return the pieces of `rattle.Gear.gamma`; `unit` is the speed that equals one forcing period in distances."""
     spacing = require_number("spacing", spacing, positive=True)
     require(spacing >= FINEST, f"spacing must be at least {FINEST:g}, got {spacing:g}")
 
@@ -69,11 +72,11 @@ def gamma(delta: float, epsilon: float, beta: float, spacing: float, unit: float
 
 @kernel
 def before_touch(touch, delta, epsilon, beta, tau, v):
-    """Write the states (τ, v) on Σ⁺ whose flights touch Σ⁻ with speed 0 at these times; v = −1 where there is none.
+    """Write the states (τ, v) on Σ⁺ whose flights touch Σ⁻ with speed 0 at these times; v = −1 if there is none.
 
-    A touch from inside the gap needs a contact force that points into the gap. Backwards in time the motion leaves Σ⁻
-    like any other, and its first impact is its origin. τ is not folded, so that it changes continuously with the time
-    of touch.
+    A touch from inside the gap needs a contact force that points from Σ⁻ into the gap. Backwards in time the motion
+    leaves Σ⁻ at the touch, and the state on Σ⁺ is its first impact. τ is not folded, so that it changes continuously
+    with the time of touch.
     """
     for i in range(touch.size):
         v[i], tau[i] = -1.0, touch[i]

@@ -1,7 +1,8 @@
 """The impact map Π on Σ⁺ (paper 3.16), its inverse and its tangent map (compiled).
 
 A state (τ, v) leaves Φ = β at phase τ with velocity −v, v > 0. Π follows the flights and impacts on Σ⁻ until the next
-impact on Σ⁺. With (−δ, −q, −τ) the same kernel is the inverse map.
+impact on Σ⁺. With −δ, the negative drift −q and the phase −τ the same kernel computes the inverse map, because these
+signs reverse time.
 """
 
 import math
@@ -42,12 +43,13 @@ def impact(tau, v, delta, epsilon, beta, drift):
 def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
     """Return Π(τ, v) with its 2×2 tangent matrix.
 
-    The coordinates are (τ, v), or (τ, v²/2) with `energy`; in the latter each flight has determinant e^(−δs).
+    The coordinates are (τ, v), or (τ, v²/2) if `energy` is true. In (τ, v²/2) each flight of duration s has determinant
+    e^(−δs).
 
     Returns
     -------
     tuple
-        (status, τ', v', elapsed, Σ⁻ impacts, j00, j01, j10, j11, ln det).
+        (status, τ', v', elapsed time, Σ⁻ impacts, j00, j01, j10, j11, ln|det|).
     """
     status, wall, w, elapsed, n_minus = OK, SIGMA_PLUS, -v, 0.0, 0
     j00, j01, j10, j11, log_det = 1.0, 0.0, 0.0, 1.0, 0.0
@@ -79,13 +81,13 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
 
 @kernel
 def inverse_impact(tau, v, delta, epsilon, beta):
-    """Return Π⁻¹(τ, v) by reversed time: (status, τ, v, elapsed time, Σ⁻ impacts between)."""
+    """Return Π⁻¹(τ, v), computed in reversed time: (status, τ, v, elapsed time, Σ⁻ impacts in between)."""
     status, t, speed, elapsed, n_minus = impact(folded(-tau), v, -delta, epsilon, beta, -DRIFT)
     return status, folded(-t), speed, elapsed, n_minus
 
 
 class Point(NamedTuple):
-    """A parameter point, with the largest invariant v³/g that is certain to become quiet."""
+    """A parameter point for kernels. quiet_invariant: largest v³/g at which a bounce is certain to become quiet."""
 
     delta: float
     epsilon: float

@@ -26,12 +26,12 @@ from rattle.flight.lanes.stages import advance
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import Iterates, Stretched, checked
 
-# flights between two checks of the lanes; divides the round numbers of impacts that users choose
+# flights between two checks of the lanes; a divisor of the round numbers of impacts that users choose
 FLIGHTS = np.int64(20)
 
 
 class _Memory(threading.local):
-    """The scratch blocks, one for each thread."""
+    """Scratch memory of kernels: each thread has a block of lanes of its own."""
 
     def __init__(self) -> None:
         self.block = block()
@@ -48,12 +48,13 @@ def working_block() -> Any:
 def _driver(tangent: bool) -> Any:
     @kernel
     def drive(memory, tau, v, n, delta, epsilon, beta, paths):
-        """Return Π^n of each element of flat arrays. Lanes are refilled as they finish.
+        """Return Π^n of each element of flat arrays. A lane that finishes an element gets the next element.
 
         Returns
         -------
         tuple of ndarray
-            (status, τ, v, impacts on Σ⁺, on Σ⁻, time, ln stretch, ln|det|), the last three 0 without tangent.
+            (status, τ, v, impacts on Σ⁺, impacts on Σ⁻, growth). growth (3, size) holds the time and, with a tangent
+            vector, ln stretch and ln|det|, otherwise 0.
         """
         b, size = memory[0], tau.size
         out_tau, out_v = tau.copy(), v.copy()
@@ -113,7 +114,7 @@ def iterate(
 def iterate_tangent(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike = 0.6
 ) -> Stretched:
-    """Return `iterate` with both Lyapunov exponents over the n impacts.
+    """Return the results of `iterate` with both Lyapunov exponents over the n impacts.
 
     A tangent vector, first along the phase, is re-normalised repeatedly in (t, v²/2), where a flight has determinant
     e^(−δs). The second exponent is the mean ln|det| of the tangent matrices minus the first. Both are NaN where n is 0.
@@ -136,7 +137,7 @@ def iterate_tangent(
 def paths(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike = 0.6
 ) -> tuple[int, int, int]:
-    """Return the number of flights of `iterate`, of those located by the scan, and of those located by the search."""
+    """Return the number of flights of `iterate`, and how many first impacts the scan and the search located."""
     flat, _shape = checked(delta, epsilon, tau, v, n, beta)
     counted = np.zeros(2, np.int64)
     _status, _tau, _v, n_plus, n_minus, _growth = _drive_plain(working_block(), *flat, counted)

@@ -1,15 +1,16 @@
 """An adiabatic criterion for a bouncing motion that is certain to become quiet.
 
-The contact force g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt is positive for all t below the quiet limit. A bounce of
-speed v lasts 2v/g. While that is short, I = v³/g(t) at the impacts is an adiabatic invariant, damped by e^(−δ) per
-period (so v by e^(−δ/3)). Impacts are points of time-reversal symmetry, so the error of I is of second order in
+If ε is below the quiet limit, the contact force g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt is positive for all t. A
+bounce of speed v lasts 2v/g. While this duration is much shorter than a forcing period, I = v³/g(t) at the impacts is
+an adiabatic invariant, which damping multiplies by e^(−δ) per period (and so v by e^(−δ/3)). Impacts are points of
+time-reversal symmetry, so the error of I is of second order in
 
     η = max over t of (v/g) · max(|g'|/g, π, δ)    with v = (I g)^(1/3).
 
 The net change of ln I per period beyond −δ is exponentially small: it was measured to be at most about 10 e^(−1.9/η)
-for any δ and ε. A motion is certain to become quiet once η is so small that this change is below δ/2, and its bounces
-are lower than half the gap: I then falls in every period, and η with it. docs/decisions/0003-quiet-capture.md has the
-measurement, and a test repeats it.
+for any δ and ε. A motion is certain to become quiet once η is so small that this change is below δ/2, and once its
+bounces are lower than half the gap: I then falls in every period, and η with it. docs/decisions/0003-quiet-capture.md
+has the measurement, and a test repeats it.
 """
 
 import math
@@ -24,15 +25,15 @@ Array = NDArray[np.float64]
 
 PHASES, ABREAST = 2048, 16  # sampled phases; number of independent maxima, which lets the loop use vector instructions
 SINES, COSINES = sampled_phases(PHASES)
-LARGEST_ETA = 0.5
-KICK, DECAY_RATE = 10.0, 1.9
-# limit of impacts; damping below which the limit grows; largest limit
+LARGEST_ETA = 0.5  # largest η for which the measured bound is used
+KICK, DECAY_RATE = 10.0, 1.9  # the constants 10 and 1.9 of the measured bound 10 e^(−1.9/η)
+# limit of the impacts that becoming quiet may take, at strong damping; damping below which it grows; its largest value
 LONGEST_REST, STRONG, MOST_REST = 2048.0, 0.3, 2.0**18
 
 
 @kernel
 def largest_eta(delta):
-    """Return the η below which the change of ln I per period is under δ/2."""
+    """Return the largest η, at most LARGEST_ETA, at which the change of ln I per period beyond −δ is below δ/2."""
     if delta >= 2.0 * KICK * math.exp(-DECAY_RATE / LARGEST_ETA):
         return LARGEST_ETA
     return DECAY_RATE / math.log(2.0 * KICK / delta)
@@ -40,7 +41,7 @@ def largest_eta(delta):
 
 @kernel
 def invariant_of(delta, epsilon, beta, largest):
-    """Return `capture_invariant`; `largest` (ABREAST,) is scratch memory."""
+    """Return the result of `capture_invariant`, compiled; `largest` (ABREAST,) is scratch memory."""
     smallest = DRIFT * delta - contact_force_swing(delta, epsilon)
     if smallest <= 0.0:
         return 0.0
@@ -69,14 +70,14 @@ def fill_invariants(delta, epsilon, beta, largest, found):
 
 
 def capture_invariants(delta: Array, epsilon: Array, beta: Array) -> Array:
-    """Return `capture_invariant` for flat arrays."""
+    """Return the results of `capture_invariant` for flat arrays of parameters."""
     found = np.zeros(delta.size)
     fill_invariants(delta, epsilon, beta, np.zeros(ABREAST), found)
     return found
 
 
 def capture_invariant(delta: float, epsilon: float, beta: float) -> float:
-    """Return the largest I = v³/g(τ) that is certain to become quiet; 0 where no quiet motion exists."""
+    """Return the largest I = v³/g(τ) at which a bounce is certain to become quiet; 0 if no quiet motion exists."""
     return float(capture_invariants(*(np.array([x]) for x in (delta, epsilon, beta)))[0])
 
 
@@ -86,7 +87,7 @@ def capture_speed(delta: float, epsilon: float, beta: float) -> float:
 
 
 def capture_speeds(delta: Array, epsilon: Array, beta: Array) -> Array:
-    """Return `capture_speed` for flat arrays."""
+    """Return the results of `capture_speed` for flat arrays of parameters."""
     smallest = Forcing(epsilon).least_force(delta)
     return np.asarray((capture_invariants(delta, epsilon, beta) * np.maximum(smallest, 0.0)) ** (1 / 3), np.float64)
 
@@ -94,8 +95,8 @@ def capture_speeds(delta: Array, epsilon: Array, beta: Array) -> Array:
 def impacts_to_rest(delta: Array, epsilon: Array, beta: Array) -> Array:
     """Estimate the impacts until quiet motion is certain, for flat arrays; inf from the quiet limit on.
 
-    At speed v a period has 2πδ/v impacts, and v falls by e^(−δ/3) per period. This gives 6π/v_c impacts for a capture
-    speed v_c, and more where the limit on v³/g is smaller.
+    At speed v a period has 2πδ/v impacts, and v falls by e^(−δ/3) per period. This gives 6π/v_c impacts down to the
+    capture speed v_c. Where the limit on v³/g is smaller, v_c is smaller and the number of impacts larger.
 
     Returns
     -------
@@ -109,7 +110,8 @@ def impacts_to_rest(delta: Array, epsilon: Array, beta: Array) -> Array:
 def longest_rest(delta: Array) -> Array:
     """Return the limit of impacts within which a motion should become quiet, for flat arrays.
 
-    The limit grows with the relaxation time 1/δ at weak damping, up to a few milliseconds of computing time.
+    At weak damping the limit grows with the relaxation time 1/δ, up to MOST_REST impacts, which take a few milliseconds
+    to compute.
 
     Returns
     -------
@@ -120,6 +122,6 @@ def longest_rest(delta: Array) -> Array:
 
 
 def rests_late(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
-    """Return flags where becoming quiet takes more than `longest_rest` impacts, which a sample may take for chaos."""
+    """Return flags of points where becoming quiet takes more than `longest_rest` impacts, so it may look like chaos."""
     needed = impacts_to_rest(delta, epsilon, beta)
     return np.isfinite(needed) & (needed > longest_rest(delta))

@@ -17,12 +17,13 @@ AT_REST = 1e-4  # speed below which the bounces of a motion that is certain to b
 def sampled(tau, v, delta, epsilon, beta, slowest, time, phi, velocity, impact_time, impact_wall, impact_speed):
     """Write Φ and Φ' at rising times, and the impacts until the last of these times.
 
-    Impacts beyond the length of the arrays are counted but not written.
+    A motion that leaves Σ⁺ with a speed below `slowest` counts as at rest from then on. Impacts beyond the length of
+    the arrays are counted but not written.
 
     Returns
     -------
     tuple
-        (status, number of impacts, rest).
+        (status, number of impacts, time at which the motion comes to rest or inf).
     """
     wall, w, now, phase = SIGMA_PLUS, -v, 0.0, tau
     i, impacts = 0, 0

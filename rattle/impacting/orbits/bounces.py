@@ -1,8 +1,9 @@
 """The stable orbits P(1, n, 0) with n ≥ 2, which bounce on Σ⁺ only (compiled).
 
-For each n a node and a saddle exist from their saddle-node ε_SN(n) on; the node is stable up to its flip ε_PD(n). In
-units of the quiet limit both values grow with n towards 1. At a given ε the n with a stable orbit are therefore
-consecutive: for smaller n the nodes are unstable, for larger n they do not exist (docs/decisions/0023-period-one.md).
+For each n a node and a saddle are born at the saddle-node ε_SN(n), and the node is stable up to its flip ε_PD(n). In
+units of the quiet limit ε_SN(n) and ε_PD(n) grow with n towards 1. At a given ε the numbers n with a stable orbit are
+therefore consecutive: for smaller n the node is unstable, for larger n it does not exist
+(docs/decisions/0023-period-one.md).
 """
 
 import math
@@ -13,18 +14,19 @@ from rattle.impacting.orbits.circuits import keep, walk_round
 from rattle.impacting.orbits.impact_times import MOST_IMPACTS, SECTIONS, newton_on_times
 from rattle.numerics.compile import kernel
 
-ONE_BY_ONE = 6  # every n up to this one is tried, because the flips of small n are not in order
-STRONG = 1.6  # damping above which saddle-nodes are not in order, and nodes are stable above the quiet limit
-MOST_AT_STRONG, LEAST_AT_STRONG = 24, 0.85  # largest n tried there, and least ε of stable nodes there, in quiet limits
-WEAKEST = 0.02  # least contact force that the rate of bounces uses, in units of the mean force
+ONE_BY_ONE = 6  # every n up to this number is tried, because the flips of small n are not in the order of n
+STRONG = 1.6  # damping above which saddle-nodes are not in the order of n, and nodes are stable above the quiet limit
+# above STRONG: largest n that is tried, and least ε of stable nodes, in quiet limits
+MOST_AT_STRONG, LEAST_AT_STRONG = 24, 0.85
+WEAKEST = 0.02  # least contact force, in units of the mean force, in the rate of bounces; it replaces smaller forces
 NONE, STABLE, UNSTABLE = range(3)
 
 
 @kernel
 def share_out(work, x):
-    """Fill the shares of half a period's bounces that follow the least contact force, for ε of x quiet limits.
+    """Fill `work.shares`: the share of the bounces of half a period from the least contact force to each section's end.
 
-    With one adiabatic invariant v³/g the bounces come at the rate g/2v ∝ g^(2/3).
+    x is ε in units of the quiet limit. With one adiabatic invariant v³/g the bounces come at the rate g/2v ∝ g^(2/3).
     """
     shares = work.shares
     shares[0] = 0.0
@@ -37,9 +39,9 @@ def share_out(work, x):
 
 @kernel
 def space(work, n, offset, least):
-    """Set the times to n bounces with a common adiabatic invariant.
+    """Set the times of n bounces with a common adiabatic invariant, as a guess.
 
-    The first bounce comes `offset` ∈ [−1, 0] of a bounce after the phase `least` of least contact force.
+    The phase of least contact force is `least`. The first bounce comes `offset` ∈ [−1, 0] bounces after this phase.
     """
     shares, i = work.shares, 0
     for j in range(n):
@@ -56,13 +58,13 @@ def space(work, n, offset, least):
 
 @kernel
 def node(n, least, work, delta, epsilon, beta):
-    """Return NONE, STABLE or UNSTABLE for the node of n bounces, and keep it if it is stable."""
+    """Return NONE, STABLE or UNSTABLE for the node P(1, n, 0), and keep the node if it is stable."""
     space(work, n, 0.0, least)
     solved, at_one = newton_on_times(work, n, 0.5, delta, epsilon, beta)
     if solved and at_one > 0.0:
         keep(work, n, delta, epsilon, beta)
         return STABLE if at_one < 2.0 * (1.0 + determinant(delta, 1.0, n)) else UNSTABLE
-    before = work.n_found  # near or beyond the saddle-node all phases of a bounce are tried
+    before = work.n_found  # near or beyond the saddle-node the guess may fail, so all phases of a bounce are tried
     space(work, n, -0.5, least)
     bounce = work.times[1] - work.times[0]
     _how, zeros = walk_round(work, n, bounce, math.sqrt(n) * bounce / 6.0, delta, epsilon, beta)

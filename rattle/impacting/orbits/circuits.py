@@ -1,8 +1,8 @@
-"""All stable orbits of period one with given walls: a walk along motions that close except for one impact (compiled).
+"""Find stable orbits of period one with given walls by a walk along motions that close but for one impact (compiled).
 
 The times that make all impacts but the first elastic lie on a curve (`rattle.impacting.orbits.impact_times`). The
-orbits are the zeros of the residual R_0 of the first impact along it. The curve is a circuit: along it the first time
-grows by a period, or the curve closes.
+orbits are the zeros along this curve of the residual R_0 of the first impact. The curve is a circuit: either it closes,
+or it winds, which means that along it the first time grows by a whole period, after which it repeats.
 """
 
 import math
@@ -13,21 +13,21 @@ from rattle.impacting.orbits.impact_times import eliminated, equations, fastest_
 from rattle.numerics.compile import inline, kernel
 
 MOST_CORRECTIONS = 6
-CORRECTED = 3e-4  # longest correction, in forcing periods; the error after it is of the order of its square
+CORRECTED = 3e-4  # longest last correction, in forcing periods; the error that it leaves is of the order of its square
 FARTHEST = 0.3  # longest first correction of a walk, in forcing periods
-SHORTEST = 1e-4  # shortest step of a walk
-FINEST = 0.01  # shortest step, as a share of the longest one, for resolving R_0
-LEAST_COSINE = 0.9  # least cosine of the turn of the curve in one step
+SHORTEST = 1e-4  # shortest step of a walk; a shorter one ends the walk
+FINEST = 0.01  # a step that does not resolve R_0 is shortened, down to this share of the longest step
+LEAST_COSINE = 0.9  # least cosine of the angle by which the curve turns in one step
 MOST_STEPS = 400
 MOST_ZOOMS, MOST_HALVINGS = 12, 24  # most refinements towards an extremum, and most halvings towards a zero, of R_0
-NEAR = 0.02  # width of a bracket at which Newton's method on all equations converges
-SAME_ORBIT = 1e-7
-LOST, WOUND, CLOSED = range(3)
+NEAR = 0.02  # step, as a share of the bracket, at which Newton's method on all equations takes over
+SAME_ORBIT = 1e-7  # largest difference of equal orbits, in phase and relative in speed
+LOST, WOUND, CLOSED = range(3)  # ends of a walk: too long or too fine, a whole period on, back at its start
 
 
 @kernel
 def enter_orbit(n_plus, n_minus, tau, v, trace, work):
-    """Add an orbit unless it is known or the list is full."""
+    """Add an orbit to the list `work.found`, unless it is in the list already or the list is full."""
     n = work.n_found
     for j in range(n):
         label = work.found[j, 0] == n_plus and work.found[j, 1] == n_minus
@@ -41,7 +41,7 @@ def enter_orbit(n_plus, n_minus, tau, v, trace, work):
 
 @kernel
 def keep(work, n, delta, epsilon, beta):
-    """Add the orbit at these times if it is admissible and stable, 0 < p(1) < 2 (1 + e^(−δ))."""
+    """Add the orbit at the times of `work` if it is admissible and stable, which means 0 < p(1) < 2 (1 + e^(−δ))."""
     equations(work, n, delta, epsilon, beta)
     _value, _slope, at_one = eliminated(work, n)
     most = 2.0 * (1.0 + determinant(delta, 1.0, n))
@@ -56,14 +56,14 @@ def keep(work, n, delta, epsilon, beta):
 
 @kernel
 def point_reached(work, n, s, farthest, delta, epsilon, beta):
-    """Return the point of the curve at distance s along the walk's direction.
+    """Write the point of the curve at distance s along the walk's direction to the times of `work`.
 
-    Corrections are no longer than `farthest`.
+    The point is not found if a correction is longer than `farthest`.
 
     Returns
     -------
     tuple
-        (found, R_0, dR_0/ds).
+        (found, R_0, dR_0/ds) at the point.
     """
     for i in range(n):
         work.times[i] = work.point[i] + s * work.direction[i]
@@ -85,7 +85,7 @@ def point_reached(work, n, s, farthest, delta, epsilon, beta):
 
 @kernel
 def turn_of_curve(work, n):
-    """Return the cosine between the walk's direction and the curve's, and the length of `response`."""
+    """Return the cosine between the directions of the walk and of the curve, and the signed length of `response`."""
     square, along = 0.0, 0.0
     for i in range(n):
         square += work.response[i] * work.response[i]
@@ -96,10 +96,10 @@ def turn_of_curve(work, n):
 
 @kernel
 def zero_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, beta):
-    """Keep the orbit at the sign change of R_0 between two distances.
+    """Keep the orbit at the sign change of R_0 between the distances lo and hi, if it is admissible and stable.
 
-    The search takes Newton steps along the curve, or halves the bracket, and ends with Newton's method on all
-    equations.
+    The search takes Newton steps along the curve, or halves the bracket if a step leaves the bracket. Finally Newton's
+    method solves all equations.
     """
     s, close = lo - f_lo * (hi - lo) / (f_hi - f_lo), NEAR * (hi - lo)
     for _ in range(MOST_HALVINGS):
@@ -119,14 +119,14 @@ def zero_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, beta):
 
 @kernel
 def other_sign(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon, beta):
-    """Return (found, distance, R_0) of a point near an extremum where R_0 has the opposite sign to both ends."""
+    """Return (found, distance, R_0) of a point near an extremum of R_0 at which its sign differs from both ends."""
     lo, whole = 0.0, hi
     if min(abs(f_lo), abs(f_hi)) > 0.5 * hi * max(abs(slope_lo), abs(slope_hi)):
         return False, 0.0, 0.0
     for _ in range(MOST_ZOOMS):
         if not slope_lo * f_lo < 0.0 < slope_hi * f_hi:
             break
-        if hi - lo < 0.5 * whole:  # R_0 bends one way here, so it stays on one side of its tangents
+        if hi - lo < 0.5 * whole:  # R_0 is convex or concave here, so it stays on one side of its tangents
             s = (f_hi - f_lo + slope_lo * lo - slope_hi * hi) / (slope_lo - slope_hi)
             if (f_lo + slope_lo * (s - lo)) * f_lo > 0.0:
                 break
@@ -145,14 +145,14 @@ def other_sign(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon, beta
 
 @inline
 def resolved(s, f0, slope0, f1, slope1):
-    """Return whether R_0 and its slopes at both ends of a step agree so well that all zeros between are known."""
+    """Return whether R_0 bends so little over a step that its values and slopes at both ends show all its zeros."""
     bend = abs(f1 - f0 - 0.5 * s * (slope0 + slope1))
     return bend < (0.2 * abs(f1 - f0) if (f0 > 0.0) != (f1 > 0.0) else min(abs(f0), abs(f1)))
 
 
 @kernel
 def came_round(work, n, s):
-    """Return whether the next step passes the start of the walk."""
+    """Return whether the next step, of length s, passes the start of the walk, so that the circuit has closed."""
     ahead, square = 0.0, 0.0
     for i in range(n):
         d = work.start[i] - work.point[i]
@@ -163,7 +163,7 @@ def came_round(work, n, s):
 
 @kernel
 def begin_walk(work, n, delta, epsilon, beta):
-    """Begin a walk on the curve near the motion: (whether the curve was reached, R_0, dR_0/ds)."""
+    """Begin a walk at the point of the curve near the times of `work`, and return (found, R_0, dR_0/ds) there."""
     for i in range(n):
         work.point[i], work.direction[i] = work.times[i], 0.0
     work.direction[0] = 1.0
@@ -177,14 +177,15 @@ def begin_walk(work, n, delta, epsilon, beta):
 
 @kernel
 def walk_round(work, n, span, longest, delta, epsilon, beta):
-    """Keep all stable orbits on the circuit near the motion.
+    """Keep all stable orbits on the circuit near the times of `work`.
 
-    The walk ends when its first time has changed by `span`, or when the circuit closes. Steps are at most `longest`.
+    The walk ends when the first time has changed by `span`, or when the circuit closes. Steps are no longer than
+    `longest`.
 
     Returns
     -------
     tuple
-        WOUND, CLOSED or LOST, and the number of sign changes of R_0.
+        WOUND, CLOSED or LOST (the walk came to neither end), and the number of sign changes of R_0.
     """
     ok, f0, slope0 = begin_walk(work, n, delta, epsilon, beta)
     s, zeros = longest, 0

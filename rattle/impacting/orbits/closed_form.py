@@ -1,18 +1,18 @@
 """The period-one motions in closed form (compiled): A and C (P(1,1,0)), B and D (P(1,1,1)).
 
-With X = ε cos 2πτ, Y = ε sin 2πτ and the time s = 1/2 + σ from Σ⁺ to Σ⁻, closure of P(1,1,1) is linear in X and Y. Let
-p and q be the decaying parts of the velocity after Σ⁺ and after Σ⁻, Y' = ε sin 2π(τ + s), E = e^(−δ), Es = e^(−δs),
-Er = e^(−δ(1−s)). The velocities close if
+With X = ε cos 2πτ, Y = ε sin 2πτ and the time s = 1/2 + σ from Σ⁺ to Σ⁻, the conditions that a P(1,1,1) closes are
+linear in X and Y. Let p and q be the decaying parts of the velocity after the impacts on Σ⁺ and on Σ⁻, Y' = ε sin 2π(τ
++ s), E = e^(−δ), Es = e^(−δs), Er = e^(−δ(1−s)). The velocities close if
 
     p + Er q = 8π − 4πY,    Es p + q = 8π − 4πY',
 
 and the displacements if p(1 − Es) + q(1 − Er) = 4πδ and p(1 − Es)/δ = 2β + 4πs − X(1 − cos 2πs) − Y sin 2πs.
 
-At small damping and backlash p, q and s differ from 4π, 4π and 1/2 by as little as these are. So the family's
-parameter is σ, and p − 4π is computed, not p: no digits cancel, however small they are.
+At small damping and backlash the differences p − 4π, q − 4π and s − 1/2 are as small as δ and β. So the parameter of
+the family is σ = s − 1/2, and p − 4π is computed, not p: no digits cancel, however small δ and β are.
 
-These forms hold for the forcing of one cosine and elastic impacts (`forcing.Forcing.ONE_COSINE`): other gears solve the
-equations of `rattle.impacting.orbits.impact_times`.
+These closed forms hold for forcing by one cosine and elastic impacts (`forcing.Forcing.ONE_COSINE`). Other gears solve
+the equations of `rattle.impacting.orbits.impact_times`.
 """
 
 import math
@@ -31,9 +31,10 @@ from rattle.numerics.secant import narrowed
 A, B, C, D = np.arange(4)  # np.int64, like the walls, so that kernels are not compiled again for Python integers
 FOUR_PI = 4.0 * math.pi
 SAME_TIME = 1e-6  # largest difference of flight times that counts as the same impact
-GRAZING_SPEED = 2.5e-7  # speed at Σ⁻, relative to that at Σ⁺, below which rounding does not distinguish it from a graze
-SLOW, NEAR = 2.5e-5, 1e-4  # errors allowed at a graze: of the speed, relative to that at Σ⁺, and of the time
-EDGE = 1e-9  # first node in σ; at σ = 0 the closure is singular
+# speed at Σ⁻, relative to the speed at Σ⁺, below which rounding does not distinguish the impact from a graze
+GRAZING_SPEED = 2.5e-7
+SLOW, NEAR = 2.5e-5, 1e-4  # errors allowed at a graze: of the speed, relative to the speed at Σ⁺, and of the time
+EDGE = 1e-9  # |σ| of the nodes next to σ = 0, where the equations are singular
 NODES_PER_SIDE = 160
 MOST_NODES = 2 * NODES_PER_SIDE + 24
 Array = NDArray[np.float64]
@@ -47,9 +48,9 @@ def sine_offset_kernel(delta):
 
 @kernel
 def closure_residual(sigma, delta, beta):
-    """Return the numerators of X, Y, v and u (speed at Σ⁻), and their common denominator, at σ.
+    """Return the numerators of X, Y, v and u (speeds at Σ⁺ and Σ⁻), and their common denominator, at σ.
 
-    The impact on Σ⁻ follows the one on Σ⁺ after the time 1/2 + σ.
+    The impact on Σ⁻ follows the impact on Σ⁺ after the time 1/2 + σ.
 
     Returns
     -------
@@ -57,7 +58,7 @@ def closure_residual(sigma, delta, beta):
         Four numerators and the denominator.
     """
     omc, siny, _defect = versines(sigma)
-    cosy = 1.0 - omc  # sine and cosine of 2πσ, which are minus those of 2πs
+    cosy = 1.0 - omc  # siny and cosy are sine and cosine of 2πσ, which are minus sine and cosine of 2πs
     ls, lr = -math.expm1(-delta * (0.5 + sigma)), -math.expm1(-delta * (0.5 - sigma))
     es, er = 1.0 - ls, 1.0 - lr
     le, both = ls + lr - ls * lr, ls * lr
@@ -75,7 +76,7 @@ def closure_residual(sigma, delta, beta):
     determinant = a11 * a22 - a12 * a21
     x, y = b1 * a22 - a12 * b2, a11 * b2 - a21 * b1
     y_s = -(y * cosy + x * siny)
-    p = FOUR_PI * (k_r * determinant + er * y_s - y) / le  # p − 4π
+    p = FOUR_PI * (k_r * determinant + er * y_s - y) / le  # this is p − 4π, see the module
     v = p + TWO_PI * y
     u = p * es - FOUR_PI * ls * determinant + TWO_PI * y_s
     return x, y, v, u, determinant
@@ -83,14 +84,14 @@ def closure_residual(sigma, delta, beta):
 
 @kernel
 def amplitude(sigma, delta, beta):
-    """Return ε(σ) on the family; it is infinite at its pole."""
+    """Return ε(σ) on the family; it is infinite at the pole σ = 0."""
     x, y, _v, _u, determinant = closure_residual(sigma, delta, beta)
     return math.hypot(x, y) / abs(determinant)
 
 
 @kernel
 def residual(kind, level, sigma, delta, beta):
-    """Return ε(σ) − level (kind 0), or the speed at Σ⁻ times the closure's denominator (kind 1), which has no pole."""
+    """Return ε(σ) − level (kind 0), or the numerator of the speed at Σ⁻ (kind 1), which has no pole."""
     if kind == 0:
         return amplitude(sigma, delta, beta) - level
     return closure_residual(sigma, delta, beta)[3]
@@ -100,7 +101,7 @@ def residual(kind, level, sigma, delta, beta):
 def solve_bracketed(kind, level, lo, hi, delta, beta):
     """Return the root of a residual that changes sign over (lo, hi), to adjacent doubles.
 
-    Secant steps are replaced by bisection when they stall.
+    kind and level are those of `residual`. A secant step that stalls is replaced by bisection.
 
     Returns
     -------
@@ -141,7 +142,7 @@ def turning_point(lo, hi, sign, delta, beta):
 
 @kernel
 def fill_nodes(delta, beta, sigma, e):
-    """Fill the results of `nodes` into two arrays of length MOST_NODES, and return their number."""
+    """Write the results of `nodes` to two arrays of length MOST_NODES, and return the number of nodes."""
     n = NODES_PER_SIDE
     for i in range(n):
         gap = EDGE * (0.5 * (1.0 - 1e-6) / EDGE) ** (i / (n - 1.0))
@@ -167,9 +168,9 @@ def fill_nodes(delta, beta, sigma, e):
 
 
 def nodes(delta: float, beta: float) -> tuple[Array, Array]:
-    """Return increasing σ and ε(σ), between which ε is monotone.
+    """Return nodes σ, rising, and ε(σ) at the nodes; between two neighbouring nodes ε is monotone.
 
-    The nodes are geometrically spaced around the pole; turning points are added.
+    The nodes are geometrically spaced on both sides of the pole σ = 0. The turning points of ε(σ) are nodes too.
 
     Returns
     -------
@@ -231,7 +232,7 @@ def double_impact_orbit(sigma, delta, epsilon, beta):
 
 @kernel
 def record_root(orbit, admissible, tau, v, trace, exists, phase, speed, traces, i):
-    """Keep the first admissible orbit of a kind. With σ falling from 1/2 the branch that SN2 creates comes first."""
+    """Write an admissible orbit unless its letter has one. σ falls from 1/2, so the branch born at SN2 comes first."""
     if admissible and not exists[orbit, i]:
         exists[orbit, i] = True
         phase[orbit, i], speed[orbit, i], traces[orbit, i] = tau, v, trace
@@ -239,7 +240,7 @@ def record_root(orbit, admissible, tau, v, trace, exists, phase, speed, traces, 
 
 @kernel
 def fill_period_one(order, delta, epsilon, beta, offset, sigma, e, exists, phase, speed, traces):
-    """Fill the results of `period_one_cells`, which are False and NaN before; sigma and e are scratch memory."""
+    """Write the results of `period_one_cells` to arrays of False and NaN; sigma and e are scratch memory."""
     last, n = -1, 0
     for i in order:
         d, eps, b = delta[i], epsilon[i], beta[i]
@@ -276,7 +277,7 @@ def period_one_cells(
 
 @kernel
 def next_grazing(sigma, delta, beta):
-    """Return the first larger σ at which the speed at Σ⁻ vanishes, NaN if none."""
+    """Return the first σ above the given one at which the speed at Σ⁻ vanishes; NaN if there is none."""
     lo, f_lo = sigma, closure_residual(sigma, delta, beta)[3]
     ratio = (0.5 / EDGE) ** (1.0 / (2.0 * NODES_PER_SIDE))
     while lo < 0.5:
@@ -290,7 +291,7 @@ def next_grazing(sigma, delta, beta):
 
 @kernel
 def grazing_point(sigma, delta, beta):
-    """Return the grazing orbit at σ, whose minimum lies on Σ⁻ and which touches nothing else.
+    """Return the orbit at σ whose speed at Σ⁻ vanishes, and whether it touches Σ⁻ there and meets no wall before.
 
     Returns
     -------
@@ -312,7 +313,7 @@ def grazing_point(sigma, delta, beta):
 
 @kernel
 def fill_grazing(curve, delta, beta, epsilon, phase, trace):
-    """Fill the results of `grazing_cells`, which are NaN before."""
+    """Write the results of `grazing_cells` to arrays of NaN."""
     for i in range(delta.size):
         sigma = next_grazing(EDGE, delta[i], beta[i])
         while sigma < 0.5:
@@ -324,7 +325,7 @@ def fill_grazing(curve, delta, beta, epsilon, phase, trace):
 
 
 def grazing_cells(curve: int, delta: Array, beta: Array) -> tuple[Array, Array, Array]:
-    """Return G1 (curve 0: C grazes) or G2 (1: A grazes) of flat arrays: (ε, τ, trace), NaN where it does not exist."""
+    """Return G1 (curve 0: C grazes) or G2 (1: A grazes) at flat arrays: (ε, τ, trace), NaN where it does not exist."""
     epsilon, phase, trace = np.full((3, delta.size), np.nan)
     fill_grazing(curve, delta, beta, epsilon, phase, trace)
     return epsilon, phase, trace

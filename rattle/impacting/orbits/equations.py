@@ -1,22 +1,23 @@
-"""A periodic motion as the times of its impacts: equations that stay smooth where the impact map has a square root.
+"""A periodic motion as the times of its impacts: equations that are smooth even where the impact map has a square root.
 
-Given the times t₀ and t₁ at its ends, a flight from wall to wall has its velocities in closed form (paper 3.1, 3.2).
-With s = t₁ − t₀, D the distance between the walls, L = 1 − e^(−δs) and C = δ (4πs + ε (cos 2πt₁ − cos 2πt₀) − D)/L,
+For a flight from wall to wall the times t₀ and t₁ at its ends give its velocities w₀ and w₁ there in closed form (paper
+3.1, 3.2). With s = t₁ − t₀, D the distance between the walls, L = 1 − e^(−δs) and C = δ (4πs + ε (cos 2πt₁ − cos 2πt₀)
+− D)/L,
 
     w₀ = 4π − 2πε sin 2πt₀ − C          w₁ = 4π − 2πε sin 2πt₁ − C e^(−δs).
 
-At an elastic impact the velocity of departure is minus that of arrival (`rattle.flight.impact_law`). A motion with n
-impacts in m periods therefore solves n equations in n times,
+At an elastic impact the velocity of departure is minus the velocity of arrival (`rattle.flight.impact_law`). A motion
+with n impacts in m periods therefore solves n equations in n times,
 
     R_i = w₀ of flight i + w₁ of flight i − 1 = 0,    t_n = t₀ + m.
 
-Each equation holds three neighbouring times. J(λ) is the Jacobian ∂R/∂t for perturbations dt that grow by λ over the
+Each equation contains three neighbouring times. J(λ) is the Jacobian ∂R/∂t for perturbations dt that grow by λ over the
 motion, dt_n = λ dt₀. It follows that
 
     det J(1) = 0 at a saddle-node,   det J(−1) = 0 at a flip,   w₁ = 0 at a graze.
 
-All are analytic in times and parameters, through grazing and beyond, where the motion is virtual and comes from behind
-the wall. All functions take complex arguments, whose imaginary part carries exact derivatives.
+These functions are analytic in times and parameters, through grazing and beyond, where the motion is virtual and comes
+from behind the wall. All functions take complex arguments, whose imaginary part carries exact derivatives.
 """
 
 from dataclasses import dataclass
@@ -37,9 +38,9 @@ from rattle.orbits.periodic import Equations
 
 @kernel
 def fill_equations(x, gaps, m, multiplier, flights, residual, matrix):
-    """Fill the flights (6, k, n), R (k, n) and J(λ) (k, n, n) of motions x (k, n + 2) over the distances gaps (n,).
+    """Write the flights (6, k, n), R (k, n) and J(λ) (k, n, n) of motions x (k, n + 2) over the distances gaps (n,).
 
-    The arrays are zero before. `matrix` has no rows if J is not needed.
+    λ is `multiplier`. The arrays are zero at the start. `matrix` (k, 0, 0) means that J is not needed.
     """
     k, n, size = x.shape[0], gaps.size, matrix.shape[1]
     for j in range(k):
@@ -68,7 +69,7 @@ def fill_equations(x, gaps, m, multiplier, flights, residual, matrix):
 
 @dataclass(frozen=True)
 class Itinerary(Equations):
-    """The walls of a motion in order, its number of forcing periods, and the half-backlash."""
+    """The walls that a motion meets in order, its number of forcing periods, and the half-backlash."""
 
     @property
     def n(self) -> int:
@@ -82,7 +83,7 @@ class Itinerary(Equations):
         return self.beta * (np.roll(walls, -1) - walls)
 
     def _solved(self, x: NDArray, multiplier: complex = 1.0, *, with_matrix: bool = False) -> tuple[NDArray, ...]:
-        """Return flights (6, …, n), R (…, n), and J(λ) (…, n, n) if wanted."""
+        """Return flights (6, …, n), R (…, n), and J(λ): (…, n, n), or (…, 0, 0) without `with_matrix`."""
         batch, n = batch_of(x), self.n
         k, size = len(batch), n if with_matrix else 0
         flights, residual, matrix = (np.zeros(shape, complex) for shape in ((6, k, n), (k, n), (k, size, size)))
@@ -90,7 +91,7 @@ class Itinerary(Equations):
         return like(x, flights, axis=1), like(x, residual), like(x, matrix)
 
     def flights(self, x: NDArray) -> Flights:
-        """Return the flights between impacts at times x[…, :n] with δ = x[…, n], ε = x[…, n + 1]."""
+        """Return the flights between impacts at the times x[…, :n], for δ = x[…, n] and ε = x[…, n + 1]."""
         return Flights(*self._solved(x)[0])
 
     def residual(self, x: NDArray) -> NDArray:
@@ -103,12 +104,14 @@ class Itinerary(Equations):
         return residual, matrix
 
     def with_graze(self, x: NDArray, impact: int) -> NDArray:
-        """Return R followed by the arrival velocity at one impact, (…, n + 1)."""
+        """Return R followed by the arrival velocity at impact number `impact`, (…, n + 1)."""
         flights, residual, _ = self._solved(x)
         return np.concatenate([residual, flights[1][..., impact - 1, None]], axis=-1)
 
     def monodromy(self, x: Array) -> Array:
-        """Return the product (2, 2) of the flights' tangent maps in (t, w²/2), each of determinant e^(−δs).
+        """Return the tangent map over the period: the product of the flights' tangent maps in (t, w²/2).
+
+        The tangent map of a flight of duration s has determinant e^(−δs).
 
         Returns
         -------
@@ -134,14 +137,14 @@ class Itinerary(Equations):
         Returns
         -------
         float
-            Infinite at a graze, where both terms are infinite and their sum is undefined.
+            The trace; inf at a graze, where both diagonal elements are infinite and their sum is undefined.
         """
         terms = np.diagonal(self.monodromy(x))
         return float(terms.sum()) if np.isfinite(terms).all() else np.inf
 
 
 def on_line(itinerary: Itinerary, origin: Array, direction: Array) -> ContinuationProblem:
-    """Return the equations (…, n + 1) → (…, n) of a motion at (δ, ε) = origin + p · direction, in its times and p."""
+    """Return the equations R(times, p) = 0, (…, n + 1) → (…, n), of a motion at (δ, ε) = origin + p · direction."""
 
     def equations(y: NDArray) -> NDArray:
         n = itinerary.n
@@ -153,7 +156,8 @@ def on_line(itinerary: Itinerary, origin: Array, direction: Array) -> Continuati
 def smooth_multipliers(itinerary: Itinerary, x: Array, grazed: int | None = None) -> NDArray[np.complex128]:
     """Return both multipliers (2,) of the motion at x.
 
-    If the motion grazes, they are the finite multipliers of the motion without the impact `grazed`.
+    At a graze, `grazed` is the number of the grazing impact. The result is then the finite multipliers of the motion
+    without this impact.
 
     Returns
     -------

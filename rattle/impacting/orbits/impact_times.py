@@ -1,8 +1,9 @@
 """A motion of period one as the times of its impacts, at one parameter point (compiled).
 
-The equations are those of `rattle.impacting.orbits.equations`: n times, and n conditions R_i = 0 that impact i is
-elastic, each on three neighbouring times. All equations but the first are solved for all times but the first. The
-remaining residual R_0 is then a function of the first time, along a curve of motions that close except for one impact.
+The equations are those of `rattle.impacting.orbits.equations` for n times: n conditions R_i = 0 that impact i is
+elastic, each with three neighbouring times. All equations but the first are solved for all times but the first. The
+residual R_0 of the first equation is then a function of the first time, along a curve of motions that close except for
+one impact.
 """
 
 import math
@@ -19,20 +20,23 @@ SAME_TIME = 1e-6  # largest difference of flight times that counts as the same f
 SOLVED = 1e-11  # length of a Newton step, in forcing periods, after which the solution is exact to rounding
 NEARLY = 1e-7  # length of a Newton step that suffices if steps no longer become shorter
 NEWTON_STEPS = 12
-SHARE_LEFT = 0.4  # least share of a flight's duration that remains after one step
+SHARE_LEFT = 0.4  # least share of a flight's duration that remains after one step of Newton's method
 
 MOST_IMPACTS = 128  # most impacts of a motion
 MOST_ORBITS = 160  # most orbits of a cell
 SECTIONS = 32  # sections of half a period with a constant rate of bounces
 
-#: Fields of a motion: walls (±1) and times of its impacts, in order. For each equation: its residual, and its
-#: derivatives by the previous, its own and the next time. After elimination: `change` of the times that solves all but
-#: the first equation at a fixed first time, and `response` of the times to a unit change of the first.
+#: Fields of a motion: `times` of its impacts in order, with `sines` and `cosines` of 2πt. For each equation: its
+#: `residual`, and its derivatives with respect to the time of the impact `before`, `at` this impact and `after` it.
+#: After elimination: the `change` of the times that solves all equations but the first at a fixed first time, and the
+#: `response` of the times to a unit change of the first time.
 _OF_MOTION = ("times", "sines", "cosines", "residual", "before", "at", "after", "change", "response")
-#: Fields of a walk along motions: its start, its position and direction, and both after a step.
+#: Fields of a walk along the curve of motions: its start, its point and direction, and the point and direction after a
+#: step.
 _OF_WALK = ("start", "point", "direction", "next_point", "next_direction")
-#: Scratch memory of a search for orbits. shares: shares of half a period's bounces. found: the n_found stable orbits of
-#: a cell, with impacts on Σ⁺ and Σ⁻ in a period, phase and speed of the fastest impact on Σ⁺, and trace of the map.
+#: Scratch memory of a search for orbits. walls: +1 or −1 for each impact. shares: shares of the bounces of half a
+#: period (`bounces`). found: the n_found stable orbits of a cell, with impacts on Σ⁺ and Σ⁻ in a period, phase and
+#: speed of the fastest impact on Σ⁺, and trace of the tangent map.
 WORK = np.dtype(
     [("walls", np.int64, (MOST_IMPACTS,))]
     + [(name, np.float64, (MOST_IMPACTS,)) for name in (*_OF_MOTION, *_OF_WALK)]
@@ -49,7 +53,7 @@ def workspace() -> np.void:
 def flight_velocities(s, sin0, cos0, gap, delta, epsilon):
     """Return the velocities at both ends of a flight of duration s over the distance gap, and 1 − e^(−δs).
 
-    F(s) = gap, with F of `rattle.flight.law`, is linear in w. Short flights lose no digits.
+    The equation F(s) = gap, with F as in `rattle.flight.law`, is linear in w₀. Short flights lose no digits.
 
     Returns
     -------
@@ -74,7 +78,7 @@ def following_impact(i, n):
 
 @kernel
 def equations(work, n, delta, epsilon, beta):
-    """Compute residuals and derivatives; return whether each flight leaves and reaches its walls from the gap."""
+    """Write residuals and derivatives to `work`; return whether all flights leave and reach their walls in the gap."""
     walls, times, at = work.walls, work.times, work.at
     for i in range(n):
         work.sines[i], work.cosines[i] = phase_at(times[i])
@@ -101,12 +105,13 @@ def equations(work, n, delta, epsilon, beta):
 def eliminated(work, n):
     """Solve all equations but the first, for n ≥ 2.
 
-    p(1) = (1 − λ₁)(1 − λ₂) = 1 + e^(−δ) − trace, with the multipliers λ of an orbit, is det J times a positive factor.
+    p(1) = (1 − λ₁)(1 − λ₂) = 1 + e^(−δ) − trace is det J(1) times a positive factor. λ₁ and λ₂ are the multipliers of
+    an orbit, and the trace is their sum.
 
     Returns
     -------
     tuple of float
-        (R_0 after `change`, dR_0/dt_0 along `response`, p(1)).
+        (R_0 after `change`, derivative of R_0 with respect to the first time along `response`, p(1)).
     """
     before, at, after, change, response = work.before, work.at, work.after, work.change, work.response
     for i in range(1, n):
@@ -134,9 +139,9 @@ def eliminated(work, n):
 
 @kernel
 def moved(work, n, first):
-    """Change the times so that the first moves by `first`, and return the largest full change.
+    """Move the times by `change` + `first` · `response`, and return the largest full change of a time.
 
-    The change that is made is shorter where a flight would almost vanish.
+    All changes are shortened by a common factor if a flight would almost vanish otherwise.
 
     Returns
     -------
@@ -160,14 +165,15 @@ def moved(work, n, first):
 
 @kernel
 def newton_on_times(work, n, farthest, delta, epsilon, beta):
-    """Solve all equations by Newton's method, in steps of at most `farthest`.
+    """Solve all equations by Newton's method.
 
-    The method also fails if the motion comes from behind a wall.
+    The method fails if a step is longer than `farthest`, in forcing periods, or if the motion would come from behind a
+    wall.
 
     Returns
     -------
     tuple
-        (found, p(1)).
+        (found, p(1)); p(1) is that of `eliminated`, NaN if no solution is found.
     """
     size = math.inf
     for _ in range(NEWTON_STEPS):
@@ -183,7 +189,7 @@ def newton_on_times(work, n, farthest, delta, epsilon, beta):
 
 @kernel
 def fastest_if_admissible(work, n, delta, epsilon, beta):
-    """Return whether each flight ends at its first impact, and τ and v of the fastest impact on Σ⁺."""
+    """Return whether the motion is admissible (each flight is a first impact), and τ, v of its fastest Σ⁺ impact."""
     tau, v = 0.0, 0.0
     for i in range(n):
         j, later = following_impact(i, n)

@@ -1,9 +1,9 @@
 """Limits as formulas in the (δ, ε) plane: SN1, the flip of C (PDC), and the quiet limit.
 
-All take damping δ > 0 (scalar or array, dimensionless) and return ε of the same shape. The quiet limit is valid
-everywhere. SN1 and the flip solve the equations of A and C even where their motion is virtual because it would pass Σ⁻;
-`rattle.impacting.orbits.period_one` restricts them to admissible motions. All three hold for the forcing of one cosine,
-and SN1 and the flip for elastic impacts only.
+All functions take the damping δ > 0 (scalar or array, dimensionless) and return ε of the same shape. The quiet limit is
+valid everywhere. The formulas of SN1 and of the flip solve the equations of A and C even where the motion is virtual
+because it would pass Σ⁻; `rattle.impacting.orbits.period_one` restricts both to admissible motions. All three formulas
+hold for forcing by one cosine, and SN1 and the flip for elastic impacts only.
 """
 
 from __future__ import annotations
@@ -56,7 +56,8 @@ def flip_formula(delta: ArrayLike) -> FloatArray:
 def quiet_limit(delta: ArrayLike) -> FloatArray:
     """Return the quiet limit ε = 2δ/√(4π² + δ²).
 
-    Permanent contact needs 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt > 0 for all t, which holds if and only if ε is smaller.
+    Permanent contact needs 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt > 0 for all t, which holds if and only if ε is below the
+    quiet limit.
 
     Returns
     -------

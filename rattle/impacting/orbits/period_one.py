@@ -1,11 +1,11 @@
 """Orbits A–D over arrays of parameters, with multipliers and stability.
 
-The module also has the regions that the sets of orbits define, the grazing curves G1 (C touches Σ⁻) and G2 (A touches),
-and SN1 and the flip of C where their motions are admissible.
+The module also has the regions that the sets of orbits define, the grazing curves G1 (C touches Σ⁻) and G2 (A touches
+Σ⁻), and SN1 and the flip of C where the motions that bifurcate there are admissible.
 
 On the P(1,1,1) family of `rattle.impacting.orbits.closed_form` the orbit grazes where its speed at Σ⁻ vanishes. There
-it is also A or C, so v = 2πδ, and the multipliers of the motion that misses the wall are those of A or C: trace 1 + E −
-4π(1 − E) ε cos 2πτ/δ², determinant E = e^(−δ).
+the orbit is also A or C, so v = 2πδ, and the multipliers of the motion that misses Σ⁻ are those of A or C: their sum is
+1 + E − 4π(1 − E) ε cos 2πτ/δ² and their product E = e^(−δ).
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ BESIDE, LARGEST = 1.0 + 1e-9, np.finfo(np.float64).max  # factor just above SN1;
 
 
 class Grazing(NamedTuple):
-    """Points of a grazing curve for damping of shape S: ε (*S), phase τ and speed v at Σ⁺ (*S), multipliers (2, *S).
+    """Points of a grazing curve at dampings of shape S: ε (*S), phase τ and speed v at Σ⁺ (*S), multipliers (2, *S).
 
-    All are NaN where the curve does not exist.
+    All fields are NaN where the curve does not exist.
     """
 
     epsilon: NDArray[np.float64]
@@ -40,12 +40,12 @@ class Grazing(NamedTuple):
 def grazing(curve: str, delta: ArrayLike, beta: ArrayLike = 0.6) -> Grazing:
     """Return G1 or G2 at every element of the broadcast damping and half-backlash (dimensionless).
 
-    NaN where the curve does not exist at that damping. Raises ParameterError. Source: paper, section 5.2.
+    Raises ParameterError if an argument is outside its domain. Source: paper, section 5.2.
 
     Returns
     -------
     Grazing
-        The grazing orbits.
+        The grazing orbits; NaN where the curve does not exist at this damping.
     """
     require_one_of("curve", curve, CURVES)
     d, _, b = parameters(delta, 0.0, beta)
@@ -59,15 +59,17 @@ def grazing(curve: str, delta: ArrayLike, beta: ArrayLike = 0.6) -> Grazing:
 def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> PeriodOne:
     """Return the admissible period-one orbits A, B, C, D for every element of the broadcast parameters (dimensionless).
 
-    Admissible: each flight of the closed form is a true first impact. A, C: P(1,1,0), born at SN1; B, D: P(1,1,1), at
-    given ε the roots of ε(s) on one explicit family, B where it falls and D where it rises. At large ε and small δ or
-    β there can be several of one letter; the one with the largest s is given (docs/decisions/0002-regions.md). Raises
-    ParameterError. Source: Mason and Piiroinen (2009), sections 4 and 5.
+    An orbit is admissible if each flight of its closed form ends at a true first impact. A and C are P(1,1,0), born at
+    SN1. B and D are P(1,1,1). The time s from Σ⁺ to Σ⁻ is the parameter of one family of P(1,1,1), on which ε(s) has a
+    closed form. Each s with ε(s) = ε is a B where ε(s) falls and a D where ε(s) rises. At large ε and small δ or β
+    there can be several orbits of one letter; the orbit with the largest s is returned
+    (docs/decisions/0002-regions.md). Raises ParameterError if an argument is outside its domain. Source: Mason and
+    Piiroinen (2009), sections 4 and 5.
 
     Returns
     -------
     PeriodOne
-        Existence, states and multipliers, (4, …).
+        Existence, stability, states and multipliers of A, B, C and D, arrays (4, …).
     """
     d, e, b = parameters(delta, epsilon, beta)
     shape = d.shape
@@ -94,15 +96,16 @@ def orbits_at(delta: float, epsilon: float, beta: float) -> tuple[Orbit, ...]:
 
 
 def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> NDArray[np.int8]:
-    """Return the region 1…5 (I…V) of every element of the broadcast parameters, int8.
+    """Return the region, 1 to 5 for I to V of the paper, of every element of the broadcast parameters.
 
-    Another set of orbits, as it is beside the paper's plane, has its number in `rattle.REGIONS`. δ > 0, ε ≥ 0, β > 0,
-    dimensionless. Raises ParameterError. Source: paper, section 5.2 and Figure 7.
+    Outside the paper's plane there are other sets of orbits; their numbers are indices in `rattle.REGIONS`. δ > 0, ε ≥
+    0 and β > 0 are dimensionless. Raises ParameterError if an argument is outside its domain. Source: paper, section
+    5.2 and Figure 7.
 
     Returns
     -------
     NDArray[np.int8]
-        Of the broadcast shape.
+        Number of each region, of the broadcast shape.
     """
     return classify(period_one(delta, epsilon, beta))
 
@@ -115,8 +118,8 @@ def sn1(delta: ArrayLike, beta: ArrayLike = 0.6, virtual: bool = False) -> NDArr
     delta, beta : array_like
         Damping and half-backlash, both > 0 and dimensionless; they broadcast.
     virtual : bool, default False
-        Return the formula also where the motion of SN1 would have to pass Σ⁻ and does not happen. It does not depend
-        on beta.
+        Return the value of the formula even where the motion of SN1 is virtual because it would have to pass Σ⁻. The
+        formula does not depend on beta.
 
     Returns
     -------
@@ -144,13 +147,14 @@ def flip(delta: ArrayLike, beta: ArrayLike = 0.6, virtual: bool = False) -> NDAr
     delta, beta : array_like
         Damping and half-backlash, both > 0 and dimensionless; they broadcast.
     virtual : bool, default False
-        Return the formula also where C would have to pass Σ⁻ and does not happen. It does not depend on beta.
+        Return the value of the formula even where C is virtual because it would have to pass Σ⁻. The formula does not
+        depend on beta.
 
     Returns
     -------
     ndarray
-        ε, of the broadcast shape. NaN where C does not flip: beyond COD20 it ends as a stable motion in grazing
-        `grazing("G1", delta, beta)`, and beyond COD22 it does not exist.
+        ε, of the broadcast shape. NaN where C does not flip: beyond COD20 C ends as a stable motion in grazing
+        `grazing("G1", delta, beta)`, and beyond COD22 C does not exist.
 
     Raises
     ------
@@ -165,7 +169,7 @@ def flip(delta: ArrayLike, beta: ArrayLike = 0.6, virtual: bool = False) -> NDAr
 
 
 def _where_c_exists(epsilon: ArrayLike, delta: ArrayLike, beta: ArrayLike, virtual: bool) -> NDArray[np.float64]:
-    """Return the eccentricities (of the shape of delta) where C is admissible, NaN elsewhere; all if `virtual`."""
+    """Return epsilon with NaN where C is not admissible; with `virtual` return all of epsilon unchanged."""
     d, _, b = parameters(delta, 0.0, beta)
     e = np.broadcast_to(epsilon, d.shape)
     if virtual:
@@ -175,7 +179,7 @@ def _where_c_exists(epsilon: ArrayLike, delta: ArrayLike, beta: ArrayLike, virtu
 
 
 def missing_limits(delta: float, beta: float) -> tuple[MissingLimit, ...]:
-    """Return the events that replace SN1 and the flip of C where one of them is virtual at this damping."""
+    """Return a `MissingLimit` for SN1 and for the flip of C, for each whose motion is virtual at this damping."""
     born, end = not np.isnan(sn1(delta, beta)), float(grazing("G1", delta, beta).epsilon)
     found = []
     if not born:

@@ -1,7 +1,7 @@
 """Any periodic motion P(m, n₊, n₋), stable or not.
 
-A motion is solved for the times of its impacts. It has its multipliers, and each flight is checked to end at its first
-impact.
+The unknowns of a motion are the times of its impacts. A solution has multipliers, and a check shows whether it is
+admissible: each flight must end at its first impact.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from rattle.orbits.periodic import MOST_IMPACTS, Periodic, at_parameters, with_s
 
 SAME_TIME = 1e-6  # largest difference of flight times that counts as the same flight
 GRAZING_SPEED = 1e-6  # largest speed, in units of `speed_unit`, that rounding may give a graze
-GRAZING_TIME = 1e-4  # largest error that such a speed causes in the time and in the arrival speed
+GRAZING_TIME = 1e-4  # largest error that a speed of this size causes in the time and in the arrival speed
 
 
 @dataclass(frozen=True, repr=False)
@@ -28,17 +28,17 @@ class PeriodicOrbit(Periodic):
 
     @property
     def departures(self) -> Array:
-        """Return the times at which the motion leaves the walls (n,), which are those of the impacts."""
+        """Return the times at which the motion leaves the walls (n,), which are the times of the impacts."""
         return self.times
 
     @property
     def point(self) -> Point:
-        """Return the motion's parameters for kernels, without the test for quiet motion."""
+        """Return the motion's parameter point for kernels; its test for quiet motion is off."""
         return Point(self.delta, self.epsilon, self.beta, 0.0)
 
     @property
     def itinerary(self) -> Itinerary:
-        """Return the walls of the motion in order."""
+        """Return the itinerary of the motion: its walls in order, its forcing periods, and the half-backlash."""
         return Itinerary(self.walls, self.m, self.beta)
 
     @property
@@ -48,7 +48,7 @@ class PeriodicOrbit(Periodic):
 
 
 def orbit_of(itinerary: Itinerary, x: Array) -> PeriodicOrbit:
-    """Return the motion at a solution x (n + 2,), rotated to begin on Σ⁺ with its first time in [0, 1)."""
+    """Return the motion at a solution x (n + 2,), with its times shifted so that the first is in [0, 1)."""
     speeds = -np.asarray(itinerary.walls) * itinerary.flights(x).w0
     return PeriodicOrbit.of(itinerary, x, speeds, itinerary.trace(x), admissible(itinerary, x))
 
@@ -56,8 +56,8 @@ def orbit_of(itinerary: Itinerary, x: Array) -> PeriodicOrbit:
 def admissible(itinerary: Itinerary, x: Array, grazed: int | None = None) -> bool:
     """Return whether the motion at x (n + 2,) is admissible.
 
-    It is admissible if it leaves each wall into the gap and each flight ends at its first impact. Impact number
-    `grazed`, if given, has speed 0 and may be made or missed.
+    A motion is admissible if it leaves each wall into the gap and each flight ends at its first impact. If `grazed` is
+    given, impact number `grazed` has speed 0, and the motion may make or miss this impact.
 
     Returns
     -------
@@ -73,8 +73,8 @@ def first_failure(itinerary: Itinerary, x: Array, grazed: int | None = None) -> 
     Returns
     -------
     tuple[int, int, float] | None
-        The number of its departure, the wall that it meets instead, and when; wall 0 if the motion would start from
-        behind its wall. None if the motion is admissible.
+        The number of the impact at which the flight departs, the wall that the flight meets instead, and the time of
+        that impact. The wall is 0 if the flight would start from behind its own wall. None if the motion is admissible.
     """
     n, walls = itinerary.n, itinerary.walls
     delta, epsilon = float(x[n]), float(x[n + 1])
@@ -104,7 +104,7 @@ def first_failure(itinerary: Itinerary, x: Array, grazed: int | None = None) -> 
 
 
 def _passes(itinerary: Itinerary, ends: Array, i: int, s: float, wall: int) -> bool:
-    """Return whether a flight that misses the grazing impact i + 1 arrives where the next flight does."""
+    """Return whether flight i, which misses the grazing impact i + 1, ends at impact i + 2 of the itinerary."""
     after = (i + 2) % itinerary.n
     arrival = ends[i + 2] if i + 2 < ends.size else ends[1] + itinerary.m
     return bool(wall == itinerary.walls[after] and abs(s - (arrival - ends[i])) < GRAZING_TIME)
@@ -126,12 +126,12 @@ def follow_impacts(
     Returns
     -------
     tuple[Itinerary, Array]
-        The walls, and (n + 2,): times of the impacts, δ and ε.
+        The itinerary, and the unknowns (n + 2,): times of the impacts, δ and ε.
 
     Raises
     ------
     RattleError
-        If the motion comes to rest before.
+        If the motion comes to rest before it has made n_plus impacts on Σ⁺.
     """
     walls, times = [1], [tau]
     time, wall, w, left = tau, 1, -v, n_plus
@@ -160,14 +160,14 @@ def periodic_orbit(
     Returns
     -------
     PeriodicOrbit
-        With its impacts, multipliers and stability.
+        The motion with its impacts, multipliers and stability.
 
     Raises
     ------
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If there is no periodic motion near, or it is virtual.
+        If there is no periodic motion near the state, or the motion is virtual.
     """
     delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
     epsilon, v = require_number("epsilon", epsilon), require_number("v", v, positive=True)
@@ -182,7 +182,7 @@ def periodic_orbit(
 
 
 def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
-    """Return a motion as a `PeriodicOrbit`. An `Orbit` is solved for. Raises ParameterError for another gear's."""
+    """Return a motion as a `PeriodicOrbit`; an `Orbit` is solved again. Raises ParameterError for other orbits."""
     if isinstance(orbit, PeriodicOrbit):
         return orbit
     require(isinstance(orbit, Orbit), f"orbit must be an Orbit or a PeriodicOrbit, got {type(orbit).__name__}")
@@ -208,14 +208,14 @@ def period_one_saddle(name: str, delta: float, epsilon: float, beta: float = 0.6
     Returns
     -------
     PeriodicOrbit
-        With its impacts, multipliers and stability.
+        The orbit with its impacts, multipliers and stability.
 
     Raises
     ------
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If the orbit does not exist there.
+        If the orbit does not exist at this point.
     """
     for orbit in orbits_at(delta, epsilon, beta):
         if orbit.name == name:

@@ -1,8 +1,8 @@
 """All stable orbits of period one at parameter points, each cell by itself (compiled).
 
-P(1, 1, 0) comes from closed forms, P(1, n, 0) from `rattle.impacting.orbits.bounces`. Orbits with impacts on Σ⁻ come
-from the circuits of three kinds of itineraries, (+−)^k, +^n − and + −^k. docs/decisions/0023-period-one.md says where
-other orbits exist.
+P(1, 1, 0) comes from closed forms, and P(1, n, 0) from `rattle.impacting.orbits.bounces`. Orbits with impacts on Σ⁻ are
+found on the circuits (`rattle.impacting.orbits.circuits`) of three kinds of itineraries, where + and − are impacts on
+Σ⁺ and Σ⁻: (+−)^k, +^n − and + −^k. docs/decisions/0023-period-one.md says where other orbits exist.
 """
 
 import math
@@ -27,7 +27,7 @@ Counts = NDArray[np.int64]
 MOST_CROSSINGS = 16  # largest k of (+−)^k
 MOST_ON_ONE_WALL = 6  # largest n of +^n −, and largest k of + −^k
 PHASES = 4  # phases of the first impact from which a circuit of (+−)^k is searched
-# guesses of the time across the gap, and whether Newton's method is tried first
+# guesses of the time of a flight across the gap, each with a flag whether Newton's method is tried before the walk
 STARTS = ((0.3, True), (0.25, True), (0.15, False), (0.12, False))
 
 
@@ -37,7 +37,8 @@ class Stable(NamedTuple):
     Attributes
     ----------
     n : (cells,)
-        Number of orbits. The other arrays are (cells, room), those with the fewest impacts first; 0 and NaN beyond n.
+        Number of orbits of each cell. The other arrays are (cells, room), with the orbits in the order of their number
+        of impacts; they hold 0 or NaN beyond n.
     n_plus, n_minus
         Impacts on Σ⁺ and Σ⁻ in a period.
     tau, v
@@ -56,7 +57,7 @@ class Stable(NamedTuple):
 
 @kernel
 def find_crossings(least, work, delta, epsilon, beta):
-    """Keep the stable (+−)^k. Along their circuits the first impact moves by 1/k, to the place of the third."""
+    """Keep the stable orbits (+−)^k. A walk ends when the first impact has moved by 1/k, to the place of the third."""
     idle = 0
     for k in range(1, MOST_CROSSINGS + 1):
         n = 2 * k
@@ -68,10 +69,10 @@ def find_crossings(least, work, delta, epsilon, beta):
             how, zeros = walk_round(work, n, 1.0 / k, longest, delta, epsilon, beta)
             if how != LOST:
                 break
-        # without forcing and damping, the motion of period 1/k crosses the gap
+        # a motion of period 1/k without forcing and damping would cross the gap
         crosses = 4.0 * k * k * beta > math.pi * delta
         idle = idle + 1 if crosses and zeros == 0 else 0
-        if idle == 2:  # motions with more crossings are faster and dissipate more, so none follow
+        if idle == 2:  # motions with more crossings are faster and dissipate more, so no stable ones follow
             break
 
 
@@ -79,9 +80,10 @@ def find_crossings(least, work, delta, epsilon, beta):
 def find_single(single, others, least, work, delta, epsilon, beta):
     """Keep the stable orbits with one impact on the wall `single` and `others` on the other wall.
 
-    Their circuit closes around a motion whose single impact comes at the phase of least contact force (on Σ⁻), or half
-    a period later (on Σ⁺). If the gap is small, two circuits wind instead, with short and with long flights across the
-    gap.
+    These orbits lie on a circuit (`circuits`) that closes around one motion. If `single` is Σ⁻, the single impact of
+    this motion comes at the phase `least` of least contact force; if it is Σ⁺, half a period later. If the gap is small
+    there are two circuits instead, along which the first time grows by a period: one with short and one with long
+    flights across the gap.
     """
     n = others + 1
     for crossing, solved in STARTS:
@@ -91,7 +93,7 @@ def find_single(single, others, least, work, delta, epsilon, beta):
             work.times[i] = t
             t += crossing if i == 0 else (1.0 - 2.0 * crossing) / (others - 1)
         if solved and newton_on_times(work, n, 0.3, delta, epsilon, beta)[0]:
-            keep(work, n, delta, epsilon, beta)  # a walk that begins at a zero of R_0 may miss it
+            keep(work, n, delta, epsilon, beta)  # a walk that begins at a zero of R_0 may miss this zero
         how, _zeros = walk_round(work, n, 1.0, 0.1 * math.sqrt(n), delta, epsilon, beta)
         if how == CLOSED:
             break
@@ -116,7 +118,7 @@ def find_stable(work, delta, epsilon, beta, offset):
 
 @kernel
 def sort_by_impacts(work):
-    """Sort the orbits by their impacts in a period."""
+    """Sort the found orbits by their number of impacts in a period."""
     rows = work.found
     for i in range(1, work.n_found):
         j = i
@@ -128,7 +130,7 @@ def sort_by_impacts(work):
 
 @kernel
 def fill_stable(work, delta, epsilon, beta, offset, stable):
-    """Fill a `Stable` of flat parameter arrays (cells,)."""
+    """Write the stable orbits at flat arrays of parameters (cells,) to the arrays of a `Stable`."""
     for cell in range(delta.size):
         work.n_found = 0
         find_stable(work, delta[cell], epsilon[cell], beta[cell], offset[cell])

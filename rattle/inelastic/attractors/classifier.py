@@ -1,12 +1,13 @@
 """Find the attractors of samples of the inelastic gear, by the stages of `rattle.attractors.classify`.
 
-With one cosine and no load samples fly in lanes (`rattle.impacting.attractors.settle`), otherwise one by one.
+Under forcing by one cosine and without load, samples are followed in SIMD lanes (`rattle.impacting.attractors.settle`),
+otherwise one by one.
 
-Where impacts lose energy, a chaotic set that comes close to contact finally loses all samples to contact. After a
-release the motion is one trajectory, which returns to contact. Unresolved samples of a cell are therefore chaotic only
-if PROBES states close to them make EXPOSURE impacts together and none enters contact. If one does, all unresolved
-samples share its fate. If one ends without contact, samples may be approaching a periodic motion, and are followed to
-the last stage before chaos is concluded.
+Where impacts lose energy, a chaotic set that comes close to contact finally loses all samples to contact. The motion
+after a release, the end of a contact phase, is always the same trajectory, which returns to contact. Unresolved samples
+of a cell are therefore called chaotic only if PROBES states close to them make EXPOSURE impacts in total and no state
+enters contact. If a state does, all unresolved samples share its fate. If a state reaches an orbit without contact,
+samples may be approaching a periodic motion; they are then followed to the last stage before they are called chaotic.
 """
 
 from __future__ import annotations
@@ -33,11 +34,11 @@ from rattle.inelastic.map.iterate import returned_states
 from rattle.parameters import Parameters
 
 PROBES = 16  # states of a cell that are followed to see whether they enter contact
-EXPOSURE = 2**18  # impacts that these states make together
+EXPOSURE = 2**18  # impacts that the PROBES states of a cell make in total
 
 
 def cells_of(parameters: Parameters) -> InelasticCells:
-    """Return the record of cells with these parameters (n,) for kernels."""
+    """Return cells with these parameters (n,), as the record that kernels take."""
     added = parameters.added["restitution"], parameters.added["load"]
     return inelastic_cells(parameters.delta, parameters.epsilon, parameters.beta, *added, parameters.harmonics)
 
@@ -46,7 +47,7 @@ def cells_of(parameters: Parameters) -> InelasticCells:
 def _(
     cells: InelasticCells, here: NDArray[np.int64], there: NDArray[np.int64], share: NDArray[np.float64]
 ) -> InelasticCells:
-    """Return cells between two others; the zeros of their contact force are computed anew."""
+    """Return cells at shares of the way from cells `here` to cells `there`, with new zeros of the contact force."""
     given = (cells.delta, cells.epsilon, cells.beta, cells.restitution, cells.load)
     delta, epsilon, beta, restitution, load = (
         (x[here, None] * (1.0 - share) + x[there, None] * share).ravel() for x in given
@@ -60,8 +61,8 @@ class InelasticClassifier(Classifier):
     def __init__(
         self, cells: InelasticCells, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET
     ) -> None:
-        """Prepare the classifier as for any gear, with no contact phases known."""
-        room = len(cells.delta), cells.zeros.shape[1]  # at most one state for each release
+        """Prepare the classifier as for any gear, and an empty table of states after contact."""
+        room = len(cells.delta), cells.zeros.shape[1]  # at most one state after each release, at a zero of the force
         self.states = ContactStates(
             np.zeros(room[0], np.int64), np.zeros(room), np.zeros(room), np.zeros(room, np.int64)
         )
@@ -69,7 +70,7 @@ class InelasticClassifier(Classifier):
         self.lanes, self.block, self.paths = ImpactingCells(*given), working_block(), np.zeros(2, np.int64)
         self.roughness = roughness_of(cells)
         self.is_lossy = cells.restitution < 1.0
-        # factor on the exposure of a cell, doubled each time a state leaves its chaotic set
+        # factor by which EXPOSURE is multiplied in a cell; it doubles each time a state leaves the cell's chaotic set
         self.doubts = np.ones(room[0], np.int64)
         self.in_lanes = (cells.load == 0.0) & np.array_equal(cells.shape, forcing_shape(()))
         super().__init__(cells, tau, v, budget)
@@ -81,7 +82,7 @@ class InelasticClassifier(Classifier):
     def iterated(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Follow states as `Classifier.iterated` says."""
+        """Return states after a number of returns, and flags of quiet states: see `Classifier.iterated`."""
         cells, quiet = cells_of(parameters), np.zeros(tau.size, np.int8)
         tau, v, cell = tau.copy(), v.copy(), np.zeros(tau.size, np.int64)
         if parameters.size > 1:
@@ -92,7 +93,7 @@ class InelasticClassifier(Classifier):
 
     @staticmethod
     def quiet_invariant(parameters: Parameters) -> float:  # noqa: ARG004
-        """Return 0, because each impact decides for itself whether its chatter completes."""
+        """Return 0, because a bound for every single impact decides whether its chatter completes."""
         return 0.0
 
     @property
@@ -102,7 +103,7 @@ class InelasticClassifier(Classifier):
 
     @staticmethod
     def damping(cells: InelasticCells) -> NDArray[np.float64]:
-        """Return the contraction rate of areas of states: drag, and one impact a period on each wall or more on one.
+        """Return the contraction rate of areas of states: δ by drag, and −2 ln r by one impact per forcing period.
 
         Returns
         -------
@@ -112,24 +113,25 @@ class InelasticClassifier(Classifier):
         return np.asarray(cells.delta - 2.0 * np.log(cells.restitution))
 
     def may_leak(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags of cells whose chaotic sets lose samples by other ways than contact."""
+        """Return for each cell whether its chaotic sets may lose samples slowly in other ways than to contact."""
         return super().may_leak(cells) & (~self.is_lossy[cells] | self.weak[cells])
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags of cells with elastic impacts. Where contact takes samples, `judge` need not wait."""
+        """Return True for cells with elastic impacts; in the others `judge` need not wait, as it tests for leaks."""
         return ~self.is_lossy[cells]
 
     def judge(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Decide the unresolved samples of these cells, as for any gear, and whether contact takes them."""
+        """Decide unresolved samples as for any gear; where impacts lose energy, test also if they reach contact."""
         decided = super().judge(cells)
         lossy = self.is_lossy[cells] & (self.status[cells] == Outcome.UNRESOLVED).any(axis=1)
         decided[lossy] = self.watch_for_contact(cells[lossy], decided[lossy])
         return decided
 
     def watch_for_contact(self, cells: NDArray[np.int64], decided: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Follow states close to the unresolved samples of these cells (k,). If some of them end, all samples do so.
+        """Follow states close to the unresolved samples of these cells (k,), to see whether they leave the chaotic set.
 
-        The samples are distributed over the ends of these states in the same shares.
+        If some of the states reach quiet motion or an orbit, the unresolved samples are distributed over these
+        attractors in the same shares. decided (k,): the cells that are decided already.
 
         Returns
         -------
@@ -157,7 +159,7 @@ class InelasticClassifier(Classifier):
         return decided
 
     def enter_known_orbits(self) -> None:
-        """Do nothing, because no orbit is known without samples."""
+        """Do nothing, because this gear has no orbits that are known before its samples are followed."""
 
     def grow_balls(self) -> None:
         """Count the contact phases of new orbits, then grow their capture regions."""
@@ -165,7 +167,7 @@ class InelasticClassifier(Classifier):
         super().grow_balls()
 
     def resolve(self, which: NDArray[np.int64], samples: Trajectories) -> None:
-        """Find the orbits of recurrent samples: exactly where they recur after contact, else by Newton's method."""
+        """Find the orbits of recurrent samples: exactly if they recur after contact, otherwise by Newton's method."""
         exact = samples.pause[which] == CONTACT
         waiting = which[exact]
         while waiting.size:
@@ -182,7 +184,7 @@ class InelasticClassifier(Classifier):
         enlarge_one_by_one(centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
-        """Follow these samples to their ends or limits."""
+        """Follow these samples until each has an outcome or has made its largest number of impacts."""
         in_lanes, tables = self.in_lanes[samples.cell[which]], (samples.for_kernels(), self.balls.for_kernels())
         some, flights = alike(which[in_lanes], samples, self.roughness), CHUNK if early else LONG_CHUNK
         settle_in_lanes(self.block, some, flights, self.lanes, *tables, self.paths)
@@ -191,7 +193,7 @@ class InelasticClassifier(Classifier):
     def watch(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
     ) -> None:
-        """Follow these samples with a tangent vector."""
+        """Follow these samples with a tangent vector, and add their sums and visited boxes to `seen`."""
         tables = self.samples.for_kernels(), self.balls.for_kernels()
         in_lanes = self.in_lanes[self.samples.cell[which]]
         for some in (in_lanes, ~in_lanes):
@@ -224,19 +226,19 @@ def attractors_of(
     delta, epsilon, beta, restitution, load : array_like
         The parameters of the cells, which broadcast: see `rattle.Gear`.
     harmonics : sequence of (int, float, float)
-        The harmonics beside the first, the same for all cells: see `rattle.Gear`.
+        The harmonics besides the first, the same for all cells: see `rattle.Gear`.
     count, v_max, seed, budget, tau, v_min
         The sample of each cell, as in `rattle.attractors_of`.
 
     Returns
     -------
     AttractorTable
-        Cell by cell; those of a cell do not depend on the other cells.
+        The attractors, cell by cell. The attractors of a cell do not depend on the other cells.
 
     Raises
     ------
     ParameterError
-        A parameter is outside its domain.
+        If a parameter is outside its domain.
     """
     cells = inelastic_points(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
     return of_samples(InelasticClassifier, cells, SampleSpec(count, v_max, seed, budget, tau, v_min))

@@ -1,10 +1,10 @@
-"""Follow samples of the inelastic gear until each is quiet, captured, recurs, or has made its impacts (compiled).
+"""Follow samples of the inelastic gear until each is quiet, is captured, recurs, or has made its impacts (compiled).
 
-The samples are followed one by one, as in `rattle.stiff.attractors.settle`. The motion after a release does not depend
-on the motion before: the first impact on Σ⁺ after a contact phase is one of a few states, identical to the last bit.
+The samples are followed one by one, as in `rattle.stiff.attractors.settle`. The motion after a contact phase does not
+depend on the motion before it: the first impact on Σ⁺ afterwards is one of a few states, identical to the last bit.
 The first sample that reaches such a state follows it until a state after contact returns. The motion is then periodic,
-however long its period. `ContactStates` keeps these states for the cell, so that every later sample that reaches one of
-them is resolved at once.
+however long its period. `ContactStates` keeps these states for the cell, so that every later sample that reaches a
+kept state is resolved at once.
 """
 
 import math
@@ -35,14 +35,19 @@ from rattle.inelastic.map.impact_map import next_on_plus, step, step_tangent
 from rattle.inelastic.map.runs import merged_runs
 from rattle.numerics.compile import inline, kernel
 
-#: Codes of a state after contact: it does not return within MOST_RETURNS; it was not followed yet; it leads to a motion
-#: without contact whose capture region does not exist yet.
+#: Codes in place of the orbit to which a state after contact leads. NO_ORBIT: the motion does not repeat within
+#: MOST_RETURNS. UNKNOWN: the state was not followed yet. NOT_YET: it leads to a motion without contact that has no
+#: capture region yet.
 NO_ORBIT, UNKNOWN, NOT_YET = -1, -2, -3
 MOST_RETURNS = 2**16  # most returns for which a state after contact is followed
 
 
 class ContactStates(NamedTuple):
-    """States (n_cells, room) after contact phases of known orbits, of which n (n_cells,) are used, and their orbits."""
+    """For each cell, the known states after contact phases, and the orbits to which these states lead.
+
+    tau, v, orbit (n_cells, room): the states, and the number of the orbit or NO_ORBIT. n (n_cells,): the number of
+    entries that are used.
+    """
 
     n: Any
     tau: Any
@@ -52,7 +57,7 @@ class ContactStates(NamedTuple):
 
 @inline
 def orbit_after_contact(tau, v, cell, states):
-    """Return the orbit to which a state after a contact phase leads; NO_ORBIT or UNKNOWN if there is none."""
+    """Return the number of the orbit to which a state after a contact phase leads, or NO_ORBIT, or UNKNOWN."""
     for i in range(states.n[cell]):
         if tau == states.tau[cell, i] and v == states.v[cell, i]:
             return states.orbit[cell, i]
@@ -61,7 +66,7 @@ def orbit_after_contact(tau, v, cell, states):
 
 @inline
 def after_contact(tau, v, k, samples, states):
-    """Return (status, orbit) of sample k, whose last return followed a contact phase."""
+    """Return (status, orbit) of sample k, which has just come out of a contact phase; orbit is −1 if not known."""
     orbit = orbit_after_contact(tau, v, samples.cell[k], states)
     if orbit == NO_ORBIT:
         return Outcome.UNRESOLVED, -1
@@ -71,13 +76,13 @@ def after_contact(tau, v, k, samples, states):
 
 @inline
 def ending_of(code):
-    """Return the outcome of a sample whose motion does not return to Σ⁺."""
+    """Return the outcome of a sample whose motion does not return to Σ⁺, from the status `code` of the step."""
     return Outcome.QUIET if code == IN_CONTACT else Outcome.FAILED
 
 
 @kernel
 def settle(which, cells, samples, balls, states):
-    """Follow the samples `which` until they end. A sample that makes all its returns remains UNRESOLVED."""
+    """Follow the samples `which` until each has an outcome. A sample that makes all its returns stays UNRESOLVED."""
     for j in range(which.size):
         k = which[j]
         point = point_at(samples.cell[k], cells)
@@ -103,7 +108,8 @@ def measure(which, least, periods, cells, samples, balls, states, sums, footprin
     """Follow samples with a tangent vector, for at least this many returns and forcing periods (k,), or to the limit.
 
     sums[j, batch], zero before, collects time, ln stretch and ln|det| of sample which[j] after ALIGNMENT returns.
-    footprints[j] collects the boxes that it visits. Contact makes the stretch −∞, which excludes chaos.
+    footprints[j] collects the boxes of the (τ, v) plane that this sample visits. Contact makes ln stretch −∞, which
+    excludes chaos.
     """
     for j in range(which.size):
         k = which[j]
@@ -146,15 +152,15 @@ def measure(which, least, periods, cells, samples, balls, states, sums, footprin
 
 @kernel
 def follow_release(tau, v, cell, point, balls, states):
-    """Follow a state after contact until one after contact comes back (Brent's cycle search).
+    """Follow a state after contact until a state after contact comes back (Brent's cycle search).
 
     Returns
     -------
     orbit : int
-        A known orbit to which the state leads. NO_ORBIT if no state returns within MOST_RETURNS returns, NOT_YET if a
-        state without contact returns first, UNKNOWN if the orbit is new.
+        A known orbit to which the state leads. NO_ORBIT if no state comes back within MOST_RETURNS returns, NOT_YET if
+        the motion first comes close to a state that is not after contact, UNKNOWN if the orbit is new.
     gap, tau, v
-        Returns in a period of the new orbit, and a state of it.
+        Returns in a period of the new orbit, and a state on this orbit.
     """
     unit = speed_unit(point.delta, point.epsilon, point.beta)
     mark_tau, mark_v, mark_n, contacts, following = tau, v, 0, 0, 1
@@ -182,7 +188,7 @@ def follow_release(tau, v, cell, point, balls, states):
 
 @inline
 def enter_state(tau, v, orbit, cell, states):
-    """Record the orbit to which a state after contact leads, if the table has room."""
+    """Record the orbit to which a new state after contact leads, if the table of the cell has room."""
     i = states.n[cell]
     if i < states.tau.shape[1] and orbit_after_contact(tau, v, cell, states) == UNKNOWN:
         states.tau[cell, i], states.v[cell, i], states.orbit[cell, i] = tau, v, orbit
@@ -191,16 +197,16 @@ def enter_state(tau, v, orbit, cell, states):
 
 @kernel
 def resolve_contacts(which, cells, samples, orbits, balls, states, waiting):
-    """Find the orbits of samples in contact, and enter these orbits with their states after contact.
+    """Find the orbits of samples with contact phases, and record new orbits and their states after contact.
 
-    The field `gap` of a sample names the wall on which it is in contact, 0 if it has left it. A sample whose cell has
-    no room for another orbit is written to `waiting`. Of the others, a sample with an orbit becomes PERIODIC, and one
-    that contact does not release becomes QUIET; the rest is followed further.
+    The field `gap` of a sample is the wall with which the sample is in contact, 0 if the contact phase is over. A
+    sample whose cell has no room for another orbit is written to `waiting`. Any other sample becomes PERIODIC if its
+    orbit is found, or QUIET if its contact never ends; otherwise it is UNRESOLVED and is followed further.
 
     Returns
     -------
     int
-        Number of waiting samples.
+        The number of samples in `waiting`.
     """
     waits = 0
     for k in which:
@@ -228,7 +234,7 @@ def resolve_contacts(which, cells, samples, orbits, balls, states, waiting):
 
 @kernel
 def released(k, samples, point):
-    """Follow sample k out of its contact phase. Return False if it has an outcome or made no contact."""
+    """Follow sample k out of its contact phase. Return False if it then has an outcome, or made no contact."""
     wall = samples.gap[k]
     code, tau, v, time, _below, on_plus, on_minus = next_on_plus(wall, samples.tau[k], -wall * samples.v[k], point)
     samples.gap[k] = 0
@@ -245,7 +251,7 @@ def released(k, samples, point):
 
 @kernel
 def enter_contact_orbit(tau, v, gap, cell, point, orbits, states):
-    """Add the orbit through a state after contact, with its states after contact, and return its number."""
+    """Record the orbit through a state after contact, and all its states after contact; return the orbit's number."""
     best_tau, best_v, total, n_minus = tau, v, 0.0, 0
     for _ in range(gap):
         _status, tau, v, time, below, _plus, _minus = step(tau, v, point)
@@ -266,7 +272,7 @@ def enter_contact_orbit(tau, v, gap, cell, point, orbits, states):
 
 @kernel
 def label_contacts(grown, cells, orbits):
-    """Count the contact phases of the orbits of every cell, beginning with orbit number grown[cell]."""
+    """Count the contact phases of the orbits of every cell, from orbit number grown[cell] on."""
     for cell in range(grown.size):
         for j in range(grown[cell], orbits.n[cell]):
             if orbits.first[cell, j] == -math.inf:

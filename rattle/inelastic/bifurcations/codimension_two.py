@@ -1,13 +1,14 @@
 """The codimension-two points of the period-one motions, followed as curves in (δ, ε, r).
 
-All lie on the graze of P(1,1,0) on Σ⁻ (`rattle.impacting.bifurcations.codimension_two`). With E = e^(−δ) the trace of
-the grazing motion is T = 1 + r²E − (1 + r)² π(1 − E) ε cos 2πτ/δ². The second conditions are
+All of them lie on the graze of P(1,1,0) on Σ⁻ (`rattle.impacting.bifurcations.codimension_two`), which is the first
+condition. With E = e^(−δ) the grazing motion's tangent map has the trace T = 1 + r²E − (1 + r)² π(1 − E) ε cos 2πτ/δ².
+The second conditions are
 
     COD20: T = −1 − r²E     COD21: T = 2r e^(−δ/2)     COD22: cos 2πτ = 0, T = 1 + r²E     COD23: det J = 0.
 
-At the graze the second impact arrives and departs with speed 0, so the determinant of the two-impact equations does not
-depend on the multiplier. Saddle-node and flip of P(1,1,1) therefore reach the graze where this determinant vanishes, at
-every restitution.
+Here J is the Jacobian of the equations of P(1,1,1), the motion with two impacts. At the graze the second impact arrives
+and departs with speed 0, so det J does not depend on the multiplier. Saddle-node and flip of P(1,1,1) therefore reach
+the graze where this determinant vanishes, at every restitution.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ from rattle.numerics.complex_step import Array
 
 LEAST_RESTITUTION = 1e-3
 LONGEST = 0.02  # longest continuation step, in the unknowns
-REACH = 8.0  # largest damping to search, in half-backlashes
-# indices of the unknowns: times of the impact and of the graze, then parameters
+REACH = 8.0  # largest damping to search, divided by the half-backlash
+# indices of the unknowns: the times of the impact and of the graze, then the parameters δ, ε and r
 TAU, MIDDLE, DELTA, EPSILON, R = range(5)
 Residual = Callable[[NDArray], NDArray]
 
@@ -78,7 +79,7 @@ class CodimensionTwoCurve(Tabular):
     Attributes
     ----------
     delta, epsilon, restitution : ndarray, (n,)
-        The point.
+        The parameters of the point.
     tau, speed : ndarray, (n,)
         Phase of the impact of the grazing motion, and the speed with which it leaves Σ⁺.
     residual : ndarray, (n,)
@@ -116,7 +117,7 @@ class CodimensionTwoCurve(Tabular):
         Returns
         -------
         tuple of float
-            The first such point from r = 1 on.
+            δ and ε; if the curve passes this restitution more than once, at the first passage from r = 1 on.
 
         Raises
         ------
@@ -140,7 +141,7 @@ class CodimensionTwoCurve(Tabular):
 
 
 def _problem(name: str, beta: float) -> ContinuationProblem:
-    """Return the equations (…, 5) → (…, 4): both impacts, the graze, and the second condition."""
+    """Return the equations (…, 5) → (…, 4): the laws of both impacts, the graze, and the second condition."""
     condition = _residuals(beta)[name]
 
     def equations(x: NDArray) -> NDArray:
@@ -157,7 +158,7 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
     Parameters
     ----------
     name : str
-        COD20, COD21, COD22 or COD23.
+        The point: COD20, COD21, COD22 or COD23.
     beta : float
         Half-backlash > 0. With a load, pass beta/(1 + load) and multiply ε by 1 + load afterwards.
     lowest : float
@@ -224,7 +225,7 @@ def _followed(name: str, beta: float) -> CodimensionTwoCurve:
 
 
 def points_at(beta: float, restitution: float, load: float = 0.0) -> tuple[CodimensionTwo, ...]:
-    """Return the codimension-two points of the plane at one restitution and load. Their `tangency` is empty.
+    """Return the codimension-two points of the (δ, ε) plane at one restitution and load, with an empty `tangency`.
 
     Points that cannot be followed to this restitution are left out.
 

@@ -30,8 +30,8 @@ from rattle.inelastic.map.quiet import least_force
 from rattle.inelastic.orbits.equations import under_load, without_load
 from rattle.numerics.complex_step import Array
 
-SAME = 1e-9  # largest relative difference in ε of equal points
-SAME_POINT = 1e-6  # largest relative difference of equal points of the plane
+SAME = 1e-9  # largest relative difference in ε between points that count as the same
+SAME_POINT = 1e-6  # largest difference in δ and in ε between an end of a curve and the point that names it
 
 
 def trace(
@@ -58,14 +58,14 @@ def trace(
     Returns
     -------
     Curve
-        The curve in pieces; points are solutions to rounding. tau and v: the impact on Σ⁺ of the motion.
+        The curve in pieces, whose points are solutions to rounding. tau and v: phase and speed after the impact on Σ⁺.
 
     Raises
     ------
     ParameterError
-        An argument is outside its domain.
+        If an argument is outside its domain.
     RattleError
-        The forcing has harmonics, with which only the quiet limit is traced, or a curve cannot be followed.
+        If the forcing has harmonics and the curve is not the quiet limit, or if the curve cannot be followed.
     """
     require_one_of("name", name, NAMES)
     numbers = parameters(1.0, 0.0, beta, restitution=restitution, load=load)[2:]
@@ -87,7 +87,7 @@ def trace(
 
 
 def _dampings(window: PlaneWindow, beta: float) -> Array:
-    """Return the dampings at which a curve is searched: over the window, and at its edges."""
+    """Return the dampings at which a curve is searched: spread over the window, and its two edges."""
     low, high = window.delta
     spread = spread_between(low, high)
     if low < REACH * beta < high - low:  # in a wide window equal spacing would miss the curves

@@ -1,4 +1,4 @@
-"""The bifurcation curves of the inelastic gear's period-one motions: those of the elastic gear, by the same names."""
+"""The bifurcation curves of the inelastic gear's period-one motions, with the names that they have at r = 1."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Starts = Callable[[float, float, float], Sequence[Array]]  # starting points at 
 
 @dataclass(frozen=True)
 class InelasticDefinition:
-    """A curve of the elastic gear (`rattle.impacting.bifurcations.registry`) at any restitution.
+    """The definition of a curve of the elastic gear (`rattle.impacting.bifurcations.registry`) at any restitution.
 
     `starts` returns guesses of the unknowns (n + 2,) at (δ, β, r).
     """
@@ -29,25 +29,25 @@ class InelasticDefinition:
 
     @property
     def walls(self) -> tuple[int, ...]:
-        """Walls that the motion meets."""
+        """The walls that the motion meets, in order."""
         return ELASTIC_CURVES[self.name].walls
 
     @property
     def kind(self) -> Kind:
-        """Event on the curve."""
+        """The kind of event on the curve."""
         return ELASTIC_CURVES[self.name].kind
 
     @property
     def impact(self) -> int | None:
-        """The grazing impact, or None."""
+        """The number of the grazing impact; None if the event is no graze."""
         return ELASTIC_CURVES[self.name].impact
 
     def belongs(self, x: Array) -> str | None:
-        """Return None for a solution on this curve, else the reason why it is not."""
+        """Return None if a solution belongs to this curve, else the reason in words why it does not."""
         return ELASTIC_CURVES[self.name].belongs(x)
 
     def itinerary(self, beta: float, restitution: float) -> InelasticItinerary:
-        """Return the walls of the motion, at this half-backlash and restitution."""
+        """Return the itinerary of the motion on the curve, at this half-backlash and restitution."""
         return InelasticItinerary(self.walls, 1, beta, restitution)
 
 
@@ -77,6 +77,6 @@ NAMES = (*INELASTIC_CURVES, QUIET_LIMIT)
 
 
 def describe(name: str) -> str:
-    """Describe a curve: its event and its orbits. Raises ParameterError on an unknown name."""
+    """Return a description of a curve, its event and its orbits. Raises ParameterError on an unknown name."""
     require_one_of("name", name, NAMES)
     return QUIET_MEANING if name == QUIET_LIMIT else INELASTIC_CURVES[name].meaning

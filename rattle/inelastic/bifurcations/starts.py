@@ -1,6 +1,7 @@
-"""Starting points of curves: solutions of the inelastic gear at one damping, from closed forms of period-one motions.
+"""Starting points of curves: bifurcations of the inelastic gear at one damping, from closed forms of its motions.
 
-This is `rattle.impacting.bifurcations.starts` with a restitution and no load (`rattle.inelastic.orbits.equations`).
+This is `rattle.impacting.bifurcations.starts` with a restitution r. The load is 0, because a load only changes the unit
+of length (`rattle.inelastic.orbits.equations`). Starting points are unknowns: times of impacts, δ and ε.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ ONE, TWO = (1,), (1, -1)  # walls of P(1,1,0) and of P(1,1,1)
 
 
 def inelastic_members(sigma: Array, delta: float, beta: float, r: float) -> StartFamily:
-    """Return the P(1,1,1) motions with these rising times 1/2 + σ from Σ⁺ to Σ⁻."""
+    """Return the motions P(1,1,1) whose times from Σ⁺ to Σ⁻ are 1/2 + σ, for rising σ (k,)."""
     closed = np.array([family_closure(each, delta, beta, r) for each in sigma]).reshape(-1, 5)
     x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
     tau = np.arctan2(y, x) / (2 * np.pi)
@@ -35,7 +36,7 @@ def inelastic_members(sigma: Array, delta: float, beta: float, r: float) -> Star
 
 @lru_cache(maxsize=256)
 def two_impact_starts(delta: float, beta: float, r: float) -> StartFamily:
-    """Return the family of B and D beyond its pole at σ = 0, at the nodes of `family_nodes`."""
+    """Return the family of B and D on the side σ > 0 of its pole at σ = 0, at the nodes of `family_nodes`."""
     sigma, epsilon = family_nodes(delta, beta, r)
     return inelastic_members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta, r)
 
@@ -46,19 +47,19 @@ def _zeros(values: Callable[[StartFamily], Array], delta: float, beta: float, r:
 
 
 def fold_starts(delta: float, beta: float, r: float) -> list[Array]:
-    """Return the saddle-nodes of B and D."""
+    """Return the saddle-nodes of B and D at one damping."""
     return _zeros(lambda at: at.saddle_node, delta, beta, r)
 
 
 @lru_cache(maxsize=256)
 def graze_starts(delta: float, beta: float, r: float) -> tuple[Array, ...]:
-    """Return the members of the family whose speed at Σ⁻ is 0."""
+    """Return the motions of the family of B and D, at one damping, that arrive at Σ⁻ with speed 0."""
     return tuple(_zeros(lambda at: at.u, delta, beta, r))
 
 
 @lru_cache(maxsize=256)
 def flip_starts(delta: float, beta: float, r: float) -> tuple[Array, ...]:
-    """Return the flips of B and D."""
+    """Return the flips of B and D at one damping."""
     return tuple(_zeros(lambda at: at.flip, delta, beta, r))
 
 
@@ -73,12 +74,12 @@ def first_flip(delta: float, beta: float, r: float) -> Sequence[Array]:
 
 
 def later_flips(delta: float, beta: float, r: float) -> Sequence[Array]:
-    """Return the flips at which D becomes stable again, and the one beyond the fold where it loses stability."""
+    """Return the flips at which D becomes stable again, and the flip beyond its fold at which D loses stability."""
     return flip_starts(delta, beta, r)[len(first_flip(delta, beta, r)) :]
 
 
 def one_impact_starts(kind: Kind, delta: float, r: float) -> list[Array]:
-    """Return the unknowns of SN1 (τ = 3/4) or of PDC, the flip of C."""
+    """Return the unknowns (3,) of SN1 or of PDC, the flip of C, according to `kind`; an empty list if there is none."""
     offset = -slope_at_departure(delta, r, DRIFT) / (2 * np.pi)
     epsilon = saddle_node(delta, r, DRIFT) if kind is Kind.SADDLE_NODE else flip_of_c(delta, r, DRIFT)
     if not np.isfinite(epsilon) or epsilon == 0.0:

@@ -1,12 +1,14 @@
 """Follow an inelastic motion from impact to impact, for sums over its impacts (compiled).
 
-A chatter that completes has infinitely many impacts. They are followed until the bound of `is_chatter_captured` holds
-with a millionfold margin (`REST`). The remainder lasts less than 2 REST LEAST_SHARE |g|/max|g'|, some 1e-8 forcing
-periods, and has less than REST² of the energy that a captured impact may have.
+A chatter that completes has infinitely many impacts. They are followed one by one until the bound of
+`is_chatter_captured` holds with a millionfold margin (`REST`). The remaining impacts last less than
+2 REST LEAST_SHARE |g|/max|g'|, some 1e-8 forcing periods, and have less than REST² of the energy that a captured impact
+may have.
 
-The last followed impact represents the remainder and the contact phase: it lasts until the release and is left with
-speed 0. Its impulse is exactly that of everything until the release: Φ' goes from the arrival velocity to 0 while Φ
-returns to the wall, so the wall supplies the arrival speed and the integral of the contact force.
+The last followed impact stands for the remaining impacts and the contact phase too: it lasts until the release, the end
+of the contact phase, and the motion leaves it with speed 0. Its impulse is exactly that of everything until the
+release: Φ' goes from the arrival velocity to 0 while Φ returns to the wall, so the wall supplies the arrival speed and
+the integral of the contact force.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ from rattle.intensity.forces import force_lines
 from rattle.intensity.visit import bounce, mean_force_at
 from rattle.numerics.compile import for_type, inline, kernel
 
-REST = 1e-6  # speed at which the remainder of a chatter is summed, relative to the largest captured speed
+REST = 1e-6  # speed below which the remaining impacts of a chatter count as one, relative to the largest captured speed
 
 
 @inline
@@ -44,7 +46,7 @@ def primitive(tau, delta, harmonics):
 
 @inline
 def release_at(tau, zeros):
-    """Return the number of the release at this phase, which may be off by rounding."""
+    """Return the number of the release that is nearest to this phase, which may be off by rounding."""
     nearest, off = 0, math.inf
     for i in range(zeros.size):
         away = abs(wrapped(zeros[i] - tau))
@@ -55,7 +57,7 @@ def release_at(tau, zeros):
 
 @kernel
 def bounced_with_loss(wall, tau, w, point):
-    """Return the next flight and impact as `rattle.intensity.visit.bounce` does; a velocity of 0 is a release."""
+    """Return the next flight and impact as `rattle.intensity.visit.bounce` does; w = 0 after a contact phase."""
     delta, harmonics, zeros = point.delta, point.harmonics, point.zeros
     departure = np.empty((2, harmonics.shape[1]))
     if w == 0.0:
@@ -97,7 +99,7 @@ def _mean_force_at(point):
 
 @force_lines.register
 def _(point: InelasticPoint) -> list[tuple[float, complex]]:
-    """Two lines for each harmonic."""
+    """Return the spectral lines of the contact force: its mean, and two lines for each harmonic."""
     lines = [(0.0, complex(point.delta * point.drift))]
     for order, amplitude, phase in point.harmonics.T.tolist():
         omega = TWO_PI * order

@@ -1,4 +1,4 @@
-"""Cells of the inelastic gear for kernels, and the parameter point of each (compiled).
+"""Cells of the inelastic gear as kernels take them, and the parameter point of each cell (compiled).
 
 The zeros of the contact force, its bounds, and the limits of capture are computed once for each cell.
 """
@@ -17,10 +17,11 @@ from rattle.orbits.return_map import between, point_of
 
 
 class InelasticCells(NamedTuple):
-    """Parameters of cells (n,), the common shape (3, K) of their forcing, and what follows from both for each cell.
+    """Parameters of cells (n,), the shape (3, K) that their forcings have in common, and quantities computed from them.
 
-    zeros (n, room) are the zeros of the contact force, of which zero_count (n,) are used. positive (n,) is 1 where this
-    force is positive at phase 0. The other fields (n,) are those of `InelasticPoint`.
+    The shape is the array of harmonics at ε = 1. zeros (n, room) are the zeros of the contact force, of which the first
+    zero_count (n,) of a cell are used. positive (n,) is 1 where this force is positive at phase 0. The other fields
+    (n,) are those of `InelasticPoint`.
     """
 
     delta: Any
@@ -39,7 +40,7 @@ class InelasticCells(NamedTuple):
 
 @kernel
 def scaled(shape, epsilon):
-    """Return the harmonics (3, K) of a forcing with amplitude epsilon."""
+    """Return the harmonics (3, K) of a forcing at eccentricity epsilon, from its shape (3, K) at ε = 1."""
     harmonics = shape.copy()
     harmonics[AMPLITUDE] *= epsilon
     return harmonics
@@ -47,7 +48,7 @@ def scaled(shape, epsilon):
 
 @kernel
 def fill_cells(cells):
-    """Compute the fields that follow from the parameters of cells."""
+    """Fill in the fields of cells that follow from their parameters."""
     for i in range(cells.delta.size):
         delta, drift = cells.delta[i], DRIFT * (1.0 + cells.load[i])
         harmonics = scaled(cells.shape, cells.epsilon[i])
@@ -112,7 +113,7 @@ def inelastic_cells(
     load: NDArray[np.float64],
     harmonics: Any = (),
 ) -> InelasticCells:
-    """Return the record of cells with these parameters (n,) and these harmonics besides the first, for kernels."""
+    """Return cells with these parameters (n,) and harmonics besides the first, as the record that kernels take."""
     return cells_with(delta, epsilon, beta, restitution, load, forcing_shape(harmonics))
 
 
@@ -124,7 +125,7 @@ def cells_with(
     load: NDArray[np.float64],
     shape: NDArray[np.float64],
 ) -> InelasticCells:
-    """Return the record of cells with these parameters (n,) and this shape (3, K) of the forcing."""
+    """Return cells with these parameters (n,) and this shape (3, K) of the forcing, as the record that kernels take."""
     n = delta.size
     given = {"delta": delta, "epsilon": epsilon, "beta": beta, "restitution": restitution, "load": load}
     cells = InelasticCells(
@@ -141,6 +142,6 @@ def cells_with(
 def point_with(
     delta: float, epsilon: float, beta: float, restitution: float, load: float, harmonics: Any = ()
 ) -> InelasticPoint:
-    """Return one parameter point for kernels."""
+    """Return one parameter point, as the record that kernels take."""
     d, e, b, r, more = (np.array([x]) for x in (delta, epsilon, beta, restitution, load))
     return InelasticPoint(*point_at(0, inelastic_cells(d, e, b, r, more, harmonics)))

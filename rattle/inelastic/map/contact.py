@@ -1,20 +1,21 @@
 """Chatter that completes, and the contact phase that follows (compiled).
 
-Impacts with restitution r < 1 die out in finite time where the contact force h = ±g presses on the wall. Let an impact
-at time t be left with speed v, and let h be positive on [t, t + T], with minimum h_min and variation V of ln h there.
-Over a bounce with arrival speed v₁ the impulse is ∫ h = v + v₁. The work of h gives v₁ ≤ v √(h_max/h_min), with the
-extremes of h over that bounce, and drag reduces v₁ further. The k-th impact is therefore left with a speed of at most
+Impacts with restitution r < 1 die out in finite time where the contact force h = ±g presses on the wall. Let the motion
+leave an impact at time t with speed v, and let h be positive on [t, t + T], with minimum h_min and variation V of ln h
+there. Over a bounce with arrival speed v₁ the impulse is ∫ h = v + v₁. The work of h gives v₁ ≤ v √(h_max/h_min), with
+the extremes of h over that bounce, and drag reduces v₁ further. The speed after the k-th impact is therefore at most
 r^k v e^(V/2), and all flights together last at most
 
     2 v e^(V/2) / ((1 − r) h_min).
 
 If this bound is at most T, the chatter is complete within T. With |h'| ≤ L and T = x h/L, h_min ≥ (1 − x) h and
 V ≤ −ln(1 − x); x = 2/5 allows the largest v, LEAST_SHARE (1 − r) h²/L. No bounce is higher than v²/(2 (1 − x)² h).
-The teeth then stay together until the force turns away, at a known zero of g. `is_chatter_captured` decides this
-without following the impacts. The place where the chatter ends does not influence the motion after the release.
+The teeth then stay together until the release, the known zero of g at which the force turns away from the wall.
+`is_chatter_captured` decides this without following the impacts. The time at which the chatter ends does not influence
+the motion after the release.
 
-Elastic impacts never end. With r = 1 quiet motion is certain by the adiabatic law of `rattle.impacting.map.quiet`, in
-which the fastest harmonic takes the place of the first one (`quiet_invariant`).
+A chatter of elastic impacts never ends. With r = 1 the adiabatic law of `rattle.impacting.map.quiet` decides whether
+quiet motion is certain; the fastest harmonic takes the place of the first one in it (`quiet_invariant`).
 """
 
 import math
@@ -31,13 +32,13 @@ PHASES = 64  # phases per period of the fastest harmonic at which the least cont
 
 @inline
 def capture_of(delta, restitution, harmonics):
-    """Return the largest v/h² at which a chatter is certain to complete."""
+    """Return the largest v/h² at which a chatter is certain to complete; h is the contact force, v the speed."""
     return LEAST_SHARE * (1.0 - restitution) / bounds_of(delta, harmonics).force_rate
 
 
 @inline
 def is_chatter_captured(wall, v, force, point):
-    """Return whether an impact that is left with speed v under the contact force g is certain to lead to contact."""
+    """Return whether an impact is certain to lead to contact; v is the speed after it, `force` the contact force g."""
     pressing = wall * force
     if not pressing > 0.0:
         return False
@@ -48,7 +49,7 @@ def is_chatter_captured(wall, v, force, point):
 
 @kernel
 def quiet_invariant(delta, drift, beta, harmonics):
-    """Return the largest v³/g that is certain to become quiet when r = 1; 0 where g is not positive throughout."""
+    """Return the largest v³/g at which quiet motion is certain for r = 1; 0 if g is not positive at all phases."""
     highest = 0.0
     for j in range(harmonics.shape[1]):
         highest = max(highest, harmonics[ORDER, j])

@@ -2,11 +2,12 @@
 
 A flight leaves a wall at phase t₀ with velocity w. With A = q + e'(t₀) − w and k(x) = e^(−x) − 1 + x,
 
-    F(s) = Φ(s) − Φ(0) = w s + A k(δs)/δ + [e(t₀ + s) − e(t₀) − s e'(t₀)],    F'' + δF' = g(t₀ + s),
+    F(s) = Φ(s) − Φ(0) = w s + A k(δs)/δ + [e(t₀ + s) − e(t₀) − s e'(t₀)],    F'' + δF' = g(t₀ + s).
 
-each term without cancellation for short flights, as in `rattle.flight.law`. e^(δs) F' has the derivative e^(δs) g: it
-is monotone between two zeros of g, so that F has one extremum at most there. The search goes from piece to piece; on
-each it knows from both ends, and if need be from the extremum, whether F reaches a wall: it cannot skip an impact.
+Each term is computed without cancellation for short flights, as in `rattle.flight.law`. The function e^(δs) F' has the
+derivative e^(δs) g, so it is monotone on a piece between two zeros of g, and F has at most one extremum there. The
+search goes from piece to piece. The values of F at both ends of a piece, and if needed at its extremum, show whether F
+reaches a wall on the piece, so the search cannot skip an impact.
 """
 
 import math
@@ -18,14 +19,14 @@ from rattle.flight.law import LONGEST_DECAY, decay64
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE
 from rattle.numerics.compile import inline, kernel
 
-LONGEST_PIECE = 0.5  # forcing periods; a longer piece is cut
-FIRST_PIECE = 0.25  # first piece, in forcing periods, where the force pulls the motion off its wall
+LONGEST_PIECE = 0.5  # longest piece, in forcing periods; longer pieces are cut
+FIRST_PIECE = 0.25  # length of the first piece, in forcing periods, if the force pulls the motion off its wall
 BEYOND = 1.2  # the first piece of a bounce is this factor longer than its estimated end, 2|w|/|F''|
 COSINE, SINE = range(2)  # rows of the departure's array (2, K): amplitude times cosine and sine of each harmonic at t₀
 
 
 class InelasticFlight(NamedTuple):
-    """Terms of F of one flight, besides the departure's array."""
+    """Terms of the displacement F of one flight; the other terms are in the departure's array (COSINE, SINE)."""
 
     w: float  # velocity of departure
     a: float  # A = q + e'(t₀) − w
@@ -72,10 +73,10 @@ def evaluate_forced(s, flight, harmonics, departure):
 
 @kernel
 def forced_root(low, high, guess, level, rising, third, flight, harmonics, departure):
-    """Return the only crossing F = level in (low, high), by Halley steps inside a shrinking bracket.
+    """Return the time of the only crossing F = level in (low, high), by Halley steps inside a shrinking bracket.
 
-    A step u leaves an error below u³ (p² + third/|6F'|) with p = F''/2F' and third ≥ |F‴|. The last error is below
-    rounding.
+    A step u leaves an error below u³ (p² + third/|6F'|) with p = F''/2F' and third ≥ |F‴|. After the last step the
+    error is below rounding.
 
     Returns
     -------
@@ -136,15 +137,15 @@ def forced_extremum(low, high, guess, convex, third, flight, harmonics, departur
 
 @inline
 def lowest_bound(length, g0, slope0, g1, slope1, delta):
-    """Return a lower bound of G on a piece on which e^(δs) G' rises from below 0 to above 0.
+    """Return a lower bound of G = ±F on a piece on which e^(δs) G' rises from below 0 to above 0.
 
-    Without damping G lies above both of its end tangents. With damping this holds if the second tangent is made
-    steeper.
+    Without damping G lies above the tangents at both ends of the piece. With damping this holds if the second tangent
+    is made steeper. g0, slope0, g1, slope1: G and G' at both ends.
 
     Returns
     -------
     float
-        The height at which both lines meet; −∞ where the piece is too long for the bound.
+        The value of both tangents where they meet; −∞ if the piece is too long for the bound.
     """
     x = delta * length
     if not x < 0.5:
@@ -157,7 +158,8 @@ def lowest_bound(length, g0, slope0, g1, slope1, delta):
 def crossing_on_piece(sign, s0, f0, f1, s1, e0, e1, guess, lower, upper, third, flight, harmonics, departure):
     """Return the first crossing of F = lower downwards or of F = upper upwards on a piece from s0 to s1.
 
-    Let G = sign · F, with the sign of g on the piece. G first falls, then rises, or does only one of both.
+    sign: the sign of g on the piece. G = sign · F first falls, then rises, or only falls, or only rises.
+    f0, f1, e0, e1: F and F' at s0, then F and F' at s1.
 
     Returns
     -------
@@ -189,7 +191,7 @@ def crossing_on_piece(sign, s0, f0, f1, s1, e0, e1, guess, lower, upper, third, 
 
 @kernel
 def first_forced_impact(wall, tau, flight, piece, point, departure):
-    """Return the first impact of a flight from a wall; `piece` is the number of its departure's piece.
+    """Return the first impact of a flight from a wall. piece: the number of zeros of g up to the departure.
 
     Returns
     -------
@@ -209,7 +211,7 @@ def first_forced_impact(wall, tau, flight, piece, point, departure):
     s, f0, f1 = 0.0, 0.0, flight.w
     length, guess = FIRST_PIECE, math.nan
     outwards = wall * (flight.force - delta * flight.w)
-    if outwards > 0.0 and wall * flight.w < 0.0:  # not at a release, where the force is 0 but for rounding
+    if outwards > 0.0 and wall * flight.w < 0.0:  # false at a release, where the force is 0 up to rounding
         guess = -2.0 * wall * flight.w / outwards
         length = min(BEYOND * guess, LONGEST_PIECE)
     while s < LONGEST:
@@ -237,7 +239,7 @@ def first_forced_impact(wall, tau, flight, piece, point, departure):
 
 @inline
 def forced_tangent(w1, bend1, lost, restitution, flight):
-    """Return ∂(t₁, w₁ after the impact)/∂(t₀, w₀) of a flight and the impact at its end, row by row."""
+    """Return ∂(t₁, w₁)/∂(t₀, w₀) of a flight and its impact, row by row, where w₁ is the velocity after the impact."""
     decay = 1.0 - lost
     change = w1 - flight.w - flight.a * lost  # e'(t₁) − e'(t₀)
     f_w = lost / flight.delta

@@ -2,9 +2,9 @@
 
     e(t) = Σ a cos 2π(k t + φ),    g(t) = δq + e''(t) + δe'(t)
 
-Here k is the order of a harmonic, a its amplitude, and φ its phase in turns. The zeros of g cut a flight into pieces
-with at most one extremum, and contact ends at a zero. They are computed once for each parameter point, with a proof
-that none is missed (`isolated_zeros`).
+Here k is the order of a harmonic, a its amplitude, and φ its phase in turns. The zeros of g cut a flight into pieces on
+which Φ has at most one extremum, and contact phases end at zeros of g. These zeros are computed once for each parameter
+point, with a proof that none is missed (`isolated_zeros`).
 """
 
 import math
@@ -44,7 +44,7 @@ def force_at(tau, delta, drift, harmonics):
 
 @inline
 def bounds_of(delta, harmonics):
-    """Return the `Bounds`, each as the sum over the harmonics."""
+    """Return the `Bounds` of a forcing; each is the sum of the bounds of its harmonics."""
     rate, bend, third = 0.0, 0.0, 0.0
     for j in range(harmonics.shape[1]):
         turn = TWO_PI * harmonics[ORDER, j]
@@ -57,7 +57,7 @@ def bounds_of(delta, harmonics):
 
 @kernel
 def force_zero_between(low, high, falling, delta, drift, harmonics):
-    """Return the zero of g in (low, high), where g is monotone and changes its sign: Newton steps inside a bracket."""
+    """Return the zero of g in (low, high), where g is monotone and changes sign, by Newton steps inside a bracket."""
     t = 0.5 * (low + high)
     for _ in range(100):
         force, rate = force_at(t, delta, drift, harmonics)
@@ -76,12 +76,12 @@ def force_zero_between(low, high, falling, delta, drift, harmonics):
 
 @kernel
 def isolated_zeros(delta, drift, harmonics, zeros):
-    """Write the zeros of g in [0, 1), rising, to `zeros`.
+    """Write the zeros of g in [0, 1) to `zeros`, in rising order.
 
     An interval with centre c and half-width h is halved until one of two conditions holds: g has no zero on it, because
     |g(c)| > h |g'(c)| + h² max|g''|/2; or g is monotone on it, because |g'(c)| > h max|g''|, so that the signs at its
-    ends decide between no zero and one. An interval narrower than `CLOSEST` is decided by the signs at its ends too. So
-    two zeros can be missed only if they are closer than that, and between them |g| < 1e-18 max|g''|.
+    ends decide between no zero and one. The signs at the ends also decide for an interval narrower than `CLOSEST`. So
+    two zeros can be missed only if they are closer than `CLOSEST`, and then |g| < 1e-18 max|g''| between them.
 
     Returns
     -------

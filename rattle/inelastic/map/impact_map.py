@@ -1,9 +1,9 @@
 """The impact map Π on Σ⁺ of the inelastic gear, with its tangent map (compiled).
 
 A state (τ, v) leaves an impact on Σ⁺ at phase τ with speed v. If the impact is captured (`is_chatter_captured`), the
-following chatter, the contact phase and its release belong to the same step and count as this one impact. The motion
-then leaves at the release with speed 0. Π is constant over states that are captured before the same release, so its
-tangent map is 0 there. On Σ⁻ a run of impacts that ends in contact counts as one.
+following chatter and contact phase belong to the same step and count as this one impact. The motion then leaves the
+wall at the release, the end of the contact phase, with speed 0. Π is constant over states that are captured before the
+same release, so its tangent map is 0 there. On Σ⁻ a run of impacts that ends in contact counts as one impact.
 """
 
 import math
@@ -34,7 +34,7 @@ class InelasticPoint(NamedTuple):
     third
         Bound of |e‴|.
     capture, quiet_invariant
-        Largest v/h² and largest v³/g of a captured impact.
+        Largest v/h² and largest v³/g of a captured impact: see `rattle.inelastic.map.contact`.
     """
 
     delta: float
@@ -52,7 +52,7 @@ class InelasticPoint(NamedTuple):
 
 @inline
 def piece_of(tau, zeros):
-    """Return the number of zeros of the contact force up to a phase."""
+    """Return the number of zeros of the contact force up to a phase, which numbers the pieces between zeros."""
     low, high = 0, zeros.size
     while low < high:
         middle = (low + high) // 2
@@ -67,14 +67,14 @@ def piece_of(tau, zeros):
 def leave(wall, tau, w, piece, point, departure):
     """Return the flight that follows an impact, after the contact phase if there is one.
 
-    Speed 0 in a piece that begins at a zero of the force is a release.
+    Speed 0 at the beginning of a piece, a zero of the contact force, means the end of a contact phase.
 
     Returns
     -------
     contact : bool
         Whether the flight follows a contact phase.
     wait : float
-        Time to the release, infinite if contact never ends.
+        Time to the end of the contact phase, infinite if contact never ends; 0 without contact.
     tau, piece, flight
         Phase of departure, the number of its piece, and the flight.
     """
@@ -98,7 +98,8 @@ def step_tangent(tau, v, point):
     Returns
     -------
     tuple
-        (status, τ', v', time, impacts on Σ⁻, j00, j01, j10, j11, ln det in (t, v²/2), contact phases on Σ⁺, on Σ⁻).
+        (status, τ', v', time, number of impacts on Σ⁻, j00, j01, j10, j11, ln det in (t, v²/2), numbers of contact
+        phases on Σ⁺ and on Σ⁻).
     """
     departure = np.empty((2, point.harmonics.shape[1]))
     wall, w, time, n_minus, run, bounces = SIGMA_PLUS, -v, 0.0, 0, 0, 0
@@ -144,13 +145,13 @@ def step_tangent(tau, v, point):
 
 @kernel
 def step(tau, v, point):
-    """Return Π of a state: (status, τ', v', time, impacts on Σ⁻, contact phases on Σ⁺, on Σ⁻)."""
+    """Return Π of a state: status, τ', v', time, and numbers of impacts on Σ⁻ and of contact phases on Σ⁺ and Σ⁻."""
     return next_on_plus(SIGMA_PLUS, tau, -v, point)
 
 
 @kernel
 def next_on_plus(wall, tau, w, point):
-    """Follow a motion that leaves a wall with velocity w to its next impact on Σ⁺; the result is that of `step`."""
+    """Follow a motion that leaves a wall with velocity w to its next impact on Σ⁺; return the same tuple as `step`."""
     departure = np.empty((2, point.harmonics.shape[1]))
     time, n_minus, run, bounces = 0.0, 0, 0, 0
     on_plus, on_minus = 0, 0

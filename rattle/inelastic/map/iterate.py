@@ -21,10 +21,11 @@ from rattle.parameters import Parameters
 
 @kernel
 def returned_states(tau, v, n, cell, cells, quiet, n_plus, n_minus, contacts, time):
-    """Replace flat arrays of states by Π^n of them; quiet is 1 where contact never ends after n_plus < n returns.
+    """Replace each state of flat arrays by its image under Π^n.
 
-    A state whose contact never ends is kept. n_plus and n_minus count impacts on each wall, with a completed chatter as
-    in `impact_map`. `contacts` counts contact phases.
+    Where contact never ends after n_plus < n returns, the last state is kept, and `quiet` is set to 1. n_plus and
+    n_minus count the impacts on each wall; a completed chatter counts as in `impact_map`. `contacts` counts contact
+    phases.
     """
     for i in range(tau.size):
         point = point_at(cell[i], cells)
@@ -65,7 +66,7 @@ def stretched_states(tau, v, n, cell, cells, n_plus, n_minus, growth):
 
 
 def _laid_out(at: Parameters, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> tuple[list[Any], Any, tuple[int, ...]]:
-    """Return flat copies of τ, v, n and cell numbers, the cells, and the broadcast shape. Raises ParameterError."""
+    """Return flat copies of τ, v, n and cell numbers, the cells, and the common shape. Raises ParameterError."""
     number = np.arange(at.size).reshape(at.shape)
     try:
         phases, speeds, steps, cell = np.broadcast_arrays(
@@ -105,8 +106,8 @@ def iterate(
     tau, v : array_like
         Phase and speed (> 0) after an impact on Σ⁺.
     n : array_like of int
-        Number of impacts on Σ⁺. An impact with a chatter that is certain to complete counts as one with all impacts up
-        to the release. A motion that becomes quiet keeps its last state and has n_plus < n.
+        Number of impacts on Σ⁺. If a chatter is certain to complete, all its impacts up to the end of the contact phase
+        count as one. A motion that becomes quiet keeps its last state and has n_plus < n.
     harmonics : sequence of (int, float, float)
         The harmonics besides the first.
 
@@ -142,8 +143,8 @@ def iterate_tangent(
 ) -> Stretched:
     """Return the results of `iterate`, and both Lyapunov exponents over the n impacts: see `rattle.iterate_tangent`.
 
-    λ₁ + λ₂ is −δ plus 2 ln r times the impacts per forcing period. After a contact phase λ₁ is −∞, and λ₂, computed as
-    a difference, NaN. Raises ParameterError.
+    λ₁ + λ₂ is −δ plus 2 ln r times the number of impacts per forcing period. After a contact phase λ₁ is −∞; λ₂ is
+    computed as a difference and is then NaN. Raises ParameterError.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The quiet limit of any forcing: the ε from which the contact force changes its sign."""
+"""The quiet limit of any forcing: the ε above which the contact force changes sign."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def quiet_limit(delta: float, drift: float, harmonics: Any = ()) -> float:
 def least_force(delta: float, drift: float, shape: Any) -> tuple[float, float]:
     """Return the phase at which the contact force g = δq + ε G(t) first reaches 0 as ε grows, and ε = δq/max(−G).
 
-    G is the force of the shape (3, K). The largest −G of a grid is improved by Newton's method on G' inside its
-    interval. Another maximum may exceed its grid value by at most bend h²/2, with h half the grid spacing. Maxima that
-    could be the largest are improved too.
+    G is the varying part of the contact force at ε = 1, for the shape (3, K) of the forcing. Newton's method on G'
+    improves the largest −G on a grid inside its interval. A maximum of −G exceeds its value on the grid by at most
+    max|G''| h²/2, where h is half the grid spacing. All maxima that could therefore be the largest are improved too.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Count the impacts of a motion with contact phases as its label does (compiled)."""
+"""Count the impacts of a motion with contact phases as its label P(m, n₊, n₋) counts them (compiled)."""
 
 from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
@@ -10,12 +10,13 @@ from rattle.numerics.compile import kernel
 def merged_runs(tau, v, n, point):
     """Count the contact phases of a periodic motion of n returns, and the impacts on Σ⁺ that its label leaves out.
 
-    A run of impacts on Σ⁺, from an impact on Σ⁻ or a release to the contact in which it ends, counts as one.
+    A run of impacts on Σ⁺ that ends in contact counts as one impact. The run begins after an impact on Σ⁻ or after the
+    previous contact phase.
 
     Returns
     -------
     contacts, merged : int
-        Contact phases on both walls, and impacts left out.
+        Number of contact phases on both walls, and number of impacts on Σ⁺ that the label leaves out.
     """
     contacts, merged, run, counted = 0, 0, 0, -1
     for _ in range(2 * n):
@@ -52,7 +53,7 @@ def returns_by_contact(tau, v, most, near, point):
     Returns
     -------
     int
-        Returns; 0 if the motion does not come back within `most` returns, or has no contact phase.
+        Number of returns; 0 if the motion does not come back within `most` returns, or has no contact phase.
     """
     t, w, contacts = tau, v, 0
     for k in range(1, most + 1):

@@ -11,12 +11,12 @@ from rattle.inelastic.map.impact_map import InelasticPoint, leave, piece_of
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sampled_motion
 
-SHORT = 1e-5  # duration, in forcing periods, of the remainder of a chatter that is summed instead of followed
+SHORT = 1e-5  # duration, in forcing periods, of the last part of a chatter that is not followed impact by impact
 
 
 @kernel
 def chatter_time(wall, v, force, point):
-    """Return the duration of the rest of a chatter, 2v/((1 − r)|g|), with a relative error of the order of itself."""
+    """Return the remaining duration of a chatter, 2v/((1 − r)|g|); its relative error is about as large as itself."""
     if point.restitution == 1.0:
         return math.inf
     return 2.0 * v / ((1.0 - point.restitution) * wall * force)
@@ -26,8 +26,8 @@ def chatter_time(wall, v, force, point):
 def sampled(tau, v, point, time, phi, velocity, impact_time, impact_wall, impact_speed):
     """Write Φ and Φ' at rising times, and the impacts until the last of these times.
 
-    A chatter is followed until its remainder lasts less than SHORT, which is summed. The entry to contact is then exact
-    to some SHORT². Impacts beyond the length of the arrays are counted but not written.
+    A chatter is followed until its remaining duration, from `chatter_time`, is below SHORT. The beginning of contact is
+    then exact to some SHORT². Impacts beyond the length of the arrays are counted but not written.
 
     Returns
     -------
@@ -36,7 +36,7 @@ def sampled(tau, v, point, time, phi, velocity, impact_time, impact_wall, impact
     impacts : int
         Number of impacts.
     rest : float
-        The time from which contact never ends, infinite if there is none.
+        The time from which contact lasts for ever, infinite if it never does.
     """
     departure = np.empty((2, point.harmonics.shape[1]))
     wall, w, now, phase, i, impacts, rest = SIGMA_PLUS, -v, 0.0, tau, 0, 0, math.inf

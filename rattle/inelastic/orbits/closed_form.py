@@ -1,12 +1,12 @@
 """Period-one motions with restitution r and drift q in closed form, and the limits of A and C.
 
-P(1,1,0), for any forcing: the impulse of its impact balances the drift, so it arrives with speed δq/(1 + r) and leaves
-with the speed v = r δq/(1 + r). With E = e^(−δ) it closes where
+P(1,1,0), for any forcing: the impulse of its impact balances the drift, so the motion arrives with speed δq/(1 + r) and
+leaves with speed v = r δq/(1 + r). With E = e^(−δ) it is periodic where
 
     e'(τ) = qδ/(1 − E) − q − v,    det = r²E,    trace = 1 + r²E + (1 + r)² (1 − E) e''(τ)/(δ²q).
 
-One cosine has two such phases from SN1 on: A with e'' > 0 and C with e'' < 0. `rattle.inelastic.orbits.period_one` has
-A to D for many points.
+Under one cosine there are two such phases τ for ε above SN1: A with e'' > 0 and C with e'' < 0.
+`rattle.inelastic.orbits.period_one` computes A to D for many points.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from rattle.orbits.period_one import multipliers_of
 
 Array = NDArray[np.float64]
 PHASES = 64  # grid points per period of the fastest harmonic at which e' is evaluated
-SAME = 1e-7  # largest error of closure; near a fold rounding errors grow
+SAME = 1e-7  # largest difference between a motion and its repetition; near a fold rounding errors grow
 
 
 class Bounce(NamedTuple):
-    """An admissible P(1,1,0): its state and multipliers."""
+    """An admissible P(1,1,0): phase and speed after its impact, and its Floquet multipliers."""
 
     tau: float
     v: float
@@ -40,23 +40,23 @@ class Bounce(NamedTuple):
 
 
 def departure_speed(delta: float, restitution: float, drift: float) -> float:
-    """Return the speed with which P(1,1,0) leaves Σ⁺."""
+    """Return the speed with which every P(1,1,0) leaves Σ⁺."""
     return restitution * delta * drift / (1.0 + restitution)
 
 
 def slope_at_departure(delta: float, restitution: float, drift: float) -> float:
-    """Return e' at the departure of P(1,1,0)."""
+    """Return the value of e', the derivative of the forcing, at which P(1,1,0) leaves Σ⁺."""
     swing = drift * excess_drift(delta, -math.expm1(-delta))
     return float(swing - departure_speed(delta, restitution, drift))
 
 
 def saddle_node(delta: float, restitution: float, drift: float) -> float:
-    """Return the ε of SN1, at which A and C are born with one cosine."""
+    """Return the ε of SN1, at which A and C are born under forcing by one cosine."""
     return abs(slope_at_departure(delta, restitution, drift)) / TWO_PI
 
 
 def flip_of_c(delta: float, restitution: float, drift: float) -> float:
-    """Return the ε of PDC, at which C loses stability with one cosine if it is admissible there."""
+    """Return the ε of PDC, at which C loses stability under forcing by one cosine, if C is admissible there."""
     r, decay = restitution, math.exp(-delta)
     size = 2.0 * delta * delta * (1.0 + r * r * decay) * drift / ((1.0 + r) ** 2 * -math.expm1(-delta) * TWO_PI**2)
     return math.hypot(saddle_node(delta, restitution, drift), size)
@@ -71,7 +71,7 @@ def forcing_derivatives(tau: Array, harmonics: Array) -> tuple[Array, Array]:
 
 
 def bounces(point: InelasticPoint) -> list[Bounce]:
-    """Return the admissible P(1,1,0) under any forcing, by their phase."""
+    """Return the admissible motions P(1,1,0) under any forcing, sorted by phase."""
     delta, r, drift = point.delta, point.restitution, point.drift
     harmonics = point.harmonics
     wanted = slope_at_departure(delta, r, drift)

@@ -1,9 +1,10 @@
-"""A periodic motion with restitution as the times of its impacts: the elastic gear's equations with another impact law.
+"""The equations of a periodic motion with restitution: those of the elastic gear, with another impact law.
 
-Flights between given times do not depend on the impact law (`rattle.impacting.orbits.equations`), so a motion with n
-impacts solves R_i = w₀ of flight i + r w₁ of flight i − 1 = 0. A load ℓ only changes the unit of length: because Φ'' +
-δΦ' = δq + e'' + δe' is linear and q ∝ 1 + ℓ, a gear with load at (ε, β) is one without load at (ε, β)/(1 + ℓ), and its
-speeds are divided by 1 + ℓ too.
+The unknowns are the times of the impacts. Flights between given times do not depend on the impact law
+(`rattle.impacting.orbits.equations`). A motion with n impacts therefore solves R_i = (w₀ of flight i) + r (w₁ of flight
+i − 1) = 0, where w₀ and w₁ are the velocities at the beginning and the end of a flight. A load ℓ only changes the unit
+of length: because Φ'' + δΦ' = δq + e'' + δe' is linear and q ∝ 1 + ℓ, a gear with load ℓ at (ε, β) is equivalent to a
+gear without load at (ε, β)/(1 + ℓ), with its speeds divided by 1 + ℓ too.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from rattle.impacting.orbits.equations import Itinerary
 
 @dataclass(frozen=True)
 class InelasticItinerary(Itinerary):
-    """The walls of a motion, its forcing periods, the half-backlash and the restitution, without load."""
+    """The walls of a motion in order, its forcing periods, the half-backlash and the restitution; the load is 0."""
 
     restitution: float = 1.0
 
@@ -35,7 +36,7 @@ class InelasticItinerary(Itinerary):
         return np.asarray(flights.w0 + self.restitution * np.roll(flights.w1, 1, axis=-1))
 
     def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
-        """Return R and J(λ) = ∂R/∂t (…, n, n) for perturbations with dt_n = λ dt₀."""
+        """Return R and J(λ) = ∂R/∂t (…, n, n) for perturbations that grow by λ over the period, dt_n = λ dt₀."""
         flights, n, r = self.flights(x), self.n, self.restitution
         residual = flights.w0 + r * np.roll(flights.w1, 1, axis=-1)
         matrix = np.zeros((*residual.shape, n), residual.dtype)
@@ -47,21 +48,21 @@ class InelasticItinerary(Itinerary):
         return residual, matrix
 
     def with_graze(self, x: NDArray, impact: int) -> NDArray:
-        """Return R followed by the arrival velocity at one impact, (…, n + 1)."""
+        """Return (…, n + 1): R, then the velocity with which the motion arrives at impact number `impact`."""
         flights = self.flights(x)
         residual = flights.w0 + self.restitution * np.roll(flights.w1, 1, axis=-1)
         return np.concatenate([residual, flights.w1[..., impact - 1, None]], axis=-1)
 
 
 def without_load(x: NDArray, load: float) -> NDArray:
-    """Return unknowns (…, N), ε last, of the equivalent gear without load."""
+    """Return the unknowns (…, N), with ε last, of the equivalent gear without load, from those of a gear with load."""
     found = np.array(x)
     found[..., -1] /= 1.0 + load
     return found
 
 
 def under_load(problem: ContinuationProblem, load: float) -> ContinuationProblem:
-    """Return the problem of a gear with load, from that of the equivalent gear without load."""
+    """Return the problem of a gear with load, from the problem of the equivalent gear without load."""
     if load == 0.0:
         return problem
     return ContinuationProblem(

@@ -1,8 +1,8 @@
 """The period-one motions of one cosine with restitution r, without load, in closed form (compiled).
 
 This is `rattle.impacting.orbits.closed_form` for any r. Let X = ε cos 2πτ, Y = ε sin 2πτ, s = 1/2 + σ the time from Σ⁺
-to Σ⁻, E = e^(−δ), Es = e^(−δs), Er = e^(−δ(1−s)), and p and q the decaying parts of the velocity after Σ⁺ and after Σ⁻.
-P(1,1,1) closes where
+to Σ⁻, E = e^(−δ), Es = e^(−δs), Er = e^(−δ(1−s)), and let p and q be the decaying parts of the velocity after Σ⁺ and
+after Σ⁻. P(1,1,1) is periodic where
 
     p + r Er q = (1 + r)(4π − 2πY),            r Es p + q = (1 + r)(4π − 2πY'),
     p(1 − Es)/δ = 2β + 4πs + Z,                q(1 − Er)/δ = 4π(1 − s) − 2β − Z,
@@ -11,7 +11,8 @@ with Z = X' − X, where X' and Y' are the values of X and Y at Σ⁻. The equat
 
     −2π(1 + r)² [2π sin 2πσ − δ (1 + cos 2πσ)(Er − Es)/((1 − Es)(1 − Er))],
 
-which vanishes only at σ = 0, for every r. So ε(σ) is an explicit curve on either side of σ = 0.
+which vanishes only at σ = 0, for every r. So ε is an explicit function of σ on either side of its pole at σ = 0. The
+family is the set of these motions P(1,1,1), with parameter σ.
 """
 
 import math
@@ -28,17 +29,17 @@ from rattle.numerics.secant import narrowed
 
 A, B, C, D = range(4)
 SAME_TIME = 1e-6  # largest difference of flight times that counts as the same impact
-EDGE = 1e-9  # first node in σ; at σ = 0 the closure is singular
+EDGE = 1e-9  # |σ| of the nodes next to σ = 0, where the equations are singular
 NODES_PER_SIDE = 160
 MOST_NODES = 2 * NODES_PER_SIDE + 24
-SMALL_DAMPING = 0.05  # damping of a flight below which its mean drift is computed by a series
+SMALL_DAMPING = 0.05  # value of δ times the flight time below which `excess_drift` uses a series
 MOST_STEPS = 200
 Array = NDArray[np.float64]
 
 
 @inline
 def excess_drift(x, lost):
-    """Return x/(1 − e^(−x)) − 1 without cancellation; lost is 1 − e^(−x)."""
+    """Return x/(1 − e^(−x)) − 1 without cancellation. lost: the value of 1 − e^(−x)."""
     if x < SMALL_DAMPING:
         y = x * x
         return x * (0.5 + x * (1.0 / 12.0 - y * (1.0 / 720.0 - y * (1.0 / 30240.0 - y / 1209600.0))))
@@ -47,7 +48,7 @@ def excess_drift(x, lost):
 
 @kernel
 def family_closure(sigma, delta, beta, r):
-    """Return numerators of X, Y, the speed after Σ⁺ and the arrival speed at Σ⁻, and their common denominator."""
+    """Return the numerators of X, Y, the speed after Σ⁺ and the arrival speed at Σ⁻, then their common denominator."""
     omc, siny, _defect = versines(sigma)
     xs, xr = delta * (0.5 + sigma), delta * (0.5 - sigma)
     ls, lr = -math.expm1(-xs), -math.expm1(-xr)
@@ -73,7 +74,7 @@ def family_closure(sigma, delta, beta, r):
 
 @kernel
 def family_amplitude(sigma, delta, beta, r):
-    """Return ε(σ) on the family; it is infinite at its pole."""
+    """Return ε(σ) on the family; it is infinite at the pole σ = 0."""
     x, y, _v, _u, determinant = family_closure(sigma, delta, beta, r)
     return math.hypot(x, y) / abs(determinant)
 
@@ -97,7 +98,7 @@ def root_of_amplitude(level, lo, hi, delta, beta, r):
 
 @kernel
 def family_turning_point(lo, hi, sign, delta, beta, r):
-    """Return the minimum (sign = 1) or maximum (−1) of ε(σ) inside (lo, hi) by golden section."""
+    """Return the σ in (lo, hi) at which ε(σ) is least (sign = 1) or greatest (sign = −1), by golden section."""
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     x1, x2 = hi - ratio * (hi - lo), lo + ratio * (hi - lo)
     f1, f2 = sign * family_amplitude(x1, delta, beta, r), sign * family_amplitude(x2, delta, beta, r)
@@ -115,7 +116,7 @@ def family_turning_point(lo, hi, sign, delta, beta, r):
 
 @kernel
 def fill_family_nodes(delta, beta, r, sigma, e):
-    """Fill rising σ and ε(σ), between which ε is monotone, into arrays of length MOST_NODES; return their number."""
+    """Write rising σ, between which ε(σ) is monotone, and ε(σ) to arrays (MOST_NODES,); return their number."""
     n = NODES_PER_SIDE
     for i in range(n):
         gap = EDGE * (0.5 * (1.0 - 1e-6) / EDGE) ** (i / (n - 1.0))
@@ -142,7 +143,7 @@ def fill_family_nodes(delta, beta, r, sigma, e):
 
 @kernel
 def family_one_impact(cosine, delta, epsilon, beta, r):
-    """Return A (cosine < 0) or C (cosine > 0): (admissible, τ, v, trace)."""
+    """Return (admissible, τ, v, trace of the tangent map) of A (cosine = −1) or C (cosine = 1)."""
     decay, lost = math.exp(-delta), -math.expm1(-delta)
     v = r * delta * DRIFT / (1.0 + r)
     offset = (v - DRIFT * excess_drift(delta, lost)) / TWO_PI  # ε sin 2πτ
@@ -157,14 +158,14 @@ def family_one_impact(cosine, delta, epsilon, beta, r):
 
 @inline
 def bent(w, x, y, delta):
-    """Return the flight that leaves with this velocity at the phase where (ε cos, ε sin) = (x, y)."""
+    """Return the flight that leaves with velocity w at the phase τ with (ε cos 2πτ, ε sin 2πτ) = (x, y)."""
     slope, bend = -TWO_PI * y, -TWO_PI * TWO_PI * x
     return InelasticFlight(w, DRIFT + slope - w, bend, delta * (DRIFT + slope) + bend, delta)
 
 
 @kernel
 def family_two_impacts(sigma, delta, epsilon, beta, r):
-    """Return the P(1,1,1) of the family at σ: (admissible, τ, v, trace)."""
+    """Return (admissible, τ, v, trace of the tangent map) of the P(1,1,1) of the family at σ."""
     x, y, v, u, determinant = family_closure(sigma, delta, beta, r)
     x, y, v, u = x / determinant, y / determinant, v / determinant, u / determinant
     tau, s, rest = folded(math.atan2(y, x) / TWO_PI), 0.5 + sigma, 0.5 - sigma
@@ -191,7 +192,10 @@ def family_two_impacts(sigma, delta, epsilon, beta, r):
 
 @kernel
 def keep_orbit(orbit, found, exists, phase, speed, traces, i):
-    """Keep the first admissible orbit of a kind. With σ falling from 1/2 the branch that SN2 creates comes first."""
+    """Store an orbit if it is the first admissible one with its letter (A to D).
+
+    The caller lets σ fall from 1/2, so that orbits of the branch that SN2 creates come first.
+    """
     admissible, tau, v, trace = found
     if admissible and not exists[orbit, i]:
         exists[orbit, i] = True
@@ -200,7 +204,10 @@ def keep_orbit(orbit, found, exists, phase, speed, traces, i):
 
 @kernel
 def fill_family_orbits(order, delta, epsilon, beta, r, exists, phase, speed, traces):
-    """Fill the period-one orbits (4, n) of flat arrays of parameters, visited in `order`; False and NaN before."""
+    """Write the orbits A to D to arrays (4, n), for flat arrays (n,) of parameters that are visited in `order`.
+
+    Before the call the arrays hold False (exists) and NaN; entries of orbits that do not exist keep these values.
+    """
     last, n = -1, 0
     sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)
     for i in order:
@@ -218,7 +225,7 @@ def fill_family_orbits(order, delta, epsilon, beta, r, exists, phase, speed, tra
 
 
 def family_nodes(delta: float, beta: float, r: float) -> tuple[Array, Array]:
-    """Return rising σ and ε(σ), between which ε is monotone but for its pole at σ = 0."""
+    """Return rising σ and ε(σ); ε is monotone between neighbouring σ, except across the pole σ = 0."""
     sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)
     n = fill_family_nodes(delta, beta, r, sigma, e)
     return sigma[:n], e[:n]

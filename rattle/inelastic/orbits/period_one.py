@@ -1,4 +1,4 @@
-"""Orbits A to D of the inelastic gear with one cosine over parameter arrays, with multipliers, and their regions."""
+"""Orbits A to D of the inelastic gear under forcing by one cosine, and regions, for arrays of parameters."""
 
 from __future__ import annotations
 
@@ -22,23 +22,24 @@ def period_one(
     Parameters
     ----------
     delta, epsilon, beta, restitution, load : array_like
-        Damping, eccentricity, half-backlash, restitution in (0, 1] and load ≥ 0, dimensionless; they broadcast.
+        Damping, eccentricity, half-backlash, restitution in (0, 1] and load ≥ 0. All are dimensionless and broadcast.
 
     Returns
     -------
     PeriodOne
-        Existence, stability, states and multipliers, (4, …). Where there are several of one letter, the one with the
-        largest time from Σ⁺ to Σ⁻ is given, as `rattle.period_one` does.
+        Existence, stability, states and multipliers, (4, …). If several orbits have the same letter, the orbit with the
+        longest time from Σ⁺ to Σ⁻ is given, as by `rattle.period_one`.
 
     Raises
     ------
     ParameterError
-        A number is outside its domain, or the shapes do not broadcast.
+        If a number is outside its domain, or the shapes do not broadcast.
 
     Notes
     -----
-    A and C, P(1,1,0), have closed forms; B and D, P(1,1,1), are the roots of ε(s) on one explicit family
-    (`rattle.inelastic.orbits.family`). A load is a change of the unit of length.
+    A and C, P(1,1,0), have closed forms. B and D, P(1,1,1), belong to an explicit family with a parameter σ
+    (`rattle.inelastic.orbits.family`): where ε(σ) equals the given ε, the orbit is B if ε(σ) falls and D if it rises. A
+    load only changes the unit of length.
     """
     arrays = parameters(delta, epsilon, beta, restitution=restitution, load=load)
     shape, unit = arrays[0].shape, 1.0 + arrays[4]
@@ -71,5 +72,5 @@ def regions(
     restitution: ArrayLike = 1.0,
     load: ArrayLike = 0.0,
 ) -> NDArray[np.int8]:
-    """Return the region of every element of the broadcast parameters as its number in `rattle.REGIONS`."""
+    """Return the region's number in `rattle.REGIONS` for every element of the broadcast parameters."""
     return classify(period_one(delta, epsilon, beta, restitution, load))

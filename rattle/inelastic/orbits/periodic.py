@@ -1,4 +1,4 @@
-"""Any admissible periodic motion of the inelastic gear, from its return map."""
+"""Find any admissible periodic motion of the inelastic gear by Newton's method on its return map."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from rattle.orbits.period_one import multipliers_of
 from rattle.orbits.return_map import fastest_point, newton, power_map, shortest_return
 
 MOST_RETURNS = 4096
-CLOSE = 1e-6  # largest distance between the given state and a point of the motion with contact
+CLOSE = 1e-6  # largest distance at which a motion with contact counts as back at the given state
 
 
 class InelasticOrbit(NamedTuple):
     """An admissible periodic motion P(m, n_plus, n_minus) with its number of contact phases in m forcing periods.
 
-    n_plus and n_minus count a run of impacts that ends in contact once. tau and v are those of its fastest impact on
-    Σ⁺. The multipliers are over m periods, the larger modulus first. Their product is e^(−δm) r^(2(n_plus + n_minus));
-    both are 0 if there is a contact phase.
+    n_plus and n_minus count a run of impacts that ends in contact as one impact. tau and v: phase and speed after the
+    fastest impact on Σ⁺. The multipliers are over m periods, the larger modulus first. Their product is
+    e^(−δm) r^(2(n_plus + n_minus)); both are 0 if there is a contact phase.
     """
 
     m: int
@@ -41,19 +41,19 @@ class InelasticOrbit(NamedTuple):
 def inelastic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1) -> InelasticOrbit:
     """Return the periodic motion near a state (τ, v) that repeats after n_plus impacts on Σ⁺.
 
-    For a motion with contact phases one of its states is enough, and n_plus is ignored.
+    If the state is on a motion with contact phases, the number of returns is found from it, and n_plus is ignored.
 
     Returns
     -------
     InelasticOrbit
-        Its label, fastest impact and multipliers.
+        The label, fastest impact and multipliers of the motion.
 
     Raises
     ------
     ParameterError
         If a number is outside its domain.
     RattleError
-        If Newton's method on the return map finds none.
+        If Newton's method on the return map finds no such motion.
     """
     v, k = require_number("v", v, positive=True), require_integer("n_plus", n_plus, 1, MOST_RETURNS)
     k = returns_by_contact(tau, v, MOST_RETURNS, CLOSE, point) or k

@@ -31,7 +31,7 @@ class Impacting(Model):
         return Gear(delta, epsilon, self.beta)
 
     def limits(self, delta: float) -> Limits:
-        """Return SN1, flip and quiet limit at one damping."""
+        """Return the eccentricities of SN1, of the flip of C and of the quiet limit, at one damping."""
         gear = self.gear(delta, 0.0)
         return Limits(gear.sn1, gear.flip, gear.quiet_limit, missing_limits(gear.delta, gear.beta))
 

@@ -24,7 +24,7 @@ RESTITUTION, LOAD = parameters_in(__file__)
 
 
 def _of_machine(load_torque: Any, pair: Any) -> Any:
-    """Return the load: the load torque on the second gear over the drag torque, both referred to the first gear."""
+    """Return the load: load torque on the second gear divided by drag torque, both referred to the first gear."""
     return np.divide(load_torque * pair.ratio, pair.drag * pair.speed)  # infinite at speed 0
 
 
@@ -32,8 +32,8 @@ def _of_machine(load_torque: Any, pair: Any) -> Any:
 class Inelastic(Model):
     """The inelastic model.
 
-    beta > 0: the half-backlash. restitution in (0, 1]: the coefficient of restitution. load ≥ 0.
-    harmonics: those of the forcing besides the first one.
+    beta > 0: the half-backlash. restitution in (0, 1]: the coefficient of restitution.
+    load ≥ 0: the load torque divided by the drag torque. harmonics: the harmonics of the forcing besides the first.
     """
 
     restitution: float = RESTITUTION.example
@@ -61,11 +61,11 @@ class Inelastic(Model):
 
     @property
     def numbers(self) -> dict[str, float]:
-        """The values of β, restitution and load by name; the harmonics are no numbers and are left out."""
+        """The values of β, restitution and load by name, without the harmonics, which are not single numbers."""
         return {"beta": self.beta, "restitution": self.restitution, "load": self.load}
 
     def gear(self, delta: float, epsilon: float) -> inelastic.InelasticGear:  # type: ignore[override]
-        """Return the gear at one point, which lacks the capabilities that `has` does not list."""
+        """Return the gear at one point. It lacks the methods of capabilities that `has` does not list."""
         return inelastic.InelasticGear(delta, epsilon, self.beta, self.restitution, self.load, self.harmonics)
 
     def at(self, delta: ArrayLike, epsilon: ArrayLike) -> Parameters:
@@ -81,7 +81,7 @@ class Inelastic(Model):
         return super().period_one(delta, epsilon)
 
     def trace(self, name: str, delta: Range, epsilon: Range) -> Curve:
-        """Return a bifurcation curve in a window. Raises RattleError with harmonics, except for the quiet limit."""
+        """Return a curve in a window of δ and ε. With harmonics only quiet_limit is known; others raise RattleError."""
         return inelastic.trace(name, **self.numbers, harmonics=self.harmonics, delta=delta, epsilon=epsilon)
 
     def codimension_two(self) -> Sequence[CodimensionTwo]:

@@ -1,4 +1,4 @@
-"""The stiff model: elastic walls (paper 2.1, 2.2). At a graze of the impacting gear this one has smooth folds."""
+"""The stiff model: elastic walls (paper 2.1, 2.2). Where the impacting gear has a graze, the stiff one has folds."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ class Stiff(Model):
     tile_samples = 4096  # a return takes a hundred times as long as that of the impacting gear
     cell_milliseconds = 100.0
     design_gears = 256
-    compiled_at = (0.1,)  # further cells would take longer than what they compile saves
+    compiled_at = (0.1,)  # computing further cells would take longer than it saves later
 
     @property
     def dwell(self) -> float:
-        """The duration of a short contact, half a period of free oscillations in contact, in forcing periods."""
+        """The duration of a short contact in forcing periods: half a period of free oscillation on the spring."""
         return math.pi / math.sqrt(2.0 * self.kappa)
 
     def gear(self, delta: float, epsilon: float) -> stiff.StiffGear:
@@ -62,7 +62,7 @@ class Stiff(Model):
         return stiff.StiffGear(delta, epsilon, self.beta, self.kappa)
 
     def limits(self, delta: float) -> Limits:
-        """Return SN1 and quiet limit at one damping."""
+        """Return the eccentricities of SN1 and of the quiet limit, at one damping; the flip of C is not computed."""
         found = super().limits(delta)
         flip = MissingLimit("flip", "not computed at one damping for stiff walls; the curve PDC has it", None)
         return found._replace(missing=(*found.missing[:-1], flip))

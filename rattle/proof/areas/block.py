@@ -56,7 +56,7 @@ class ProvedBlock:
     claim: a key of CLAIMS, or QUIET, LOUD or CAPTURED.
     beta: the half-backlash.
     delta, epsilon: both ends of the block in δ and in ε.
-    speed: with the claim CAPTURED, motions that leave Σ⁺ slower than this become quiet; else None.
+    speed: for the claim CAPTURED, the speed below which motions that leave Σ⁺ become quiet; None for other claims.
     """
 
     claim: str

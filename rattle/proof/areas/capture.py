@@ -1,9 +1,11 @@
 """The speed below which every motion becomes quiet, over a piece of the plane: Lemmas 20 and 21 of docs/proofs.md.
 
 The proof measures time by x with dx = e^(−δ(t − t₀)) dt. Then the height y = β − Φ of a bounce obeys y'' = −a(x),
-where a = e^(2δ(t − t₀)) g (20.2): there is no damping term. A bounce takes 2h in x. From one impact to the next
-ln(v³/g) changes by h³Q − δs (20.5), where s ≥ 2h is the duration of the bounce and Q is given by (20.4). So v³/g falls
-at each impact if h²Q < 2δ.
+where a = e^(2δ(t − t₀)) g (20.2): there is no damping term. t₀ is a time during the bounce. A bounce lasts 2h in x.
+From one impact to the next ln(v³/g) changes by h³Q − δs (20.5), where v is the speed after an impact, s ≥ 2h is the
+duration of the bounce in t, and Q is given by (20.4). So v³/g falls at each impact if h²Q < 2δ.
+
+Below, `share` is ε divided by the quiet limit.
 """
 
 from __future__ import annotations
@@ -15,14 +17,14 @@ from rattle.proof.areas.piece import PlanePiece, hull, upper
 from rattle.proof.areas.quiet import quiet_limit_enclosure
 from rattle.proof.balls import PI, arb, arb_series
 
-#: Parts of a forcing period over which the bounds are taken.
+#: Number of parts of a forcing period; the bounds are computed over each part.
 PARTS = 128
 #: Largest allowed ratio of h²Q to 2δ; the rest of the damping makes v³/g decay.
 KEPT = 0.95
 
 
 def require_captures(piece: PlanePiece, speed: Fraction) -> None:
-    """Raise NotProvedError unless it is proved that all motions that leave Σ⁺ below this speed become quiet."""
+    """Raise NotProvedError unless all motions that leave Σ⁺ slower than `speed` are proved to become quiet."""
     share = piece.epsilon / quiet_limit_enclosure(arb_series([piece.delta]))[0]
     if not share < 1:
         raise NotProvedError("the block is not proved to be below the quiet limit: choose a smaller ε")
@@ -40,7 +42,7 @@ def require_captures(piece: PlanePiece, speed: Fraction) -> None:
 
 
 def _force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """Return γ = g/4πδ and its first three derivatives, a time t after γ is least."""
+    """Return γ = g/4πδ = 1 − share cos 2πt and its first three derivatives, at a time t after the minimum of γ."""
     sine, cosine = (2 * t).sin_cos_pi()
     turn = 2 * PI()
     return 1 - share * cosine, turn * share * sine, turn**2 * share * cosine, -(turn**3) * share * sine
@@ -49,9 +51,9 @@ def _force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
 def _longest(piece: PlanePiece, share: arb, invariant: arb) -> arb:
     """Return a bound H such that every bounce returns to Σ⁺ within 2H in the time x, without reaching Σ⁻.
 
-    Let v be the speed at which a bounce starts, at x = 0, and "least" the minimum of g during 2H, both in units in
-    which the mean of g is 1. A bounce returns within 2H if v < H · least, because y ≤ x (v − x least/2). It stays lower
-    than y = v²/(2 least).
+    invariant: an upper bound of v³/g at the impacts. Let v be the speed at which a bounce starts, at x = 0, and "least"
+    the minimum of g during 2H, both in units in which the mean of g is 1. A bounce returns within 2H if v < H · least,
+    because y ≤ x (v − x least/2). It stays lower than y = v²/(2 least).
 
     Returns
     -------
@@ -82,7 +84,7 @@ def _longest(piece: PlanePiece, share: arb, invariant: arb) -> arb:
 
 
 def _growth(middle: arb, h: arb, delta: arb, share: arb) -> arb:
-    """Return Q (20.4) for all bounces whose middle is in the ball `middle` and which take at most 2h."""
+    """Return Q (20.4) for all bounces whose middle is in the ball `middle` and which last at most 2h in x."""
     w = hull(1 / (1 + delta * h), 1 / (1 - delta * h))  # e^(δ(t − t₀)) along the bounce
     time = hull(-(1 + delta * h).log() / delta, -(1 - delta * h).log() / delta)
     a, a1, _, _ = _derivatives(middle, arb(1), delta, share)
@@ -96,7 +98,7 @@ def _growth(middle: arb, h: arb, delta: arb, share: arb) -> arb:
 
 
 def _derivatives(t: arb, w: arb, delta: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """Return a = w²γ and its first three derivatives by x, where w = e^(δ(t − t₀)) = dt/dx."""
+    """Return a = w²γ and its first three derivatives with respect to x, where w = e^(δ(t − t₀)) = dt/dx."""
     g, g1, g2, g3 = _force(t, share)
     first, second = 2 * delta * g + g1, 6 * delta**2 * g + 5 * delta * g1 + g2
     third = 24 * delta**3 * g + 26 * delta**2 * g1 + 9 * delta * g2 + g3

@@ -1,4 +1,4 @@
-"""Prove the claims on a plane, column by column in δ. Doubles guess where a claim holds; ball arithmetic proves it.
+"""Prove claims on a plane, column by column in δ: double precision guesses where one holds, ball arithmetic proves it.
 
 Within a column a claim holds for ε between two boundaries, which depend on δ. The finder takes the ε range that is
 between the boundaries at every δ of the column, leaves a margin at both ends, and tries to prove the claim on the whole
@@ -37,15 +37,15 @@ MARGINS = tuple(Fraction(k, 10**6) for k in (40, 160, 640, 2560))
 CAPTURED_TO = (0.3, 0.5, 0.65, 0.76, 0.84, 0.89, 0.925, 0.95, 0.965, 0.975, 0.98)
 #: The capture speed of docs/decisions/0003 is multiplied by SLOWED until the proof succeeds, at most MOST_SLOWED times.
 SLOWED, MOST_SLOWED = Fraction(3, 4), 12
-#: Published share of the proved capture speed, so that programs with other rounding can confirm it.
+#: Ratio of the published to the proved capture speed, so that programs with other rounding can confirm it.
 ROOM = Fraction(85, 100)
 #: Number of ε at which claims are computed in doubles, and of bisections of each interval in which they change.
 SEEN, HALVED = 301, 24
-#: Relative distance in ε from a bifurcation curve at which claims are computed too.
+#: Claims are also computed at this relative distance in ε on both sides of bifurcation curves.
 BESIDE = 1e-6
 #: Decimals of the ends of a block in ε.
 PLACES = 6
-#: Times that the ε range of a claim is halved.
+#: Most times that the ε range of a claim is halved.
 DEEPEST = 2
 
 Span = tuple[str, float, float]  # (claim, low, high): the claim holds for low < ε < high
@@ -92,7 +92,7 @@ def _captured(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[ProvedBloc
 
 
 def _within(low: float, high: float, plane: Ends) -> Ends:
-    """Return the range low to high rounded inwards to PLACES decimals; an edge of the plane stays exact."""
+    """Return the range from low to high, rounded inwards to PLACES decimals; an edge of the plane stays exact."""
     unit = Fraction(1, 10**PLACES)
     least = plane[0] if low <= float(plane[0]) else (floor(Fraction(low) / unit) + 1) * unit
     return least, plane[1] if high >= float(plane[1]) else floor(Fraction(high) / unit) * unit
@@ -129,7 +129,7 @@ def _proved(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 
 def expected(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
     """Return the spans of ε on which each claim of a kind holds in double precision.
 
-    A claim holds there at both edges and in the middle of the column.
+    kind: a key of CUT. In a span the claim holds at both ends and in the middle of the column's δ interval.
 
     Returns
     -------

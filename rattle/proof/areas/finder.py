@@ -12,13 +12,13 @@ from rattle.proof.areas.piece import PlanePiece, hull
 from rattle.proof.balls import ball
 from rattle.proof.certificate import Ends
 
-#: Times that the δ interval of a block is halved before the proof is given up.
+#: Most times that the δ interval of a block is halved before the proof is given up.
 DEEPEST = 3
 
 
 @dataclass
 class Prover:
-    """Prove claims on blocks at one β. The cells of B and D are kept, for all blocks with the same δ interval."""
+    """Prove claims on blocks at one β. The cells of B and D are kept for all blocks with the same δ interval."""
 
     beta: Fraction
     _cells: dict[Ends, tuple[two_impacts.SolutionCell, two_impacts.SolutionCell]] = field(default_factory=dict)
@@ -44,7 +44,7 @@ class Prover:
             self.require(claim, (middle, delta[1]), epsilon, depth + 1)
 
     def _require_whole(self, piece: PlanePiece, claim: str, delta: Ends) -> None:
-        """Raise NotProvedError unless the claim is proved on a piece that is not cut."""
+        """Raise NotProvedError unless the claim is proved on a piece as a whole, without cutting it."""
         if claim in (QUIET, LOUD):
             if quiet.possible(piece) is not (claim == QUIET):
                 raise NotProvedError(f"it is not proved that {claim} on the whole block: try a smaller block")

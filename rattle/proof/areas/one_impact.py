@@ -1,7 +1,8 @@
 """A and C, the motions P(1,1,0), over a piece of the plane: equations (15.1) to (15.4) of docs/proofs.md.
 
-A motion that closes is admissible if its displacement F(s; δ, X) from Σ⁺, a time s after the impact, satisfies
-−2β < F < 0 for 0 < s < 1. F falls as X grows, so F < 0 is proved for the least X, and F > −2β for the largest.
+With τ the phase of the impact, X = ε cos 2πτ, which is negative for A and positive for C, and Y = ε sin 2πτ. A motion
+that closes is admissible if its displacement F(s; δ, X) from Σ⁺, at a time s after the impact, satisfies −2β < F < 0
+for 0 < s < 1. F falls as X grows, so F < 0 is proved for the least X, and F > −2β for the largest.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ def most_stable(delta: arb_series) -> arb_series:
 
 
 def flight_height(s: arb, delta: arb_series, x: arb) -> arb_series:
-    """Return the displacement F(s; δ, X) from Σ⁺ (15.3), as a series in δ."""
+    """Return the displacement F(s; δ, X) from Σ⁺ (15.3), as a power series in δ."""
     end, kept = (-delta).exp(), (-delta * s).exp()
     sine, cosine = (2 * s).sin_cos_pi()
     return 4 * PI() * (s - (1 - kept) / (1 - end)) - x * (1 - cosine) + offset(delta) * sine
@@ -121,7 +122,7 @@ def _touches(piece: PlanePiece, least: arb) -> bool:
 
 
 def _lowest(delta: float, x: float) -> float:
-    """Return about the time s at which F is lowest, in doubles. A bad guess makes no false proof, only none."""
+    """Return a guess, in double precision, of the time s at which F is least. A bad guess only makes a proof fail."""
     s, step = 0.5, 0.5
     for _ in range(4):
         near = s + np.linspace(-step, step, 101)[1:-1]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from rattle.proof.balls import arb, arb_series
 
-#: Shortest part of a flight that is bisected further, in forcing periods; the flight is undecided if that fails.
+#: Length in forcing periods below which a part of a flight is not bisected again: the flight stays undecided.
 FINEST = arb(2.0**-12)
 
 

@@ -67,6 +67,8 @@ def speed_series(s: arb_series, delta: arb_series, x: arb_series, y: arb_series)
 def margin_series(s: arb_series, delta: arb_series, solution: Sequence[arb_series]) -> list[arb_series]:
     """Return the stability margins (1 + E − T) uv/2 and (1 + E + T) uv/2, by (19.2) and (19.3).
 
+    E = e^(−δ) is the determinant, and T the trace, of the tangent map over the forcing period.
+
     Parameters
     ----------
     solution : Sequence[arb_series]
@@ -217,12 +219,12 @@ class SolutionCell:
         return self._mean_value([centre], [by_s], [by_delta])[0]
 
     def has_no_motion(self, epsilon: arb) -> bool:
-        """Return whether it is proved that no solution of the cell with v > 0 and u > 0 has an ε in this ball.
+        """Return whether no solution of the cell with speeds v > 0 after Σ⁺ and u > 0 after Σ⁻ has an ε in this ball.
 
         Returns
         -------
         bool
-            False if such a solution may exist.
+            True if that is proved, False if such a solution may exist.
         """
         if self.least_epsilon > epsilon:
             return True
@@ -256,7 +258,7 @@ class SolutionCell:
             return None
         low, high = squares(epsilon)
         reaches_sigma_minus = self.solution.over[3] > 0
-        # or ε is outside the ball wherever u ≤ 0, since ±ε² ≥ ±ε² + λu there
+        # or ε is proved to be outside the ball wherever u ≤ 0, since ±ε² ≥ ±ε² + λu there
         reaches_sigma_minus = reaches_sigma_minus or self.combination(1) > high or self.combination(-1) > -low
         return True if reaches_sigma_minus and self.is_monotone_between_impacts else None
 
@@ -267,7 +269,7 @@ class SolutionCell:
         return falls and self._slope_has_sign(1, upper(self.s), arb(1))
 
     def _slope_has_sign(self, sign: int, start: arb, end: arb) -> bool:
-        """Return whether Φ' is proved to have this sign from start to end, times after the impact on Σ⁺."""
+        """Return whether Φ' is proved to have this sign between the times `start` and `end` after the impact on Σ⁺."""
         # Φ' has the sign at the impacts themselves, which are the ends of each flight: v > 0 and u > 0
         parts = [(start, end)]
         while parts:
@@ -281,7 +283,7 @@ class SolutionCell:
 
     def _slope_has_sign_on_part(self, sign: int, low: arb, high: arb) -> bool:
         """Return whether Φ' is proved to have this sign on the part of a flight between two times."""
-        # the impact on Σ⁻ is at any s of the cell, so a part that ends or begins there contains all of them
+        # the impact on Σ⁻ may be at any s of the cell, so a part that ends or begins at this impact contains all s
         lower_s, upper_s = lower(self.s), upper(self.s)
         t = hull(low, upper_s if high == lower_s else high)
         t = hull(lower_s, t) if low == upper_s else t
@@ -348,19 +350,19 @@ def motions(piece: PlanePiece, cells: tuple[SolutionCell, SolutionCell], letter:
     Parameters
     ----------
     cells : tuple[SolutionCell, SolutionCell]
-        The cells of `initial_cells`, with what is known of them already.
+        The cells of `initial_cells`. They keep what is computed about them for other claims.
     letter : str
         "B" or "D".
 
     Returns
     -------
     list[list[SolutionCell]]
-        For each motion the neighbouring cells in which it is.
+        For each motion a run of neighbouring cells that contain it.
 
     Raises
     ------
     NotProvedError
-        If the number of motions is not the same, and proved, over the whole piece.
+        If the number of motions is not proved to be the same at all points of the piece.
     """
     decided: list[tuple[bool, SolutionCell]] = []
     waiting = list(reversed(cells))

@@ -1,1 +1,1 @@
-"""Theorems about points of bifurcation curves and codimension-two points, and a checker that shares no code."""
+"""Theorems about points of bifurcation curves and codimension-two points, with a checker of its own."""

@@ -25,7 +25,7 @@ class BifurcationCertificate:
 
     name: the name of the curve or of the codimension-two point, or the kind.
     motion: walls, forcing periods, kind and grazing impact.
-    known: exact parameters. solved: both ends of each other parameter.
+    known: exact values of parameters. solved: both ends of the enclosure of each other parameter.
     times, radius: the centres (n,) and the half-width of the box of the impacts' times.
     versions: versions of the programs that made the certificate.
     """

@@ -1,6 +1,7 @@
 """Check certificates of points of bifurcation curves, with mpmath's intervals and none of the finder's code.
 
-Of this project the program imports only `rattle/proof/check.py`, for intervals and the pieces of motions.
+Of this project the program imports only `rattle/proof/check.py`, for intervals and the pieces of motions. A piece is a
+flight from one impact to the next.
 
 The unknowns x are the time t and the velocity w after each impact, in turn, then the unknown parameters of δ and ε. Let
 T be the trace of the motion's tangent map and E = e^(−δm). Then T = 1 + E at a saddle-node (multiplier 1), T = −1 − E
@@ -38,7 +39,7 @@ FASTER = 1000
 FREE = ("delta", "epsilon")
 #: Walls and grazing impact of the motions P(1,1,0), P(1,1,1), and of P(1,1,1) that grazes Σ⁻.
 P11, P111, GRAZE = ([1], None), ([1, -1], None), ([1, -1], 1)
-#: Walls and grazing impact for each kind and name. A kind is the only other name, of any motion.
+#: Walls and grazing impact for each kind and name. A certificate of any other motion has its kind as its name.
 NAMES = {
     ("SN", "SN1"): P11, ("PD", "PDC"): P11, ("SN", "SN2"): P111, ("PD", "PD1"): P111, ("PD", "PD2"): P111,
     **{("GR", name): GRAZE for name in ("G1", "G2", "COD20", "COD21", "COD22", "COD23")},
@@ -46,7 +47,7 @@ NAMES = {
 
 
 class ParameterJet:
-    """A number with its derivatives by all unknowns, as intervals; no slopes mean a constant."""
+    """A number with its derivatives with respect to all unknowns, as intervals. A constant has no slopes."""
 
     def __init__(self, value: Interval, slopes: Sequence[Interval] = ()) -> None:
         self.value, self.slopes = value, slopes
@@ -101,7 +102,7 @@ def jet(x: Any) -> ParameterJet:
 
 
 class Bifurcation:
-    """The statement of a certificate: walls, kind, known parameters and the ends of the others."""
+    """The statement of a certificate: walls, kind, known parameters, and the ends of the unknown parameters."""
 
     def __init__(self, document: Any) -> None:
         require(document["model"] == "impacting", "`model` must be 'impacting'")
@@ -143,12 +144,12 @@ class Bifurcation:
         )
 
     def parameters(self, at: Sequence[Any]) -> list[Any]:
-        """Return δ and ε at the unknowns x."""
+        """Return δ and ε at the unknowns `at`."""
         free = iter(at[2 * self.n :])
         return [self.known[name] if name in self.known else next(free) for name in FREE]
 
     def centre(self) -> list[Interval]:
-        """Return the centre of the box of unknowns: times, velocities of the flights between them, and parameters."""
+        """Return the centre of the box of unknowns; its velocities are those of the flights between `times`."""
         free = [(low + high) / 2 for low, high in self.ends]
         delta, epsilon = self.parameters([ZERO] * (2 * self.n) + free)
         found = []
@@ -162,7 +163,7 @@ class Bifurcation:
         return [IV.mpf(x.mid) for x in found + free]
 
     def equations(self, x: Sequence[Interval]) -> tuple[list[Interval], list[list[Interval]]]:
-        """Return the values of all equations at the unknowns x, which are 0 at the point, and their derivatives."""
+        """Return the values at x of all equations, which are 0 at the bifurcation point, and their derivatives."""
         unit = [[ZERO + (i == j) for j in range(len(x))] for i in range(len(x))]
         at = [ParameterJet(value, slopes) for value, slopes in zip(x, unit, strict=True)]
         delta, epsilon = (jet(each) for each in self.parameters(at))
@@ -185,14 +186,15 @@ class Bifurcation:
         return [each.value for each in values], [each.slopes for each in values]
 
     def condition(self, pieces: Sequence[Any], delta: ParameterJet) -> ParameterJet:
-        """Return the condition on the tangent map of (Φ, Φ') that is 0 at the point.
+        """Return the function of the tangent map of (Φ, Φ') that is 0 at the bifurcation point.
 
-        The map starts at the grazing impact, or at the first impact of a saddle-node or flip.
+        The map starts at the grazing impact, or for a saddle-node or flip at the first impact. pieces: for each flight
+        (1 − e^(−δt))/δ and e^(−δt) for its duration t, −2g at its end (None at the graze), and the velocity after it.
 
         Returns
         -------
         ParameterJet
-            The condition, times the product of all speeds.
+            The function, times the product of the velocities after all impacts but the graze.
         """
         a, b, c, d, speeds = jet(1), jet(0), jet(0), jet(1), jet(1)
         first = self.impact or 0
@@ -234,7 +236,7 @@ class Bifurcation:
         return [a + b for a, b in zip(x, spread, strict=True)]
 
     def require_happens(self, x: Sequence[Interval]) -> None:
-        """Raise Refused unless each piece joins its two walls, meets no other, and has speed 0 at the graze alone."""
+        """Raise Refused unless each flight joins two walls, meets no wall between, and only the graze has speed 0."""
         delta, epsilon = self.parameters(x)
         motion: Any = SimpleNamespace(
             walls=self.walls, m=self.m, k=[ZERO], delta=delta, epsilon=epsilon, beta=self.known["beta"]
@@ -298,7 +300,15 @@ def clear(piece: MotionPiece, y: Interval) -> bool:
 
 
 def lasts(piece: MotionPiece, low: Interval, high: Interval) -> bool:
-    """Return whether a piece is strictly between the walls from low to high, where it is inside or on a wall."""
+    """Return whether a piece is proved to be strictly between the walls from the time `low` to the time `high`.
+
+    At these two times after its start the piece must be between the walls or on one of them.
+
+    Returns
+    -------
+    bool
+        False if undecided.
+    """
     parts = [(low.a, high.b)]
     for _ in range(MOST_PARTS):
         low, high = parts.pop()
@@ -340,7 +350,7 @@ def check(text: str) -> str:
         side = {"G1": 1, "G2": -1}.get(claim.name, 0)
         require(
             side == 0 or is_positive(side * sine_and_cosine(x[0])[1]),
-            "the grazing motion is C for the name G1 and A for G2: it is the other one here",
+            "the grazing motion of G1 is C and that of G2 is A: here name and motion do not fit",
         )
         where = ", ".join(f"{name} = {value}" for name, value in document["known"].items())
         return f"{claim.name} of {document['walls']}, at {where}: {', '.join(claim.free)} to {max_width(claim):.0e}"

@@ -1,6 +1,7 @@
 """The conditions of the codimension-two points COD20 to COD23, at which C grazes Σ⁻ and two curves meet.
 
-Notation: X = ε cos 2πτ; s is the time from the departure from Σ⁺ to the graze; E = e^(−δ). The trace of C is
+Notation: τ is the phase of the departure from Σ⁺; X = ε cos 2πτ; s is the time from this departure to the graze;
+E = e^(−δ); w₁ and w₀ are the velocities before and after the impact on Σ⁺. The trace of C is
 T = 1 + E − 4π (1 − E) X/δ² (Lemma 9 of docs/proofs.md).
 
 COD20: T = −1 − E, the flip of C. COD21: T = 2√E, a double multiplier. COD22: X = 0, that is T = 1 + E.

@@ -98,7 +98,7 @@ def certify_curve_point(
 def _guesses(
     definition: Definition, delta: float, epsilon: float, beta: float, motion: tuple[float, float] | None
 ) -> Sequence[Array]:
-    """Return unknowns (n + 2,) to solve from: those of the motion from (τ, v) if given, else closed forms."""
+    """Return first guesses (n + 2,) of the unknowns: the given motion if it meets these walls, else closed forms."""
     if motion is not None and definition.impact is None:
         itinerary, x = follow_impacts(delta, epsilon, beta, *motion, definition.walls.count(1))
         if itinerary.walls == definition.walls:
@@ -107,7 +107,7 @@ def _guesses(
 
 
 def _relative_distance(x: Array, delta: float, epsilon: float, tau: float | None) -> float:
-    """Return the largest relative distance of the unknowns x from δ and ε, or their distance in phase from τ."""
+    """Return the largest of the relative distances of x from δ and ε, and the distance in phase from τ if given."""
     phase = 0.0 if tau is None else abs((x[0] - tau + 0.5) % 1.0 - 0.5)
     return float(max(abs(x[-2] - delta) / delta, abs(x[-1] - epsilon) / epsilon, phase))
 
@@ -118,9 +118,9 @@ def certify_event(event: Event, beta: Exact | None = None) -> BifurcationCertifi
     Parameters
     ----------
     event : Event
-        The event. The proof is at its damping.
+        The event. The proof takes its damping as exact.
     beta : Exact | None
-        The half-backlash as an exact number, which must be that of the event up to rounding.
+        The half-backlash as an exact number, equal to that of the event up to rounding. If None, the event's double.
 
     Returns
     -------
@@ -200,7 +200,7 @@ def _certified(
 
 
 def _null_vector(motion: CurveMotion, x: Array, beta: float) -> Array:
-    """Return the null vector φ (n,) of J(μ), of length 1; empty for a graze."""
+    """Return the null vector φ (n,) of J(μ), with length 1; an empty array for a graze."""
     if motion.kind is Kind.GRAZING:
         return np.empty(0)
     itinerary = Itinerary(motion.walls, motion.m, beta)

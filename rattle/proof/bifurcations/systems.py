@@ -29,7 +29,7 @@ FREE = ("delta", "epsilon")
 
 
 class Between(NamedTuple):
-    """The velocities w0 and w1 at the ends of a flight from t0 to t1, and their derivatives, as series."""
+    """The velocities w0 and w1 at the ends t0 and t1 of a flight, and the derivatives, as series: w0_t0 is ∂w0/∂t0."""
 
     w0: Series
     w1: Series
@@ -65,7 +65,8 @@ class CurveMotion:
 class System:
     """The extended system of a motion.
 
-    beta: the half-backlash. known: δ or ε, if it is given. side: the vector l (n,).
+    beta: the half-backlash. known: the known parameters among δ and ε, by name. side: the vector l (n,) of the equation
+    ⟨l, φ⟩ = 1; empty for a graze.
     """
 
     motion: CurveMotion
@@ -78,13 +79,13 @@ class System:
         return EvaluatedSystem(self, at)
 
     def parameters(self, at: Sequence[Any]) -> tuple[Any, Any]:
-        """Return δ and ε: a known parameter as a ball, an unknown parameter as in `at`, a ball or a series."""
+        """Return δ and ε: a known parameter as a ball, an unknown parameter as the ball or series that `at` has."""
         free = iter(at[self.motion.n :])
         delta, epsilon = (self.known[name] if name in self.known else next(free) for name in FREE)
         return delta, epsilon
 
     def plane(self, at: Sequence[arb]) -> ModelPlane:
-        """Return the parameters at these unknowns."""
+        """Return δ, ε and β as balls, at the unknowns `at`."""
         return ModelPlane(*self.parameters(at), self.beta)
 
 
@@ -110,7 +111,7 @@ class EvaluatedSystem:
         return arb_mat(columns).transpose()
 
     def _values(self, at: list[Series]) -> list[Series]:
-        """Return all equations as series: R, then w₁ and the condition of a point, or J(μ) φ and ⟨l, φ⟩ − 1."""
+        """Return all equations as series: R; for a graze also w₁ and the condition; else J(μ) φ and ⟨l, φ⟩ − 1."""
         motion, (delta, epsilon) = self.system.motion, self.system.parameters(at)
         n, times = motion.n, at[: motion.n]
         zero = arb_series([0])
@@ -167,7 +168,7 @@ def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distan
 
 
 def require_happens(system: System, zero: Sequence[arb]) -> None:
-    """Raise NotProvedError unless the motion is proved to be admissible: it meets its walls and no other.
+    """Raise NotProvedError unless the motion is proved to be admissible: it meets exactly its walls.
 
     All speeds must be proved not to be 0, except at the grazing impact, where the motion touches the wall from inside.
     """

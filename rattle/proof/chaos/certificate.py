@@ -44,7 +44,7 @@ class HorseshoeCertificate:
     sequence of loops there is a motion that goes through them in this order (Lemma 12 of docs/proofs.md), and the
     topological entropy is bounded from below (Lemma 13).
 
-    parameters: δ, ε and β. sets: all sets; set 0 is the one where loops meet. loops: the loops.
+    parameters: δ, ε and β. sets: all sets; loops begin and end at set 0. loops: the loops.
     per_impact, per_period: lower bounds of the entropy per impact on Σ⁺ and per forcing period, in nats.
     versions: versions of the programs that made the certificate.
     """

@@ -25,18 +25,18 @@ from rattle.proof.check import (
     sine_and_cosine,
 )
 
-#: Most parts into which a set and the time of a flight are cut.
+#: Most parts into which a set is cut, and most parts into which the time of a flight is cut.
 MOST_PARTS, MOST_TIMES = 4000, 300
 #: Largest numbers of sets and loops, and of steps of a loop.
 MOST_SETS, MOST_LOOPS, MOST_LENGTH = 2000, 200, 100
 Vector = tuple[Interval, Interval]
-Part = tuple[float, float, float, float]  # of a set: ξ and η of its middle, half its width in ξ and in η
+Part = tuple[float, float, float, float]  # ξ and η of its middle, half widths in ξ and η
 #: The whole of a set, and its edges ξ = −1 and ξ = 1.
 WHOLE, EDGES = (0.0, 0.0, 1.0, 1.0), ((-1.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 1.0))
 
 
 class Bundle:
-    """The flights that leave a wall at (time, velocity) = middle + a · first side + b · second side, |a|, |b| ≤ 1.
+    """The flights that leave a wall at (time, velocity) = middle + a sides[0] + b sides[1] with |a|, |b| ≤ 1.
 
     hull: intervals that contain the times and the velocities of all departures.
     """
@@ -62,7 +62,7 @@ class Bundle:
         return IV.exp(-self.plane.delta * (t - start[0])) * (1 + SLACK)
 
     def derivatives(self, t: Interval) -> tuple[Vector, Vector]:
-        """Return the derivatives of Φ(t) and of Φ'(t) by the coordinates a and b, over all flights of the bundle."""
+        """Return the derivatives of Φ(t) and Φ'(t) with respect to a and b, over all flights of the bundle."""
         # with c = e^(−δ(t − t₀)), s = (1 − c)/δ and w₀' = Φ'' at the departure: ∂Φ/∂t₀ = −(w₀ + s w₀'), ∂Φ/∂w₀ = s,
         # ∂Φ'/∂t₀ = −c w₀', ∂Φ'/∂w₀ = c
         c = self.kept((self.hull[0], self.hull[1]), t)
@@ -73,7 +73,7 @@ class Bundle:
 
     @cached_property
     def push(self) -> Interval:
-        """The acceleration Φ'' at the departure, over all flights."""
+        """The acceleration Φ'' at the departure, over all flights of the bundle."""
         return self.plane.force(self.hull[0]) - self.plane.delta * self.hull[1]
 
     def at(self, t: Interval) -> Vector:
@@ -82,16 +82,27 @@ class Bundle:
         return y + UNIT * (abs(heights[0]) + abs(heights[1])), v + UNIT * (abs(speeds[0]) + abs(speeds[1]))
 
     def landed(self, target: int) -> tuple[Vector, tuple[Vector, Vector]]:
-        """Return the bundle after its impact on `target`, as its middle and both sides. Raises Refused."""
+        """Return a parallelogram that contains the states (time, velocity) of all flights after impact on `target`.
+
+        Returns
+        -------
+        tuple[Vector, tuple[Vector, Vector]]
+            The centre of the parallelogram, and its two half sides.
+
+        Raises
+        ------
+        Refused
+            If a flight may graze, or meet another wall first.
+        """
         end = (target - self.wall) * self.plane.beta
         time = self.guessed(target)
         for _ in range(5):
             y, v = self.flown(self.middle, time)
             time = IV.mpf((time - (y - end) / v).mid)
         delay = self.newton(self.flown(self.middle, time)[0] - end, time, IV.mpf(10) ** -30, middle=True)
-        landing = time + delay  # of the middle flight
+        landing = time + delay  # arrival time of the middle flight
         delay = self.newton(self.at(landing)[0] - end, time, IV.mpf(10) ** -20, middle=False)
-        arrival = time + delay  # of all flights
+        arrival = time + delay  # arrival times of all flights
         speed = self.at(arrival)[1]
         require(
             is_positive(-self.wall * self.hull[1], target * speed), "a flight may start or end behind a wall, or graze"
@@ -103,7 +114,7 @@ class Bundle:
         return (landing, -self.flown(self.middle, landing)[1]), (moved[0], moved[1])
 
     def newton(self, missed: Interval, time: Interval, room: Interval, middle: bool) -> Interval:
-        """Return the delay after `time` with which flights reach the wall, by Newton's interval method.
+        """Return the delay after `time` with which flights reach their wall, by Newton's interval method.
 
         Parameters
         ----------
@@ -135,7 +146,7 @@ class Bundle:
         raise Refused("the time of an impact is not enclosed")
 
     def guessed(self, target: int) -> Interval:
-        """Return about the time at which the middle flight reaches the wall, in doubles. Raises Refused."""
+        """Return a guess, in doubles, of the time at which the middle flight reaches `target`. Raises Refused."""
         t0, w, d, e, b = (float(x.mid) for x in (*self.middle, self.plane.delta, self.plane.epsilon, self.plane.beta))
         turn, end = 2 * math.pi, (target - self.wall) * b
         pushed = w - 2 * turn + turn * e * math.sin(turn * t0)
@@ -157,7 +168,7 @@ class Bundle:
         raise Refused("a flight does not reach its wall within 8 forcing periods")
 
     def is_clear(self, arrival: Interval) -> bool:
-        """Return whether all flights are proved to be between the walls until they arrive (Lemma 6)."""
+        """Return whether all flights are proved to be between the walls until the time `arrival` (Lemma 6)."""
         parts = [(IV.mpf(self.hull[0].a), IV.mpf(arrival.b))]
         above, below = (1 - self.wall) * self.plane.beta, (1 + self.wall) * self.plane.beta
         for _ in range(MOST_TIMES):
@@ -250,7 +261,18 @@ class Claim:
         self.sides_of_parts(source, target, word, periods, WHOLE, inside=True)
 
     def sides_of_parts(self, source: int, target: int, word: int, periods: int, part: Part, inside: bool) -> set[int]:
-        """Return the sides of the target to which the parts are mapped: 1, −1, and 0 for between the edges."""
+        """Return the sides of the target to which a part is mapped; the part is cut until each side is proved.
+
+        Returns
+        -------
+        set[int]
+            1 if points are mapped to ξ > 1, −1 if to ξ < −1, 0 if to |η| < 1, which only `inside` allows.
+
+        Raises
+        ------
+        Refused
+            If a side stays undecided.
+        """
         parts, sides = [part], set()
         for _ in range(MOST_PARTS):
             here, added = parts.pop(), [1.0, 1.0]
@@ -269,7 +291,7 @@ class Claim:
         raise Refused(f"set {source} is not proved to cover set {target}")
 
     def require_apart(self, one: int, other: int) -> None:
-        """Raise Refused unless two sets are disjoint, times taken modulo 1: a line along a side separates them."""
+        """Raise Refused unless a line along a side separates two sets, whose times are taken modulo 1."""
         for periods in (-2, -1, 0, 1, 2):
             a, b = self.corners(one, 0), self.corners(other, periods)
             normals = [(c[i][1] - c[0][1], c[0][0] - c[i][0]) for c in (a, b) for i in (1, 2)]

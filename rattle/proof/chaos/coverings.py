@@ -64,7 +64,7 @@ class HSet:
 
     @cached_property
     def middle(self) -> arb_mat:
-        """Return the centre of the set (2, 1)."""
+        """The centre of the set as a column vector (2, 1)."""
         return arb_mat(2, 1, [ball(x) for x in self.centre])
 
     def corners(self) -> Iterator[Pair]:
@@ -77,7 +77,7 @@ class HSet:
 
 @dataclass
 class Mapped:
-    """A set, and the images under Π of its parts; walls: those that its motions meet between two impacts on Σ⁺."""
+    """A set, and the images under Π of its parts; its motions meet `walls` between two impacts on Σ⁺."""
 
     plane: ModelPlane
     source: HSet
@@ -85,7 +85,7 @@ class Mapped:
     images: dict[SetPart, Image | None] = field(default_factory=dict)
 
     def image(self, part: SetPart) -> Image | None:
-        """Return the image of a part, or None if its motions are not proved to meet these walls."""
+        """Return the image of a part, or None if its motions are not proved to meet `walls`."""
         if part not in self.images:
             matrix = self.source.matrix
             centre = self.source.middle + matrix * arb_mat(2, 1, [part.xi, part.eta])
@@ -148,7 +148,7 @@ class Mapped:
 
 
 def _seen_from(target: HSet, periods: int, found: Image) -> tuple[tuple[arb, arb], list[float]]:
-    """Return ξ and η of an image in the target's coordinates, and the width that each side of the part adds to them."""
+    """Return ξ and η of an image in the target's coordinates, and how much each side of the part adds to ξ or η."""
     away = arb_mat(2, 1, [found.middle[0] - periods, found.middle[1]]) - target.middle
     start, slope = target.coordinates * away, target.coordinates * found.slope
     xi, eta = (start[i, 0] + arb(0, 1) * sum((abs(slope[i, j]) for j in range(2)), arb(0)) for i in range(2))
@@ -156,7 +156,7 @@ def _seen_from(target: HSet, periods: int, found: Image) -> tuple[tuple[arb, arb
 
 
 def _is_refuted(xi: arb, eta: arb, grown: Sequence[float], inside: bool) -> bool:
-    """Return whether finer parts cannot help: the image is small already, or it is where it must not be."""
+    """Return whether cutting further cannot help: the image is small already, or it is where it must not be."""
     return max(grown) < FINEST * 8 or bool(abs(xi) < 1 and (abs(eta) > 1 or not inside))
 
 
@@ -164,7 +164,9 @@ def _halves(part: SetPart, grown: Sequence[float]) -> list[SetPart]:
     """Return the two halves of a part, cut across the side that adds more to the image. Raises NotProvedError."""
     xi, eta, width, height = part
     if max(width, height) < FINEST:
-        raise NotProvedError("it is undecided which walls the motions of a set meet")
+        raise NotProvedError(
+            "which walls the motions of a set meet is undecided, even in its smallest parts: use a smaller set"
+        )
     if (grown[0] * (width > 0), width) >= (grown[1], height):
         return [SetPart(xi + side * width / 2, eta, width / 2, height) for side in (-1, 1)]
     return [SetPart(xi, eta + side * height / 2, width, height / 2) for side in (-1, 1)]

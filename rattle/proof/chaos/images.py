@@ -31,7 +31,7 @@ NEAR = 1e-15
 class Image(NamedTuple):
     """The image of a set under Π: the image of its middle, and the derivatives of Π over the whole set.
 
-    slope: derivatives of (t, v) by the coordinates in [−1, 1]².
+    slope: derivatives of (t, v) with respect to the coordinates of the set in [−1, 1]².
     """
 
     middle: tuple[arb, arb]
@@ -42,7 +42,8 @@ class Image(NamedTuple):
 class Arrival:
     """The end of the middle flight of a bundle, and derivatives over the whole bundle.
 
-    time, velocity: of the middle flight. slope: derivatives (2, 2) of both by the time and velocity of departure.
+    time, velocity: time and velocity of the middle flight at its end. slope: derivatives (2, 2) of time and velocity at
+    the end with respect to time and velocity of departure.
     """
 
     time: arb
@@ -68,7 +69,7 @@ def image(plane: ModelPlane, centre: tuple[arb, arb], sides: arb_mat, walls: Seq
     NotProvedError
         If it is not proved that all motions meet exactly these walls.
     """
-    turn = arb_mat([[1, 0], [0, -1]])  # changes the sign of the second component: speed on Σ⁺ and velocity; an impact
+    turn = arb_mat([[1, 0], [0, -1]])  # turns speed on Σ⁺ into velocity; reflects at impacts
     middle, sides, wall = (centre[0], -centre[1]), turn * sides, 1
     for target in (*walls, 1):
         here = arrival(plane, middle, sides, wall, target)
@@ -77,7 +78,7 @@ def image(plane: ModelPlane, centre: tuple[arb, arb], sides: arb_mat, walls: Seq
 
 
 def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
-    """Return where the flights of a bundle end, if `target` is proved to be their first impact.
+    """Return when and with which velocity a bundle's flights end, if their first impact is proved to be on `target`.
 
     The departures are at the times and velocities middle + sides [−1, 1]².
 
@@ -93,7 +94,7 @@ def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: in
     """
     distance, name = plane.beta * (target - wall), "a flight"
     time = _time(plane, middle, wall, target)
-    # Newton's interval method encloses the delay of all flights after the middle one
+    # Newton's interval method encloses the delays of all flights relative to the middle flight
     bundle = FlightBundle(plane, middle, sides)
     at_middle = bundle.middle_until(time)
     by_t0, by_w0 = _derivatives(at_middle, time)
@@ -141,7 +142,7 @@ class FlightBundle:
         return t0, w0
 
     def middle_until(self, t: arb) -> FlightEnclosure:
-        """Return the flight from the middle of the set until the time t."""
+        """Return the middle flight of the bundle until the time t."""
         return _flight(self.plane, *self.middle, t)
 
     def all_until(self, t: arb) -> FlightEnclosure:
@@ -164,13 +165,13 @@ class FlightBundle:
     def require_clear(self, here: FlightEnclosure, wall: int, target: int, name: str) -> None:
         """Prove that the flights `here` of the bundle meet no wall before their end on `target`.
 
-        The proof is by their extrema (Lemma 3). Where these are undecided, the time is bisected until in each part Φ'
-        has one sign or Φ is strictly between the walls (Lemma 6).
+        The proof is by the extrema of the flights (Lemma 3). Where this is undecided, the time is bisected until in
+        each part Φ' has one sign or Φ is strictly between the walls (Lemma 6).
 
         Raises
         ------
         NotProvedError
-            If they may meet a wall.
+            If a flight may meet a wall before its end.
         """
         try:
             require_first(here, wall, target, name)
@@ -195,7 +196,7 @@ class FlightBundle:
 
 
 def _flight(plane: ModelPlane, t0: arb, w0: arb, t1: arb) -> FlightEnclosure:
-    """Return the flight from time t0 and velocity w0 until t1, without the derivatives by times."""
+    """Return the flight from time t0 and velocity w0 until t1, with NaN for the derivatives by times."""
     (sin0, cos0), sin1 = (2 * t0).sin_cos_pi(), (2 * t1).sin_pi()
     rest, decay, none = plane.drift - plane.swing * sin0 - w0, (-plane.delta * (t1 - t0)).exp(), arb.nan()
     w1 = plane.drift - plane.swing * sin1 - rest * decay
@@ -203,7 +204,7 @@ def _flight(plane: ModelPlane, t0: arb, w0: arb, t1: arb) -> FlightEnclosure:
 
 
 def _derivatives(here: FlightEnclosure, t: arb) -> tuple[tuple[arb, arb], tuple[arb, arb]]:
-    """Return the derivatives of Φ − Φ(t₀) and Φ' at a given time t, by t₀ and by w₀."""
+    """Return the derivatives of Φ − Φ(t₀) and Φ' at the time t: first both with respect to t₀, then to w₀."""
     plane, (sin0, _) = here.plane, (2 * here.t0).sin_cos_pi()
     kept = (-plane.delta * (t - here.t0)).exp()
     reach = (1 - kept) / plane.delta

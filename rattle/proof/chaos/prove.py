@@ -71,7 +71,7 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
 
 
 def _proved(plane: ModelPlane, parameters: dict[str, Fraction], found: search.Found) -> HorseshoeCertificate | None:
-    """Return the certificate of all loops of a hub that can be proved, or None if fewer than two can."""
+    """Return the certificate of all loops of a horseshoe that are proved, or None if fewer than two are proved."""
     hub = _exactly(found.hub)
     sets, loops = [hub], list[Loop]()
     sources: dict[tuple[int, int], Mapped] = {}  # all loops share the images of the hub's parts
@@ -100,7 +100,7 @@ def _proved(plane: ModelPlane, parameters: dict[str, Fraction], found: search.Fo
 def _covered(
     plane: ModelPlane, chain: Sequence[HSet], words: Sequence[int], sources: dict[tuple[int, int], Mapped]
 ) -> tuple[int, ...]:
-    """Return the number of forcing periods from each set of a chain to the next, which it is proved to cover."""
+    """Prove that each set of a chain covers the next, and return the number of forcing periods of each step."""
     periods = []
     for i, ((source, target), word) in enumerate(zip(pairwise(chain), words, strict=True)):
         mapped = Mapped(plane, source, (-1,) * word)
@@ -122,7 +122,7 @@ def _exactly(box: search.StateBox) -> HSet:
 
 
 def require_apart(some: Sequence[HSet], others: Sequence[HSet]) -> None:
-    """Raise NotProvedError unless each of `some` sets is disjoint from each of `others`, times taken modulo 1."""
+    """Raise NotProvedError unless no set of `some` meets a set of `others`, with times taken modulo 1."""
     for one in some:
         for other in others:
             for periods in (-1, 0, 1):
@@ -133,7 +133,7 @@ def require_apart(some: Sequence[HSet], others: Sequence[HSet]) -> None:
 def are_separated(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
     """Return whether a line along a side of one of two parallelograms separates them.
 
-    one, other: their corners, in the order of `HSet.corners`.
+    one, other: the corners of the parallelograms, in the order of `HSet.corners`.
 
     Returns
     -------

@@ -22,31 +22,31 @@ from rattle.numerics.complex_step import Array
 
 #: Seed of the initial conditions.
 SEED = 1
-#: Number of initial conditions, impacts that are left out, and impacts over which chaos is tested.
+#: Number of initial conditions; impacts that are left out as transient; impacts over which chaos is tested.
 STATES, SETTLING, WATCHED = 1500, 400, 200
 #: Least Lyapunov exponent of a chaotic motion, per forcing period.
 CHAOTIC = 0.02
-#: Number of chaotic motions that are kept, of their impacts, and of the impact whose states may be centres of hubs.
+#: Most chaotic motions that are kept; number of their impacts; index of the impact whose states may be centres of hubs.
 KEPT, STEPS, MIDDLE = 400, 72, 36
 #: Number of states that are tried as centres of hubs.
 PLACES = 24
-#: Half sizes of hubs along the unstable direction.
+#: Half sizes along the unstable direction of the parallelograms that are tried as hubs.
 SIZES = (0.03, 0.02, 0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4)
 #: Ratios of the stable to the unstable half size of a hub.
 SHAPES = (0.5, 1.0, 2.0, 4.0, 8.0)
 #: Most impacts on Σ⁺ in a loop.
 MOST_STEPS = 16
-#: Most hubs whose loops are computed; most returns with the same numbers of Σ⁻ impacts; most different such words.
+#: Most hubs whose loops are computed; most returns with one word (its numbers of impacts on Σ⁻); most words of a hub.
 TRIED, EACH, MOST_WORDS = 100, 3, 40
-#: Number of hubs with one centre that are tried before those of the next centre.
+#: Number of hubs with one centre that are tried before hubs with the next centre.
 TOGETHER = 2
-#: How far a stretched set must reach beyond the next set's edges, and a set beyond the image in it, as ratios.
+#: Least |ξ| that both ends of an image reach in the next set; ratio of the height of a set to that of the image in it.
 ROOM = 1.2
 #: Largest |η| of an image in the hub.
 HIGHEST = 0.95
-#: In a hub: largest ratio of the stretches by Π, and least cosine of the angle between the directions of its image.
+#: Largest ratio of the stretches by Π in a hub; least cosine of the angles between its image and the mean direction.
 UNEVEN, FLAT = 6.0, 0.9
-#: Newton steps for the states of a set that are mapped to the edges of the next.
+#: Newton steps for the states of a set that Π maps to the edges of the next set.
 CORRECTED = 3
 #: Times that the best loops are chosen again, with the entropy of the choice before.
 SCHEDULED = 4
@@ -83,9 +83,9 @@ class Found(NamedTuple):
 
 
 class OrbitSegment(NamedTuple):
-    """A motion from the hub back to it.
+    """A motion from the hub back to the hub.
 
-    states: the states (L + 1, 2) at impacts on Σ⁺. words: the numbers (L,) of impacts on Σ⁻ between them.
+    states: the states (L + 1, 2) at impacts on Σ⁺. words: the numbers (L,) of impacts on Σ⁻ between these.
     """
 
     states: Array
@@ -184,7 +184,7 @@ def _chaotic(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _places(gear: Gear, pi: ReturnMap, states: Array, tangents: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield centres of hubs with unit vectors along the unstable and the stable direction: saddles, then states."""
+    """Yield centres of hubs, with unit vectors along their unstable and stable directions: saddles, then `states`."""
     for orbit in gear.orbits():
         x = np.array([orbit.tau, orbit.v])
         values, vectors = np.linalg.eig(pi.tangent(x))
@@ -212,7 +212,7 @@ def _pulled(tangent: Array, x: Array) -> Array:
 
 
 def _samples(box: StateBox, across: int, high: int) -> Array:
-    """Return a grid of states (across, high, 2) of a box; across and high: points along ξ and η."""
+    """Return a grid of states (across, high, 2) of a box; across, high: numbers of points along ξ, η."""
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, across), np.linspace(-1, 1, high), indexing="ij"), -1)
     return np.asarray(box.centre + grid @ box.sides.T)
 
@@ -229,7 +229,7 @@ def _is_flat(pi: ReturnMap, hub: StateBox) -> bool:
 
 
 def _returns(hub: StateBox, states: Array, words: NDArray[np.int64]) -> Iterator[OrbitSegment]:
-    """Yield motions from the hub to their next visit there, the shortest first, at most EACH with the same words."""
+    """Yield motions from the hub until their next visit to it, the shortest first, at most EACH with equal words."""
     inside = np.all(np.abs(away(states, hub.centre) @ np.linalg.inv(hub.sides).T) < 1, axis=-1)
     found: list[tuple[int, int, int]] = []
     for column in np.flatnonzero(inside.sum(0) > 1):
@@ -266,7 +266,7 @@ def _growth_of(loops: Sequence[FoundLoop]) -> float:
 
 
 def _loop(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> FoundLoop | None:
-    """Return the loop along a segment, or None if Π does not stretch the hub along it across the hub."""
+    """Return the loop along a motion, or None if Π does not stretch the hub along this motion across the hub."""
     x, words, steps = segment.states, segment.words, len(segment.words)
     if steps == 1:
         high, strip = _across(pi, hub, hub, words[0])
@@ -301,7 +301,7 @@ def _loop(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> FoundLoop | No
 
 
 def _reach(pi: ReturnMap, x: Array, unstable: Array, stretched: Array, target: StateBox, word: int) -> float | None:
-    """Return the least half length of a set around x whose edges Π maps beyond both sides of the target, or None."""
+    """Return the least half length of a set around x that Π stretches across the target, or None if none is found."""
     back = np.linalg.inv(target.sides)
     speed = abs(float((back @ stretched)[0]))
     if not speed > 0:

@@ -1,1 +1,1 @@
-"""The classifier of the stiff gear, and its plane of states."""
+"""The classifier of the stiff gear, and the families of its attractors."""

@@ -17,7 +17,7 @@ from rattle.stiff.map.quiet import quiet_limit
 
 
 def cells_of(parameters: Parameters) -> StiffCells:
-    """Return the record of cells with these parameters (n,) for kernels."""
+    """Return cells with these parameters (n,), as the record that kernels take."""
     delta, epsilon, kappa = parameters.delta, parameters.epsilon, parameters.added["kappa"]
     rests = np.where(epsilon < quiet_limit(delta, kappa), 1.0, 0.0)
     return StiffCells(delta, epsilon, parameters.beta, rests, kappa)
@@ -33,7 +33,7 @@ class StiffClassifier(Classifier):
     def iterated(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Follow states of the stiff gear as `Classifier` says."""
+        """Return states after a number of returns, and flags of quiet states: see `Classifier.iterated`."""
         each = [np.full(tau.size, x) for x in parameters.named.values()]
         tau, v, quiet = tau.copy(), v.copy(), np.zeros(tau.size, np.int8)
         counts = (np.zeros(tau.size, np.int64) for _ in range(2))
@@ -42,29 +42,32 @@ class StiffClassifier(Classifier):
 
     @staticmethod
     def quiet_invariant(parameters: Parameters) -> float:  # noqa: ARG004
-        """Return 0, because an endless contact, not a speed, decides that a motion is quiet."""
+        """Return 0, because a motion counts as quiet once its contact is known to be endless, not below a speed."""
         return 0.0
 
     @property
     def has_quiet(self) -> NDArray[np.bool_]:
-        """Flags of the cells (n_cells,) that have a quiet motion."""
+        """The flags (n_cells,) of cells that have a quiet motion."""
         return np.asarray(self.cells.has_quiet > 0)
 
     def enter_known_orbits(self) -> None:
-        """Do nothing, because no orbit is known without samples."""
+        """Do nothing, because this gear has no orbits that are known before its samples are followed."""
 
     def enlarge(self, centres: Centres) -> None:
         """Find the radii of these capture regions."""
         enlarge_one_by_one(centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:  # noqa: ARG002
-        """Follow these samples to their ends or limits. Every return is checked, with or without `early`."""
+        """Follow these samples until each has an outcome or has made its largest number of returns.
+
+        Every return is checked for capture and recurrence, whatever `early` is.
+        """
         settle(which, self.cells, samples.for_kernels(), self.balls.for_kernels())
 
     def watch(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
     ) -> None:
-        """Follow these samples with a tangent vector."""
+        """Follow these samples with a tangent vector, and add their sums and visited boxes to `seen`."""
         tables = self.samples.for_kernels(), self.balls.for_kernels()
         measure(which, least, periods, self.cells, *tables, seen.sums, seen.prints)
 
@@ -81,10 +84,10 @@ def attractors_of(
     tau: tuple[float, float] = (0.0, 1.0),
     v_min: float = 0.0,
 ) -> AttractorTable:
-    """Return the attractors of all cells at once, as `rattle.attractors_of`.
+    """Return the attractors of many cells at once, as `rattle.attractors_of` does for the impacting gear.
 
-    The parameters broadcast, and samples are the same for all cells. A cell's attractors are those of
-    `StiffGear.attractors` to the bit, whatever the other cells are.
+    The parameters broadcast. A cell's attractors are to the last bit those that `StiffGear.attractors` returns; they do
+    not depend on the other cells.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""Follow samples of the stiff gear until each is quiet, captured, recurs, or has made its contacts (compiled).
+"""Follow samples of the stiff gear until each is quiet, is captured, recurs, or has made its contacts (compiled).
 
-The samples are followed one by one, otherwise as in `rattle.impacting.attractors.settle`. A contact with Σ⁺ that never
-ends is quiet. The tangent vector is one of (Φ, Φ') at fixed time.
+The samples are followed one by one, otherwise as in `rattle.impacting.attractors.settle`. A sample whose contact with
+Σ⁺ never ends is quiet. Tangent vectors are in the coordinates (Φ, Φ') at fixed times.
 """
 
 import math
@@ -40,13 +40,13 @@ def _between(share, one, other):
 
 @inline
 def ended_with(code):
-    """Return the outcome of a sample whose motion does not return to Σ⁺."""
+    """Return the outcome of a sample whose motion does not return to Σ⁺, from the status `code` of the step."""
     return Outcome.QUIET if code == flow.QUIET else Outcome.FAILED
 
 
 @kernel
 def settle(which, cells, samples, balls):
-    """Follow the samples `which` until they end. A sample that makes all its returns remains UNRESOLVED."""
+    """Follow the samples `which` until each has an outcome. A sample that makes all its returns stays UNRESOLVED."""
     for j in range(which.size):
         k = which[j]
         point = point_of(samples.cell[k], cells)
@@ -66,10 +66,10 @@ def settle(which, cells, samples, balls):
 
 @kernel
 def measure(which, least, periods, cells, samples, balls, sums, footprints):
-    """Settle probes with a tangent vector, for at least this many returns and forcing periods (k,), or to the limit.
+    """Follow samples with a tangent vector, for at least this many returns and forcing periods (k,), or to the limit.
 
     sums[j, batch], zero before, collects time, ln stretch and ln|det| of sample which[j] after ALIGNMENT returns.
-    footprints[j] collects the boxes that it visits.
+    footprints[j] collects the boxes of the (τ, v) plane that this sample visits.
     """
     for j in range(which.size):
         k = which[j]

@@ -1,1 +1,1 @@
-"""Branches of the stiff gear through grazes, its curves, its diagram."""
+"""The stiff gear's branches of periodic motions, through grazes; its bifurcation curves; its diagram."""

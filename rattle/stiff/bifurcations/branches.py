@@ -1,6 +1,6 @@
 """Branches of periodic motions of the stiff gear along lines in δ, ε and κ^(−1/2): saddle-nodes, flips and grazes.
 
-At a graze the motion continues smoothly with one contact more or less, so a branch of one itinerary ends there.
+At a graze the motion continues smoothly with one contact more or less. A branch has one itinerary, so it ends there.
 """
 
 from collections.abc import Callable
@@ -34,9 +34,9 @@ __all__ = ["StiffBranch", "StiffEvent", "both_ways", "doubled", "stiff_branch", 
 POINTS_ACROSS = 50  # least number of points over the span
 MOST_POINTS = 1000
 NEARLY_TWICE = 1e-2  # distance from its flip at which the equations of a doubled branch become almost singular
-FLIP_WITHIN = 1e-3  # share of the span, from there, within which the flip must lie
+FLIP_WITHIN = 1e-3  # largest distance of this flip from the end of the doubled branch, as a share of the span
 LEAST_FLIGHT = 1e-6  # shortest flight, in forcing periods
-LOST = "is lost"  # words of a branch's end at a graze
+LOST = "is lost"  # words for the end of a branch at a graze where a contact vanishes
 
 
 def stiff_branch(
@@ -45,17 +45,17 @@ def stiff_branch(
     span: tuple[float, float] | None = None,
     resolution: int = POINTS_ACROSS,
 ) -> StiffBranch:
-    """Return the branch of a periodic motion in "epsilon", "delta" or "kappa", both ways, while it is admissible.
+    """Return the branch of a periodic motion in one parameter, in both directions, as long as it is admissible.
 
     Parameters
     ----------
     orbit : StiffOrbit
         The motion from which the branch is followed.
     parameter : str or (dδ, dε)
-        The parameter to change, or a direction in the (δ, ε) plane.
+        The parameter to change, "epsilon", "delta" or "kappa", or a direction in the (δ, ε) plane.
     span : tuple[float, float] | None
-        (low, high) of the parameter around the orbit, by default as in `rattle.branch`, or κ/10 to 10κ. With a
-        direction, the range of its multiples, by default −1 to 1.
+        (low, high) of the parameter around the orbit; by default κ/10 to 10κ for "kappa", and as in `rattle.branch` for
+        the others. For a direction, the range of multiples of it, by default −1 to 1.
     resolution : int
         Least number of points over the span.
 
@@ -95,9 +95,9 @@ def _follower(line: MotionsOnLine, span: tuple[float, float], resolution: int) -
 
 
 def both_ways(line: MotionsOnLine, start: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
-    """Return the branch through a solution y on a line, in both directions, while s is in its span."""
+    """Return the branch through a solution y on a line, in both directions, while its last unknown is in `span`."""
     if not line.is_admissible(start):
-        raise RattleError("the motion does not happen at its own parameters: take it from stiff_orbit or from_limit")
+        raise RattleError("the motion is virtual at its own parameters: take it from stiff_orbit or from_limit")
     followed = _follower(line, span, resolution).both_ways(start, -1, MOST_POINTS)
     ends = (_End(CLOSED), _End(CLOSED))
     if followed.paths is not None:
@@ -117,7 +117,7 @@ def doubled(event: StiffEvent, direction: Array, span: tuple[float, float], reso
 
 
 class _End(NamedTuple):
-    """The reason why a branch ends, and the event there."""
+    """The reason in words why a branch ends, and the flip or the graze at which it ends, if any."""
 
     why: str
     flip: StiffOrbit | None = None
@@ -125,7 +125,7 @@ class _End(NamedTuple):
 
 
 def _end(line: MotionsOnLine, path: Path, span: tuple[float, float]) -> _End:
-    """Return the reason why a path ends, and the event there."""
+    """Return the reason why a path ends, and the flip or graze at its end, if any."""
     last, c = path.points[-1], len(line.walls)
     if path.outside is not None and not span[0] <= path.outside[-1] <= span[1]:
         return _End("span")
@@ -135,9 +135,13 @@ def _end(line: MotionsOnLine, path: Path, span: tuple[float, float]) -> _End:
         if flip is not None:
             return _End(HALF_PERIOD, flip=half[0].orbit(flip))
     if path.outside is None:
-        return _End("followed far enough" if len(path.points) >= MOST_POINTS else "the equations become singular")
+        return _End(
+            "the branch has its largest number of points"
+            if len(path.points) >= MOST_POINTS
+            else "the equations become singular"
+        )
     if c == 1 and line.m - line.itinerary(last).softness * last[1] < LEAST_FLIGHT:
-        return _End("it becomes quiet")
+        return _End("the motion becomes quiet")
     shortest = int(np.argmin(last[c : 2 * c]))
     grazes = last[c + shortest] < LIGHT
     why = f"contact {shortest} with {_name(line.walls[shortest])} {LOST}" if grazes else "a contact is made"
@@ -149,7 +153,7 @@ def _name(wall: int) -> str:
 
 
 def _built(line: MotionsOnLine, points: Array, tangents: Array, start: int, ends: tuple[_End, _End]) -> StiffBranch:
-    """Return the branch through solutions, with its saddle-nodes among the points."""
+    """Return the branch with these solutions as points; saddle-nodes between them are added as points."""
     problem = line.problem
     folds = np.flatnonzero((tangents[:-1, -1] < 0) != (tangents[1:, -1] < 0))
     marked: list[int] = []
@@ -200,7 +204,7 @@ def _built(line: MotionsOnLine, points: Array, tangents: Array, start: int, ends
 
 
 def _fold(problem: ContinuationProblem, a: Array, b: Array) -> Callable[[Array], float]:
-    """Return the derivative of the parameter along the branch between a and b, which vanishes at a fold."""
+    """Return a function of y, the rate of the parameter along the branch between a and b, which is 0 at a fold."""
     return lambda y: float(tangent_at(problem, y, b - a)[-1])
 
 
@@ -231,7 +235,7 @@ def stiff_curve(
     itinerary = event.orbit.itinerary
 
     def left(x: Array) -> str | None:
-        return None if admissible(itinerary, x) else "the motion does not happen"
+        return None if admissible(itinerary, x) else "the motion is virtual"
 
     found = pieces(condition(itinerary, event.kind), [event.orbit.unknowns], window, left, itinerary.contacts)
     if not found:

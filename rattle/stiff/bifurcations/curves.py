@@ -1,8 +1,8 @@
 """The bifurcation curves of A–D of the stiff gear in the (δ, ε) plane at one stiffness.
 
-G1, SN2 and G2 are all folds of P(1,1,1). A graze is no bifurcation in this gear, but next to it, at a slight contact
-with Σ⁻, the motion meets another one in a saddle-node. G1 and SN2 are therefore one smooth curve with a cusp, where C,
-B and D merge (COD23 of the impacting model). SN1 continues as G2 where A and C are born grazing (COD22).
+G1, SN2 and G2 are all folds of P(1,1,1). A graze is no bifurcation in this gear, but next to it, where the contact with
+Σ⁻ is slight, the motion meets another motion in a saddle-node. G1 and SN2 are therefore one smooth curve with a cusp at
+which C, B and D merge (COD23 of the impacting model). SN1 continues as G2 where A and C are born grazing (COD22).
 """
 
 from collections.abc import Iterator
@@ -51,13 +51,14 @@ MEANINGS = {
     "G1": "saddle-node at which C, which has begun to touch Σ⁻, and B meet, next to the graze; ends with SN2 in a cusp",
     "G2": "saddle-node at which A, which has begun to touch Σ⁻, and D meet, next to the graze; goes on as SN1",
     "PDC": "flip at which C, P(1,1,0), loses stability as ε grows; ends where C begins to touch Σ⁻",
-    "PD2": "flip at which D, P(1,1,1), becomes stable again at high ε; beyond its fold, where D loses it once more",
+    "PD2": "flip at which D, P(1,1,1), becomes stable again at high ε; beyond the fold of this curve, at which D loses "
+    "stability again",
     QUIET: "limit of permanent contact with Σ⁺: above it the teeth separate",
 }
 NAMES = tuple(MEANINGS)
-# end of the sentence about a curve that ends at a graze
+# words that follow the reason why one of these curves ends at a graze
 GOES_ON = {"SN1": ", it goes on as G2", "G2": ", it goes on as SN1"}
-NEAR = 1e-2  # step beside a fold, relative to the shortest contact, that shows whether ε is least or greatest there
+NEAR = 1e-2  # step from a fold, relative to the shortest contact, by which a difference quotient is taken there
 BISECTIONS = 30
 
 
@@ -70,15 +71,15 @@ def trace(
 ) -> Curve:
     """Return the bifurcation curve `name`, one of NAMES, of the stiff gear inside a window of the (δ, ε) plane.
 
-    SN1: A and C are born; SN2: B and D; G1: C and B meet, G2: A and D, both next to the graze with Σ⁻; PD1: the flip of
-    D that is next to its birth, PD2: where it is stable again at higher ε; PDC: the flip of C; quiet_limit: permanent
-    contact with Σ⁺ is lost. Points are solutions to rounding, as those of `rattle.impacting.bifurcations.curves`; tau
-    and v are those of the departure from Σ⁺.
+    At SN1, A and C are born; at SN2, B and D are born. At G1, C and B meet, and at G2, A and D meet, both next to the
+    graze with Σ⁻. PD1 is the flip of D next to its birth; at PD2, D becomes stable again at higher ε. PDC is the flip
+    of C. At quiet_limit permanent contact with Σ⁺ is lost. Points are solutions to rounding, as on the curves of
+    `rattle.impacting.bifurcations.curves`; tau and v are phase and speed of the departure from Σ⁺.
 
     Returns
     -------
     Curve
-        Its pieces inside the window, each from end to end.
+        The curve, with its pieces inside the window from end to end.
 
     Raises
     ------
@@ -102,7 +103,7 @@ def trace(
 
 
 def describe(name: str) -> str:
-    """Describe a curve: its event and its motions. Raises ParameterError on an unknown name."""
+    """Return a description of a curve, its event and its motions. Raises ParameterError on an unknown name."""
     require_one_of("name", name, NAMES)
     return f"{MEANINGS[name]} (docs/stiff.md)"
 
@@ -125,7 +126,7 @@ def _traced(name: str, beta: float, kappa: float, window: PlaneWindow, dampings:
 
 
 def _starts(name: str, beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Iterator[Array]:
-    """Return guesses of the unknowns (2c + 2,) on a curve at these dampings."""
+    """Yield guesses of the unknowns (2c + 2,) of motions on a curve at these dampings."""
     for delta in dampings.tolist():
         for family in families(delta, beta, kappa, span_of_family(delta, window.epsilon[1])):
             for y in _events(name, family):
@@ -135,13 +136,13 @@ def _starts(name: str, beta: float, kappa: float, window: PlaneWindow, dampings:
 def _events(name: str, family: StiffFamily) -> list[Array]:
     """Return the motions (2c + 1,) of a family that lie on a curve.
 
-    On the paper's curves the contact with Σ⁻ follows that with Σ⁺ by more than half a period, between their middles. At
-    half a period the impacting P(1,1,1) has its pole.
+    On the paper's curves the middle of the contact with Σ⁻ comes more than half a period after the middle of the
+    contact with Σ⁺; other motions are left out. At half a period the family of the impacting P(1,1,1) has its pole.
 
     Returns
     -------
     list[Array]
-        Times, durations and ε of each, in the order of the family.
+        Times, durations and ε of each motion, in the order of the family.
     """
     if name in FLIPS:
         found = _flips(name, family)
@@ -154,7 +155,7 @@ def _events(name: str, family: StiffFamily) -> list[Array]:
 
 
 def _flips(name: str, family: StiffFamily) -> list[Array]:
-    """Return the flips of a family that lie on a curve: flips of P(1,1,0) on C, flips of P(1,1,1) on D."""
+    """Return the flips of a family that lie on a curve: flips of C if `name` is PDC, otherwise flips of D."""
     if (family.cycle.walls.size == 1) != (name in OF_ONE_CONTACT):
         return []
     flip, found = 1.0 + ELASTIC.determinant(family.cycle.delta, 1, 1), []
@@ -186,27 +187,28 @@ def _bisected(a: Array, b: Array, cycle: Cycle, flip: float) -> Array:
 
 
 def _left(name: str, y: Array, cycle: Cycle) -> str | None:
-    """Return why a solution is not on a curve, or None if it is."""
+    """Return the reason in words why a solution is not on a curve, or None if it is."""
     c = cycle.walls.size
     if c == 2 and y[3] <= LEAST_CONTACT:
         return f"graze: contact with Σ⁻ is lost{GOES_ON.get(name, '')}"
     if not is_admissible(y, cycle):
         meets = c == 1 and not np.isnan(struck(y, cycle))
-        return f"graze: contact with Σ⁻ is made{GOES_ON.get(name, '')}" if meets else "the motion does not happen"
+        return f"graze: contact with Σ⁻ is made{GOES_ON.get(name, '')}" if meets else "the motion is virtual"
     if name in ("SN2", "G1") and _is_greatest(y, cycle) != (name == "G1"):
         return "cusp: SN2 and G1 meet"
     return None
 
 
 def _is_greatest(y: Array, cycle: Cycle) -> bool:
-    """Return whether ε is greatest at a fold along its family.
+    """Return whether ε has a maximum at a fold along its family.
 
-    It is greatest where −ψ R''φφ/ψR_ε < 0, with φ and ψ the right and left null vectors of ∂R/∂y.
+    ε has a maximum where −ψ R''φφ/ψR_ε < 0, with R the residuals of the equations, and φ and ψ the right and left null
+    vectors of ∂R/∂y.
 
     Returns
     -------
     bool
-        False where ε is least.
+        True for a maximum, False for a minimum.
     """
     n = y.size - 1
     value, matrix, ahead, behind = np.empty(n), *(np.empty((n, n + 1)) for _ in range(3))

@@ -41,7 +41,7 @@ class StiffMotions(Motions):
         return Parameters(self.classifier.model, delta, epsilon, beta, {"kappa": 0.5 / p**2})
 
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
-        """Yield A to D, and other P(1,1,0), at some steps where their families can be followed."""
+        """Yield A to D, and other P(1,1,0), at SEEDS steps, if their families can be followed there."""
         for k in np.unique(np.linspace(0, steps.size - 1, SEEDS).astype(int)):
             try:
                 for _name, orbit in orbits_at(**steps.point(k)):
@@ -81,7 +81,7 @@ class StiffMotions(Motions):
         return *found.events, *found.grazes
 
     def beside(self, event: StiffEvent) -> Iterator[Motion]:
-        """Yield the motion of a flip, at which a doubled branch may end, and the motion beyond a graze."""
+        """Yield the motion at a flip, where a doubled branch may end, or the motion beyond a graze."""
         if event.kind is Kind.FLIP:
             yield event.itinerary, event.unknowns
         elif event.beyond is not None:
@@ -108,8 +108,8 @@ def diagram(
 ) -> Diagram[StiffBranch, StiffEvent]:
     """Return the bifurcation diagram of the stiff gear from start to end, both (δ, ε), at stiffness κ.
 
-    A branch has one label. At a graze (GR), which is no bifurcation in this gear, its motion continues as another
-    branch.
+    All motions of a branch have the same label. At a graze (GR), which is no bifurcation in this gear, the motion
+    continues as another branch.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def diagram(
     Returns
     -------
     Diagram[StiffBranch, StiffEvent]
-        Sweeps, branches and events, and what was left out.
+        Sweeps, branches and events, and the labels of motions beyond the limits on impacts and branches.
 
     Raises
     ------

@@ -1,9 +1,10 @@
 """Find where a motion of the stiff gear gains or loses a contact and continues with another label.
 
 The vector field is continuous. A contact is lost when its duration falls to 0, and gained when a flight touches a wall.
-Two contacts with one wall become one when the flight between them falls to 0, and one becomes two when its depth falls
-to 0 in between. In each case the motion with one contact more is a regular point of its equations in that duration, so
-it is started there. In the parameter it may turn back at once, as C and B do near G1, within about 1/κ².
+Two contacts with the same wall become one when the duration of the flight between them falls to 0, and one contact
+becomes two when its depth falls to 0 in between. In each case the equations of the motion with one contact more are
+regular if the duration that falls to 0 is prescribed, so this motion is started with a small duration. Its branch may
+turn back in the parameter at once, within about 1/κ², as C and B do near G1.
 """
 
 from dataclasses import replace
@@ -18,20 +19,23 @@ from rattle.stiff.bifurcations.line import MotionsOnLine
 from rattle.stiff.orbits.periodic import Failure, first_failure
 
 LIGHT = 1e-5  # duration, in units of p, below which a contact or a flight counts as vanished
-BEGUN = 0.04  # duration with which one is started (contacts: σ/p, flights: time/p²); the fold of C and B lies at 2.1
+BEGUN = 0.04  # duration of a contact (σ/p) or flight (time/p²) that is started; the fold of C and B lies at 2.1
 # distances from a graze, in the unknowns, at which the motion without the contact is tried
 NEAREST = 10.0 ** np.arange(-9, -3)
 
 
 class Graze(NamedTuple):
-    """The motion without the contact at a graze, and the motion beyond it if found, each as a line and its y."""
+    """A graze: `here` is the motion without the contact that is lost or gained, `beyond` the motion on the other side.
+
+    Each is given as a line and the unknowns y on it. beyond is None if it was not found.
+    """
 
     here: tuple[MotionsOnLine, Array]
     beyond: tuple[MotionsOnLine, Array] | None
 
 
 def graze(line: MotionsOnLine, y: Array, tangent: Array) -> Graze | None:
-    """Return the graze at the last point of a branch, in its outward direction; None if there is none."""
+    """Return the graze at the last point y of a branch, whose outward tangent is given; None if there is no graze."""
     c, p = len(line.walls), line.itinerary(y).softness
     flights = np.append(y[1:c], y[0] + line.m) - y[:c] - p * y[c : 2 * c]
     same = np.array(line.walls) == np.roll(line.walls, -1)
@@ -48,7 +52,7 @@ def graze(line: MotionsOnLine, y: Array, tangent: Array) -> Graze | None:
 
 
 def _on_plus(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array]:
-    """Return the same motion, rotated to begin with a contact with Σ⁺, if it has one."""
+    """Return the same motion, begun at its first contact with Σ⁺; unchanged if it has no contact with Σ⁺."""
     first = line.walls.index(1) if 1 in line.walls else 0
     itinerary = line.itinerary(y)
     return replace(line, walls=itinerary.begun_at(first).walls), begun_at(itinerary, y, first)
@@ -60,7 +64,7 @@ def _without(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine
 
 
 def _merged(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine, Array]:
-    """Return the motion in which a contact and the next one are one."""
+    """Return the motion in which a contact and the next contact are merged into one."""
     itinerary, c = line.itinerary(y), len(line.walls)
     y, walls = begun_at(itinerary, y, contact), itinerary.begun_at(contact).walls
     y[c] = (y[1] - y[0]) / itinerary.softness + y[c + 1]
@@ -68,7 +72,7 @@ def _merged(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine,
 
 
 def _happening(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | None:
-    """Return the admissible motion of this itinerary that is closest to a graze, on one side of it."""
+    """Return the admissible motion of this itinerary that is closest to the graze y; None if there is none near."""
     rising = np.zeros(y.size)
     rising[-1] = 1.0
     tangent = tangent_at(line.problem, y, rising)
@@ -81,7 +85,7 @@ def _happening(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | N
 
 
 def _with_one_more(line: MotionsOnLine, y: Array, tangent: Array) -> tuple[MotionsOnLine, Array] | None:
-    """Return the motion beyond y with one more contact than the branch has."""
+    """Return the motion with one contact more that continues a branch beyond its end y; None if it is not found."""
     for reach in NEAREST:
         there = newton_on_curve(line.problem, y + reach * tangent, tangent)
         failure = None if there is None else first_failure(line.itinerary(there[0]), line.plane(there[0])[:-1])

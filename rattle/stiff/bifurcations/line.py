@@ -18,7 +18,11 @@ MOST_BRACKETS = 8
 
 @dataclass(frozen=True)
 class MotionsOnLine:
-    """The line (δ, ε, p) = origin + s · direction, and motions of one itinerary on it, y = (times, durations, s)."""
+    """The line (δ, ε, p) = origin + s · direction, and the motions of one itinerary on it.
+
+    A motion with c contacts is y = (times, durations, s) (2c + 1,): the times at which contacts begin, and their
+    durations in units of p.
+    """
 
     walls: tuple[int, ...]
     m: int
@@ -27,11 +31,11 @@ class MotionsOnLine:
     direction: Array
 
     def plane(self, y: NDArray) -> NDArray:
-        """Return the unknowns (…, 2c + 3) at y; δ, ε and p come last."""
+        """Return times, durations, δ, ε and p (…, 2c + 3) of the motions y."""
         return np.concatenate([y[..., :-1], self.origin + y[..., -1:] * self.direction], axis=-1)
 
     def parameter(self, x: Array) -> Array:
-        """Return the y of unknowns (2c + 3,) on the line."""
+        """Return the y of a motion with unknowns (2c + 3,), the inverse of `plane`."""
         return np.append(x[:-3], (x[-3:] - self.origin) @ self.direction / (self.direction @ self.direction))
 
     def itinerary(self, y: Array) -> StiffItinerary:
@@ -40,7 +44,7 @@ class MotionsOnLine:
 
     @property
     def problem(self) -> ContinuationProblem:
-        """Return the equations along the line."""
+        """The equations along the line in the unknowns y."""
         any_softness = StiffItinerary(self.walls, self.m, self.beta, 0.0)
 
         def equations(y: NDArray) -> NDArray:
@@ -58,7 +62,7 @@ class MotionsOnLine:
         return bool(x[-1] > 0.0) and admissible(self.itinerary(y), x[:-1])
 
     def flip(self, y: Array) -> float:
-        """Return trace + 1 + e^(−δm), which vanishes at a flip."""
+        """Return the trace of the tangent map + 1 + e^(−δm), which is 0 at a flip."""
         x = self.plane(y)
         return trace_of(self.itinerary(y), x[:-1]) + 1.0 + float(ELASTIC.determinant(x[-3], self.m, 1))
 
@@ -67,26 +71,32 @@ class MotionsOnLine:
         return orbit_of(self.itinerary(y), self.plane(y)[:-1])
 
     def solved(self, y: Array) -> Array | None:
-        """Return the solution at the parameters of a guess y, or None."""
+        """Return the solution near a guess y at the same parameters; None if Newton's method fails."""
         found = at_parameters(self.itinerary(y), self.plane(y)[:-1])
         return None if found is None else np.append(found[:-2], y[-1])
 
     def twins(self, start: Array, y: Array) -> Array:
-        """Return all equivalent unknowns (…, 2c + 1) of the motion `start` near y: rotated, or whole periods later."""
+        """Return all equivalent unknowns (…, 2c + 1) of `start` near y: from another contact or whole periods later."""
         return twins(StiffItinerary(self.walls, self.m, self.beta, 0.0), start, y)
 
     def halved(self, y: Array) -> tuple["MotionsOnLine", Array, float] | None:
-        """Return line and y of one half of a motion, and the distance of the halves; None if walls do not repeat."""
+        """Return the mean of both halves of a motion, as a line and its y, and the largest difference of the halves.
+
+        Returns
+        -------
+        tuple or None
+            None if the second half does not meet the walls in the order of the first.
+        """
         half, odd = divmod(len(self.walls), 2)
         if odd or self.m % 2 or self.walls[:half] != self.walls[half:]:
             return None
-        halves = y[:-1].reshape(2, 2, half).copy()  # of times and durations
+        halves = y[:-1].reshape(2, 2, half).copy()  # the two halves of the times and of the durations
         halves[0, 1] -= self.m // 2
         line = replace(self, walls=self.walls[:half], m=self.m // 2)
         return line, np.append(halves.mean(axis=1), y[-1]), float(np.max(np.abs(halves[:, 1] - halves[:, 0])))
 
     def is_twice(self, y: Array) -> bool:
-        """Return whether y repeats a motion of half the period."""
+        """Return whether y is a motion of half the period, run through twice."""
         found = self.halved(y)
         return found is not None and found[2] < TWICE
 
@@ -96,7 +106,7 @@ class MotionsOnLine:
         Returns
         -------
         Array | None
-            Unknowns at the flip; None if it is farther away than `width`.
+            The y of the flip; None if its parameter s differs from that of the given motion by more than `width`.
         """
         for i in range(MOST_BRACKETS + 1):
             reach = width * 10.0 ** (i - MOST_BRACKETS)

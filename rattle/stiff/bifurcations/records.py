@@ -25,9 +25,11 @@ SAME_MOTION = 1e-6  # largest difference in τ and v of equal motions
 class StiffEvent(NamedTuple):
     """A saddle-node (SN), flip (PD) or graze (GR) on a branch.
 
-    It holds the motion there and the number of the branch's point before it; at a saddle-node the number of the point
-    that it is, at a graze the number of the last point. Nothing bifurcates at a graze: the motion, stored without the
-    contact that is gained or lost, continues as `beyond`.
+    orbit: the motion at the event; at a graze, without the contact that is gained or lost.
+    point: the number of the branch's point before the event; at a saddle-node, which is a point of the branch, its own
+    number; for a flip or graze at an end of the branch, the number of the end point.
+    beyond: at a graze, the motion as which the branch's motion continues, or None if it was not found. Nothing
+    bifurcates at a graze.
     """
 
     kind: Kind
@@ -37,12 +39,12 @@ class StiffEvent(NamedTuple):
 
     @property
     def after(self) -> int:
-        """Number of the branch's point before the event."""
+        """The number of the branch's point before the event."""
         return self.point - (self.kind is Kind.SADDLE_NODE)
 
     @property
     def itinerary(self) -> StiffItinerary:
-        """Return the walls of the event's motion in order."""
+        """The itinerary of the event's motion."""
         return self.orbit.itinerary
 
     @property
@@ -62,7 +64,7 @@ class StiffEvent(NamedTuple):
 
 
 def unknowns_of(orbit: StiffOrbit) -> Array:
-    """Return times, durations times √(2κ), δ, ε and κ^(−1/2)/√2 (2c + 3,)."""
+    """Return (2c + 3,): times, durations times √(2κ), δ, ε and κ^(−1/2)/√2 of a motion with c contacts."""
     return np.append(orbit.unknowns, softness(orbit.kappa))
 
 
@@ -70,7 +72,7 @@ def unknowns_of(orbit: StiffOrbit) -> Array:
 class StiffBranch(FollowedBranch):
     """A branch of the stiff gear: see `FollowedBranch`. All its motions are admissible.
 
-    A saddle-node is one of the points. It counts as stable if the motion is stable on one side.
+    A saddle-node is one of the points. It counts as stable if the motions on one side of it are stable.
 
     Attributes
     ----------
@@ -81,7 +83,7 @@ class StiffBranch(FollowedBranch):
     events
         Saddle-nodes and flips.
     grazes
-        At each end, the graze at which the motion continues with another label.
+        The grazes at the ends, where the motion continues with another label.
     """
 
     itinerary: StiffItinerary
@@ -90,17 +92,17 @@ class StiffBranch(FollowedBranch):
 
     @property
     def added(self) -> dict[str, Array]:
-        """Stiffness (k,) of the points."""
+        """The stiffness κ (k,) of the points, by its name."""
         return {"kappa": np.asarray(0.5 / self.unknowns[:, -1] ** 2)}
 
     @property
     def unfolded(self) -> Array:
-        """Times and durations (k, 2c) without jumps along the branch."""
+        """The times and durations (k, 2c) of contacts, without jumps along the branch."""
         return self.unknowns[:, :-3]
 
     @property
     def departures(self) -> Array:
-        """Return the times at which the motions leave the walls (k, c), in forcing periods."""
+        """The times (k, c) at which the motions leave the walls, in forcing periods."""
         c = len(self.walls)
         return self.unknowns[:, :c] + self.unknowns[:, -1:] * self.unknowns[:, c:-3]
 
@@ -108,8 +110,8 @@ class StiffBranch(FollowedBranch):
     def names(self) -> tuple[str, ...]:
         """A, B, C or D for each point of a period-one branch, "" for the points of other branches.
 
-        The letter is that of the part between folds (`rattle.stiff.orbits.families`). It is "" also for a P(1,1,0)
-        without a counterpart in the impacting model.
+        The letter belongs to the part of the branch between folds (`rattle.stiff.orbits.families`). It is "" also for a
+        P(1,1,0) without a counterpart in the impacting model.
         """
         folds = [event.point for event in self.events if event.kind is Kind.SADDLE_NODE]
         edges, names = [0, *folds, len(self)], list[str]()
@@ -118,7 +120,7 @@ class StiffBranch(FollowedBranch):
         return tuple(names)
 
     def curve_of(self, event: StiffEvent) -> str | None:
-        """Return the curve of `rattle.stiff.trace` on which an event lies, None if on none."""
+        """Return the name of the curve of `rattle.stiff.trace` on which an event lies, or None if on no curve."""
         k, letters, x = event.point, self.names, event.unknowns
         if self.label[:2] != (1, 1) or (len(self.walls) > 1 and x[1] - x[0] + 0.5 * x[-1] * (x[3] - x[2]) < 0.5):
             return None  # beyond the pole of the impacting P(1,1,1), at half a period from Σ⁺ to Σ⁻
@@ -132,7 +134,7 @@ class StiffBranch(FollowedBranch):
         return self._flip_of_d(event) if letters[k] == "D" else None
 
     def _flip_of_d(self, event: StiffEvent) -> str | None:
-        """Return PD1 for the flip next to a fold, PD2 if D becomes stable as ε grows along the branch, else None."""
+        """Return "PD1" for a flip next to a fold, else "PD2" if D becomes stable there as ε grows, else None."""
         i = next(i for i, each in enumerate(self.events) if each is event)
         if any(each.kind is Kind.SADDLE_NODE for each in self.events[max(i - 1, 0) : i + 2]):
             return "PD1"
@@ -153,7 +155,7 @@ class StiffBranch(FollowedBranch):
         Returns
         -------
         list[tuple[int, Array]]
-            Number of the point before the crossing, and the unknowns (2c + 3,) there.
+            For each crossing, the number of the point before it, and the unknowns (2c + 3,) at the crossing.
         """
         found, at = list[tuple[int, Array]](), self.unknowns[:, index] - value
         line = MotionsOnLine(self.walls, self.m, self.beta, self.unknowns[0, -3:], np.eye(3)[index])
@@ -167,7 +169,7 @@ class StiffBranch(FollowedBranch):
 
 
 def _letter(orbit: StiffOrbit) -> str:
-    """Return the letter of a motion P(1,1,0) or P(1,1,1)."""
+    """Return the letter A to D of a motion P(1,1,0) or P(1,1,1), or "" if it has none."""
     for name, other in orbits_at(orbit.delta, orbit.epsilon, orbit.beta, orbit.kappa):
         if other.label == orbit.label and abs(wrapped(other.tau - orbit.tau)) + abs(other.v - orbit.v) < SAME_MOTION:
             return name if name in NAMES else ""

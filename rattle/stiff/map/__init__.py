@@ -1,1 +1,1 @@
-"""The contact and the flow of the stiff gear, its return map, quiet motion, trajectories."""
+"""Contacts and the flow of the stiff gear, its return map, quiet motion, and trajectories."""

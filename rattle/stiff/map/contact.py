@@ -7,7 +7,8 @@ x ≥ 0 is the depth beyond the wall. In contact (paper 2.1, 2.2)
 where h is ± the contact force of `rattle.flight.forcing`, with the sign of the wall. Let S be the response to a unit
 velocity and C = S' + δS the response to a unit depth. Then x = C x₀ + S w₀ plus the responses to the mean, the cosine
 and the sine of h. This holds for a forcing of one cosine; every harmonic would add a response. docs/stiff.md derives
-the formulas, and why the search for the end cannot skip one. With −δ and −τ the same formulas run backwards in time.
+the formulas, and shows why the search cannot skip the end of a contact. With −δ and −τ the same formulas run backwards
+in time.
 """
 
 import math
@@ -17,11 +18,11 @@ from rattle.flight.first_impact import BISECTED, MOST_STEPS, PIECE, end_of_piece
 from rattle.flight.forcing import TWO_PI, force_ahead, negative_arc, phase_at, versines
 from rattle.numerics.compile import inline, kernel
 
-# the contact ends; it lasts to the horizon; it never ends; undecided within LONGEST
+# results of `contact_end`: the contact ends; lasts to the horizon; never ends; is undecided within LONGEST
 ENDS, LASTS, STAYS, TOO_LONG = range(4)
-LONGEST = 1000.0  # longest search, in forcing periods, besides DECAYS decay times of a free motion
+LONGEST = 1000.0  # longest search, in forcing periods; DECAYS decay times of a free motion are added to it
 DECAYS = 100.0
-SHORT = 0.5  # value of (δ + √(2κ)) s below which S is computed by a Taylor series
+SHORT = 0.5  # value of (δ + √(2κ)) s below which S is computed by a Taylor series of TERMS terms
 TERMS = 16
 SAFE = 0.999  # share of the certain contact time that the search skips
 
@@ -29,8 +30,8 @@ SAFE = 0.999  # share of the certain contact time that the search skips
 class Contact(NamedTuple):
     """Terms of the depth x of one contact."""
 
-    x0: float  # depth at the beginning; w0 is the outward velocity there
-    w0: float
+    x0: float  # depth at the beginning
+    w0: float  # outward velocity at the beginning
     mean: float  # the force is h = mean + a cos 2πs + b sin 2πs
     a: float
     b: float
@@ -40,7 +41,7 @@ class Contact(NamedTuple):
 
 @inline
 def responses(s, delta, kappa):
-    """Return S, 1 − C and s − S at the time s without cancellation, for any damping."""
+    """Return S, 1 − C and s − S at the time s without cancellation, for any damping, also a negative one."""
     stiffness = 2.0 * kappa
     if (abs(delta) + math.sqrt(stiffness)) * s < SHORT:
         last, term, total, lost, defect = 0.0, s, s, 0.5 * stiffness * s * s, 0.0
@@ -71,7 +72,7 @@ def responses(s, delta, kappa):
 
 @inline
 def compliance(delta, kappa):
-    """Return A/D, B/D and 1/√D, where cos 2πs causes the steady depth (A cos 2πs + B sin 2πs)/D."""
+    """Return A/D, B/D and 1/√D, where the force cos 2πs causes the steady depth (A cos 2πs + B sin 2πs)/D."""
     a, b = 2.0 * kappa - TWO_PI * TWO_PI, TWO_PI * delta
     size = math.hypot(a, b)
     return a / size / size, b / size / size, 1.0 / size
@@ -79,7 +80,14 @@ def compliance(delta, kappa):
 
 @inline
 def driven(s, delta, kappa):
-    """Return S, 1 − C, depth and velocity due to cos 2πs and to sin 2πs, 1 − cos 2πs and sin 2πs at the time s."""
+    """Return S, 1 − C, x_c, x_s, v_c, v_s, 1 − cos 2πs and sin 2πs at the time s.
+
+    Returns
+    -------
+    tuple of float
+        x_c and x_s are the depths, v_c and v_s the velocities, that the forces cos 2πs and sin 2πs cause from rest at
+        depth 0.
+    """
     sine, lost, defect = responses(s, delta, kappa)
     omc, siny, forced_defect = versines(s)
     in_phase, behind, _size = compliance(delta, kappa)
@@ -103,7 +111,7 @@ def contact_depth(s, contact):
 
 @inline
 def steady(s, contact):
-    """Return x and x' of the periodic solution, permanent contact, at the time s."""
+    """Return x and x' at the time s in permanent contact, the periodic solution."""
     _x0, _w0, mean, a, b, delta, kappa = contact
     omc, sine, _defect = versines(s)
     cosine = 1.0 - omc
@@ -114,9 +122,9 @@ def steady(s, contact):
 
 @inline
 def log_rate(s, delta, square, rate):
-    """Return u'/u at s from the middle of a piece, for a free motion u that is positive on the piece.
+    """Return u'/u at the time s after the middle of a piece, for a free motion u that is positive on the piece.
 
-    u is even except for the factor e^(−δs/2).
+    u is an even function of s times e^(−δs/2). square: δ²/4 − 2κ. rate: the square root of |square|.
 
     Returns
     -------
@@ -130,9 +138,9 @@ def log_rate(s, delta, square, rate):
 
 @kernel
 def turn_in(lo, hi, middle, contact):
-    """Return the zero in (lo, hi) of q = x' − x u'/u, which changes sign once: an extremum of x/u.
+    """Return the zero in (lo, hi) of q = x' − x u'/u, which is an extremum of x/u; u is as in `log_rate`.
 
-    q obeys q' = h − (δ + u'/u) q.
+    q changes sign once in (lo, hi), and obeys q' = h − (δ + u'/u) q.
 
     Returns
     -------
@@ -192,14 +200,15 @@ def fall_in(lo, hi, contact):
 
 @kernel
 def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
-    """Follow a contact from phase tau, depth x0 ≥ 0 and outward velocity w0 to where x first falls to 0.
+    """Follow a contact from phase tau, depth x0 ≥ 0 and outward velocity w0 until the depth x first falls to 0.
 
-    If x0 is 0 the motion must press on the wall.
+    If x0 is 0, the motion must move into the wall or be pressed on it. horizon: the longest time; only if it is
+    infinite is endless contact recognised.
 
     Returns
     -------
     tuple
-        (ENDS, LASTS, STAYS or TOO_LONG; time; x and x' there; S; 1 − C).
+        (ENDS, LASTS, STAYS or TOO_LONG; the time s; x, x', S and 1 − C at s).
     """
     sin0, cos0 = phase_at(tau)
     mean, a, b = force_ahead(wall, sin0, cos0, delta, epsilon)

@@ -1,8 +1,9 @@
 """The flow of the stiff gear, free flights and contacts in turn, with its exact tangent map (compiled).
 
-The vector field is continuous, so the tangent map of a motion is the product of those of its pieces, each with
-determinant e^(−δs). With −δ and −τ the pieces run backwards in time. A state is (wall, position, w): in contact the
-wall and the depth beyond it, in the gap wall 0 and Φ. A tangent map (j00, j01, j10, j11) is ∂(Φ, Φ')/∂(Φ₀, Φ'₀) at
+A piece is one flight or one contact. The vector field is continuous, so the tangent map of a motion is the product of
+the tangent maps of its pieces, each with determinant e^(−δs) for the duration s. With −δ and −τ the pieces run
+backwards in time. A state is (wall, position, w) with w = Φ'. In contact, wall is ±1 and position is the depth beyond
+the wall; in the gap, wall is GAP (0) and position is Φ. A tangent map (j00, j01, j10, j11) is ∂(Φ, Φ')/∂(Φ₀, Φ'₀) at
 fixed times.
 """
 
@@ -33,7 +34,7 @@ def outward_force(wall, tau, delta, epsilon):
 
 @inline
 def departs(wall, tau, position, w, delta, epsilon):
-    """Return whether a contact has ended: at depth 0 the motion moves, or is pulled, away from the wall."""
+    """Return whether a contact has ended: the depth is 0, and the motion moves, or is pulled, away from the wall."""
     if position != 0.0 or wall * w > 0.0:
         return False
     return wall * w < 0.0 or not outward_force(wall, tau, delta, epsilon) > 0.0
@@ -41,20 +42,20 @@ def departs(wall, tau, position, w, delta, epsilon):
 
 @inline
 def multiplied(a00, a01, a10, a11, b00, b01, b10, b11):
-    """Return the matrix product of a and b."""
+    """Return the product of the 2 × 2 matrices a and b, row by row."""
     return a00 * b00 + a01 * b10, a00 * b01 + a01 * b11, a10 * b00 + a11 * b10, a10 * b01 + a11 * b11
 
 
 @kernel
 def gap_piece(wall, tau, position, w, delta, epsilon, beta, horizon):
-    """Return a free flight to the next wall or to the horizon.
+    """Follow a free flight to the next wall, or for the time `horizon`.
 
-    The flight starts in the gap, or on the given wall with velocity into the gap.
+    The flight starts in the gap (wall GAP), or on a wall with velocity into the gap.
 
     Returns
     -------
     tuple
-        (status, time, wall or GAP, position, w, 1 − e^(−δs)).
+        (status, duration s, wall or GAP, position, w, 1 − e^(−δs)), the state at the end.
     """
     drift = math.copysign(DRIFT, delta)
     flight = leaving(tau, w, delta, epsilon, drift)
@@ -76,14 +77,15 @@ def gap_piece(wall, tau, position, w, delta, epsilon, beta, horizon):
 
 @kernel
 def piece(wall, tau, position, w, delta, epsilon, beta, kappa, horizon):
-    """Return the next flight or contact, to its end or to the horizon.
+    """Follow the next flight or contact to its end, or for the time `horizon`.
 
     A motion with depth 0 and velocity 0 is in contact if the contact force presses on the wall.
 
     Returns
     -------
     tuple
-        (status, time, then wall, position and w, whether a contact has ended, its tangent map).
+        (status; duration; wall, position and w at the end; whether the piece is a flight that starts on a wall; the
+        tangent map of the piece).
     """
     leaves = wall != GAP and departs(wall, tau, position, w, delta, epsilon)
     if wall == GAP or leaves:
@@ -99,14 +101,14 @@ def piece(wall, tau, position, w, delta, epsilon, beta, kappa, horizon):
 
 @kernel
 def flow(wall, tau, position, w, duration, delta, epsilon, beta, kappa):
-    """Follow a motion for this duration.
+    """Follow a motion for a duration, in forcing periods.
 
-    A contact begins where a flight meets a wall.
+    A contact begins when a flight meets a wall.
 
     Returns
     -------
     tuple
-        (status, wall, position, w, contacts begun with Σ⁺ and Σ⁻, tangent map).
+        (status, wall, position, w, numbers of contacts that began with Σ⁺ and with Σ⁻, tangent map).
     """
     j00, j01, j10, j11, n_plus, n_minus, time = 1.0, 0.0, 0.0, 1.0, 0, 0, 0.0
     for _ in range(MOST_PIECES):
@@ -128,14 +130,14 @@ def flow(wall, tau, position, w, duration, delta, epsilon, beta, kappa):
 
 @kernel
 def next_departure(tau, v, delta, epsilon, beta, kappa):
-    """Return the return map Π of a departure (τ, v) from Σ⁺, to the next departure from Σ⁺.
+    """Return Π(τ, v), the next departure from Σ⁺ after a departure (τ, v) from Σ⁺.
 
-    With the status QUIET the last contact with Σ⁺ never ends; τ' and v' are then those of the last departure.
+    If the next contact with Σ⁺ never ends, the status is QUIET, and τ' and v' are τ and v.
 
     Returns
     -------
     tuple
-        (status, τ', v', time, contacts with Σ⁻, tangent map at fixed times).
+        (status, τ', v', time, number of contacts with Σ⁻, tangent map at fixed times).
     """
     j00, j01, j10, j11, n_minus, time = 1.0, 0.0, 0.0, 1.0, 0, 0.0
     wall, position, w = SIGMA_PLUS, 0.0, -v
@@ -164,15 +166,16 @@ def next_departure(tau, v, delta, epsilon, beta, kappa):
 
 @kernel
 def bounced(wall, tau, w, delta, epsilon, beta, kappa):
-    """Return the flight and the contact from a departure to the next one, from either wall.
+    """Return the flight and the contact that follow a departure from either wall, up to the next departure.
 
-    In the contact x'' + δx' + 2κx = h holds from depth 0 to depth 0. Its impulse ∫ 2κx is therefore the sum of both
-    speeds and ∫ h.
+    In the contact x'' + δx' + 2κx = h holds from depth 0 to depth 0. The impulse ∫ 2κx of the contact is therefore the
+    speed of arrival plus the speed of departure plus ∫ h.
 
     Returns
     -------
     tuple
-        (status, time of flight, wall, speed of arrival, duration of the contact, its impulse, speed of departure).
+        (status, time of flight, wall, speed of arrival, duration of the contact, impulse of the contact, speed of
+        departure).
     """
     status, flown, wall, position, w, _l, _a, _b, _c, _d = piece(
         wall, tau, 0.0, w, delta, epsilon, beta, kappa, math.inf
@@ -195,12 +198,13 @@ def bounced(wall, tau, w, delta, epsilon, beta, kappa):
 
 @kernel
 def preceding(tau, v, delta, epsilon, beta, kappa):
-    """Return Π⁻¹ by reversed time, first through the contact that this departure ends.
+    """Return Π⁻¹(τ, v), following the motion backwards in time, first through the contact that this departure ends.
 
     Returns
     -------
     tuple
-        (status, τ, v, time, contacts with Σ⁻); STUCK where the motion has been in contact for ever.
+        (status, τ, v, time, number of contacts with Σ⁻); the status is STUCK if the motion cannot be followed back, as
+        where it has been in contact for ever.
     """
     wall, position, w, time, n_minus = SIGMA_PLUS, 0.0, v, 0.0, 0
     for _ in range(MOST_PIECES):

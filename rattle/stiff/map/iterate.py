@@ -16,9 +16,10 @@ from rattle.stiff.map.return_map import StiffPoint, step, step_tangent
 
 @kernel
 def returned(tau, v, n, delta, epsilon, beta, kappa, quiet, n_plus, n_minus):
-    """Replace flat arrays of states by Π^n of them; quiet is 1 where contact never ends after n_plus < n returns.
+    """Replace each state of flat arrays by its image under Π^n.
 
-    A state whose contact never ends is kept. n_plus and n_minus count the contacts with each wall.
+    Where contact never ends after n_plus < n returns, the last state is kept, and `quiet` is set to 1. n_plus and
+    n_minus count the contacts with each wall.
     """
     for i in range(tau.size):
         point = StiffPoint(delta[i], epsilon[i], beta[i], kappa[i])
@@ -62,14 +63,15 @@ def iterate(
     beta: ArrayLike = 0.6,
     kappa: ArrayLike = 1e4,
 ) -> Iterates:
-    """Return Π^n of departures (τ, v), v > 0, n ≥ 0 integers, at δ > 0, ε ≥ 0, β > 0, κ > 0; all broadcast.
+    """Return the images of departures (τ, v) from Σ⁺ under Π^n; all arguments broadcast.
 
-    All values are dimensionless. A trajectory whose contact with Σ⁺ never ends keeps its last state and has n_plus < n.
+    v, δ, β and κ must be > 0, ε ≥ 0, and n integers ≥ 0; all are dimensionless. A trajectory whose contact with Σ⁺
+    never ends keeps its last state and has n_plus < n.
 
     Returns
     -------
     Iterates
-        Arrays of the broadcast shape: τ, v, and contacts with both walls.
+        Arrays of the broadcast shape: τ, v, and the numbers of contacts with both walls.
 
     Raises
     ------
@@ -91,14 +93,14 @@ def iterate_tangent(
     beta: ArrayLike = 0.6,
     kappa: ArrayLike = 1e4,
 ) -> Stretched:
-    """Return `iterate` with both Lyapunov exponents over the n returns.
+    """Return the results of `iterate`, and both Lyapunov exponents over the n returns.
 
-    The coordinates are those of `rattle.iterate_tangent`. Exponents are NaN where no return is made.
+    The exponents are in the coordinates of `rattle.iterate_tangent`. They are NaN where no return is made.
 
     Returns
     -------
     Stretched
-        States, times and exponents.
+        States, numbers of contacts with both walls, and exponents.
 
     Raises
     ------

@@ -5,7 +5,7 @@ For the forcing of one cosine the depth is
     x = 2πδ/κ + ε (P cos 2πt + Q sin 2πt),
     D = (2κ − 4π²)² + (2πδ)²,    P = −4π² (2κ − 4π² − δ²)/D,    Q = −4πδκ/D.
 
-The gear moves so if x ≥ 0 at all times, which holds if and only if ε ≤ 2πδ/(κ √(P² + Q²)). The motion then attracts.
+This motion exists if x ≥ 0 at all times, that is, if and only if ε ≤ 2πδ/(κ √(P² + Q²)). It then attracts.
 """
 
 from __future__ import annotations
@@ -20,12 +20,13 @@ from rattle.flight.forcing import TWO_PI
 def quiet_limit(delta: ArrayLike, kappa: ArrayLike) -> NDArray[np.float64]:
     """Return the smallest ε at which permanent contact with Σ⁺ is lost: (δ/κ) √((2κ − 4π²)² + 4π²δ²)/√(4π² + δ²).
 
-    Damping δ > 0 and stiffness κ > 0 broadcast (dimensionless). For κ → ∞ it is `rattle.quiet_limit` times 1 − 2π²/κ.
+    Damping δ > 0 and stiffness κ > 0 are dimensionless and broadcast. For large κ the limit is about
+    `rattle.quiet_limit` times 1 − 2π²/κ.
 
     Returns
     -------
     NDArray[np.float64]
-        ε, of the broadcast shape.
+        The limit, of the broadcast shape.
 
     Raises
     ------
@@ -46,7 +47,7 @@ def quiet_limit(delta: ArrayLike, kappa: ArrayLike) -> NDArray[np.float64]:
 def quiet_depth(
     delta: float, epsilon: float, kappa: float, time: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return depth x = Φ − β and velocity of permanent contact with Σ⁺ at times in forcing periods (any shape)."""
+    """Return depth x = Φ − β and velocity x' in permanent contact with Σ⁺, at times (any shape) in forcing periods."""
     a, b = 2.0 * kappa - TWO_PI**2, TWO_PI * delta
     size = np.hypot(a, b)
     p = -(TWO_PI**2) * ((a - delta**2) / size) / size
@@ -57,5 +58,5 @@ def quiet_depth(
 
 
 def rests_late(delta: NDArray[np.float64], *_: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return False (n,), because endless contact is recognised when it begins."""
+    """Return False (n,) for every cell: quiet motion is recognised early, as soon as its endless contact begins."""
     return np.zeros(delta.size, np.bool_)

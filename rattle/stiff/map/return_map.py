@@ -1,7 +1,7 @@
 """The return map of the stiff gear on Σ⁺, with its tangent map (compiled).
 
-A state (τ, v) leaves the contact with Σ⁺ at phase τ with velocity −v, as in the impacting model. In (t, v²/2) the
-tangent map of a return that takes the time s has determinant e^(−δs).
+A state (τ, v) is a departure: the motion leaves contact with Σ⁺ at phase τ with velocity −v, as in the impacting model.
+In (t, v²/2) the tangent map of a return that takes the time s has determinant e^(−δs).
 """
 
 from typing import NamedTuple
@@ -26,13 +26,13 @@ class StiffPoint(NamedTuple):
 
 @kernel
 def acceleration(tau, w, point):
-    """Return Φ'' on Σ⁺, where the depth and so the wall's force are 0."""
+    """Return Φ'' at a departure from Σ⁺ with velocity w; the depth there, and so the force of the wall, is 0."""
     return outward_force(SIGMA_PLUS, tau, point.delta, point.epsilon) - point.delta * w
 
 
 @kernel
 def step(tau, v, point):
-    """Return Π(τ, v): (status, τ', v', time, contacts with Σ⁻)."""
+    """Return Π(τ, v): (status, τ', v', time, number of contacts with Σ⁻)."""
     status, tau1, v1, time, n_minus, _a, _b, _c, _d = next_departure(
         tau, v, point.delta, point.epsilon, point.beta, point.kappa
     )
@@ -41,7 +41,7 @@ def step(tau, v, point):
 
 @kernel
 def step_tangent(tau, v, point):
-    """Return Π(τ, v) with its tangent.
+    """Return Π(τ, v) with its tangent map.
 
     A change (dτ, dv) of the departure is the change (v dτ, −dv − Φ'' dτ) of (Φ, Φ') at time τ, and likewise at the next
     departure.
@@ -49,7 +49,7 @@ def step_tangent(tau, v, point):
     Returns
     -------
     tuple
-        (status, τ', v', time, contacts with Σ⁻, j00, j01, j10, j11, ln det in (t, v²/2)).
+        (status, τ', v', time, number of contacts with Σ⁻, j00, j01, j10, j11, ln det in (t, v²/2)).
     """
     status, tau1, v1, time, n_minus, j00, j01, j10, j11 = next_departure(
         tau, v, point.delta, point.epsilon, point.beta, point.kappa

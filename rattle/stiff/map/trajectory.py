@@ -18,7 +18,8 @@ def sampled(tau, v, delta, epsilon, beta, kappa, time, phi, velocity, contact_ti
     Returns
     -------
     tuple
-        (status, number of contacts, rest).
+        (status, number of contacts, rest); rest is the time from which contact lasts for ever, infinite if it never
+        does.
     """
     wall, position, w, now, i, contacts, rest = SIGMA_PLUS, 0.0, -v, 0.0, 0, 0, math.inf
     for _ in range(MOST_PIECES):
@@ -52,5 +53,5 @@ def sampled(tau, v, delta, epsilon, beta, kappa, time, phi, velocity, contact_ti
 def trajectory(
     delta: float, epsilon: float, beta: float, kappa: float, tau: float, v: float, periods: float, points: int
 ) -> Trajectory:
-    """Return the motion of `rattle.stiff.StiffGear.trajectory`."""
+    """Return the result of `rattle.stiff.StiffGear.trajectory`."""
     return sampled_motion(sampled, tau, v, (delta, epsilon, beta, kappa), periods, points)

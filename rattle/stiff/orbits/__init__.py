@@ -1,1 +1,1 @@
-"""Periodic motions of the stiff gear as the times and durations of contacts; the families of A–D."""
+"""Periodic motions of the stiff gear, given by the times and durations of contacts, and the families of A to D."""

@@ -1,12 +1,12 @@
-"""The closure of one periodic motion of the stiff gear with all derivatives, and its admissibility (compiled).
+"""The equations of one periodic motion of the stiff gear with all derivatives, and its admissibility (compiled).
 
 The equations are those of `rattle.stiff.orbits.equations` at one δ, β and κ. For c contacts there are 2c + 1 unknowns
 y: the times at which the contacts begin, their durations σ in units of p = 1/√(2κ), and ε. Every contact begins with
-the velocity of the flight before. The equations state that it is over after pσ and ends with the velocity of the flight
-after it.
+the velocity at the end of the flight before it. The equations state that the depth is 0 after the time pσ, and that the
+velocity is then the initial velocity of the next flight.
 
-That module treats batches, complex numbers for exact derivatives, and p down to 0. This one treats one real motion at
-finite κ. Tests compare both with the same complex steps.
+`rattle.stiff.orbits.equations` treats many motions at once, complex numbers for exact derivatives, and p down to 0.
+This module treats one real motion at finite κ. Tests compare both modules with the same complex steps.
 """
 
 import math
@@ -30,9 +30,9 @@ from rattle.numerics.compile import inline, kernel
 from rattle.stiff.map.contact import ENDS, contact_end, driven, responses
 
 SAME_TIME = 1e-6  # largest difference of durations that counts as the same flight or contact
-LEAST_CONTACT = 1e-6  # shortest contact, in σ; a shorter one is a graze (σ = 0), where a branch turns in σ²
-GRAZING = 1e-6  # speed, in its unit, below which rounding decides whether a flight meets a wall
-SAME_END = 1e-9  # further tolerance at the end of a contact, for the error of a grazing solution
+LEAST_CONTACT = 1e-6  # shortest contact, in σ; a shorter one counts as a graze (σ = 0), where a branch turns in σ²
+GRAZING = 1e-6  # speed, in units of `speed_unit`, below which rounding decides whether a flight meets a wall
+SAME_END = 1e-9  # additional tolerance, in time, at the end of a contact, for the error of a grazing solution
 
 
 class Cycle(NamedTuple):
@@ -46,12 +46,12 @@ class Cycle(NamedTuple):
 
 
 def softness(kappa: float) -> float:
-    """Return p = 1/√(2κ), 0 for infinite stiffness."""
+    """Return p = 1/√(2κ), which is 0 for infinite stiffness."""
     return float(1.0 / np.sqrt(2.0 * kappa))
 
 
 class Ends(NamedTuple):
-    """Velocities at both ends of a flight, with derivatives: w0_t1 = ∂w₀/∂t₁; names with _e are derivatives by ε."""
+    """Velocities w₀ and w₁ at both ends of a flight, and their derivatives: w0_t1 = ∂w₀/∂t₁, w0_e = ∂w₀/∂ε."""
 
     w0: float
     w1: float
@@ -64,7 +64,10 @@ class Ends(NamedTuple):
 
 
 class Exit(NamedTuple):
-    """Depth and outward velocity at the end of a contact, with derivatives by u, t (of its beginning), s and ε."""
+    """Depth x and outward velocity v at the end of a contact, and their derivatives: x_u = ∂x/∂u, x_e = ∂x/∂ε.
+
+    u is the outward velocity at the beginning of the contact, t the time of the beginning, and s the duration.
+    """
 
     x: float
     v: float
@@ -79,7 +82,7 @@ class Exit(NamedTuple):
 
 @inline
 def free_flight(t0, t1, gap, delta, epsilon):
-    """Return the velocities at the ends of a flight over the distance gap, with derivatives (paper 3.1, 3.2)."""
+    """Return the velocities at the ends of a flight by which Φ grows by `gap`, with derivatives (paper 3.1, 3.2)."""
     s = t1 - t0
     x = delta * s
     decay, pull = math.exp(-x), -delta / math.expm1(-x)
@@ -107,7 +110,7 @@ def free_flight(t0, t1, gap, delta, epsilon):
 
 @inline
 def contact(wall, t, u, s, delta, epsilon, kappa):
-    """Return the end, after the time s, of a contact that begins at time t with outward velocity u."""
+    """Return the end, after the duration s, of a contact that begins at time t with outward velocity u."""
     sine, lost, x_c, x_s, v_c, v_s, omc, siny = driven(s, delta, kappa)
     sin0, cos0 = library_phase(t)
     mean, a, b = force_ahead(wall, sin0, cos0, delta, 1.0)
@@ -131,7 +134,7 @@ def contact(wall, t, u, s, delta, epsilon, kappa):
 
 @inline
 def follower(i, y, cycle):
-    """Return the flight after contact i: number of the next contact, times of departure and arrival, distance."""
+    """Return the flight after contact i: number of the next contact, times of departure and arrival, change of Φ."""
     c = cycle.walls.size
     after = i + 1 if i < c - 1 else 0
     t1 = y[after] if i < c - 1 else y[0] + cycle.m
@@ -141,14 +144,15 @@ def follower(i, y, cycle):
 
 @kernel
 def closure(y, cycle, value, jacobian):
-    """Write R (2c,) and ∂R/∂y (2c, 2c + 1).
+    """Write the residuals R (2c,) to `value` and ∂R/∂y (2c, 2c + 1) to `jacobian`.
 
-    The first c equations are the depths over pσ at the ends of contacts, the others the jumps of velocity there.
+    The first c residuals are the depths at the ends of contacts, divided by pσ; the others are the jumps of velocity
+    there.
 
     Returns
     -------
     bool
-        False if a flight has no duration.
+        False if a flight does not have a positive duration.
     """
     c, delta, epsilon, kappa = cycle.walls.size, cycle.delta, y[2 * cycle.walls.size], cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)
@@ -186,12 +190,12 @@ def closure(y, cycle, value, jacobian):
 def trace_of_solution(y, cycle):
     """Return the trace of the tangent map (2, 2) in (Φ, Φ') over the period.
 
-    The map is a product of exact ones, each with determinant e^(−δs).
+    The map is the product of the exact tangent maps of flights and contacts.
 
     Returns
     -------
     float
-        The sum of both multipliers.
+        The trace, which is the sum of both multipliers.
     """
     c, delta, kappa = cycle.walls.size, cycle.delta, cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)
@@ -214,13 +218,13 @@ def trace_of_solution(y, cycle):
 
 @kernel
 def failing_piece(y, cycle):
-    """Return the first flight or contact of a solution that does not end where the equations say.
+    """Return the first flight or contact of a solution that does not end when and where the equations assume.
 
     Returns
     -------
     tuple
-        Its number, whether it is a contact, and the wall and time at which it ends instead. Wall 0 if it cannot begin;
-        number −1 if the motion is admissible.
+        The number of the flight or contact, whether it is a contact, and the wall and time at which it ends instead.
+        The wall is 0 if it cannot begin or has no end. The number is −1 if the motion is admissible.
     """
     c, delta, epsilon, beta, kappa = cycle.walls.size, cycle.delta, y[y.size - 1], cycle.beta, cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)
@@ -249,13 +253,13 @@ def failing_piece(y, cycle):
 
 @kernel
 def is_admissible(y, cycle):
-    """Return whether each contact and flight of a solution ends first where the equations say."""
+    """Return whether a solution is admissible: no flight or contact ends before the time that the equations assume."""
     return failing_piece(y, cycle)[0] < 0
 
 
 @kernel
 def struck(y, cycle):
-    """Return when the flight of a P(1,1,0) meets Σ⁻, NaN if it does not."""
+    """Return the time at which the flight of a P(1,1,0) meets Σ⁻; NaN if it does not."""
     _after, t0, t1, gap = follower(0, y, cycle)
     w0 = free_flight(t0, t1, gap, cycle.delta, y[2]).w0
     if not w0 < 0.0:

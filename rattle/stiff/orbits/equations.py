@@ -1,15 +1,17 @@
-"""A periodic motion of the stiff gear as the times and durations of its contacts: equations smooth down to κ = ∞.
+"""Equations for the times and durations of contacts of a periodic motion of the stiff gear, smooth up to κ = ∞.
 
 Contact i begins at time t_i with outward velocity u_i and lasts pσ_i, with p = 1/√(2κ). A flight then leads to the next
 wall. These times determine the velocities of the flights in closed form (`rattle.impacting.orbits.equations`). For each
-contact two equations remain: its final depth divided by pσ_i is 0, and its final velocity is that of the next flight,
+contact two equations remain: the final depth divided by pσ_i is 0, and the final velocity is the initial velocity w₀ of
+the next flight,
 
     u Ŝ/σ + p (response to the force)/σ = 0,
     u (dŜ/dσ) + p (response to the force) − w₀ = 0,        Ŝ = e^(−δpσ/2) sin(νσ)/ν.
 
-At p = 0 they are sin σ = 0, so σ = π, and w₀ = −u, which is the elastic impact. So any motion of the impacting model is
-a solution at p = 0. All is analytic in p there, so the motions differ by O(κ^(−1/2)). At σ = 0 the motion grazes, and
-the solution continues smoothly beyond, where it is virtual. Complex arguments carry exact derivatives.
+At p = 0 these equations are sin σ = 0, so σ = π, and w₀ = −u, which is the elastic impact. So any motion of the
+impacting model is a solution at p = 0. The equations are analytic in p at p = 0, so motions at stiffness κ differ from
+motions of the impacting model by O(κ^(−1/2)). At σ = 0 the motion grazes, and the solution continues smoothly to σ < 0,
+where it is virtual. With complex arguments the functions yield exact derivatives (complex step).
 """
 
 import math
@@ -41,7 +43,13 @@ TERMS = 16
 
 @inline
 def free_responses(duration, loss):
-    """Return Ŝ, 1 − C and σ − Ŝ at σ, with loss = δp. Small σ use Taylor series, whose derivatives stay exact."""
+    """Return Ŝ, 1 − C and σ − Ŝ at σ = duration, with loss = δp and C as in `rattle.stiff.map.contact`.
+
+    Returns
+    -------
+    tuple
+        The three values, for small σ from Taylor series, whose derivatives are exact.
+    """
     if abs(duration) * (1.0 + abs(loss)) < SMALL:
         last, term = 0.0 * duration, duration
         series, integral, rest = term, 0.5 * duration * duration, 0.0 * duration
@@ -64,7 +72,7 @@ def free_responses(duration, loss):
 
 @inline
 def sine_defect(z):
-    """Return z − sin z."""
+    """Return z − sin z without cancellation."""
     if abs(z) < SMALL:
         y = z * z
         return z * y * (1 / 6) * (1 - y * (1 / 20) * (1 - y * (1 / 42) * (1 - y * (1 / 72) * (1 - y * (1 / 110)))))
@@ -73,12 +81,13 @@ def sine_defect(z):
 
 @inline
 def contact_of_entry(sign, t, duration, u, p, delta, epsilon):
-    """Return depth over p and outward velocity at the end of a contact that begins with outward velocity u.
+    """Return the depth divided by p and the outward velocity at the end of a contact that begins with velocity u.
 
     Returns
     -------
     tuple
-        x, v, x_u, v_u, x_t, v_t (t is the time of the beginning), v_σ; the derivative of x by σ is v.
+        x = depth/p, v, and the derivatives x_u, v_u, x_t, v_t (t is the time at which the contact begins) and v_σ. The
+        derivative of x by σ is v.
     """
     sine, lost, defect = free_responses(duration, delta * p)
     half, s = turn(math.pi * p * duration)[0], p * duration
@@ -109,12 +118,14 @@ def contact_of_entry(sign, t, duration, u, p, delta, epsilon):
 
 @kernel
 def solved(x, p, signs, m, beta, multiplier, with_matrix):
-    """Return the flights, R, and J(λ) if wanted, of motions x (k, 2c + 2) that meet the walls `signs` (c,), at p (k,).
+    """Return the flights, R and, if `with_matrix`, J(λ) of motions x (k, 2c + 2) at p (k,), for λ = multiplier.
+
+    signs (c,): the walls that the motions meet, as ±1.
 
     Returns
     -------
     tuple
-        Flights (6, k, c), R (k, 2c) and J (k, 2c, 2c).
+        Flights (6, k, c), R (k, 2c) and J (k, 2c, 2c), or J (k, 0, 0) without `with_matrix`.
     """
     k, c = x.shape[0], signs.size
     n = 2 * c
@@ -163,21 +174,21 @@ def solved(x, p, signs, m, beta, multiplier, with_matrix):
 
 @dataclass(frozen=True)
 class StiffItinerary(Equations):
-    """The walls of a motion of the stiff gear, its forcing periods, the half-backlash, and p = 1/√(2κ).
+    """The walls of a motion of the stiff gear in order, its forcing periods, the half-backlash, and the softness.
 
-    p is 0 for the impacting model.
+    softness is p = 1/√(2κ), which is 0 for the impacting model.
     """
 
     softness: float
 
     @property
     def contacts(self) -> int:
-        """Number c of contacts per period."""
+        """The number c of contacts per period of the motion."""
         return len(self.walls)
 
     @property
     def n(self) -> int:
-        """Number of unknown times and durations σ, 2c."""
+        """The number 2c of unknown times and durations."""
         return 2 * self.contacts
 
     @cached_property
@@ -188,7 +199,7 @@ class StiffItinerary(Equations):
     def _solved(
         self, x: NDArray, p: NDArray | float, multiplier: complex = 1.0, *, with_matrix: bool = False
     ) -> tuple[NDArray, ...]:
-        """Return flights (6, …, c), R (…, 2c), and J(λ) (…, 2c, 2c) if wanted, at p (a number, or (…, 1))."""
+        """Return flights (6, …, c), R (…, 2c) and, if `with_matrix`, J(λ) (…, 2c, 2c), at p, a number or (…, 1)."""
         batch = batch_of(x)
         softness = np.empty(len(batch), np.complex128)
         softness[:] = np.ravel(p)
@@ -198,22 +209,22 @@ class StiffItinerary(Equations):
         return like(x, flights, axis=1), like(x, residual), like(x, matrix)
 
     def flights(self, x: NDArray, p: NDArray) -> Flights:
-        """Return the flights. Flight i leads from contact i to i + 1. x (…, 2c + 2): times, σ, δ, ε; p (…, 1)."""
+        """Return the flights; flight i leads from contact i to the next. x (…, 2c + 2): times, σ, δ and ε; p (…, 1)."""
         return Flights(*self._solved(x, p)[0])
 
     def residual_at(self, x: NDArray, p: NDArray) -> NDArray:
-        """Return R (…, 2c), depths over σ and then velocities, at another p (…, 1). x must be complex if p is."""
+        """Return R (…, 2c) at another p (…, 1), first the c residuals of depth; x must be complex if p is complex."""
         return self._solved(x, p)[1]
 
     def residual(self, x: NDArray) -> NDArray:
-        """Return R (…, 2c), which is 0 where every contact joins its flights."""
+        """Return R (…, 2c), which is 0 if every contact joins the flight before it to the flight after it."""
         return self._solved(x, self.softness)[1]
 
     def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
-        """Return R and J(λ) = ∂R/∂(times, σ) (…, 2c, 2c) from the same flights and contacts."""
+        """Return R and J(λ) = ∂R/∂(times, σ) (…, 2c, 2c) for perturbations that grow by λ = multiplier in a period."""
         _, residual, matrix = self._solved(x, self.softness, multiplier, with_matrix=True)
         return residual, matrix
 
     def with_graze(self, x: NDArray, impact: int) -> NDArray:
-        """Return R followed by the duration σ of one contact, (…, 2c + 1)."""
+        """Return (…, 2c + 1): R, then the duration σ of contact number `impact`, which is 0 at its graze."""
         return np.concatenate([self.residual(x), x[..., self.contacts + impact, None]], axis=-1)

@@ -1,9 +1,10 @@
-"""The families of periodic motions P(1,1,0) and P(1,1,1) of the stiff gear in ε, and the counterparts of A–D on them.
+"""The one-parameter families in ε of the stiff gear's motions P(1,1,0) and P(1,1,1), and the counterparts of A to D.
 
-A family is followed as a whole, also where its motions are virtual. P(1,1,0) starts at every duration of its contact,
-for which the equations are linear in ε cos 2πt and ε sin 2πt. P(1,1,1) starts with Newton's method from the impacting
-limit, which is explicit too, at every time from Σ⁺ to Σ⁻, and from every graze of a P(1,1,0). These starts hold for a
-forcing of one cosine. A letter belongs to a part of a family between folds: A, SN1, C, (graze, fold at G1), B, SN2, D,
+A family is a connected curve of solutions at fixed δ, β and κ. It is followed as a whole, also where its motions are
+virtual. Families of P(1,1,0) are sought at many durations of the contact; for a given duration the equations are linear
+in ε cos 2πt and ε sin 2πt. Families of P(1,1,1) are sought with Newton's method from the impacting limit, which is
+explicit too, at many times from Σ⁺ to Σ⁻, and from every graze of a P(1,1,0). These guesses hold for a forcing of one
+cosine. A letter belongs to a part of a family between folds, in this order: A, SN1, C, (graze, fold at G1), B, SN2, D,
 (fold at G2, graze), A.
 """
 
@@ -46,15 +47,18 @@ from rattle.stiff.orbits.family_continuation import (
 
 SLOW = "P"  # a P(1,1,0) other than A and C, without a counterpart in the impacting model
 PLUS, PLUS_MINUS = np.array([1]), np.array([1, -1])
-DURATIONS = 600  # durations of the contact at which P(1,1,0) is started
-TIMES = 40  # times from Σ⁺ to Σ⁻, on either side of the pole at 1/2, at which P(1,1,1) is started
-LEAST_SPAN = 1.0  # least range of ε of a family, in units of the scale of the plane
-SLIGHT = 10.0 * LEAST_CONTACT  # σ of the slight contact with which families start at a graze
+DURATIONS = 600  # number of durations of the contact at which P(1,1,0) is sought
+TIMES = 40  # number of times from Σ⁺ to Σ⁻, on either side of the pole at 1/2, at which P(1,1,1) is sought
+LEAST_SPAN = 1.0  # least range of ε in which families are followed, in units of `plane_scale`
+SLIGHT = 10.0 * LEAST_CONTACT  # σ of the contact with Σ⁻ with which families of P(1,1,1) start at a graze
 BISECTIONS = 45
 
 
 class Member(NamedTuple):
-    """A motion of a family: its unknowns y as in `rattle.stiff.orbits.closure`, and the letter of its part."""
+    """A motion of a family.
+
+    name: the letter of its part of the family. y (2c + 1,): its unknowns, as in `rattle.stiff.orbits.closure`.
+    """
 
     name: str
     cycle: Cycle
@@ -63,7 +67,12 @@ class Member(NamedTuple):
 
 @dataclass(frozen=True)
 class StiffFamily:
-    """A family: points (k, 2c + 1) in order, its folds in ε among them, and the letter of each part between folds."""
+    """A family of motions at one δ, β and κ.
+
+    points (k, 2c + 1): the unknowns of its motions in order. folds: the numbers of the points at which ε turns back.
+    ends: the reasons why it ends at its first and last point (`family_continuation`). letters: the letter of each part
+    between folds.
+    """
 
     cycle: Cycle
     points: Array
@@ -73,7 +82,7 @@ class StiffFamily:
 
     @property
     def saddles(self) -> list[bool]:
-        """Flags of the parts whose motions are saddles with a multiplier above 1."""
+        """The flags of parts between folds whose motions are saddles with a multiplier above 1."""
         edges, found = [0, *self.folds.tolist(), len(self.points) - 1], []
         for i, j in pairwise(edges):
             y = self.points[(i + j) // 2] if j > i + 1 else 0.5 * (self.points[i] + self.points[j])
@@ -84,12 +93,15 @@ class StiffFamily:
 
     @property
     def breaks(self) -> list[Array]:
-        """Admissible motions at which the family could not be continued, or any if one of its folds was lost."""
+        """The admissible motions at ends where the family could not be continued.
+
+        If both ends are such, or a fold could not be located: all admissible motions of the family.
+        """
         ends = [i for i, why in zip((0, -1), self.ends, strict=True) if why == BROKEN]
         return [y for y in (self.points if len(ends) == 2 else self.points[ends]) if is_admissible(y, self.cycle)]
 
     def at(self, epsilon: float) -> list[Member]:
-        """Return the admissible motions at this eccentricity. Raises RattleError where one is lost."""
+        """Return the admissible motions at this eccentricity. Raises RattleError if one of them cannot be computed."""
         found, y = [], np.empty(self.points.shape[1])
         for k in sign_changes(self.points[:, -1] - epsilon):
             ends = self.points[k : k + 2]
@@ -105,12 +117,12 @@ class StiffFamily:
 
 
 def sign_changes(values: Array) -> list[int]:
-    """Return the numbers of the points before which a function changes sign."""
+    """Return the numbers of the points after which a function changes sign, before the next point."""
     return np.flatnonzero((values[:-1] < 0) != (values[1:] < 0)).tolist()
 
 
 def lost(cycle: Cycle, epsilon: float) -> RattleError:
-    """Return the error for a family that breaks off among admissible motions, so that others would be missing."""
+    """Return the error for a family that breaks off at admissible motions, so that some motions would be missing."""
     return RattleError(
         f"a family of motions cannot be followed at delta = {cycle.delta:g}, epsilon = {epsilon:g}, "
         f"beta = {cycle.beta:g}, kappa = {cycle.kappa:g}: choose another point"
@@ -142,8 +154,9 @@ def family_through(y: Array, cycle: Cycle, span: float) -> StiffFamily:
 def explicit(cycle: Cycle, offset: Array, duration: Array) -> Array:
     """Return the motions whose contacts begin at times `offset` and last p · `duration`, both (k, c).
 
-    Times are relative to the first one. All equations are linear in ε cos 2πt and ε sin 2πt. The solution is exact for
-    c = 1, else a least-squares solution.
+    The times `offset` are relative to the beginning of the first contact. For given offsets and durations all equations
+    are linear in ε cos 2πt and ε sin 2πt, where t is this beginning. The solution is exact for c = 1; for c = 2 it is a
+    least-squares solution.
 
     Returns
     -------
@@ -167,7 +180,7 @@ def explicit(cycle: Cycle, offset: Array, duration: Array) -> Array:
 
 
 def _at_sn1(cycle: Cycle) -> Array | None:
-    """Return unknowns (3,) near the fold of P(1,1,0) at SN1, excluding contacts that swing more than once (σ > 2π)."""
+    """Return unknowns (3,) near the fold of P(1,1,0) at SN1, the fold with σ nearest to π; None if there is none."""
     p = softness(cycle.kappa)
     hard = p * np.geomspace(1e-2, 1e4, DURATIONS)  # σ − π is about 2p · force / speed
     duration = np.concatenate([np.linspace(0.0, 4 * np.pi, DURATIONS), np.pi - hard, np.pi + hard])
@@ -180,7 +193,7 @@ def _at_sn1(cycle: Cycle) -> Array | None:
 
 
 def without_minus(cycle: Cycle, span: float) -> list[StiffFamily]:
-    """Return the family of A and C, if there is one."""
+    """Return the family of A and C as a list of one item; an empty list if there is no such family."""
     guess = _at_sn1(cycle)
     if guess is None or not corrected(guess, np.array([0.0, 1.0, 0.0]), cycle) or edge(guess, cycle, span)[0] >= 0:
         return []
@@ -195,7 +208,7 @@ def without_minus(cycle: Cycle, span: float) -> list[StiffFamily]:
 
 
 def slow(cycle: Cycle, span: float) -> list[StiffFamily]:
-    """Return the families of P(1,1,0) other than that of A and C, from admissible motions on a grid of durations."""
+    """Return the families of P(1,1,0) besides the family of A and C, sought on a grid of contact durations."""
     longest = 0.999 / softness(cycle.kappa)
     dense = np.linspace(0.0, min(4 * np.pi, longest), DURATIONS)[1:]
     duration = np.concatenate([dense, np.linspace(dense[-1], longest, DURATIONS)])
@@ -211,7 +224,7 @@ def slow(cycle: Cycle, span: float) -> list[StiffFamily]:
 
 
 def with_minus(cycle: Cycle, span: float, plus: Sequence[StiffFamily]) -> list[StiffFamily]:
-    """Return the families of P(1,1,1); `plus` are those of P(1,1,0)."""
+    """Return the families of P(1,1,1). plus: the families of P(1,1,0)."""
     found: list[StiffFamily] = []
     for guess, constraint in _starts(cycle, plus):
         y = guess.copy()
@@ -221,7 +234,7 @@ def with_minus(cycle: Cycle, span: float, plus: Sequence[StiffFamily]) -> list[S
 
 
 def _starts(cycle: Cycle, plus: Sequence[StiffFamily]) -> Iterator[tuple[Array, Array]]:
-    """Return guesses of P(1,1,1), and the row of Newton's equations that fixes the position on the family."""
+    """Yield guesses of P(1,1,1), each with the row of Newton's equations that fixes the position on the family."""
     p = softness(cycle.kappa)
     for family in plus:
         for y in family_grazes(family):
@@ -235,7 +248,7 @@ def _starts(cycle: Cycle, plus: Sequence[StiffFamily]) -> Iterator[tuple[Array, 
 
 
 def family_grazes(family: StiffFamily) -> list[Array]:
-    """Return P(1,1,1) with a slight contact with Σ⁻, near grazes of a family of P(1,1,0)."""
+    """Return guesses of P(1,1,1) that have a slight contact with Σ⁻, at the grazes of a family of P(1,1,0)."""
     cycle, found = family.cycle, []
     meets = np.array([not np.isnan(struck(y, cycle)) for y in family.points])
     for i in np.flatnonzero(meets[:-1] != meets[1:]).tolist():
@@ -252,13 +265,13 @@ def family_grazes(family: StiffFamily) -> list[Array]:
 def _letters(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple[str, ...]:
     """Return the letters of a family of P(1,1,1).
 
-    Where it loses its contact with Σ⁻ it continues as a P(1,1,0), whose letter the part shares. But a C that never
-    folds back to B is D, as beyond COD23.
+    Where the family loses its contact with Σ⁻ it continues as a P(1,1,0), and its last part has the letter of this
+    P(1,1,0). There is one exception: a part that continues as C but does not fold back to B is D, as beyond COD23.
 
     Returns
     -------
     tuple[str, ...]
-        One letter, A to D, for each part.
+        One letter, A to D, for each part between folds.
     """
     saddles = family.saddles
     names = ["B" if saddle else "D" for saddle in saddles]
@@ -273,7 +286,7 @@ def _letters(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple[str, ...
 
 
 def _goes_on(family: StiffFamily, end: int, plus: Sequence[StiffFamily]) -> str:
-    """Return the letter of the P(1,1,0) as which a family of P(1,1,1) continues where it loses its contact with Σ⁻."""
+    """Return the letter of the P(1,1,0) as which a family of P(1,1,1) continues at an end; "" if it does not."""
     y = family.points[end]
     if family.ends[end] != LOST or y[3] > 2.0 * LEAST_CONTACT:
         return ""
@@ -291,17 +304,17 @@ def held_orbits(y: Array, families: Sequence[StiffFamily]) -> bool:
 
 @lru_cache(maxsize=256)
 def families(delta: float, beta: float, kappa: float, span: float) -> tuple[StiffFamily, ...]:
-    """Return the families that hold the counterparts of A–D, with ε up to a span.
+    """Return the families that contain the counterparts of A to D, for ε from 0 to `span`.
 
     Returns
     -------
     tuple[StiffFamily, ...]
-        P(1,1,0) first.
+        The families, with those of P(1,1,0) first.
 
     Raises
     ------
     RattleError
-        If a family breaks off.
+        If a family breaks off at an admissible motion.
     """
     plus = without_minus(Cycle(PLUS, 1, delta, beta, kappa), span)
     found = *plus, *with_minus(Cycle(PLUS_MINUS, 1, delta, beta, kappa), span, plus)
@@ -313,17 +326,17 @@ def families(delta: float, beta: float, kappa: float, span: float) -> tuple[Stif
 
 
 def members(delta: float, epsilon: float, beta: float, kappa: float) -> list[Member]:
-    """Return the admissible counterparts of A–D at one point, and the other motions of their families.
+    """Return the admissible counterparts of A to D at one point, and other motions of their families.
 
     Returns
     -------
     list[Member]
-        Letter by letter, P(1,1,0) first, then by falling time from Σ⁺ to Σ⁻.
+        The motions, sorted by letter, then P(1,1,0) first, then by falling time from Σ⁺ to Σ⁻.
 
     Raises
     ------
     RattleError
-        If a family is lost.
+        If a family breaks off, or a motion at this point cannot be computed.
     """
     span = span_of_family(delta, epsilon)
     found = [member for family in families(delta, beta, kappa, span) for member in family.at(epsilon)]

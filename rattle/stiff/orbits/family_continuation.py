@@ -1,8 +1,8 @@
 """Pseudo-arclength continuation of a family of periodic motions of the stiff gear in ε (compiled).
 
-The method is that of `rattle.continuation.arclength` for the equations of `rattle.stiff.orbits.closure`, some hundred
-times as fast. A family is followed through virtual motions, until a contact is lost (σ = 0), ε leaves its range, or a
-flight vanishes. At weak damping ε counts in units of δ, also in lengths and angles.
+The method is that of `rattle.continuation.arclength`, here for the equations of `rattle.stiff.orbits.closure` and some
+hundred times as fast. A family is followed through virtual motions too, until a contact is lost (σ = 0), ε leaves its
+range, or a flight vanishes. At weak damping, lengths and angles count ε in units that are proportional to δ (`small`).
 """
 
 import math
@@ -23,7 +23,7 @@ from rattle.numerics.compile import inline, kernel
 from rattle.numerics.secant import narrowed
 from rattle.stiff.orbits.closure import LEAST_CONTACT, closure
 
-# reasons of the end: ε leaves its range; a contact or a flight vanishes; the family closes; no step succeeds
+# reasons why a family ends: ε leaves its range; a contact vanishes; a flight vanishes; it closes; no step succeeds
 SPAN, LOST, FLIGHT, CLOSED, BROKEN = range(5)
 LONGEST = 0.1  # longest continuation step, in the unknowns
 SHARE = 0.3  # longest step as a share of the shortest contact
@@ -35,7 +35,7 @@ MOST_SECANTS = 100
 
 @inline
 def eliminate(matrix, right):
-    """Solve matrix x = right in place by Gaussian elimination; return the determinant's sign, 0 if singular."""
+    """Solve matrix x = right by Gaussian elimination, with x in `right`; return the determinant's sign, or 0."""
     n, sign = right.size, 1.0
     for k in range(n):
         best = k
@@ -64,7 +64,7 @@ def eliminate(matrix, right):
 
 @inline
 def small(cycle):
-    """Return the size of ε that counts as small: `plane_scale`."""
+    """Return the unit in which ε is measured, which is small at weak damping: `plane_scale`."""
     return min(1.0, cycle.delta / SMALL_DAMPING)
 
 
@@ -79,7 +79,13 @@ def inner(a, b, unit):
 
 @kernel
 def corrected(y, constraint, cycle):
-    """Correct y in place by Newton's method in a hyperplane; return the number of corrections, 0 if it fails."""
+    """Correct y in place by Newton's method in the hyperplane through y that is normal to `constraint`.
+
+    Returns
+    -------
+    int
+        The number of corrections; 0 if the method fails.
+    """
     n = y.size - 1
     matrix, right = np.empty((n + 1, n + 1)), np.empty(n + 1)
     size, unit = math.inf, small(cycle)
@@ -104,7 +110,13 @@ def corrected(y, constraint, cycle):
 
 @kernel
 def family_tangent(y, direction, cycle, tangent):
-    """Write the unit tangent on the side of a direction; return the sign of det(Jacobian, tangent), 0 if singular."""
+    """Write the unit tangent at y, on the side of a direction, to `tangent`; return the sign of a determinant.
+
+    Returns
+    -------
+    float
+        The sign of the determinant of the Jacobian with `direction` as last row; 0 if it is singular.
+    """
     n = y.size - 1
     matrix, right = np.empty((n + 1, n + 1)), np.zeros(n + 1)
     if not closure(y, cycle, right[:n], matrix[:n]):
@@ -122,7 +134,7 @@ def family_tangent(y, direction, cycle, tangent):
 
 @inline
 def shortest_flight(y, cycle):
-    """Return the duration of the shortest flight between contacts."""
+    """Return the duration of the shortest flight between contacts, in forcing periods."""
     c, shortest = cycle.walls.size, math.inf
     for i in range(c):
         begins = y[i + 1] if i < c - 1 else y[0] + cycle.m
@@ -132,7 +144,7 @@ def shortest_flight(y, cycle):
 
 @inline
 def edge(y, cycle, largest):
-    """Return the limit that y exceeds and the number of the unknown that does; (−1, 0) if y is inside."""
+    """Return why y is out of range (SPAN, LOST or FLIGHT) and by which unknown (−1 for a flight); else (−1, 0)."""
     c = cycle.walls.size
     if not 0.0 <= y[2 * c] <= largest:
         return SPAN, 2 * c
@@ -146,14 +158,14 @@ def edge(y, cycle, largest):
 
 @kernel
 def family_solution_above_chord(a, b, share, cycle, y):
-    """Write the solution above a point of the chord from a to b, at this share of it; return False if there is none."""
+    """Write to y the solution in the hyperplane normal to the chord from a to b, at a share of it; return success."""
     y[:] = a + share * (b - a)
     return corrected(y, b - a, cycle) > 0
 
 
 @inline
 def measured_unknown(y, index, level, chord, cycle, tangent):
-    """Return the function whose zero `located` finds: an unknown minus its level, or (index −1) dε along the family."""
+    """Return the function whose zero `located` finds: y[index] − level, or for index −1 the rate of ε on the family."""
     if index >= 0:
         return y[index] - level
     family_tangent(y, chord, cycle, tangent)
@@ -162,14 +174,14 @@ def measured_unknown(y, index, level, chord, cycle, tangent):
 
 @kernel
 def located(a, b, index, level, cycle, y):
-    """Write the solution between a and b at which an unknown has its level (index −1: ε turns back) to y.
+    """Write to y the solution between a and b at which y[index] = level, or for index −1 the fold where ε turns back.
 
-    Secant steps along the chord are replaced by halving where they stall.
+    The search makes secant steps along the chord, and halves its interval where these stall.
 
     Returns
     -------
     bool
-        False if the solution is lost.
+        False if Newton's method fails.
     """
     tangent, chord = np.empty(y.size), b - a
     lo, hi, side, share = 0.0, 1.0, 0, math.nan
@@ -195,12 +207,12 @@ def located(a, b, index, level, cycle, y):
 def passes(solution, a, b, cycle, y):
     """Return whether the family passes through a solution between its points a and b, up to whole periods.
 
-    The solution is written to y in the form that the family has there.
+    If so, the solution is written to y, shifted by whole periods so that it lies between a and b.
 
     Returns
     -------
     bool
-        True if it does.
+        True if the family passes through the solution.
     """
     c, along, length, off, size = cycle.walls.size, 0.0, 0.0, 0.0, 0.0
     unit, n = small(cycle), a.size - 1
@@ -225,14 +237,14 @@ def passes(solution, a, b, cycle, y):
 
 @kernel
 def follow_family(start, direction, cycle, largest, points):
-    """Follow a family from a solution in a direction, with ε up to `largest`.
+    """Follow a family from a solution on the side of a direction, for ε from 0 to `largest`.
 
-    The points are written to `points` (most, 2c + 1).
+    The points are written to `points` (most, 2c + 1), whose length limits their number.
 
     Returns
     -------
     tuple
-        Number of points, and the reason of the end.
+        The number of points, and the reason why the family ends.
     """
     n = start.size
     tangent, new_tangent, new = np.empty(n), np.empty(n), np.empty(n)
@@ -297,7 +309,7 @@ def folds_of(points, cycle, folds):
 
 @kernel
 def place(points, solution, cycle):
-    """Return the number of the point of a family (k, 2c + 1) after which it passes through a solution, or −1."""
+    """Return the number of the point of a family after which it passes through a solution, or −1."""
     y = np.empty(solution.size)
     for i in range(len(points) - 1):
         if passes(solution, points[i], points[i + 1], cycle, y):

@@ -17,18 +17,18 @@ from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.families import PLUS, SLOW, Member, members, slow, span_of_family, without_minus
 from rattle.stiff.orbits.periodic import StiffOrbit, orbit_of
 
-LARGEST_SPAN = 64.0  # largest range of ε in which SN1 is searched, in units of the scale of the plane
+LARGEST_SPAN = 64.0  # largest ε up to which SN1 is sought, in units of `plane_scale`
 
 
 class Named(NamedTuple):
-    """A motion with the letter of its counterpart."""
+    """A motion with the letter A to D of its counterpart in the impacting model, or "P" if it has none."""
 
     name: str
     orbit: StiffOrbit
 
 
 def orbits_at(delta: float, epsilon: float, beta: float, kappa: float) -> tuple[Named, ...]:
-    """Return all admissible counterparts of A–D at a point, and other P(1,1,0) as "P", sorted by letter."""
+    """Return all admissible counterparts of A to D at a point, and other P(1,1,0) named "P", sorted by name."""
     cycle, span = Cycle(PLUS, 1, delta, beta, kappa), span_of_family(delta, epsilon)
     others = (member for family in slow(cycle, span) for member in family.at(epsilon))
     found = [Named(member.name, _orbit(member)) for member in (*members(delta, epsilon, beta, kappa), *others)]
@@ -41,12 +41,12 @@ def _orbit(member: Member) -> StiffOrbit:
 
 
 def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: ArrayLike) -> PeriodOne:
-    """Return the counterparts of A–D that happen, for every element of the broadcast parameters (dimensionless).
+    """Return the admissible counterparts of A to D for every element of the broadcast, dimensionless parameters.
 
     The fields are those of `rattle.period_one`; tau and v belong to the departure from Σ⁺. The result at a point
-    depends on its parameters only. Of several motions with one letter a P(1,1,0) is preferred, then the one with the
-    longest time from Σ⁺ to Σ⁻. Motions whose family `rattle.stiff.orbits.families` does not find are missing
-    (docs/stiff.md says which).
+    depends on the parameters of this point only. If several motions have the same letter, a P(1,1,0) is preferred, then
+    the motion with the longest time from Σ⁺ to Σ⁻. Motions whose family `rattle.stiff.orbits.families` does not find
+    are missing (docs/stiff.md says which).
 
     Returns
     -------
@@ -83,14 +83,14 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
 
 
 def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: ArrayLike) -> NDArray[np.int8]:
-    """Return the region 1…5 (I…V) of every element of the broadcast parameters, int8, by the counterparts of A–D.
+    """Return the region of every element of the broadcast parameters, from the counterparts of A to D that exist.
 
-    Other sets of motions have numbers in `rattle.REGIONS`.
+    Regions I to V are 1 to 5; other sets of motions have their numbers in `rattle.REGIONS`.
 
     Returns
     -------
     NDArray[np.int8]
-        Of the broadcast shape.
+        The numbers of the regions, of the broadcast shape.
 
     Raises
     ------
@@ -108,14 +108,14 @@ def saddle_node_1(delta: float, kappa: float, beta: float = 0.6) -> StiffOrbit:
     Returns
     -------
     StiffOrbit
-        Its `epsilon` is the ε of SN1 at this δ, κ and β.
+        The motion; its `epsilon` is the ε of SN1 at this δ, κ and β.
 
     Raises
     ------
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If SN1 does not exist there.
+        If SN1 does not exist at these parameters.
     """
     delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
     cycle = Cycle(PLUS, 1, delta, beta, require_number("kappa", kappa, positive=True))

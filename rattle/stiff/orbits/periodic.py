@@ -1,4 +1,4 @@
-"""Periodic motions P(m, n₊, n₋) of the stiff gear: solved, checked, and followed from the impacting limit."""
+"""Periodic motions P(m, n₊, n₋) of the stiff gear: solve for one, check it, or follow it from the impacting limit."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,8 +29,8 @@ MOST_STEPS = 200
 class StiffOrbit(Periodic):
     """A periodic motion of the stiff gear: see `Periodic`.
 
-    durations (c,) are those of its contacts, which end with the given speeds. Contact depths are about speed/√(2κ) or
-    less.
+    durations (c,): the durations of its c contacts, in forcing periods; `speeds` are the speeds at their ends. The
+    depth of a contact is about speed/√(2κ) or less.
     """
 
     kappa: float
@@ -38,27 +38,27 @@ class StiffOrbit(Periodic):
 
     @property
     def added(self) -> tuple[str, ...]:
-        """The names of its parameters beside δ, ε and β."""
+        """The names of the parameters besides δ, ε and β."""
         return ("kappa",)
 
     @property
     def departures(self) -> Array:
-        """Return the times at which the motion leaves the walls (c,), which are the ends of its contacts."""
+        """The times (c,) at which the motion leaves the walls, which are the ends of its contacts."""
         return self.times + self.durations
 
     @property
     def point(self) -> StiffPoint:
-        """Return the motion's parameters."""
+        """The parameter point of the motion."""
         return StiffPoint(self.delta, self.epsilon, self.beta, self.kappa)
 
     @property
     def itinerary(self) -> StiffItinerary:
-        """Return the walls of the motion in order."""
+        """The itinerary of the motion: the walls that it meets, in order."""
         return StiffItinerary(self.walls, self.m, self.beta, softness(self.kappa))
 
     @property
     def unknowns(self) -> Array:
-        """Return times, durations times √(2κ), δ and ε (2c + 2,) as the unknowns of the equations."""
+        """The unknowns (2c + 2,) of the equations: times, durations times √(2κ), δ and ε."""
         return np.concatenate([self.times, self.durations / softness(self.kappa), [self.delta, self.epsilon]])
 
 
@@ -68,9 +68,10 @@ def trace_of(itinerary: StiffItinerary, x: Array) -> float:
 
 
 class Failure(NamedTuple):
-    """The contact or flight with this number ends at another wall and time than the equations say.
+    """A contact or flight that does not end at the wall and time that the equations assume.
 
-    Wall 0 means that it cannot begin.
+    piece: its number. contact: whether it is a contact. wall, time: the wall and the time at which it ends instead;
+    wall 0 means that it cannot begin or has no end.
     """
 
     piece: int
@@ -80,17 +81,17 @@ class Failure(NamedTuple):
 
 
 def admissible(itinerary: StiffItinerary, x: Array) -> bool:
-    """Return whether each contact and each flight of x ends first where the equations say."""
+    """Return whether the motion with unknowns x is admissible: no contact or flight ends before the time assumed."""
     return bool(closure.is_admissible(np.delete(x, -2), _cycle(itinerary, x)))
 
 
 def first_failure(itinerary: StiffItinerary, x: Array) -> Failure | None:
-    """Return the first flight or contact of x (2c + 2,) that does not end where the equations say.
+    """Return the first flight or contact of the motion with unknowns x (2c + 2,) that does not end as assumed.
 
     Returns
     -------
     Failure | None
-        None if the motion is admissible.
+        The flight or contact; None if the motion is admissible.
     """
     number, contact, wall, time = closure.failing_piece(np.delete(x, -2), _cycle(itinerary, x))
     return None if number < 0 else Failure(int(number), bool(contact), int(wall), float(time))
@@ -110,14 +111,14 @@ def orbit_of(itinerary: StiffItinerary, x: Array) -> StiffOrbit:
 
 
 def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
-    """Return the motion of the stiff gear at κ into which a motion of the impacting model continues.
+    """Return the motion of the stiff gear at κ that continues a motion of the impacting model.
 
-    The motion is followed in κ^(−1/2) from κ = ∞.
+    The motion is followed in κ^(−1/2) from κ = ∞ at fixed δ, ε and β.
 
     Returns
     -------
     StiffOrbit
-        With its contacts, multipliers and stability.
+        The motion, with its contacts, multipliers and stability.
 
     Raises
     ------
@@ -139,9 +140,8 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
     path = follow_from_limit(ContinuationProblem(equations), start, np.eye(n + 1)[n], (0.0, end), lambda _: True)
     last = path.points[-1]
     if path.outside is None or abs(last[-1] - end) > 1e-12 * end:
-        raise RattleError(
-            f"the motion ends before kappa = {kappa:g}: it folds back at {0.5 / max(path.points[:, -1]) ** 2:g}"
-        )
+        fold = 0.5 / max(path.points[:, -1]) ** 2
+        raise RattleError(f"the motion ends before kappa = {kappa:g}: its branch folds back at kappa = {fold:g}")
     itinerary = StiffItinerary(orbit.walls, orbit.m, orbit.beta, end)
     found = at_parameters(itinerary, np.concatenate([last[:n], plane]))
     if found is None or not admissible(itinerary, found):
@@ -158,7 +158,7 @@ def follow_from_limit(
     span: tuple[float, float],
     is_admissible: Callable[[Array], bool],
 ) -> Path:
-    """Return solutions y (N + 1,) from the start on, while admissible and with the last unknown within its span."""
+    """Follow solutions y (N + 1,) from `start` while they are admissible and their last unknown is in `span`."""
     follower = Follower(problem, (Bound(-1, *span),), is_admissible, longest_step(span, STEPS_TO_LIMIT, LONGEST))
     return follower.follow(start, tangent_at(problem, start, direction), MOST_STEPS)
 
@@ -171,12 +171,12 @@ def follow_contacts(
     Returns
     -------
     tuple[StiffItinerary, Array]
-        The walls; times and durations of contacts, with the parameters.
+        The itinerary, and the unknowns (2c + 2,): times and durations of the contacts, δ and ε.
 
     Raises
     ------
     RattleError
-        If the motion comes to rest before.
+        If the motion becomes quiet or cannot be followed before.
     """
     p = softness(kappa)
     wall, position, w, time = np.int64(1), 0.0, -v, tau
@@ -188,9 +188,9 @@ def follow_contacts(
             break
         status, s, wall, position, w, *_ = piece(wall, phase, position, w, delta, epsilon, beta, kappa, np.inf)
         if status == QUIET:
-            raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: it becomes quiet")
+            raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: the motion from this state becomes quiet")
         if status != OK or len(walls) > MOST_IMPACTS:
-            raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: it stays on Σ⁻")
+            raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: the motion from this state stays on Σ⁻")
         time += s
         if leaves:
             walls.append(int(wall))
@@ -206,7 +206,7 @@ def follow_contacts(
 
 
 def as_stiff(orbit: StiffOrbit | Orbit) -> StiffOrbit:
-    """Return a motion as a `StiffOrbit`. An `Orbit` is solved for. Raises ParameterError for another gear's."""
+    """Return a motion as a `StiffOrbit`; an `Orbit` is solved for. Raises ParameterError for another gear's orbit."""
     if isinstance(orbit, StiffOrbit):
         return orbit
     require(isinstance(orbit, Orbit), f"orbit must be an Orbit or a StiffOrbit, got {type(orbit).__name__}")
@@ -226,14 +226,14 @@ def stiff_orbit(
     Returns
     -------
     StiffOrbit
-        With its contacts, multipliers and stability.
+        The motion, with its contacts, multipliers and stability.
 
     Raises
     ------
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If no periodic motion is found near.
+        If no periodic motion is found near this departure.
     """
     delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
     kappa, v = require_number("kappa", kappa, positive=True), require_number("v", v, positive=True)

@@ -1,4 +1,4 @@
-// Numbers beside the colour bar: as short as tells them apart, for there is room for nine characters.
+// Numbers beside the colour bar, with just enough digits to differ, because there is room for nine characters.
 const shorter = (value, digits) => {
   const size = Math.abs(value)
   if (size === 0) return "0"

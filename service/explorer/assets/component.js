@@ -1,4 +1,4 @@
-// What the components of the page have in common: it goes before each.
+// Functions that the components of the page share. This file is put before the script of each component.
 function element(tag, attributes = {}, ...children) {
   const found = document.createElement(tag)
   for (const [name, value] of Object.entries(attributes)) {
@@ -10,7 +10,7 @@ function element(tag, attributes = {}, ...children) {
   return found
 }
 
-// Panel does not tell of what changes while it puts a component together.
+// Panel does not report changes of a component while it builds the component: draw these changes later.
 function keep_up(root, is_late, draw) {
   const late = setInterval(() => {
     if (!root.isConnected) clearInterval(late)

@@ -1,4 +1,4 @@
-// What the colours and lines of the map mean; the lines can be switched.
+// Key of the map: the meanings of its colours and lines, with a check box for each line.
 function element(tag, attributes = {}, ...children) {
   const found = document.createElement(tag)
   for (const [name, value] of Object.entries(attributes)) if (value != null) found.setAttribute(name, value)
@@ -27,7 +27,7 @@ export function render({model}) {
   const overlays = element("fieldset", {}, element("legend", {}, "Lines"))
   const lines = element("div", {class: "lines"})
   overlays.append(lines)
-  const meaning = element("p", {hidden: ""})  // for those who have no mouse: a title shows under one only
+  const meaning = element("p", {hidden: ""})  // for viewers without a mouse: a title shows only under a mouse pointer
   root.append(shades, overlays, meaning)
 
   let shown = ""
@@ -64,7 +64,7 @@ export function render({model}) {
   model.on("overlays", draw_lines)
   draw_shades()
   draw_lines()
-  // Panel does not tell of what changes while it puts a component together.
+  // Panel does not report changes of a component while it builds the component: draw these changes later.
   const late = setInterval(() => {
     if (!root.isConnected) clearInterval(late)
     else if (JSON.stringify(model.shades) !== shown) draw_shades()

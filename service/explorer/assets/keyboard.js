@@ -1,4 +1,4 @@
-// The map by keys: what is pressed goes to the service, several steps of a key that is held down together.
+// Keyboard control of the map. Commands go to the service, and several steps of a key that is held down go together.
 const map = document.querySelector(".plot")
 const STEPS = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowDown: [0, -1], ArrowUp: [0, 1]}
 const WORDS = {"+": "closer", "=": "closer", "-": "farther", "0": "all", Enter: "open", Escape: "close", Backspace: "back"}
@@ -23,7 +23,7 @@ map.addEventListener("keydown", (event) => {
   steps[first + 1] += step[1]
   waiting ??= setTimeout(() => send(""), 40)
 })
-// What names a point, an event of a diagram for one, goes there.
+// A click on a link that names a point, for example an event of a diagram, opens this point.
 document.addEventListener("click", (event) => {
   const link = event.composedPath().find((each) => each.dataset?.point)
   if (link == null || event.ctrlKey || event.metaKey || event.shiftKey) return

@@ -1,6 +1,7 @@
-// The connection to the service is gone, or ended before the page was here: that is said at once, nothing can be chosen
-// any more, and when the service answers the page is opened anew, with the view of its address.
-const TRIED = "rattle_tried", MOST = 3  // a page that never arrives, as behind a proxy without websockets, is not tried for ever
+// If the connection to the service is lost, or ends before the page has loaded, a message says so and the page takes no
+// input. When the service answers again, the page is reloaded with the view of its address.
+// most reloads of a page that never loads, for example behind a proxy without websockets
+const TRIED = "rattle_tried", MOST = 3
 
 function arrived() {
   sessionStorage.removeItem(TRIED)
@@ -27,10 +28,10 @@ function lost() {
     if (answer?.ok) location.reload()
     else setTimeout(ask, 1000)
   }
-  if (again) setTimeout(ask, 1000)  // a service that ends may answer a little longer than it listens
+  if (again) setTimeout(ask, 1000)  // a service that shuts down may still answer after it has closed the connection
 }
 
-// Of a connection that ends before its document has come nobody tells the page.
+// Bokeh does not report a connection that ends before its document has loaded.
 window.WebSocket = class extends WebSocket {
   constructor(...given) {
     super(...given)

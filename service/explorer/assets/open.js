@@ -1,10 +1,11 @@
-// The page is made for a browser that runs scripts and has all of them: a monitor or a crawler that only reads this
-// address leaves nothing behind.
+// The service makes the page only when a browser has loaded and run all scripts: a monitor or a crawler that only reads
+// this address leaves no page behind.
 async function openPage() {
-  if (!location.pathname.endsWith("/")) return location.replace(`${location.pathname}/${location.search}`)  // what it loads is below
+  // the files of the page have addresses below this one
+  if (!location.pathname.endsWith("/")) return location.replace(`${location.pathname}/${location.search}`)
   const headers = {"Rattle-Theme": theme.theme, "Rattle-Address": location.host + location.pathname}
   const answer = await fetch(`page${location.search}`, {headers, cache: "no-store"})
-  if (answer.status === 401) return location.reload()  // which asks for a key
+  if (answer.status === 401) return location.reload()  // the reloaded address asks for a key
   if (!answer.ok) {
     const problem = await answer.json().catch(() => null)
     throw new Error(problem?.detail ?? `The service, or a proxy before it, answers with status ${answer.status}.`)

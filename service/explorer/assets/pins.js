@@ -1,4 +1,4 @@
-// Points that are kept side by side: the table, and what can be done with it.
+// Table of the pinned points side by side, with buttons that add, open and remove points.
 export function render({model}) {
   const root = element("div", {class: "pins"})
   const send = (action, pin) => () => model.send_msg({action, pin})

@@ -1,7 +1,8 @@
-// Pictures are not laid out anew for a sheet of paper: they keep their size on the screen, and are printed as large as a
-// sheet. So does what is known of a point, or its pictures would be cut off and lie over each other.
-const SHEET = 700, TALL = 760, LARGER = 1.3  // CSS pixels across A4 or US letter, without margins, and of a map
-// The address of the view is printed with it.
+// Figures are not laid out again for a sheet of paper: they keep their layout of the screen, scaled to the sheet.
+// The panel of a point is scaled too, or its figures would be cut off and overlap.
+// CSS pixels: width of A4 or US letter without margins, and greatest height of a map; largest scale of a point's panel
+const SHEET = 700, TALL = 760, LARGER = 1.3
+// The address of the view is printed with the page.
 addEventListener("beforeprint", () => {
   const plot = document.querySelector(".plot"), {style} = document.documentElement
   if (plot == null) return

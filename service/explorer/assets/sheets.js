@@ -6,14 +6,14 @@ function fold() {
   for (const each of document.querySelectorAll("details.fold")) each.open = !narrow.matches
 }
 narrow.addEventListener("change", fold)
-document.addEventListener("chosen", () => {  // a survey: its map comes into view
+document.addEventListener("chosen", () => {  // a survey was chosen: its map comes into view
   if (!narrow.matches) return
   fold()
   document.querySelector(".middle").scrollIntoView()
 })
 
 const sheet = {
-  tapped: 0,  // how far below the upper edge of the screen
+  tapped: 0,  // pixels from the upper edge of the screen to the tapped point
   watch() {
     const beside = document.querySelector(".beside")
     document.querySelector(".plot").addEventListener("pointerup", (event) => { sheet.tapped = event.clientY }, {capture: true})

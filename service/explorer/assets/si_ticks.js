@@ -1,4 +1,5 @@
-// Where round numbers of a machine are along δ or ε: eccentricities go as ε, speeds as 1/δ.
+// Positions along δ or ε of a machine's round speeds or eccentricities: an eccentricity is proportional to ε, a speed
+// to 1/δ.
 const first = Math.max(Math.min(cb_data.start, cb_data.end), inverse ? 1e-3 * Math.max(cb_data.start, cb_data.end) : 0)
 const last = Math.max(cb_data.start, cb_data.end)
 if (!(last > first)) return []
@@ -16,4 +17,4 @@ if (inverse && high > 4 * low) {
 }
 const inside = rounded.filter((each) => each >= low && each <= high)
 return inside.map((each) => inverse ? scale / each : each / scale)
-  .sort((one, other) => cb_data.range.start > cb_data.range.end ? other - one : one - other)  // from the left: labels are kept apart
+  .sort((one, other) => cb_data.range.start > cb_data.range.end ? other - one : one - other)  // from left to right, so that labels are kept apart

@@ -1,6 +1,6 @@
-// Stops of the Tab key: Bokeh makes one of every picture, which no key does anything with, and gives no name to what
-// opens the rest of a row of tools, nor to what is moved of a slider. Which button of a row is chosen it shows by a
-// colour alone.
+// Corrects the elements that the Tab key stops at. Bokeh lets it stop at every figure, though no key acts on a figure.
+// Bokeh gives no name to the button that opens the rest of a toolbar, nor to the handle of a slider, and shows the
+// chosen button of a row by its colour alone.
 {
   const mend = (root) => {
     for (const each of root.querySelectorAll(".bk-events[tabindex]")) each.removeAttribute("tabindex")
@@ -15,7 +15,7 @@
     for (const each of root.querySelectorAll(".noUi-handle:not([aria-labelledby])")) {
       const title = root.querySelector(".bk-slider-title")
       if (title == null) continue
-      title.id = "title"  // in this root alone
+      title.id = "title"  // unique within this shadow root
       each.setAttribute("aria-labelledby", "title")
     }
   }

@@ -1,8 +1,8 @@
-// The surveys of the service: a list that is kept up to date, and of the chosen one what can be done with it.
+// List of the service's surveys, which is kept up to date, with details and actions of the chosen survey.
 const STATES = {accepted: "waiting", running: "running", successful: "done", failed: "failed", dismissed: "cancelled"}
 
-const FEW = 4  // surveys, that need no search
-// By what each order goes, and whether what is most comes first; the service has the newest first.
+const FEW = 4  // with fewer surveys, the search field is hidden
+// Sort key of each order, and true if the largest key comes first. The service sends the newest survey first.
 const ORDERS = {
   "newest first": [null], "by name": [(row) => row.name.toLowerCase()],
   "largest first": [(row) => row.size.split(" × ").reduce((cells, along) => cells * along, 1), true],
@@ -21,14 +21,14 @@ const speed = (rate) => `${rate >= 10 ? Math.round(rate).toLocaleString("en") : 
 function standing(row) {
   const parts = [STATES[row.state]]
   if (row.state === "running") parts[0] = `${row.progress} %`
-  if (row.state === "running" && row.message.startsWith("waits for")) parts.push("waiting")  // another one has its turn
+  if (row.state === "running" && row.message.startsWith("waits for")) parts.push("waiting")  // another survey is being computed
   if (row.rate) parts.push(speed(row.rate))
   if (row.left) parts.push(`${lasting(row.left)} left`)
   if (row.failed) parts.push(`${row.failed} cells failed`)
   return parts.join(" · ")
 }
 
-// A row stays the same element while its survey goes on, or a focus, a press and a selected text would be lost.
+// A row stays the same element while its survey runs, or focus, a press and selected text would be lost.
 function row_of(row, choose) {
   return element("li", {}, element("button", {type: "button", "data-survey": row.id, onclick: () => choose(row.id)}))
 }
@@ -49,12 +49,12 @@ function fill(button, row, is_chosen) {
 function lines_of(row, signed_in) {
   const url = new URL(`v1/surveys/${row.id}/store`, document.baseURI)
   const key = signed_in ? `, storage_options={"headers": {"Authorization": "Bearer " + key}}` : ""
-  const [axis, number] = row.slice  // of a survey with a third axis
+  const [axis, number] = row.slice  // empty if the survey has no third axis
   const one = axis ? `.isel(${axis}=${number})` : ""
   return `import xarray as xr\n\nsurvey = xr.open_zarr(\n    "${url}"${key}\n)\nsurvey.${row.variable || "status"}${one}.plot()`
 }
 
-// The name and the notes of a survey, to be changed.
+// Form that changes the name and the notes of a survey.
 function form_of(row, send) {
   const name = element("input", {name: "name", maxlength: 200, value: row.title})
   const notes = element("textarea", {name: "notes", maxlength: 10000, rows: 4})
@@ -81,7 +81,7 @@ function detail_of(row, model) {
   const act = (action) => () => model.send_msg({action, survey: row.id})
   const removing = element("button", {type: "button", class: "quiet", "data-action": busy ? "cancel" : "delete"},
     busy ? "Cancel" : "Delete")
-  removing.addEventListener("click", () => {  // asked twice: what is deleted is gone
+  removing.addEventListener("click", () => {  // a second press confirms, because a deleted survey cannot be restored
     if (busy || removing.dataset.sure) return act(busy ? "cancel" : "delete")()
     removing.dataset.sure = "1"
     removing.textContent = "Delete for good?"
@@ -99,7 +99,7 @@ function detail_of(row, model) {
     element("div", {class: "downloads"}, "Download ",
       element("a", {href: `${here}/download.nc`, download: true}, "NetCDF"), " ",
       element("a", {href: `${here}/download.csv`, download: true}, "CSV"), " ",
-      ...(row.picture ? ["png", "svg", "pdf"] : []).flatMap((form) => [  // the view as it is seen
+      ...(row.picture ? ["png", "svg", "pdf"] : []).flatMap((form) => [  // pictures of the map as it is shown
         element("a", {href: `${here}/map.${form}?${row.picture}`, download: `${row.variable}.${form}`}, form.toUpperCase()), " "])),
     element("div", {class: "code"}, code, copy),
     element("div", {class: "actions"},
@@ -123,7 +123,7 @@ export function render({model}) {
   const detail = element("div")
   const empty = element("p", {class: "empty"}, "No surveys yet. Submit one: its map fills in as it is computed.")
   const none = element("p", {class: "empty", role: "status"})
-  // Of many surveys those that are looked for, in the order that is chosen: for this page only.
+  // Search field and order of the list. Both affect this page only.
   const search = element("input", {type: "search", "aria-label": "search surveys", placeholder: "Search", oninput: () => draw()})
   const order = element("select", {"aria-label": "order of the surveys", onchange: () => draw()},
     ...Object.keys(ORDERS).map((name) => element("option", {}, name)))
@@ -164,7 +164,7 @@ export function render({model}) {
     const row = rows.find((each) => each.id === model.chosen)
     const now = row ? JSON.stringify([row.id, row.name, row.notes, row.state, row.message, row.picture, row.mine]) : ""
     const isEdited = row && detail.querySelector(`[data-of="${row.id}"] form:not([hidden])`)
-    if (now !== shown && !isEdited) {  // or a half-made choice and a selected text would be lost at every tile
+    if (now !== shown && !isEdited) {  // or each computed tile would undo a half-made choice and a text selection
       const stops = () => [...detail.querySelectorAll("a, button, pre")]
       const focused = stops().indexOf(root.getRootNode().activeElement)
       detail.replaceChildren(...(row ? [detail_of(row, model)] : []))
@@ -175,7 +175,7 @@ export function render({model}) {
     if (item && detail.parentElement !== item) item.append(detail)
   }
 
-  detail.addEventListener("closed", () => draw())  // what has changed meanwhile
+  detail.addEventListener("closed", () => draw())  // draws changes that came while the form was open
   model.on(["rows", "chosen", "ready"], draw)
   draw()
   keep_up(root, () => state() !== drawn, draw)

@@ -1,4 +1,4 @@
-// The page has the theme that its address asks for, or that of the system.
+// The page has the theme that its address names, else the theme of the viewer's system.
 const theme = {dark: matchMedia("(prefers-color-scheme: dark)"), asked: new URLSearchParams(location.search).get("theme")}
 theme.isAsked = ["light", "dark"].includes(theme.asked)
 theme.system = () => theme.dark.matches ? "dark" : "light"

@@ -1,5 +1,6 @@
-// Tick labels that tell ticks apart however narrow the range is: beyond six digits as distances from an offset,
-// which the label of the axis names. `offset_of` of service.explorer.axes writes the same offset.
+// Tick labels that differ however narrow the range is. Labels that would need more than about six digits are distances
+// from an offset, which the label of the axis names. `offset_of` of service/explorer/design/axes.py writes the same
+// offset.
 const span = Math.abs(range.end - range.start)
 const scale = Math.max(Math.abs(range.start), Math.abs(range.end))
 const step = ticks.length > 1 ? Math.abs(ticks[1] - ticks[0]) : span

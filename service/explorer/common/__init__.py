@@ -1,1 +1,1 @@
-"""Address, texts, figures, glyphs, theme, news, viewer."""
+"""Parts that all rooms of the explorer share: address, texts, figures, glyphs, theme, job status, page session."""

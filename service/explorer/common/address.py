@@ -1,4 +1,4 @@
-"""A view of the explorer as the query of its URL, and back."""
+"""Write the state of an explorer page as the query of its URL, and read it back."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from rattle.parameters import Harmonic
 from rattle.populations import MOST_SHARE
 
 Pair = tuple[float, float]
-Ranges = tuple[Pair, Pair]  # of δ and of ε, as a figure shows them: it may show more than the plane
+Ranges = tuple[Pair, Pair]  # (low, high) of δ and of ε in a figure, which may show more than the plane δ > 0, ε ≥ 0
 Limits = Literal["auto", "robust", "full"]
 LIMITS: tuple[Limits, ...] = ("auto", "robust", "full")
-OVERLAYS = LINES  # what may be drawn over a map
+OVERLAYS = LINES  # names of all lines and marks that can be drawn over a map
 DEFAULT_OVERLAYS = (*NAMES, POINTS)
-UNCHOSEN: Ranges = (0.4, 1.0), (0.0, 0.3)  # what is seen of (δ, ε) without any survey
+UNCHOSEN: Ranges = (0.4, 1.0), (0.0, 0.3)  # window of (δ, ε) if no survey is chosen
 THEMES = ("light", "dark")
 MOST_PINS = 8
-UNNAMED = next(iter(ADDED))  # what stands without its name in an address
-HARMONIC = "harmonic:"  # begins a harmonic of a pin
-LONGEST = 16_000  # characters of a value: of pins, 2000 each
+UNNAMED = next(iter(ADDED))  # additional parameter whose value an address has without the parameter's name
+HARMONIC = "harmonic:"  # prefix of a harmonic in the text of a pin
+LONGEST = 16_000  # longest value in characters: 2000 for each of MOST_PINS pins
 POINT_STATE = "p."
 KEYBOARD = "keyboard"
 MOST_FURTHER = 3
@@ -37,7 +37,7 @@ T = TypeVar("T")
 
 
 class Entered(NamedTuple):
-    """A machine as it was entered, in SI units."""
+    """Numbers of a machine as a viewer entered them, in SI units, but rpm in 1/min. None: not entered."""
 
     inertia: float
     drag: float
@@ -61,24 +61,25 @@ class Entered(NamedTuple):
 
     @property
     def machine(self) -> Machine:
-        """The machine. Raises ParameterError."""
+        """Machine with these numbers. Raises ParameterError if they are not valid."""
         return Machine(**self._asdict())
 
     @property
     def written(self) -> str:
-        """Text in an address: the numbers of older addresses in their order, all others with their names."""
+        """Text in an address: the fields of older addresses as plain values in order, other fields as name:value."""
         plain = ["" if each is None else str(each) for each in self[:NUMBERED]]
         more = [f"{name}:{value}" for name, value in list(self._asdict().items())[NUMBERED:] if value is not None]
         return ",".join([*plain, *more])
 
 
-NUMBERED = Entered._fields.index("restitution")  # fields that an address has without their names
+NUMBERED = Entered._fields.index("restitution")  # number of fields that an address has without their names
 
 
 class Pin(NamedTuple):
-    """A point that is kept to be compared with others.
+    """Parameter point that a viewer keeps, to compare it with other points.
 
-    added: numbers that its model has beside δ, ε and β, with names. harmonics: of its forcing, beside the first.
+    added: names and values of the parameters that the point's model has besides δ, ε and β. harmonics: the harmonics
+    of the point's forcing, without the first.
     """
 
     delta: float
@@ -89,12 +90,12 @@ class Pin(NamedTuple):
 
     @property
     def model(self) -> Model:
-        """The model of its gear. Raises ParameterError."""
+        """Model of the gear at this point. Raises ParameterError if a parameter is not valid."""
         return with_harmonics(model_of(self.beta, **dict(self.added)), self.harmonics)
 
     @property
     def written(self) -> str:
-        """Text in an address: the first model's added parameter without its name, as in older addresses."""
+        """Text in an address. The parameter UNNAMED has no name there, as in older addresses."""
         more = [repr(value) if name == UNNAMED else f"{name}:{value!r}" for name, value in self.added]
         harmonics = [HARMONIC + each for each in written_harmonics(self.harmonics)]
         return ",".join([*map(repr, self[:3]), *more, *harmonics])
@@ -112,13 +113,13 @@ def pin_of(delta: float, epsilon: float, model: Model) -> Pin:
 
 
 def numbered(pins: Sequence[Pin], model: Model) -> dict[str, Pair]:
-    """Return the points of those pins that are of this model, by their numbers, from 1."""
+    """Return the points (δ, ε) of the pins of this model. Keys are the pins' numbers, counted from 1 over all pins."""
     return {str(i): (pin.delta, pin.epsilon) for i, pin in enumerate(pins, start=1) if pin.model == model}
 
 
 @dataclass(frozen=True)
 class Chosen:
-    """One of the maps of a survey."""
+    """Map of a survey: the name of its variable, and an index if the variable has several maps."""
 
     variable: str
     index: int = 0
@@ -130,14 +131,14 @@ class Chosen:
 
     @classmethod
     def read(cls, text: str) -> Chosen:
-        """Return the map that is written so. Raises ValueError."""
+        """Return the map that a text in an address names. Raises ValueError if the text is not valid."""
         variable, _, index = text.partition(",")
         return cls(_word(variable), _index(index or "0"))
 
 
 @dataclass(frozen=True)
 class Further:
-    """A map beside the first one; minus: what the first one has more than this survey."""
+    """Comparison map, beside the first map of the page. minus: the map shows the first map less this survey."""
 
     survey: str
     variable: str
@@ -153,23 +154,23 @@ class Further:
 
     @classmethod
     def read(cls, text: str) -> Further:
-        """Return the map that is written so. Raises ValueError."""
+        """Return the map that a text in an address names. Raises ValueError if the text is not valid."""
         survey, variable, index, number, *minus = text.split(",")
         return cls(_word(survey), _word(variable), _index(index), _index(number), minus == ["minus"])
 
 
 class Pointer(NamedTuple):
-    """A point (δ, ε) that a viewer points at, and the name of the figure that is used, or KEYBOARD."""
+    """Point (δ, ε) that a viewer points at. source: name of the figure under the mouse, or KEYBOARD."""
 
     at: Pair
     source: str
 
 
 class AsSeen(NamedTuple):
-    """Settings of the drawn map that its view leaves to the page.
+    """Settings of the drawn map that the view does not fix, so that the page chooses them.
 
-    `limits` are those of its colours, None of codes; `log` says whether these are on a log scale; `pixels` is the size
-    of the map on the screen where a window is shown.
+    limits: range of the colours, None for a map of codes. log: True if the colours are on a log scale. pixels: size of
+    the map on the screen, None if the whole survey is shown.
     """
 
     limits: Pair | None
@@ -184,31 +185,31 @@ class View:
     Attributes
     ----------
     family : int | None
-        Number of the family whose cells are shown, the others dimmed.
+        Number of the highlighted family, while all other cells are dimmed; None for no family.
     limits : Limits | Pair
         Rule for the range of colours, or (low, high).
     delta, epsilon : Pair | None
         Window (low, high) along each axis, None for the whole survey.
     machine : Entered | None
-        Machine that was entered, if the open point is that of one.
+        Machine that a viewer entered for the open point, None if the point is not of a machine.
     share : float
-        P(quiet) of the design limit.
+        Probability of quiet running that the design limit requires.
     profile : Chosen | None
-        Map whose profile stands below the diagram, None for the map that is shown.
+        Map whose profile is drawn below the diagram, None for the map that is shown.
     theme : str
-        Colours of the page; empty for those of the viewer's system.
+        Theme of the page, "light" or "dark"; empty for the theme of the viewer's system.
     point_state : Mapping[str, str]
         State of the open point's tabs, see `PointState`.
     pins : tuple[Pin, ...]
         Points that are compared.
     is_variable_chosen : bool
-        True if a viewer chose the variable; not in the address, as is all that follows.
+        True if a viewer chose the variable. This field and all fields below it are not in the address.
     pointer : Pointer | None
         Point that a viewer points at.
     seen : AsSeen | None
         Settings of the drawn map, None where nothing is drawn.
     before, after : tuple[Ranges | None, ...]
-        Windows to go back to and forward to, the next one last; None for the whole survey.
+        Windows for Back and for Forward, the next window last; an entry None is the whole survey.
     """
 
     survey: str = ""
@@ -282,7 +283,7 @@ class View:
         )
 
     def query(self) -> str:
-        """Return the query that describes this view, with ? before it; empty if all is as by default."""
+        """Return the query that describes this view, with a leading "?"; "" if all fields have their defaults."""
         pairs: dict[str, str] = {"survey": self.survey, "variable": self.variable}
         pairs["index"] = str(self.index) if self.index else ""
         pairs["slice"] = str(self.slice) if self.slice else ""
@@ -309,7 +310,7 @@ class View:
 
 
 def _written(pair: Pair) -> str:
-    return ",".join(repr(float(value)) for value in pair)  # repr: read back, it is the same number
+    return ",".join(repr(float(value)) for value in pair)  # repr, which reads back as the same number
 
 
 def _word(text: str) -> str:

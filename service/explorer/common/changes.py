@@ -1,7 +1,7 @@
-"""Changes of the documents of pages: in the event loop, one after the other, none while a browser takes a document in.
+"""Apply changes to Bokeh documents in the event loop, one at a time, and none while a browser loads the document.
 
 Bokeh runs a coroutine in the event loop, and since its version 3.10 every other callback in a thread. Pages share
-surveys and tasks with each other, so all that they do begins as a coroutine.
+surveys and tasks with each other, so every change of a page begins as a coroutine.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import panel as pn
 from bokeh.document import Document
 from panel.io.state import set_curdoc
 
-Change = Callable[[], Any]  # returns a coroutine, which Bokeh does not tell in its types
+Change = Callable[[], Any]  # returns a coroutine, although Bokeh's type hints do not say so
 
 log = logging.getLogger(__name__)
 
@@ -25,10 +25,11 @@ _waiting: WeakKeyDictionary[Document, list[Change]] = WeakKeyDictionary()
 
 
 def wait_for_browser(document: Document) -> None:
-    """Keep back the changes of a document whose browser has connected, until the browser says that it has the document.
+    """Delay the changes of a document, from the connection of its browser until the browser has loaded the document.
 
-    A change that is sent before the document arrives a second time with it, and Panel drops one that it holds before
-    then. Changes that are made before a browser connects are in the document. Called in the event loop.
+    A change that is sent earlier arrives twice, alone and as part of the document, and Panel drops a change that it
+    holds at that time. Changes made before a browser connects are part of the document. Call this function in the
+    event loop.
     """
     loop = asyncio.get_running_loop()
     _waiting.setdefault(document, [])
@@ -45,27 +46,27 @@ def wait_for_browser(document: Document) -> None:
 
 
 def change_document(document: Document, change: Callable[[], object]) -> None:
-    """Change a document when nothing else does. Called in any thread."""
+    """Call `change` in the event loop, while no other change of the document is under way. For use in any thread."""
 
     async def act() -> None:
         if document in _waiting:
             _waiting[document].append(act)
             return
         with set_curdoc(document):
-            document.hold("combine")  # or Panel sends its changes by itself, and after later ones of Bokeh
+            document.hold("combine")  # otherwise Panel sends its own changes separately, after later changes of Bokeh
             try:
                 change()
-            except Exception:  # Bokeh would say nothing
+            except Exception:  # Bokeh would not report it
                 log.exception("a page of the explorer could not be changed")
             finally:
                 document.unhold()
 
-    schedule: Any = document.add_next_tick_callback  # which takes coroutines, too, unlike its type
+    schedule: Any = document.add_next_tick_callback  # it takes coroutines too, although its type does not say so
     schedule(act)
 
 
 async def change_and_wait(document: Document, change: Callable[[], object]) -> None:
-    """Change a document when nothing else does, and wait until that is done.
+    """Change a document as `change_document` does, and wait until `change` has returned.
 
     Raises
     ------
@@ -80,7 +81,7 @@ async def change_and_wait(document: Document, change: Callable[[], object]) -> N
             change()
         except Exception as raised:
             error = raised
-        if done.done():  # its task was cancelled
+        if done.done():  # the task that waits was cancelled
             return
         if error is None:
             done.set_result(None)
@@ -92,7 +93,7 @@ async def change_and_wait(document: Document, change: Callable[[], object]) -> N
 
 
 def act_in_event_loop(act: Callable[[], object]) -> None:
-    """Act when nothing else changes the document of the page at hand; at once where there is no page, as in a test."""
+    """Call `act` while nothing else changes the current page's document; at once if there is no page, as in a test."""
     document = pn.state.curdoc
     if document is None or document.session_context is None:
         act()
@@ -101,7 +102,7 @@ def act_in_event_loop(act: Callable[[], object]) -> None:
 
 
 def in_event_loop(handle: Callable[..., object]) -> Callable[..., None]:
-    """Return a handler of a browser's events that runs in the event loop."""
+    """Return a handler of browser events that calls `handle` in the event loop."""
 
     @wraps(handle)
     def handler(*arguments: Any) -> None:

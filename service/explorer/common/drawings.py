@@ -1,4 +1,4 @@
-"""Draw one part of a page: one drawing after the other."""
+"""Draw one part of a page, one drawing at a time."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ from contextlib import aclosing
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common.viewer import Viewer
 
-PAUSE = 1.0  # between two drawings of a survey that runs
+PAUSE = 1.0  # seconds between two drawings of a running survey
 
 Show = Callable[[], object]
 
 
 class Drawings:
-    """One drawing at a time: its thread would go on if it was given up.
+    """Runs one drawing at a time, because the thread of a cancelled drawing would go on.
 
-    Of drawings that are wanted meanwhile the newest follows, of a running survey after a pause.
+    If several drawings are requested meanwhile, only the newest follows. While a survey runs, PAUSE seconds pass
+    between two drawings.
     """
 
     def __init__(self, viewer: Viewer) -> None:
@@ -29,14 +30,17 @@ class Drawings:
         self._task: asyncio.Task[None] | None = None
 
     def want(self, what: Hashable, jobs: Sequence[JobRow], draw: Callable[[], AsyncGenerator[Show, None]]) -> None:
-        """Draw something of these surveys, unless it is drawn or is being drawn.
+        """Request a drawing of surveys, unless the same drawing is finished or under way.
 
         Parameters
         ----------
         what : Hashable
-            Name of the drawing; one of fewer cells of the same survey has the same name.
+            Name of the drawing. It stays the same when a survey has computed more cells.
+        jobs : Sequence[JobRow]
+            Surveys of the drawing. If the state or the number of computed cells of a survey has changed, the drawing is
+            made again.
         draw : Callable[[], AsyncGenerator[Show, None]]
-            Yields functions that show what is drawn so far; they are called only while the same drawing is wanted.
+            Yields functions that show the drawing so far. They are called only while `what` is the requested drawing.
         """
         self._wanted = what, tuple((job.id, job.state, job.cells_done) for job in jobs)
         self._draw, self._pause = draw, 0.0 if all(State(job.state).final for job in jobs) else PAUSE
@@ -44,7 +48,7 @@ class Drawings:
             self._task = self._viewer.start(self._keep_drawing())
 
     def stop(self) -> None:
-        """Give up what is being drawn, and want nothing."""
+        """Cancel the drawing that is under way, and request no other."""
         if self._task is not None:
             self._task.cancel()
         self._wanted, self._drawn, self._draw, self._task = (), (), None, None

@@ -1,4 +1,4 @@
-"""Draw the pictures of one parameter point: figures in a light or a dark theme."""
+"""Make the figures for one parameter point, in a light or a dark theme."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from bokeh.plotting import figure
 from gear_rattle.service.explorer.common.theme import INK
 
 Limits = tuple[float, float]
-#: Style of a column: where a sheet of paper ends, it goes on after a part, which Chromium's flexible boxes do not.
+#: Style of a printed column: as a block it breaks between its parts at the end of a sheet of paper. Chromium does not
+#: break a flexible box there.
 PRINTED = "@media print { :host { display: block !important; } }"
-BESIDE = 62  # pixels left of pictures that stand one above the other, with one axis
+BESIDE = 62  # pixels left of the frames of figures that are stacked over one common axis
 
 
 def themed_figure(
@@ -24,7 +25,7 @@ def themed_figure(
     x_range: Limits | Range1d | None = None,
     y_range: Limits | None = None,
 ) -> Any:
-    """Return an empty figure as wide as there is room, with axes named x and y, and tools to zoom, move and save."""
+    """Return an empty figure of full width, with the axis labels x and y and with tools to pan, zoom and save."""
     ink, paper, line = INK[theme]
     spans = {"x_range": x_range, "y_range": y_range}
     ranges: dict[str, Any] = {
@@ -61,5 +62,5 @@ def themed_figure(
 
 
 def ink_of(theme: str) -> str:
-    """Return the colour of lines and text."""
+    """Return the colour of lines and text in a theme."""
     return INK[theme][0]

@@ -1,4 +1,4 @@
-"""The glyphs of the map, without those that Bokeh adds for selections: they take 0.2 s of every page."""
+"""Make the glyphs of the map, without Bokeh's additional glyphs for selections, which take 0.2 s of every page."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from gear_rattle.workers.pictures.look import COVERED, LIMIT, OPACITY, OWN_STYLE
 from rattle.plot import STYLES
 
 BAR_WIDTH, BAR_PADDING = 12, 6  # pixels
-#: Text and baseline of the mark at an end of a bar of colours.
+#: Text and baseline of the arrow at each end of a colour bar.
 ENDS = {"left": ("◀", "middle"), "right": ("▶", "middle"), "bottom": ("▼", "top"), "top": ("▲", "bottom")}
 CLEAR = "#00000000"
 VEIL = f"{round(COVERED * 0xFF):02x}"
@@ -39,7 +39,10 @@ POINT = ("x", "y", "marker", "name", "dx", "dy", "to_x", "to_y")
 
 @dataclass(frozen=True)
 class Scale:
-    """Glyphs of values on a linear or a logarithmic scale of colours: a glyph takes no other mapper later."""
+    """Renderers of a map on a linear or on a logarithmic colour scale: Bokeh cannot replace a glyph's mapper later.
+
+    cells: renderer of the survey's cells. fine: renderer of finer cells in a window. bar: the colour bar.
+    """
 
     mapper: Any
     cells: Any
@@ -48,12 +51,12 @@ class Scale:
 
 
 def source_of(columns: tuple[str, ...]) -> ColumnDataSource:
-    """Columns without rows."""
+    """Return a data source with these columns and without rows."""
     return ColumnDataSource({name: [] for name in columns})
 
 
 def share(renderers: Sequence[Any]) -> None:
-    """Let the renderers of a figure share what has no state, where Bokeh gives a model to each: a fifth of a page's."""
+    """Let renderers share the stateless models that Bokeh makes for each of them: a fifth of all models of a page."""
     every, policy = AllIndices(), UnionRenderers()
     for renderer in renderers:
         renderer.view = CDSView(filter=every)
@@ -61,37 +64,37 @@ def share(renderers: Sequence[Any]) -> None:
 
 
 def clear(source: ColumnDataSource) -> None:
-    """Take the rows away, if there are any."""
+    """Remove all rows of a source, if it has any."""
     if any(len(column) for column in source.data.values()):
         source.data = {name: [] for name in source.data}
 
 
 def style_of(name: str) -> tuple[str, tuple[float, ...]]:
-    """Colour, and dashes in pixels, of a line: those of the figures."""
+    """Return the colour of a line and its dashes in pixels, as in `rattle.plot`; () for a solid line."""
     styles: dict[str, Any] = {**STYLES, **OWN_STYLES}
     colour, dashes = styles[name]
     return ("#000000" if colour == "black" else colour), tuple(2.0 * d for d in dashes[1]) if dashes != "-" else ()
 
 
 def image_glyph(source: ColumnDataSource, mapper: Any, **named: Any) -> Any:
-    """Return a renderer of images below everything else."""
+    """Return a renderer of images that are drawn below all other glyphs."""
     glyph = Image(image="image", x="x", y="y", dw="dw", dh="dh", color_mapper=mapper)
     return _rendered(source, glyph, level="image", **named)
 
 
 def clear_mapper() -> Any:
-    """Return a mapper from numbers to colours, the first of which is none."""
+    """Return a colour mapper whose first colour is transparent."""
     return LinearColorMapper(palette=[CLEAR], low=0, high=1, nan_color=CLEAR)
 
 
 def veil(source: ColumnDataSource, paper: str) -> Any:
-    """Covers with the colour of the paper, not wholly, what is 1 of an image."""
+    """Return an image renderer that covers pixels of value 1 with the translucent background colour `paper`."""
     mapper = LinearColorMapper(palette=[CLEAR, paper + VEIL], low=-0.5, high=1.5, nan_color=CLEAR)
     return image_glyph(source, mapper, name="veil")
 
 
 def scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict[bool, Scale]:
-    """Return the linear scale, and the logarithmic one under True."""
+    """Return the linear colour scale under the key False, the logarithmic under True. fine: source of finer cells."""
     found = {}
     for log, kind in ((False, LinearColorMapper), (True, LogColorMapper)):
         mapper = kind(palette=["#000000"], low=1, high=2, nan_color=CLEAR)
@@ -108,17 +111,17 @@ def scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict
 
 
 def beyond_marks(ink: str) -> list[Any]:
-    """Return marks at the lower and at the upper end of the bar of colours: there are values beyond it."""
+    """Return two arrows for the ends of the colour bar, which say that values lie below or above its range."""
     style: dict[str, Any] = {"text_font_size": "11px", "text_align": "center", "text_color": ink}
     return [Label(x=0, y=0, text="", visible=False, **style) for _ in range(2)]
 
 
 def place_bars(plot: Any, bars: Sequence[Any], is_below: bool) -> None:
-    """Move the bars of colours, of which one is visible at a time, to the right of a map or below it."""
+    """Move the colour bars, of which one is visible at a time, below the map (`is_below`) or to its right."""
     for bar in bars:
         bar.update(width="auto" if is_below else BAR_WIDTH, height=BAR_WIDTH if is_below else "auto")
     right, below = ([each for each in side if each not in bars] for side in (plot.right, plot.below))
-    if is_below:  # for a moment in both: a bar that is in neither would lose its view
+    if is_below:  # add before removing: a bar that is on neither side loses its view
         plot.below = [*below, *bars]
         plot.right = right
     else:
@@ -127,7 +130,7 @@ def place_bars(plot: Any, bars: Sequence[Any], is_below: bool) -> None:
 
 
 def mark_ends(marks: Sequence[Any], bar: Any, is_below: bool) -> None:
-    """Place the marks at the lower and the upper end of a bar of colours."""
+    """Place two arrows at the lower and the upper end of a colour bar."""
     across: Any = Node(target=bar, symbol="top" if is_below else "left", offset=BAR_PADDING + BAR_WIDTH // 2)
     for mark, edge, offset in zip(
         marks, ("left", "right") if is_below else ("bottom", "top"), (-BAR_PADDING, BAR_PADDING), strict=True
@@ -138,7 +141,7 @@ def mark_ends(marks: Sequence[Any], bar: Any, is_below: bool) -> None:
 
 
 def line(source: ColumnDataSource, name: str) -> list[Any]:
-    """Return a line in its style, with a white edge."""
+    """Return the renderers of a named line: a white edge, and over it the line in its own style."""
     colour, dash = style_of(name)
     dashes = " ".join(str(round(each)) for each in dash) or "solid"
     halo = MultiLine(xs="xs", ys="ys", line_color="white", line_width=3.6, line_alpha=0.75)
@@ -147,7 +150,7 @@ def line(source: ColumnDataSource, name: str) -> list[Any]:
 
 
 def points(source: ColumnDataSource) -> list[Any]:
-    """Return marks with names beside them, and leaders to the names that are farther away."""
+    """Return the renderers of marked points, of their names, and of leader lines to names away from their points."""
     marks = Scatter(x="x", y="y", marker="marker", size=9, fill_color="white", line_color="black")
     leaders = [
         _rendered(source, Segment(x0="x", y0="y", x1="to_x", y1="to_y", line_color=colour, line_width=width))
@@ -163,7 +166,7 @@ def points(source: ColumnDataSource) -> list[Any]:
 
 
 def names(source: ColumnDataSource) -> Any:
-    """Names of regions, with a white edge, moved by some pixels."""
+    """Return a renderer of the names of regions, with a white edge, each shifted to the right by `dx` pixels."""
     glyph = Text(
         x="x", y="y", x_offset="dx", text="name", text_align="center", text_baseline="middle", text_font_size="17px",
         text_font_style="bold", text_color="black", text_outline_color="white",
@@ -172,13 +175,13 @@ def names(source: ColumnDataSource) -> Any:
 
 
 def band(source: ColumnDataSource) -> Any:
-    """Return the band that holds the design limit."""
+    """Return the renderer of the band between the ends of the design limit's interval."""
     area = VArea(x="x", y1="low", y2="high", fill_color=OWN_STYLES[LIMIT][0], fill_alpha=OPACITY)
     return _rendered(source, area, name=BAND_NAME)
 
 
 def outline(source: ColumnDataSource) -> list[Any]:
-    """Return a closed line with a white edge."""
+    """Return the renderers of a closed line with a white edge."""
     strokes = (("white", 4.0, 0.8), (ELLIPSE, 2.0, 1.0))
     return [
         _rendered(source, Line(x="x", y="y", line_color=colour, line_width=width, line_alpha=alpha))
@@ -187,17 +190,17 @@ def outline(source: ColumnDataSource) -> list[Any]:
 
 
 def cross(source: ColumnDataSource) -> list[Any]:
-    """Return a cross with a white edge."""
+    """Return the renderers of a cross with a white edge."""
     return _edged(source, "cross", (26, "white", 5), (24, "#d40078", 2))
 
 
 def ring(source: ColumnDataSource) -> list[Any]:
-    """Return a ring with a white edge."""
+    """Return the renderers of a ring with a white edge."""
     return _edged(source, "circle", (17, "white", 5), (17, "black", 2))
 
 
 def pins(source: ColumnDataSource) -> list[Any]:
-    """Return numbers in discs."""
+    """Return the renderers of pins: each is a number in a disc."""
     disc = Scatter(x="x", y="y", marker="circle", size=20, fill_color="white", line_color="black", line_width=1.5)
     number = Text(
         x="x", y="y", text="name", text_align="center", text_baseline="middle", text_font_size="12px",

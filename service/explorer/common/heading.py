@@ -1,4 +1,4 @@
-"""Describe a map in a line above it, with the work in progress there."""
+"""Describe a map, and the work in progress, in a line above the map."""
 
 from __future__ import annotations
 
@@ -8,30 +8,30 @@ from gear_rattle.service.explorer.common.text import Text
 
 
 class Heading(Text):
-    """A line that is there while something is shown; a notice, or why nothing is shown, takes its place."""
+    """Line that describes the shown map. A notice, or the reason why no map is shown, replaces the line."""
 
     def __init__(self, sheet: str) -> None:
         super().__init__("", sheet)
         self._shown = self._progress = ""
 
     def show(self, what: str) -> None:
-        """Say what is shown, in HTML."""
+        """Write the description of the shown map, in HTML."""
         self._shown = what
         self._write()
 
     def progress(self, text: str) -> None:
-        """Say what is being computed, beside what is shown; nothing where nothing is."""
+        """Write after the description what is being computed. This text is hidden while no map is shown."""
         self._progress = text
         if self._shown:
             self._write()
 
     def instead(self, html: str) -> None:
-        """Nothing is shown: say why."""
+        """Write why no map is shown (HTML), in place of the description."""
         self._shown = self._progress = ""
         self.html = html
 
     def notice(self, text: str) -> None:
-        """Say for now what is wrong."""
+        """Write an error message, which stays until the next text replaces it."""
         self.html = f'<p class="notice" role="alert">{escape(text)}</p>'
 
     def _write(self) -> None:

@@ -1,4 +1,4 @@
-"""The two lists of the page that are made of plain HTML: the surveys, and the key to the map."""
+"""Components in plain HTML for two lists of the page: the surveys, and the key of the map."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from gear_rattle.service.explorer.files import asset
 
 
 class SurveyMenu(JSComponent):
-    """The surveys; `chosen` is the id of one of them.
+    """List of the surveys. chosen: id of the chosen survey, empty if none is chosen.
 
-    `on_action` is called with what is to be done to which, and with what a viewer has entered.
+    When a viewer presses a button, `on_action` is called with the action's name, the survey's id and the message, which
+    holds the values that the viewer entered.
     """
 
     rows = param.List(default=[])
@@ -32,13 +33,13 @@ class SurveyMenu(JSComponent):
         self.on_msg(in_event_loop(lambda event: self.press(event.data)))
 
     def press(self, message: Any) -> None:
-        """Do what a button of the list says."""
+        """Call `on_action` for the message that a button of the list sends."""
         if isinstance(message, dict):
             self._on_action(str(message.get("action")), str(message.get("survey")), message)
 
 
 class Key(JSComponent):
-    """Meanings of colours and lines; `chosen` are the names of the lines that are drawn."""
+    """Key of the map: meanings of its colours (`shades`) and lines (`overlays`). chosen: names of the drawn lines."""
 
     shades = param.List(default=[])
     overlays = param.List(default=[])

@@ -1,4 +1,4 @@
-"""News of the surveys for all open pages: the database is read once for them all, and only after something happened."""
+"""Publish the status of the surveys to all open pages: one reading of the database for all, only after a change."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.state import Front
 
-LISTED = 100  # newest surveys
-PAUSE = 0.5  # between two readings
+LISTED = 100  # most surveys that are read, the newest ones
+PAUSE = 0.5  # seconds between two readings of the database
 WINDOW = 20.0  # seconds over which a speed is measured
 
 
 @dataclass(frozen=True)
 class JobStatus:
-    """A survey as a page shows it; rate in cells per second, left in seconds, None where they are not known."""
+    """Status of a survey. rate: cells per second. left: seconds until its end. Either is None if it is not known."""
 
     job: JobRow
     rate: float | None
@@ -36,20 +36,20 @@ log = logging.getLogger(__name__)
 
 
 class News:
-    """Publish job status to listeners in the event loop: soon, and whenever it changes.
+    """Publish job status to listeners in the event loop: soon after a listener joins, and whenever it changes.
 
-    Nobody is told what was read before they came: a page keeps to the survey that it finds first.
+    A new listener gets no status that was read before it joined, because a page keeps the survey that it finds first.
     """
 
     def __init__(self, front: Front) -> None:
         self._front = front
         self._listeners: set[Listener] = set()
         self._stale, self._arrived = asyncio.Event(), asyncio.Event()
-        self._past: dict[str, list[tuple[float, int]]] = {}  # of running surveys: when, cells done
+        self._past: dict[str, list[tuple[float, int]]] = {}  # (time, cells done) of each running survey, by its id
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
-        """Keep up, for as long as the application runs."""
+        """Publish status inside this context, which lasts as long as the application runs."""
         loop = asyncio.get_running_loop()
 
         def on_change(_survey_id: str) -> None:
@@ -64,7 +64,7 @@ class News:
             keeper.cancel()
 
     def listen(self, listener: Listener) -> None:
-        """Tell this one from now on."""
+        """Add a listener, and publish the status soon."""
         self._listeners.add(listener)
         self._stale.set()
         self._arrived.set()
@@ -89,7 +89,7 @@ class News:
                 standings = [self._standing(job, time.monotonic()) for job in jobs]
                 for listener in self._listeners.intersection(listeners):
                     listener(standings)
-            with suppress(TimeoutError):  # who has just come is not kept waiting
+            with suppress(TimeoutError):  # a new listener ends the pause
                 await asyncio.wait_for(self._arrived.wait(), PAUSE)
 
     def _standing(self, job: JobRow, now: float) -> JobStatus:
@@ -106,7 +106,7 @@ class News:
 
 
 def overall_rate(job: JobRow) -> float | None:
-    """Cells per second of a survey that has ended, waiting included; None where there is none to speak of."""
+    """Return the mean cells per second from a survey's start to its end; None if it has not ended or has no cells."""
     if not (job.started and job.finished and job.cells_done):
         return None
     seconds = (datetime.fromisoformat(job.finished) - datetime.fromisoformat(job.started)).total_seconds()

@@ -11,7 +11,7 @@ STYLE = ":host { font: 13px/1.45 system-ui, sans-serif; } .bk-clearfix { display
 
 
 class Text:
-    """HTML; of a change only the text is sent, and not, as by Panel's own pane, all styles with it."""
+    """Pane of HTML. A change sends the text only, where Panel's own pane would send all styles again."""
 
     def __init__(self, html: str = "", *sheets: str, margin: Any = 0, is_spoken: bool = False) -> None:
         spoken = {"role": "status", "aria-live": "polite"} if is_spoken else {}
@@ -27,7 +27,7 @@ class Text:
 
     @property
     def html(self) -> str:
-        """Text of the pane."""
+        """HTML of the pane."""
         return str(self._model.text)
 
     @html.setter

@@ -1,4 +1,4 @@
-"""Inks of the two themes."""
+"""Colours of the light and of the dark theme: text, background and lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One open page: who looks at it, what it may do, and how its slow work gets into threads and back."""
+"""One open page: its caller, the permissions of the caller, and slow work in threads whose results change the page."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from rattle import RattleError
 if TYPE_CHECKING:
     from bokeh.document import Document
 
-#: Who asked for the page that is being built; set by the route.
+#: Caller whose request builds the current page. The route sets it.
 CALLER: ContextVar[Caller | None] = ContextVar("caller", default=None)
 
-#: Of a page at a time, with those whose work nobody waits for any more.
+#: Most threads that one page uses at once, including threads whose results are no longer wanted.
 THREADS = 8
 
 Result = TypeVar("Result")
@@ -31,18 +31,18 @@ log = logging.getLogger(__name__)
 
 
 class Viewer:
-    """Viewer of a page, and its document, which only the event loop may touch."""
+    """Session of one open page: its caller, its tasks, and its document, which only the event loop may change."""
 
     def __init__(self, front: Front, caller: Caller | None, document: Document) -> None:
         self.front, self.document = front, document
         self._caller = caller
         self._tasks: set[asyncio.Task[Any]] = set()
         self._threads = asyncio.Semaphore(THREADS)
-        self.tell: Callable[[str], None] = log.warning  # the page replaces it by something that can be seen
+        self.tell: Callable[[str], None] = log.warning  # a page replaces this by a message that is visible on it
         self.ended = False
 
     def require(self, scope: Scope) -> Caller:
-        """Return the caller, if it still may. Reads the database: for a thread.
+        """Return the caller if it still has a scope. This method reads the database: call it in a thread.
 
         Returns
         -------
@@ -52,9 +52,9 @@ class Viewer:
         Raises
         ------
         UnauthorizedError
-            Its key was revoked, or there is none.
+            The caller's key was revoked, the caller has signed out, or there is no caller.
         ForbiddenError
-            Its key does not allow this.
+            The caller's key does not have the scope.
         """
         if self._caller is None:
             raise UnauthorizedError("Sign in to see this page.")
@@ -66,17 +66,17 @@ class Viewer:
             raise UnauthorizedError("Your API key was revoked, or you have signed out. Sign in again.")
         caller = Caller(key, session)
         if not caller.may(scope):
-            raise ForbiddenError(f"Your API key may look only: this needs one with the scope {scope}.")
+            raise ForbiddenError(f"Your API key can only read. This action needs a key with the scope {scope}.")
         return caller
 
     @property
     def caller(self) -> Caller:
-        """Caller that opened the page, whether it still may or not."""
+        """Caller that opened the page, even if its key was revoked since; a caller without a key if there is none."""
         return self._caller or Caller()
 
     @property
     def signed_in(self) -> bool:
-        """True if a key is the reason that this page is allowed."""
+        """True if the page was opened with an API key."""
         return self._caller is not None and self._caller.key is not None
 
     def may_submit(self) -> bool:
@@ -84,10 +84,10 @@ class Viewer:
         return self._caller is not None and self._caller.may(Scope.SUBMIT)
 
     async def read(self, work: Callable[[], Result], scope: Scope = Scope.READ) -> Result:
-        """Return the result of `work`, from a thread, if the caller may.
+        """Run `work` in a thread if the caller has a scope, and return the result.
 
-        A thread cannot be given up: it has its place until it ends. What is given up while it waits for one never
-        begins.
+        A running thread cannot be cancelled: it counts among THREADS until it ends. Work that is cancelled while it
+        waits for a free thread never begins.
 
         Returns
         -------
@@ -107,14 +107,14 @@ class Viewer:
     def _leave(self, thread: asyncio.Future[Any]) -> None:
         self._threads.release()
         if not thread.cancelled():
-            thread.exception()  # nobody asks for that of work that was given up
+            thread.exception()  # or asyncio warns that nobody retrieved the exception of cancelled work
 
     def start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
-        """Run this beside the page until the page is closed; what it may not or cannot do is told on the page."""
+        """Start a task that is cancelled when the page is closed. An error of the task is shown on the page."""
         task = asyncio.get_running_loop().create_task(self._guarded(work))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-        task.add_done_callback(lambda _task: work.close())  # given up before it began, it would be complained of
+        task.add_done_callback(lambda _task: work.close())  # or Python warns about work cancelled before it began
         return task
 
     async def _guarded(self, work: Awaitable[None]) -> None:
@@ -129,12 +129,12 @@ class Viewer:
             self.tell("This could not be shown: an error of the service, which has been logged.")
 
     def change(self, what: Callable[[], object]) -> None:
-        """Change the document when nothing else does."""
+        """Call `what` while nothing else changes the document. Do nothing once the page is closed."""
         if not self.ended:
             change_document(self.document, what)
 
     async def changed(self, what: Callable[[], object]) -> None:
-        """Change the document, and wait until that is done."""
+        """Call `what` while nothing else changes the document, and wait until it has returned."""
         await change_and_wait(self.document, what)
 
     def end(self) -> None:

@@ -1,4 +1,4 @@
-"""Call functions when a viewer uses a widget, and none when the page itself sets it."""
+"""Call functions when a viewer changes a widget, but not when the page itself sets the widget's value."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from gear_rattle.service.explorer.common.changes import act_in_event_loop
 
 
 class Watch:
-    """Watches some widgets."""
+    """Watches widgets for changes that a viewer makes."""
 
     def __init__(self) -> None:
         self._is_paused = False
         self._newest: dict[Any, Any] = {}
 
     def on(self, widget: Any, used: Callable[[], None], name: str = "value") -> None:
-        """Call a function when a viewer has given a widget another value of this parameter."""
+        """Call `used` whenever a viewer has changed the parameter `name` of a widget."""
 
         def changed(event: Any) -> None:
             if not self._is_paused:
@@ -27,7 +27,7 @@ class Watch:
                 act_in_event_loop(lambda: act(event))
 
         def act(event: Any) -> None:
-            if self._newest[widget] is event:  # else the newer one follows
+            if self._newest[widget] is event:  # otherwise a newer event follows
                 with self.paused():  # the page may have written another value meanwhile
                     setattr(widget, name, event.new)
                 used()
@@ -36,7 +36,7 @@ class Watch:
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """Return a context in which the page sets widgets."""
+        """Call no function for changes inside this context, in which the page itself sets widgets."""
         self._is_paused = True
         try:
             yield
@@ -45,5 +45,5 @@ class Watch:
 
 
 def on_press(button: pn.widgets.Button, act: Callable[[], object]) -> None:
-    """Act when a button is pressed."""
+    """Call `act` in the event loop whenever a button is pressed."""
     button.on_click(lambda _event: act_in_event_loop(act))

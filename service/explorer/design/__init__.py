@@ -1,1 +1,1 @@
-"""Inputs and results of a designer: a machine in SI units, tolerances, design limits, sounds."""
+"""Inputs and results for a designer of gears: a machine in SI units, tolerances, design limits, sounds."""

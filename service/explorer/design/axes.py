@@ -1,6 +1,6 @@
-"""Axes of the map: tick labels for any width, down to 1e-9 and below.
+"""Axes of the map, with tick labels for windows of any width, down to 1e-9 and below.
 
-A machine's survey has its speed and eccentricity as axes, and δ and ε beside them.
+The survey of a machine has speed and eccentricity as axes, and δ and ε on the opposite sides.
 """
 
 from __future__ import annotations
@@ -18,14 +18,15 @@ from gear_rattle.workers.survey.machine import SurveyedMachine
 
 NAMES = ("damping δ", "eccentricity ε")
 ROUND = "return String(Number((inverse ? scale / tick : scale * tick).toPrecision(7)))"
-NARROW = 1e-5  # of the values: narrower windows have an offset
+NARROW = 1e-5  # relative width; a narrower window has an offset in its labels
 NARROWEST = 1e-13
 
 
 class MapAxes:
-    """Axes of a map: δ and ε, or of a machine its speed and eccentricity, with δ and ε above and on the right.
+    """Axes of a map: δ and ε; for a machine speed and eccentricity, with δ and ε above and on the right.
 
-    Damping falls as speed rises, so δ runs to the left there. With `is_follower` another map decides that.
+    Damping falls as speed rises, so for a machine δ rises to the left. is_follower: whether the map shares its ranges
+    with another map, which sets this direction.
     """
 
     def __init__(self, plot: figure, is_follower: bool) -> None:
@@ -55,7 +56,7 @@ class MapAxes:
         self.show(None)
 
     def show(self, machine: SurveyedMachine | None) -> None:
-        """Show the axes of a machine, or those of the model."""
+        """Show the axes of a machine; if it is None, δ and ε alone."""
         scales = {"rpm": 1.0, "eccentricity": 1.0}
         if machine is not None:
             scales = {
@@ -86,7 +87,7 @@ class MapAxes:
 
 
 def offset_of(window: Pair) -> tuple[float, int] | None:
-    """Offset and power of ten of the tick labels of a narrow window; None of a wide one."""
+    """Return the offset and the power of ten of the tick labels of a narrow window; None for a wide window."""
     low, high = window
     span, scale = high - low, max(abs(low), abs(high))
     if span > NARROW * scale:
@@ -96,6 +97,6 @@ def offset_of(window: Pair) -> tuple[float, int] | None:
 
 
 def written(value: float, window: Pair) -> str:
-    """Return a coordinate with the digits that tell points of this window apart on a screen."""
+    """Return a coordinate with enough digits to distinguish the points of this window on a screen."""
     span = max(window[1] - window[0], 1e-300)
     return f"{value:.{min(max(math.ceil(3 - math.log10(span)), 3), 17)}f}"

@@ -1,4 +1,4 @@
-"""The numbers of a machine as fields, in the units that a drawing has, and in SI units what is entered there."""
+"""Fields for the numbers of a machine, in the units of a drawing; entered values are converted to SI units."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from rattle import Machine, RattleError
 from rattle.machine import DRIVES
 from rattle.models import Model
 
-DIGITS = 12  # of a number that was converted and back
+DIGITS = 12  # significant digits of a number that was converted from SI units
 
 
 class NumberEntry(NamedTuple):
-    """How a number of a machine is entered.
+    """A number of a machine, and the field in which it is entered.
 
-    Its name, its unit, how many of it the SI unit is, the first value of its field (None: it may be left out),
-    whether it is a number of things, and its tooltip.
+    name, unit: its label. per: how many of these units are one SI unit. first: the first value of the field; None if
+    the field may be empty. is_count: whether the number is a count, as of teeth. about: the tooltip, "" for none.
     """
 
     name: str
@@ -37,11 +37,11 @@ class NumberEntry(NamedTuple):
         return f"{self.name}, {self.unit}" if self.unit else self.name
 
     def entered(self, value: float) -> float:
-        """Return a number of the library in this unit."""
+        """Return a value of the library (in SI units, speed in rpm) in the unit of the field."""
         return float(f"{value * self.per:.{DIGITS}g}")
 
     def meant(self, value: float | None) -> float | None:
-        """Return an entered value in the library's form: division rounds to 100e-6 for 100 µm."""
+        """Return an entered value in the library's unit; None for None. It divides, as 100 / 1e6 is exactly 100e-6."""
         if value is None:
             return None
         return int(value) if self.is_count and float(value).is_integer() else value / self.per
@@ -72,9 +72,9 @@ ABOUT = (
     "<p class=faint>Inertia, drag and base radius are those of the first gear. Fields with a 2 are of the second gear, "
     "which is like the first where they are empty.</p>"
 )
-BOTH = ("inertia", "drag", "backlash", "radius")  # of every machine
+BOTH = ("inertia", "drag", "backlash", "radius")  # numbers of every machine
 SECOND = ("teeth", "driven_teeth", "driven_inertia", "driven_drag", "driven_radius")
-PAIR = (*BOTH, *SECOND)  # of a machine of a survey
+PAIR = (*BOTH, *SECOND)  # numbers of the machine of a survey
 ERRORS = ("mesh_error", "mesh_error_2", "mesh_error_3")
 POINT = (
     *BOTH, "rpm", "eccentricity", "stiffness", "restitution", "load_torque", *ERRORS, *SECOND, "driven_eccentricity"
@@ -89,7 +89,7 @@ def in_unit(name: str, value: float) -> str:
 def spans_of(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict[str, Pair]:
     """Return the speeds and eccentricities of a window of the plane, each (low, high).
 
-    High speed means little damping.
+    Damping falls as speed rises, so the highest speed belongs to the lowest δ.
 
     Returns
     -------
@@ -103,7 +103,7 @@ def spans_of(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict[str, 
 
 
 def machine_at(machine: SurveyedMachine | None, model: Model, delta: float, epsilon: float) -> Machine | None:
-    """Return the machine of a survey of this model at a point; None without one, or where nothing turns so fast."""
+    """Return a survey's machine at a point; None if the survey has none, or if no such machine is possible."""
     if machine is None:
         return None
     eccentricity = float(machine.eccentricity(epsilon))
@@ -117,9 +117,10 @@ def machine_at(machine: SurveyedMachine | None, model: Model, delta: float, epsi
 
 
 def machine_beside(machine: Machine | None, delta: float, epsilon: float) -> Machine | None:
-    """Return the pair of gears of a point at another one.
+    """Return the machine of a point at another point: the same gears at another speed and eccentricity.
 
-    None without one, or where a stiffness would be another one.
+    The result is None if the point has no machine. It is also None if the machine has a mesh stiffness and δ differs:
+    the other speed would change κ.
 
     Returns
     -------
@@ -138,7 +139,7 @@ def _in_rows(widgets: list[Any], *above: Any) -> pn.Column:
 
 
 class MachineFields:
-    """Fields for these numbers, two in a row, and for what drives the pair: `needed` ones and `optional` ones."""
+    """Fields for numbers of a machine and for its drive: `needed` has the required fields, `optional` the others."""
 
     def __init__(self, names: Iterable[str], sheet: str) -> None:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
@@ -158,14 +159,14 @@ class MachineFields:
         self.panel = pn.Column(self.needed, self.optional, sizing_mode="stretch_width", margin=0)
 
     def given(self) -> dict[str, Any]:
-        """Return the entered numbers, as `rattle.Machine` and requests take them; optional empty fields are omitted."""
+        """Return the entered numbers, as `rattle.Machine` and requests take them; empty optional fields are omitted."""
         numbers = {name: NUMBERS[name].meant(widget.value) for name, widget in self._numbers.items()}
         needed = {name for name in numbers if NUMBERS[name].first is not None}
         given = {name: value for name, value in numbers.items() if name in needed or value is not None}
         return given | {"drive": self._drive.value}
 
     def show(self, machine: Mapping[str, Any]) -> None:
-        """Enter these numbers in SI units."""
+        """Set the fields to the numbers of a machine, which are in SI units."""
         for name, widget in self._numbers.items():
             value = machine.get(name)
             widget.value = None if value is None else NUMBERS[name].entered(value)

@@ -20,7 +20,7 @@ from rattle.models import BETA, DEFAULT_MODEL, MODELS
 
 
 class GoTo:
-    """Places with names, a button that opens the fields, which are made then, and one that closes the open point."""
+    """A list of bookmarks, a button that opens the fields for a point, and a button that closes the open point."""
 
     def __init__(self, store: Store, sheet: str) -> None:
         self._store, self._sheet = store, sheet
@@ -50,12 +50,12 @@ class GoTo:
         self._close.visible = self._store.view.point is not None
 
     def _go(self) -> None:
-        """Go to the place that was chosen, if it is of the gear on the map."""
+        """Go to the chosen bookmark, if the map is of the default model and its default β, as all bookmarks are."""
         place: Bookmark | str = self.named.value
         if isinstance(place, str):
             return
         with self._watch.paused():
-            self.named.value = ""  # so that it can be gone to again
+            self.named.value = ""  # so that the same bookmark can be chosen again
         if self._store.model != MODELS[DEFAULT_MODEL]():
             named = f"{DEFAULT_MODEL} gear at β = {BETA.default}"
             self._wrong(f"The places that have names are of the {named}. Choose a survey of it.")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from gear_rattle.service.explorer.common.address import Pair, Ranges
 from rattle.plot import FIGURE_4, FIGURE_5, FIGURE_6, FIGURE_7, FIGURE_8, FIGURE_9
 
-#: About these points, as `rattle.curves.codimension_two` has them; so much either way shows what meets there.
+#: Points from `rattle.curves.codimension_two`. A window with half-widths EITHER_WAY shows the curves that meet there.
 CORNERS = {
     "COD20, where C flips on G1": (0.54177, 0.18323),
     "COD21, equal multipliers on G1": (0.75904, 0.09550),
@@ -16,14 +16,14 @@ CORNERS = {
     "COD23, where SN2 and PD1 end on G1": (0.76016, 0.09571),
 }
 EITHER_WAY = 0.004, 0.001
-#: Where chaos ends, as `rattle.crisis.boundary_crisis` has it.
+#: Points (δ, ε) at which a boundary crisis ends chaos, from `rattle.crisis.boundary_crisis`.
 CRISES = {"0.6": (0.6, 0.1108867568), "0.762": (0.762, 0.09742235)}
 SPAN = "span"
 
 
 @dataclass(frozen=True)
 class Bookmark:
-    """A window, and a point that is open there with what its view shows, if there is one."""
+    """A window of the plane; the point to open in it, or None; and the state of the point's tabs, see `PointState`."""
 
     window: Ranges
     point: Pair | None = None
@@ -31,7 +31,7 @@ class Bookmark:
 
 
 def places() -> dict[str, Bookmark]:
-    """Return all of them, by name."""
+    """Return all bookmarks by name."""
     return dict(_places())
 
 

@@ -1,4 +1,4 @@
-"""How hard the motions of a point rattle, for processes of their own: intensities, order spectra, sounds."""
+"""Compute how hard the motions of a point rattle, in other processes: intensities, order spectra, sounds."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from rattle import Density, Lines
 from rattle.intensity import wav
 from rattle.models import AnyGear
 
-HIGHEST = 24.0  # order of a spectrum
-SECONDS, RATE = 3.0, 22050  # of a sound
+HIGHEST = 24.0  # highest order of a spectrum
+SECONDS, RATE = 3.0, 22050  # length of a sound in seconds, and its samples per second
 
 
 def motion_intensities(gear: AnyGear, attractors: Sequence[rattle.Attractor]) -> tuple[rattle.Intensity | None, ...]:
-    """Return the intensity of each attractor, None of one that cannot be followed; undecided ones have NaN."""
+    """Return the intensity of each attractor: None if it cannot be followed, values of NaN if it is undecided."""
     return tuple(_intensity(gear, each) for each in attractors)
 
 
@@ -26,7 +26,7 @@ def _intensity(gear: AnyGear, attractor: rattle.Attractor) -> rattle.Intensity |
 
 
 def spectrum_lines(gear: AnyGear, attractor: rattle.Attractor) -> Lines | Density:
-    """Lines of a periodic or quiet motion, the density of a chaotic one. Raises RattleError if it is undecided."""
+    """Return the lines of a periodic or quiet motion, or a chaotic one's density. Raises RattleError if undecided."""
     return gear.spectrum(attractor, HIGHEST)
 
 
@@ -36,7 +36,7 @@ def sound_file(gear: AnyGear, attractor: rattle.Attractor, rpm: float) -> bytes:
 
 
 def warm_up_sounds(gear: AnyGear) -> None:
-    """Load their kernels."""
+    """Load the kernels of intensities, spectra and sounds, by computing each of them once."""
     found = gear.attractors(16)
     motion_intensities(gear, found)
     for each in found:

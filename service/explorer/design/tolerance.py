@@ -1,4 +1,4 @@
-"""Gears that differ about a point: the ellipse that holds 95 % of them, and how many of them run quietly."""
+"""Gears whose parameters vary around a point: the ellipse that holds 95 % of the gears, and their yield."""
 
 from __future__ import annotations
 
@@ -16,18 +16,20 @@ from rattle.errors import require
 from rattle.models import AnyGear, model_at
 from rattle.parameters import Harmonic
 
-HELD = 0.95  # of the gears are inside of the ellipse
+HELD = 0.95  # share of the gears inside the ellipse
 RADIUS = math.sqrt(-2.0 * math.log(1.0 - HELD))  # standard deviations
-SIDES = 96
-COUNT, JUDGED = 8, 256
-NOT_GIVEN = ("speed", "eccentricity", "errors", "driven_errors")  # of a machine: `rattle.population` has other names
-LEAST = 0.1  # of the mean: the speed and the damping of a gear are cut off there
+SIDES = 96  # of the polygon that stands for the ellipse
+COUNT, JUDGED = 8, 256  # initial conditions per gear; gears that are checked for passing
+# Fields of a machine that `rattle.population` does not get under these names.
+NOT_GIVEN = ("speed", "eccentricity", "errors", "driven_errors")
+LEAST = 0.1  # least speed and damping of a gear, relative to the mean
 
 
 class Tolerance(NamedTuple):
-    """Standard deviations of δ and ε, or of a machine's speed (rpm) and eccentricity (m).
+    """Tolerances of a point, and the requirement on its gears.
 
-    And the least P(quiet) of a gear that passes.
+    first, second: the standard deviations of δ and ε, or of a machine's speed (rpm) and eccentricity (m). share: the
+    least probability of quiet running with which a gear passes.
     """
 
     first: float
@@ -36,7 +38,7 @@ class Tolerance(NamedTuple):
 
 
 class Yield(NamedTuple):
-    """Results for so many gears."""
+    """Number of gears in a population, their probability of quiet running, and the share of gears that pass."""
 
     gears: int
     quiet: Estimate
@@ -44,7 +46,7 @@ class Yield(NamedTuple):
 
 
 def tolerance_outline(delta: float, epsilon: float, machine: Machine | None, widths: Tolerance) -> NDArray[np.float64]:
-    """Return the ellipse (k, 2) in (δ, ε) about a point; that of speed and eccentricity as it is in this plane."""
+    """Return the ellipse (k, 2) around a point in (δ, ε); with a machine, its speed and eccentricity vary."""
     angle = np.linspace(0.0, 2.0 * np.pi, SIDES + 1)
     first, second = widths.first * RADIUS * np.cos(angle), widths.second * RADIUS * np.sin(angle)
     if machine is None:
@@ -56,7 +58,7 @@ def tolerance_outline(delta: float, epsilon: float, machine: Machine | None, wid
 
 
 def given_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[str, Any]:
-    """Return the numbers of the gears as `rattle.population` takes them. Raises ParameterError."""
+    """Return the gears' numbers as `rattle.population` takes them. Raises ParameterError if a harmonic has a phase."""
     if machine is None:
         others: dict[str, Any] = {**model_at(gear).numbers, **_amplitudes("harmonic", gear.parameters.harmonics)}
         pair = {"delta": gear.delta, "epsilon": gear.epsilon}
@@ -70,7 +72,7 @@ def given_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[
 
 
 def _amplitudes(name: str, harmonics: Sequence[Harmonic]) -> dict[str, float]:
-    """Return amplitudes by order as `rattle.population` takes them. Raises ParameterError: a phase is not 0."""
+    """Return amplitudes by order as `rattle.population` takes them. Raises ParameterError if a phase is not 0."""
     for order, _, phase in harmonics:
         require(phase == 0.0, f"tolerances are known of harmonics with phase 0, not of order {order} at {phase:g}")
     return {f"{name}_{order}": size for order, size, _ in harmonics}
@@ -81,7 +83,7 @@ def _varying(mean: float, width: float, low: float) -> Any:
 
 
 def yield_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> Yield:
-    """Return how many of the gears about a point run quietly and pass. Raises ParameterError."""
+    """Return the yield of gears that vary around a point. Raises ParameterError if a harmonic has a phase."""
     gears = model_at(gear).design_gears
     found = rattle.population(
         given_of(gear, machine, widths),

@@ -15,11 +15,11 @@ from gear_rattle.workers.pictures.look import USUAL_SHARE
 from rattle import Machine
 from rattle.models import AnyGear
 
-TENTH = 0.1  # of the point's numbers: standard deviations that are offered
+TENTH = 0.1  # default standard deviations, relative to the point's numbers
 
 
 class ToleranceFields:
-    """Two standard deviations, a probability, a button; `on_asked` is called with what is entered."""
+    """Fields for two standard deviations and a probability; a button calls `on_asked` with the entered values."""
 
     def __init__(self, sheets: list[str]) -> None:
         self.on_asked: Callable[[Tolerance], None]
@@ -38,7 +38,7 @@ class ToleranceFields:
         )  # fmt: skip
 
     def offer(self, gear: AnyGear, machine: Machine | None, widths: Tolerance | None) -> None:
-        """Ask for tolerances of a point, in the numbers of its machine where it has one."""
+        """Set the fields for a point: tolerances of speed and eccentricity if it has a machine, else of δ and ε."""
         first, second, share = self.widgets
         if machine is None:
             first.label, second.label, self._per = "σ of δ", "σ of ε", (1.0, 1.0)
@@ -54,7 +54,7 @@ class ToleranceFields:
         self.said.html = ""
 
     def ask(self) -> None:
-        """Ask for the yield with what is entered."""
+        """Call `on_asked` with the entered tolerances, or say that a field is empty."""
         first, second, share = (each.value for each in self.widgets)
         if first is None or second is None or share is None:
             self.said.html = '<p class="wrong" role="alert">A tolerance needs a number in each field.</p>'

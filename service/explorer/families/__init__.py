@@ -1,1 +1,1 @@
-"""One family of a survey's attractors: what is known of it, and where it is on the map."""
+"""A chosen family of a survey's attractors: its description, and its cells on the map."""

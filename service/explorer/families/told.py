@@ -1,4 +1,4 @@
-"""Describe the families of a survey: their list, and of one its shares, its extent and its ends."""
+"""Describe the families of a survey: the list of their names, and the shares, extent and borders of one family."""
 
 from __future__ import annotations
 
@@ -24,13 +24,17 @@ from gear_rattle.workers.survey.slices import group_in
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from rattle.models import Model
 
-MOST_LISTED = 100  # the first of them, by falling number of cells
+MOST_LISTED = 100  # families in the list: the first ones, which have the most cells
 NOT_ALONE = "Where two of its attractors are in one cell, one becomes the other on a way through other cells."
 
 
 @dataclass(frozen=True)
 class Extent:
-    """The longest row or column of cells of a family without a gap: its middle, and how far it reaches either way."""
+    """The longest row or column of a family's cells without a gap.
+
+    direction: "delta" for a row, "epsilon" for a column. middle: its middle (δ, ε). either_way: half its length
+    plus one cell.
+    """
 
     direction: str
     middle: Pair
@@ -38,16 +42,17 @@ class Extent:
 
     @property
     def state(self) -> dict[str, str]:
-        """State of the view of the point in its middle, which shows the diagram along it."""
+        """State of the tabs of the point in the middle, which shows the diagram along the row or column."""
         return {"direction": self.direction, "span": f"{self.either_way:.12g}"}
 
 
 @dataclass(frozen=True)
 class FamilyDescription:
-    """Description of one family. of_plane, of_samples.
+    """Description of one family.
 
-    Shares of the cells, and of the samples of all cells. borders: pairs of neighbouring cells of which one has it, by
-    the curves that pass between them.
+    row: its numbers in the survey's table of families, by name. of_plane: its share of the finished cells. of_samples:
+    its share of the samples of these cells. borders: for each curve, the number of pairs of neighbouring cells that
+    the curve separates and of which only one has the family. extents: its longest row and column of cells.
     """
 
     name: str
@@ -59,26 +64,29 @@ class FamilyDescription:
 
 
 class Stored(NamedTuple):
-    """A survey, or its slice, and the table of its families."""
+    """An open survey, or a slice of one, and the table of its families."""
 
     survey: xr.Dataset
     table: xr.Dataset
 
 
 def stored_families(place: Path | Bucket, request: SurveyRequest, number: int) -> Stored:
-    """Return the families of a store, of this slice if there is a third axis.
+    """Return a survey and its table of families from a store. It blocks: use a thread.
 
-    Blocks: for a thread.
+    Parameters
+    ----------
+    number : int
+        Index of the slice, if the survey has a third axis.
 
     Returns
     -------
     Stored
-        The stored families.
+        The survey, or the slice, and its table.
 
     Raises
     ------
     SurveyError
-        : they are not there yet.
+        If the families are not stored yet.
     """
     opened, along = partial(open_survey, place), request.along(number)
     return Stored(open_maps(opened, LARGEST, *along), opened(group_in(along[0] if along else None, GROUP)))
@@ -93,13 +101,13 @@ def require_family(found: Stored, which: int) -> None:
 
 
 def first_family_names(found: Stored) -> list[str]:
-    """Return the names of the first families. Blocks: for a thread."""
+    """Return the names of the first MOST_LISTED families. It blocks: use a thread."""
     with reading("the families"):
         return names_of(*found, MOST_LISTED)
 
 
 def family_description(found: Stored, plane: MapPlane, which: int) -> FamilyDescription:
-    """Return the description of an existing family; plane: the map of its share. Blocks: for a thread."""
+    """Return the description of an existing family. plane: the map of its basin fraction. It blocks: use a thread."""
     with reading("the families"):
         names = names_of(*found, which + 1)
         here = found.table.isel(family=which)
@@ -120,14 +128,14 @@ def family_description(found: Stored, plane: MapPlane, which: int) -> FamilyDesc
 
 
 def longest(there: np.ndarray) -> tuple[int, int, int]:
-    """Return the longest run of True in a row of (m, n): its row, its first column and the one after its last.
+    """Return the longest run of True within a row of an array (m, n).
 
-    The first one of several, and an empty one if there is none.
+    If several runs are longest, it is the run that ends first. If no value is True, the run is empty.
 
     Returns
     -------
     tuple[int, int, int]
-        Row, first column, and the column after the last.
+        Row, first column, and the column after the last one.
     """
     run = np.zeros(there.shape[0], np.int64)
     best = 0, 0, 0
@@ -150,12 +158,12 @@ def _extent(there: np.ndarray, plane: MapPlane, direction: str) -> Extent | None
     return Extent(
         direction,
         (middle, beside) if direction == "delta" else (beside, middle),
-        (end - first) / 2 * step + step,  # a cell more, where it begins and ends
+        (end - first) / 2 * step + step,  # half the length, and a cell more, where the family ends
     )
 
 
 def family_in_words(found: FamilyDescription, model: Model) -> str:
-    """HTML of what is known of a family."""
+    """Return the description of a family in sentences, as HTML."""
     row = found.row
     if not row["cells"]:
         return f"<p><strong>{escape(found.name)}</strong> is in none of the cells.</p>"
@@ -175,7 +183,7 @@ def family_in_words(found: FamilyDescription, model: Model) -> str:
 
 
 def _borders(found: FamilyDescription, model: Model) -> list[str]:
-    """Return the borders at which it is born, and at which it ends."""
+    """Return a sentence on the curves at which the family is born or ends."""
     edges = int(found.row["edges"])
     if not edges:
         return ["No other cell is beside its cells."]

@@ -41,10 +41,10 @@ ALONG = {"delta": "Its diagram along δ", "epsilon": "Its diagram along ε"}
 
 
 class FamilyMaps(NamedTuple):
-    """Families read from a survey, whatever its window.
+    """Families read from a survey, the same for all windows.
 
-    Names of its families, and of the one that is chosen all that is told, with its share in every cell; why: there is
-    none of this number.
+    names: the names of the first families. family: the description of the chosen family, None without one. plane: the
+    map of its basin fraction. why: the message if no family has the chosen number, else "".
     """
 
     names: list[str]
@@ -54,12 +54,12 @@ class FamilyMaps(NamedTuple):
 
 
 class FamiliesView:
-    """`which` chooses a family, of a survey that has families; `panel` describes it, and its cells are on the map.
+    """Show a chosen family: `which` is the list to choose from, `panel` the description. The map shows its cells.
 
     Parameters
     ----------
     figure : MapFigure
-        Figure of the map, where all other cells are dimmed.
+        Figure of the map, on which the cells without the family are dimmed.
     """
 
     def __init__(self, shared: Shared, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
@@ -89,7 +89,7 @@ class FamiliesView:
             self._hide()
             self.panel.visible = False
             return
-        if self._of != (of := (view.survey, view.slice, view.family)):  # what is there now is of others
+        if self._of != (of := (view.survey, view.slice, view.family)):  # the shown family is another one
             if self._of[:2] != of[:2]:
                 self._offer({}, None)
             self._of = of
@@ -141,7 +141,7 @@ class FamiliesView:
             self._forget()
             self._say(known.why)
             return
-        self._offer(options | {known.family.name: str(number)}, number)  # also one that is not among the first
+        self._offer(options | {known.family.name: str(number)}, number)  # also a family that is not in the list
         self._figure.veil(np.isnan(seen.values) | (seen.values <= 0), seen.box)
         self._extents = {each.direction: each for each in known.family.extents}
         for name, button in self._along.items():
@@ -177,7 +177,7 @@ class FamiliesView:
         self._store.dispatch(FamilyChosen(int(chosen) if chosen else None))
 
     def go_along(self, direction: str) -> None:
-        """Open the point in the middle of the family, with the diagram along this direction."""
+        """Open the point in the middle of the family's longest row ("delta") or column, with the diagram along it."""
         extent = self._extents.get(direction)
         if extent is not None:
             self._store.dispatch(PointOpened(extent.middle, state=extent.state))

@@ -1,1 +1,1 @@
-"""Maps beside the first one, of its window: other variables, other surveys, and differences."""
+"""Comparison maps, in the window of the first map: other variables, other surveys, and differences of surveys."""

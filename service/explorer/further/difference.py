@@ -1,4 +1,4 @@
-"""The difference of two surveys: of the same variable, on the cells of the first."""
+"""The difference of two surveys: one variable of both, on the cells of the first survey."""
 
 from __future__ import annotations
 
@@ -24,23 +24,31 @@ def require_small(request: SurveyRequest) -> None:
     """Raise SurveyError if a survey has too many cells for a difference, which is held in memory."""
     if (size := math.prod(request.shape)) > MOST_CELLS:
         raise SurveyError(
-            f"A difference is of surveys of {MOST_CELLS:,} cells and fewer, not {size:,}: "
+            f"A difference needs surveys of at most {MOST_CELLS:,} cells, and this one has {size:,}: "
             "save a window as a survey, or read both in Python."
         )
 
 
 class Difference(MapPlane):
-    """Difference of two maps, float32; of codes, whether they differ.
+    """First map less another map, float32. For codes: 1 where they differ, else 0.
 
-    NaN where either has no value, status 0 where either is not computed or the other one does not reach.
+    The value is NaN where either map has no value. The status is 0 where either map is not computed or the other map
+    has no cell.
 
-    `is_same_grid` says that both have the same cells; else each is compared with that of the other which it is in.
+    is_same_grid: True if both maps have the same cells. Otherwise each cell of the first map is compared with the cell
+    of the other map that contains its centre.
     """
 
     def __init__(self, first: MapPlane, other: MapPlane) -> None:
-        """Blocks: for a thread. `require_small` is for before they are read. Raises SurveyError: they have families."""
+        """Read both maps. It blocks: use a thread, and call `require_small` first.
+
+        Raises
+        ------
+        SurveyError
+            The maps show families, which each survey numbers in its own way.
+        """
         if first.plane.name == LARGEST:
-            raise SurveyError("The families of two surveys have numbers of their own: choose another map.")
+            raise SurveyError("Families are numbered differently in each survey: choose another map.")
         self._first = first
         self.id, self.number, self.request = f"{first.id} {other.id}", first.number, first.request
         self.delta, self.epsilon, self._levels = first.delta, first.epsilon, halvings(first.request.shape)
@@ -67,5 +75,5 @@ class Difference(MapPlane):
         self.plane = xr.DataArray(self.values, dims=CELL, name=f"{variable.name}_difference", attrs=attributes)
 
     def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
-        """Return all that the first survey has of the cell at a point. Blocks: for a thread."""
+        """Return all variables of the first survey's cell at a point. It blocks: use a thread."""
         return self._first.cell(delta, epsilon)

@@ -1,4 +1,4 @@
-"""Show the maps beside the first one: as many as a viewer adds, three at most."""
+"""Show the comparison maps that a viewer adds beside the first map, at most three."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from gear_rattle.service.explorer.state.store import JOBS, Store
 
 
 class ComparisonMaps:
-    """The maps, in `places`, which stay empty until there are maps, and `add`, the button for another one.
+    """Comparison maps. places: their panels, empty until a map is added. add: button that adds a map.
 
     Parameters
     ----------
     first : MapFigure
-        Figure of the first map, whose window all have.
+        Figure of the first map, whose window all maps share.
     """
 
     def __init__(self, shared: Shared, viewer: Viewer, store: Store, first: MapFigure, theme: str, sheet: str) -> None:
@@ -55,7 +55,7 @@ class ComparisonMaps:
         store.subscribe(self._follow_pointer, "pointer")
 
     def _follow(self) -> None:
-        """Make as many maps as the view has, and let them show what belongs to it."""
+        """Make as many maps as the view has, and let each show its part of the view."""
         view = self._store.view
         self.add.visible = bool(view.survey) and len(view.further) < MOST_FURTHER
         if not self._store.is_told:
@@ -81,7 +81,7 @@ class ComparisonMaps:
             each.follow_pointer()
 
     def _add(self) -> None:
-        """Add another variable of the same survey, the next that is not shown."""
+        """Add a comparison map of the first map's survey: the next of its maps that is not shown yet."""
         view, request = self._store.view, self._store.request
         if request is None or not view.survey:
             return

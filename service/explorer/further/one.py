@@ -1,4 +1,4 @@
-"""Show one map beside the first, in its window, with its pointer and lines."""
+"""Show one comparison map, with the window, the pointer and the lines of the first map."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from gear_rattle.service.explorer.common.watch import Watch, on_press
 from gear_rattle.service.explorer.further.difference import Difference, require_small
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring
 from gear_rattle.service.explorer.map.figure import MapFigure
-from gear_rattle.service.explorer.map.overlays import WHOLE, Lines
+from gear_rattle.service.explorer.map.overlays import WHOLE, MapLines
 from gear_rattle.service.explorer.map.picture import as_seen, links, picture_query
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, map_names
 from gear_rattle.service.explorer.map.readout import cell_in_words
@@ -34,17 +34,17 @@ from rattle import RattleError
 
 SHOWN = "shown"
 GONE = "This survey is no longer there."
-NO_FIRST = "The first map is of no survey: choose one."
+NO_FIRST = "Choose a survey for the first map."
 MINUS = "first map less this one"
 
 
 class ComparisonMap(SurveyMap):
-    """Map in this place beside the first; above it a viewer chooses what it shows."""
+    """Comparison map with the index `place`. A viewer chooses its survey and variable in the widgets above it."""
 
     def __init__(self, shared: Shared, viewer: Viewer, store: Store, figure: MapFigure, sheet: str, place: int) -> None:
         super().__init__(shared, viewer, store, figure, Heading(sheet), Text("", sheet))
         self._place = place
-        self.lines = Lines(viewer, figure)
+        self.lines = MapLines(viewer, figure)
         self.key, self.links = Text("", sheet), Text("", sheet)
         self._watch = Watch()
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
@@ -69,7 +69,7 @@ class ComparisonMap(SurveyMap):
         self._reading: asyncio.Task[None] | None = None
 
     def follow(self, surveys: Mapping[str, str]) -> None:
-        """Show what the store's view has in this place; these surveys are offered, see `surveys_of`."""
+        """Show the map that the view has at the index `place`. surveys: the choice of surveys, from `surveys_of`."""
         view, jobs = self._store.view, self._store.jobs
         further = view.further[self._place]
         job, first = (jobs[each].job if each in jobs else None for each in (further.survey, view.survey))
@@ -87,7 +87,7 @@ class ComparisonMap(SurveyMap):
             self._follow_view(self.plane)
 
     def _offer(self, further: Further, job: JobRow, surveys: Mapping[str, str]) -> Further:
-        """Offer the surveys and maps; return the choice, another one where the survey has no such map."""
+        """Offer surveys and maps; return the chosen map, or the survey's first map if it has no such map."""
         request = request_of_job(job)
         maps, number = map_names(request), sum(request.along(further.slice))
         chosen = Chosen(further.variable, further.index)
@@ -144,7 +144,7 @@ class ComparisonMap(SurveyMap):
         self.show_nothing(f"<p>{why}</p>")
 
     def show_nothing(self, why: str) -> None:
-        """Show no cells, and why (HTML); no lines and pins either."""
+        """Show why no cells are shown (HTML), and remove lines and pins too."""
         self.plane = None
         super().show_nothing(why)
         self.lines.clear()
@@ -163,7 +163,7 @@ class ComparisonMap(SurveyMap):
         self.lines.draw([name for name in view.overlays if name not in WHOLE], model, window)
 
     def follow_pointer(self) -> None:
-        """Mark the point that a viewer points at, and say what is there."""
+        """Mark the point that a viewer points at, and write the value of the cell there."""
         pointer = self._store.view.pointer
         self.figure.cursor(None if pointer is None else pointer.at)
         if self._reading is not None:
@@ -172,7 +172,7 @@ class ComparisonMap(SurveyMap):
             self._reading = self._viewer.start(self._read(self.plane, pointer.at, self._store.window))
 
     def _pictures(self, plane: MapPlane, first: View) -> str:
-        """Return links to this map as a picture, in HTML; a difference has none."""
+        """Return links to pictures of this map, in HTML; "" for a difference, which has no pictures."""
         further, colours = self._further, self.colours
         if further is None or colours is None or isinstance(plane, Difference):
             return ""
@@ -193,12 +193,12 @@ class ComparisonMap(SurveyMap):
         self._viewer.change(show)
 
     def show_shades(self, shades: Sequence[Shade]) -> None:
-        """Show them in the key below the map."""
+        """Show the meanings and the shares of the colours in the key below the map."""
         self.key.html = key_of(shades)
 
 
 def _titled(plane: MapPlane, colours: Colouring, job: JobRow, first: JobRow | None, request: SurveyRequest) -> str:
-    if not isinstance(plane, Difference) or first is None:  # the choices above tell the rest
+    if not isinstance(plane, Difference) or first is None:  # the widgets above the map show the rest
         return f"{plane.request.gear_model}{f' ({colours.note})' if colours.note else ''}"
     cells = "the same cells"
     if not plane.is_same_grid:
@@ -208,7 +208,7 @@ def _titled(plane: MapPlane, colours: Colouring, job: JobRow, first: JobRow | No
 
 
 def key_of(shades: Sequence[Shade]) -> str:
-    """Return the meaning of colours, in HTML."""
+    """Return the key of a map, in HTML: its colours with their meanings and shares."""
     entries = "".join(
         f'<li><span style="display:inline-block;width:.8rem;height:.8rem;background:{each.colour};'
         f'border:1px solid var(--strong-line)" aria-hidden="true"></span> {escape(each.label)}'

@@ -9,7 +9,7 @@ from gear_rattle.service.explorer.state.store import request_of_job
 
 
 def surveys_of(jobs: Iterable[JobRow]) -> dict[str, str]:
-    """Return the surveys that can be chosen, a slice each, by their names in words."""
+    """Return the choice of surveys and slices: the text "id,slice number" of each, by its name in words."""
     surveys: dict[str, str] = {}
     for each in jobs:
         for name, number, words in _slices(each) if each.is_readable else []:
@@ -19,7 +19,7 @@ def surveys_of(jobs: Iterable[JobRow]) -> dict[str, str]:
 
 
 def _slices(job: JobRow) -> list[tuple[str, int, str]]:
-    """Name, number and words of each slice of a survey, or of itself."""
+    """Return the survey's name, and the number and the words of each slice; (0, "") without a third axis."""
     thirds = request_of_job(job).third_axis
     slices = [(i, f", {name} = {value:g}") for name, axis in thirds.items() for i, value in enumerate(axis.values())]
     return [(job.called, number, words) for number, words in slices or [(0, "")]]

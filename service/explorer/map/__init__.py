@@ -1,1 +1,1 @@
-"""The map, and what lies over it."""
+"""The map: its cells, the lines and marks over them, and the text about a cell."""

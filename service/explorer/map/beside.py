@@ -1,4 +1,4 @@
-"""Show the point that is open, beside the map."""
+"""Show the open point beside the map."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from gear_rattle.service.explorer.state.store import JOBS, Store
 from rattle import Machine, RattleError
 from rattle.models import Model
 
-OPENED = "with-point"  # the page gives it more room
-#: On a small screen the first thing that is seen of a point is its answer.
+OPENED = "with-point"  # CSS class of the panel while a point is open: the page gives the panel more room
+#: On a small screen the list of bookmarks moves below the open point, so that the point's answer is seen first.
 ANSWER_FIRST = f"@media (max-width: 1199px) {{ :host(.{OPENED}) > .go-to-place {{ order: 1; }} }}"
 
 
 class Beside:
-    """The right side of the page: the open point, between what stands above and below it.
+    """Right side of the page: the panel `above`, the open point, and the pane `under`.
 
     Attributes
     ----------
     point : PointView | None
-        View of the open point.
+        View of the open point, None if no point is open.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Beside:
         self._shared, self._viewer, self._store = shared, viewer, store
         self._theme, self._below = theme, below
         self.point: PointView | None = None
-        self._of: tuple[object, ...] = ()  # place, machine and model of the open point
+        self._of: tuple[object, ...] = ()  # (δ, ε), machine and model of the open point
         self._answering: asyncio.Task[None] | None = None
         self._points: PointPanel | None = None
         self._column = pn.Column(sizing_mode="stretch_width", margin=0, stylesheets=[PRINTED])
@@ -79,15 +79,16 @@ class Beside:
         self._answering = self._viewer.start(self._answer(point, view, self._store.job, model))
 
     async def _answer(self, point: PointView, view: View, job: JobRow | None, model: Model) -> None:
-        """Answer from the survey's cell that the point is in, until the point itself is computed."""
+        """Show the basin fractions of the survey's cell around the point, until the point itself is computed."""
         assert view.point is not None
         at = view.point
 
         def read() -> Chances | None:
-            with suppress(RattleError):  # the survey has no numbers yet
+            with suppress(RattleError):  # raised while the survey has no numbers
                 plane = self._shared.plane(job, view.variable, view.index, view.slice)
                 sample, cell = plane.request.initial_conditions, plane.cell(*at)
-                is_whole = (*sample.tau, sample.v_min, sample.v_max) == (0.0, 1.0, 0.0, None)  # as that of a point
+                # the survey samples the whole default box of (τ, v), as a point does
+                is_whole = (*sample.tau, sample.v_min, sample.v_max) == (0.0, 1.0, 0.0, None)
                 if cell is not None and is_whole and plane.request.gear_model == model:
                     return chances_of_cell(cell, sample.count)
             return None
@@ -105,7 +106,7 @@ class Beside:
         self.panel.css_classes = []
 
     def end(self) -> None:
-        """Give up the view of the point."""
+        """Stop the view of the open point and its computations."""
         if self._answering is not None:
             self._answering.cancel()
         if self.point is not None:

@@ -1,4 +1,4 @@
-"""How a map is coloured: the colours and words of map.png, with limits and a scale that the viewer may choose."""
+"""Choose the colours of a map and their meanings: as in map.png, with limits and a scale that a viewer may change."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ from gear_rattle.workers.pictures.maps import (
 )
 
 SHADES = 256
-#: Families have a name on the map where they are so wide, a share of it, and no other name is so near: pixels.
+#: A family has its name on the map if the family is wider than WIDE, a share of the map, and if no other name is nearer
+#: than NAME, pixels along δ and along ε.
 WIDE, NAME = 0.02, (130, 24)
 
 
 @dataclass(frozen=True)
 class Shade:
-    """A colour of a map that stands for something, and the share of the computed cells that have it."""
+    """Colour of a map, its meaning (`label`), and the share of the computed cells that have this colour."""
 
     label: str
     colour: str
@@ -40,8 +41,9 @@ class Shade:
 class Colouring:
     """Colours of a map.
 
-    `reasons` (epsilon, delta), uint8, is 0 where a cell has a value and else the number of the colour of
-    `reason_colours`. Codes run from `low` + 0.5; `log` says that colours are even in the logarithm.
+    reasons: uint8 (epsilon, delta), 0 where a cell has a value, else the number, from 1, of the reason's colour in
+    `reason_colours`. low, high: range of the colours; the first code of a categorical map is `low` + 0.5. log: True if
+    the colours are evenly spaced in the logarithm of the value.
     """
 
     title: str
@@ -54,37 +56,37 @@ class Colouring:
     reasons: np.ndarray
     reason_colours: tuple[str, ...]
     note: str = ""
-    names: Mapping[str, Pair] = field(default_factory=dict)  # of regions, and where they are written
-    beyond: Pair = (0.0, 0.0)  # shares of the values below and above what colours span
+    names: Mapping[str, Pair] = field(default_factory=dict)  # names of regions or families, each with its point (δ, ε)
+    beyond: Pair = (0.0, 0.0)  # shares of the values below `low` and above `high`
 
 
 def layers_of(plane: MapPlane, block: MapBlock) -> dict[str, tuple[np.ndarray, str]]:
-    """Return the cells without a value, and the colour for each reason."""
+    """Return, for each reason why cells have no value, the mask of these cells and their colour."""
     variable = str(plane.plane.name)
     return valueless_layers(variable, block.values, block.status, without_value(plane.plane))
 
 
 def _share(block: MapBlock, code: int, shown: np.ndarray, computed: int) -> float:
-    """Return a code's share of the computed cells, also where several of them are drawn as one."""
+    """Return a code's share of the computed cells, also if one drawn cell stands for several computed cells."""
     if block.shares:
         return block.shares.get(code, 0.0)
     return float((shown == code).sum() / max(computed, 1))
 
 
 def values_shown(plane: MapPlane, block: MapBlock) -> np.ndarray:
-    """Return the values of a block; NaN where a cell has none."""
+    """Return the values of a block, NaN where a cell has no value."""
     without = np.logical_or.reduce([mask for mask, _ in layers_of(plane, block).values()])
     return np.where(without, np.float32(np.nan), block.values)
 
 
 def window_shown(plane: MapPlane, window: Ranges, room: Room) -> tuple[np.ndarray, Ranges]:
-    """Return the values of the cells of a window, and where these are. Blocks: for a thread."""
+    """Return the values of the cells in a window, and the box that they cover. It blocks: use a thread."""
     block = plane.block(window, room)
     return values_shown(plane, block), block.box
 
 
 def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool, room: Room = UNSEEN) -> Colouring:
-    """Return the colours of a map, of which this is drawn in so much room. Blocks: for a thread."""
+    """Return the colours of a map whose drawn cells are `block`. room: pixels of the map. It blocks: use a thread."""
     values, variable = block.values, str(plane.plane.name)
     layers = layers_of(plane, block)
     reasons = np.zeros(values.shape, np.uint8)
@@ -106,7 +108,7 @@ def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool
     if codes is not None and labels:
         every = range(int(codes[0]), int(codes[-1]) + 1)
         colours = [to_hex(cmap(norm(code))) for code in every]
-        if variable == LARGEST:  # a window may have families that are not seen of the whole survey
+        if variable == LARGEST:  # a window may show families that are not visible in the whole survey
             colours = list(colours_of_codes(plane.plane))
             every = range(len(colours))
         named = tuple(
@@ -135,14 +137,14 @@ def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool
 
 
 def _names(variable: str, block: MapBlock, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
-    """Return the names written on a map, and their places: regions, and families on their largest pieces."""
+    """Return the names of regions or of families, each with the point (δ, ε) where it is written; {} on other maps."""
     if variable == "region":
         return region_places(block.values, block.delta, block.epsilon)
     return family_places(block, labels, room) if variable == LARGEST else {}
 
 
 def family_places(block: MapBlock, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
-    """Return the places of the names of families, by their codes, in so much room: none over another one."""
+    """Return the names of wide families, each with its point (δ, ε), so that none overlaps another on `room` pixels."""
     rows, columns = block.values.shape
     least = max(WIDE * min(rows, columns), 1.5)
     large = [code for code in labels if 0 < code < OTHERS and (block.values == code).sum() > 3 * (least - 1) ** 2]
@@ -153,7 +155,7 @@ def family_places(block: MapBlock, labels: Mapping[float, str], room: Room) -> d
     for code, (i, j, wide) in sorted(widest_of(block.values, named).items(), key=lambda each: -each[1][2]):
         inside = int(
             np.clip(j, long / 2 * columns, max(1 - long / 2, long / 2) * columns - 1)
-        )  # where no letter is cut off
+        )  # so that no letter is cut off
         at = i / rows, inside / columns
         is_free = all(abs(at[0] - y) > tall or abs(at[1] - x) > long for y, x in taken)
         if wide >= least and is_free and block.values[i, inside] == code:
@@ -169,7 +171,7 @@ def _short(label: str) -> str:
 
 
 def _beyond(values: np.ndarray, low: float, high: float) -> Pair:
-    """Shares of values below and above limits; float32, as the values are, has less digits than limits have."""
+    """Return the shares of values below and above the limits, which are first rounded to float32 like the values."""
     if not values.size:
         return 0.0, 0.0
     least, most = np.float32(low), np.float32(high)

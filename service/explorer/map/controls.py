@@ -1,4 +1,4 @@
-"""Choose a map: its variable, with buttons for some, its index and slice, and the range of its colours."""
+"""Choose a map: its variable, with buttons for featured maps, its index and slice, and the range of its colours."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NUMBERED = "Attractor no."
 
 
 class FeaturedMap(NamedTuple):
-    """A map with a button; variables: those that show it, the best first."""
+    """Map with a button. variables: names of variables that can show it; the first that a survey has is used."""
 
     button: str
     variables: tuple[str, ...]
@@ -60,18 +60,18 @@ FEATURED = (
 
 
 def featured_in(names: Collection[str]) -> dict[str, str]:
-    """Return the variables that have a button, by its text, of those that a survey has."""
+    """Return the variable of each featured map that a survey with these variables has, by the text of its button."""
     found = {each.button: next((name for name in each.variables if name in names), None) for each in FEATURED}
     return {button: name for button, name in found.items() if name is not None}
 
 
 def meaning_of(variable: str) -> str:
-    """Return how to read a map; nothing for a map without a button."""
+    """Return how to read a map; an empty string for a map without a button."""
     return next((each.meaning for each in FEATURED if variable in each.variables), "")
 
 
 class Controls:
-    """The widgets: `featured` has the buttons, `panel` all others. Both have room for more."""
+    """Widgets that choose a map. featured: the buttons. panel: all other widgets. The page may append to both."""
 
     def __init__(self, shared: Shared, store: Store, sheet: str) -> None:
         self._shared, self._store = shared, store
@@ -109,7 +109,7 @@ class Controls:
         store.subscribe(self._show_limits, "limits", "log", "seen")
 
     def _show_map(self) -> None:
-        """Offer what the survey has, and show what is chosen."""
+        """Offer the maps of the survey, and select the chosen map."""
         view, whole = self._store.view, self._store.whole
         maps = self._shared.maps(self._store)
         if whole is None or view.variable not in maps:
@@ -132,7 +132,7 @@ class Controls:
                 self.slice.param.update(end=axis.num - 1, value=number, label=label)
 
     def _show_limits(self) -> None:
-        """Show the range of colours, where they are continuous."""
+        """Show the range of the colours, or hide it if the map shows codes."""
         view = self._store.view
         drawn = None if view.seen is None else view.seen.limits
         is_own = isinstance(view.limits, tuple)
@@ -145,7 +145,7 @@ class Controls:
                 self.low.value, self.high.value = view.limits if isinstance(view.limits, tuple) else drawn
 
     def _on_button(self) -> None:
-        if self.buttons.value is None:  # a browser says so when there are other buttons
+        if self.buttons.value is None:  # a browser sends None when the buttons have changed
             self._show_map()
         else:
             self._store.dispatch(VariableChosen(str(self.buttons.value)))
@@ -160,7 +160,7 @@ class Controls:
         self._store.dispatch(SliceChosen(int(self.slice.value or 0)))
 
     def _on_rule(self) -> None:
-        """Take over a rule and the scale; own limits begin with those of the drawn colours."""
+        """Set the chosen rule and scale. Limits of a viewer's own (OWN) start at the limits of the drawn map."""
         view, limits = self._store.view, self.rule.value
         if limits == OWN:
             limits = view.limits if isinstance(view.limits, tuple) else view.seen and view.seen.limits
@@ -175,9 +175,9 @@ class Controls:
 
 
 def own_limits(low: float | None, high: float | None, log: bool) -> Pair | str:
-    """Return the limits that a viewer has entered, or why they are none."""
+    """Return the limits that a viewer has entered, or a message that says why they are not valid."""
     if low is None or high is None:
-        return "Colours need two limits: a number each."
+        return "Enter two numbers as colour limits."
     if not low < high:
         return f"Colours cannot span {low:g} to {high:g}: the first limit must be below the second."
     if log and high <= 0:

@@ -1,4 +1,4 @@
-"""Control the map by the keyboard: a cursor that steps through cells, and a window that follows it."""
+"""Control the map by the keyboard: a cursor that steps through cells, and a window that follows the cursor."""
 
 from __future__ import annotations
 
@@ -26,25 +26,25 @@ from gear_rattle.service.explorer.state.events import (
 )
 from gear_rattle.service.explorer.state.store import Store, window_of
 
-FEWEST = 8  # cells across a window whose cells are stepped through; a finer one has STEPS steps across
+FEWEST = 8  # least number of cells across a window for steps of one cell; a narrower window has STEPS steps
 STEPS = 40
-FAR = 0.1  # of the window: a step with Shift
-MOST = 1000  # steps of a key that is held down
+FAR = 0.1  # step with Shift, as a share of the window
+MOST = 1000  # most steps in one message of a key that is held down
 CLOSER = 0.5
-EDGE = 0.25  # of the window, between its edge and a cell that was outside
-WIDEST = 3.0  # windows, of what the survey covers
+EDGE = 0.25  # distance from the window's edge to a cursor that was outside, as a share of the window
+WIDEST = 3.0  # greatest width of a window, in widths of the survey
 WINDOWS = {"back": "Back to the window before", "forward": "Forward to the window after"}
-GO = "point "  # before a point that a link names
+GO = "point "  # prefix of a point that a link names
 
 
-class Keys:
-    """Keyboard control of one page, see keyboard.js; it dispatches events for the map of the store's survey."""
+class CursorKeys:
+    """Keyboard control of the map of a page: it dispatches events for the messages of keyboard.js."""
 
     def __init__(self, document: Document, plot: figure, store: Store) -> None:
         self._store = store
         keys = ColumnDataSource({"steps": [], "word": [], "number": []})
         keys.on_change("data", in_event_loop(self._pressed))
-        plot.tags = [keys]  # or it would not be in the document, and what is pressed not sent
+        plot.tags = [keys]  # puts the source into the document, so that pressed keys are sent
         for word, icon in (("back", "undo"), ("forward", "redo")):
             code = f"keys.data = {{steps: [0, 0, 0, 0], word: ['{word}'], number: [Date.now()]}}"
             act = CustomJS(args={"keys": keys}, code=code)
@@ -67,14 +67,14 @@ class Keys:
 
     @property
     def at(self) -> Pair:
-        """Place of the cursor: where the keys have moved it, else the open point, else the middle of the window."""
+        """Point (δ, ε) of the cursor: as moved by keys, else the open point, else the middle of the window."""
         view = self._store.view
         if view.pointer is not None and view.pointer.source == KEYBOARD:
             return view.pointer.at
         return view.point or window_middle(self._store.window)
 
     def press(self, word: str) -> None:
-        """Do what a word of keyboard.js says."""
+        """Carry out a command, which is a word of keyboard.js."""
         at, dispatch = self.at, self._store.dispatch
         match word:
             case "closer" | "farther":
@@ -104,15 +104,16 @@ class Keys:
 
 
 def window_middle(window: Ranges) -> Pair:
-    """Return the start of a cursor."""
+    """Return the middle of a window, where the cursor starts."""
     (left, right), (bottom, top) = window
     return (left + right) / 2, (bottom + top) / 2
 
 
 def cursor_after_steps(axes: tuple[np.ndarray, np.ndarray], at: Pair, window: Ranges, steps: list[int]) -> Pair:
-    """Return the cursor after steps along both axes (δ, ε), and after far ones along both.
+    """Return the cursor after a number of steps to the right and up, and of far steps to the right and up.
 
-    A step is a cell of the survey, or a part of the window if that is finer.
+    A step is one cell of the survey, or 1/STEPS of a window with fewer than FEWEST cells across. A far step is the
+    share FAR of the window.
 
     Returns
     -------
@@ -133,7 +134,7 @@ def _along(axis: np.ndarray, at: float, span: Pair, steps: int, far: int) -> flo
 
 
 def following(window: Ranges, at: Pair) -> Ranges:
-    """Return the window, moved so that it holds the cursor, if it does not."""
+    """Return the window, moved to contain the cursor if the cursor is outside."""
     delta, epsilon = (_following(span, value) for span, value in zip(window, at, strict=True))
     return delta, epsilon
 
@@ -149,7 +150,7 @@ def _following(span: Pair, value: float) -> Pair:
 
 
 def zoomed(window: Ranges, at: Pair, factor: float, box: Ranges) -> Ranges:
-    """Return the window, narrower by a factor about the cursor; none wider than WIDEST times the survey."""
+    """Return the window, scaled by a factor about the cursor to at most WIDEST times the survey."""
     delta, epsilon = (
         (value - (value - low) * least, value + (high - value) * least)
         for (low, high), value, (left, right) in zip(window, at, box, strict=True)

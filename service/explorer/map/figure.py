@@ -1,4 +1,4 @@
-"""The map as a figure of Bokeh: cells with a value, cells without and why, finer frames, lines, marks."""
+"""Draw the map in a Bokeh figure: cells with and without a value, finer cells of a window, lines, and marks."""
 
 from __future__ import annotations
 
@@ -31,21 +31,22 @@ from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle.plot import MARKERS, STYLES
 
 SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
-#: Pixels that names take, and the half sides of the discs of pins: nothing is written over either.
+#: Sizes in pixels of a letter and of a row of a point's or a region's name, and half the side of a pin's disc. No name
+#: is written over a region's name or a pin.
 LETTER, ROW, REGION_LETTER, REGION_ROW, DISC = 9.0, 19.0, 9.0, 20.0, 11.0
 POINTER_MS, WINDOW_MS = 50, 200
-BAR_ROOM = 110  # pixels of the colour bar and its numbers, which Bokeh measures once and not when they change
-NARROW = 500  # pixels of a figure, below which the bar of colours is below the map
-LARGEST_ZOOM = 5000.0  # beyond, a browser does not place the enlarged cells well
+BAR_ROOM = 110  # pixels for the colour bar and its numbers: Bokeh does not measure numbers again when they change
+NARROW = 500  # width of a figure in pixels, below which the colour bar is below the map
+LARGEST_ZOOM = 5000.0  # greatest ratio of survey to window; beyond it a browser misplaces the enlarged cells
 
 
 class MapFigure:
-    """The figure, which dispatches what a viewer does in it.
+    """Figure of a map. It dispatches an event for each action of a viewer in it.
 
     Parameters
     ----------
     leader : MapFigure | None
-        Map whose window this one has, None for a window of its own.
+        Figure whose window this figure shares, None for a window of its own.
     """
 
     def __init__(
@@ -103,7 +104,7 @@ class MapFigure:
         glyphs.share(plot.renderers)
         self._beyond = glyphs.beyond_marks(INK[theme][0])
         for mark in self._beyond:
-            plot.add_layout(mark, "right")  # in the middle it would be cut off where the frame ends
+            plot.add_layout(mark, "right")  # in the centre it would be cut off at the frame
         self._is_narrow, self._is_categorical = False, True
         self._place_bars()
         plot.on_change("outer_width", in_event_loop(self._on_width))
@@ -127,7 +128,7 @@ class MapFigure:
             )  # fmt: skip
 
     def tap(self, event: Any) -> None:
-        """Open the point that was clicked, or go to it from the one that is open if Shift is held."""
+        """Open the clicked point or, with Shift held, draw the diagram from the open point to the clicked point."""
         if _finite([event.x, event.y]) and self._is_inside(event.x, event.y):
             held = event.modifiers is not None and event.modifiers["shift"]
             at = float(event.x), float(event.y)
@@ -169,28 +170,29 @@ class MapFigure:
         self._keep_room()
 
     def _keep_room(self) -> None:
-        """Keep room for the numbers of the bar that is on the right of a map."""
+        """Keep room for a colour bar at the right of the map, and for its numbers."""
         self.figure.min_border_right = None if self._is_narrow or self._is_categorical else BAR_ROOM
 
     def _is_inside(self, delta: float, epsilon: float) -> bool:
-        """Return whether a point is on the map, and not beside it, where axes are."""
+        """Return whether a point is inside the frame of the map, not beside it on an axis."""
         x, y = self.figure.x_range, self.figure.y_range
         return all(
             min(span.start, span.end) <= at <= max(span.start, span.end) for span, at in ((x, delta), (y, epsilon))
         )
 
     def _tell_window(self, window: Ranges) -> None:
-        """Dispatch the window that the browser shows; of maps with one window each tells it."""
+        """Dispatch the window that the browser shows, only once if several maps share and report this window."""
         if window != self._leader._window:
             self._leader._window = window
             self._dispatch(WindowMoved(window))
 
     def show_window(self, window: Ranges) -> None:
-        """Show this window; one that the browser told is there already, or a newer one of a viewer who moves on."""
+        """Show a window, unless the browser reported it: then the browser shows it, or already a newer window."""
         if self._leader is self and window != self._window:
             self._window = window
             self._axes.window(*window)
         self._hide_what_is_too_large(window[0])
+        self._place_names()
 
     def _hide_what_is_too_large(self, delta: Pair) -> None:
         self._fits = self._box is None or (self._box[0][1] - self._box[0][0]) < LARGEST_ZOOM * (delta[1] - delta[0])
@@ -204,12 +206,12 @@ class MapFigure:
 
     @property
     def is_too_close(self) -> bool:
-        """True if the cells of the survey are too large to be drawn."""
+        """True if the cells of the survey are too large on the screen to be drawn."""
         return not self._fits
 
     @property
     def pixels(self) -> tuple[int, int]:
-        """Width and height of the frame on the screen; a guess until a browser has said."""
+        """Width and height of the frame in pixels; UNSEEN until a browser has reported them."""
         try:
             return max(int(self.figure.inner_width), 1), max(int(self.figure.inner_height), 1)
         except UnsetValueError:
@@ -232,7 +234,7 @@ class MapFigure:
         self._reasons.data = {"image": [colours.reasons], **where}
 
     def frame(self, values: np.ndarray, box: Ranges) -> None:
-        """Draw a finer block over the cells: values (epsilon, delta), and what they cover."""
+        """Draw finer cells over the cells of the survey. values: (epsilon, delta). box: the box that they cover."""
         self._frame = np.asarray(values, np.float32), box
         self._show_frame()
 
@@ -245,20 +247,20 @@ class MapFigure:
         self._fine.data = {"image": [shown], **image_at(box)}
 
     def veil(self, others: np.ndarray, box: Ranges) -> None:
-        """Dim these cells (epsilon, delta) of what is in a box."""
+        """Dim cells. others: (epsilon, delta), 1 for a dimmed cell. box: the box that all these cells cover."""
         self._others.data = {"image": [others.astype(np.uint8)], **image_at(box)}
 
     def no_veil(self) -> None:
-        """Dim nothing."""
+        """Dim no cells."""
         glyphs.clear(self._others)
 
     def no_frame(self) -> None:
-        """Remove the frame."""
+        """Remove the finer cells."""
         self._frame = None
         self._show_frame()
 
     def no_cells(self) -> None:
-        """Remove the cells, and the frame."""
+        """Remove the survey's cells, the finer cells and the colour bar."""
         self.no_frame()
         for source in (self._values, self._reasons, self._names):
             glyphs.clear(source)
@@ -292,7 +294,7 @@ class MapFigure:
         source.data = {"xs": [piece[:, 0] for piece in pieces], "ys": [piece[:, 1] for piece in pieces]}
 
     def band(self, x: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
-        """Draw where the design limit is between, (k,) each."""
+        """Draw the interval of the design limit, from low (k,) to high (k,) in ε, at the dampings x (k,)."""
         self._sure.data = {"x": x, "low": low, "high": high}
 
     def points(self, points: Sequence[tuple[str, float, float]]) -> None:
@@ -301,7 +303,7 @@ class MapFigure:
         self._place_names()
 
     def _place_names(self) -> None:
-        """Write the names of regions inside the frame, and those of points where they cover no mark or name."""
+        """Move names of regions inside the frame, and write names of points where they cover no mark or other name."""
         self._move_regions_inside()
         if not self._corners:
             glyphs.clear(self._points)
@@ -333,7 +335,7 @@ class MapFigure:
             self._names.data = {**data, "dx": moved}
 
     def _taken(self) -> list[Box]:
-        """Boxes of the names of regions and of the pins, in pixels."""
+        """Return the boxes of the names of regions and of the pins, in pixels."""
         regions, pins = self._names.data, self.pins_at.data
         return [
             *(
@@ -350,7 +352,7 @@ class MapFigure:
         ]
 
     def _on_screen(self, delta: float, epsilon: float) -> tuple[float, float]:
-        """Return the pixels of a point from the lower left of the frame."""
+        """Return the position of a point on the screen, in pixels from the lower left corner of the frame."""
         x, y = (
             side * (at - span.start) / (span.end - span.start)
             for side, at, span in zip(self.pixels, (delta, epsilon), self._ranges, strict=True)
@@ -369,7 +371,7 @@ class MapFigure:
         return self.figure.x_range, self.figure.y_range
 
     def no_lines(self) -> None:
-        """Take all curves and points away."""
+        """Remove all curves and points."""
         self._corners = []
         for source in (self._points, self._sure, *(source for source, _ in self._lines.values())):
             glyphs.clear(source)
@@ -384,11 +386,11 @@ class MapFigure:
         self._band.visible = LIMIT in names
 
     def cross(self, point: Pair | None) -> None:
-        """Mark the point that was clicked."""
+        """Mark the open point; None removes the mark."""
         _put(self.cross_at, point)
 
     def pins(self, points: Mapping[str, Pair]) -> None:
-        """Mark the points that are pinned, each with its number."""
+        """Mark the pinned points, each with its number, which is its key in `points`."""
         found = {
             "x": [x for x, _ in points.values()],
             "y": [y for _, y in points.values()],
@@ -399,23 +401,23 @@ class MapFigure:
             self._place_names()
 
     def ellipse(self, points: np.ndarray | None) -> None:
-        """Draw the tolerances about the point that was clicked: a line (k, 2) of (δ, ε)."""
+        """Draw the tolerances about the open point as a line (k, 2) of (δ, ε); None removes the line."""
         if points is None:
             glyphs.clear(self.ellipse_at)
         else:
             self.ellipse_at.data = {"x": points[:, 0], "y": points[:, 1]}
 
     def in_si(self, machine: SurveyedMachine | None) -> None:
-        """Show the speeds and eccentricities of a machine, or δ and ε alone."""
+        """Show the speeds and eccentricities of a machine along the axes; with None, δ and ε."""
         self._axes.show(machine)
 
     def cursor(self, point: Pair | None) -> None:
-        """Mark the cell that the keyboard has come to."""
+        """Mark the point of the keyboard's cursor, or that of the mouse in another map; None removes the mark."""
         _put(self.cursor_at, point)
 
 
 def _spans() -> tuple[Range1d, Range1d]:
-    """Return the plane of the paper."""
+    """Return the ranges of δ and of ε in the paper's plane."""
     delta, epsilon = (
         Range1d(start=low, end=high, min_interval=axes.NARROWEST) for low, high in ((0.4, 1.0), (0.0, 0.3))
     )

@@ -37,11 +37,11 @@ MEANINGS = {
     POINTS: "codimension-two points, where curves meet",
 }
 LABELS = {"quiet_limit": "quiet limit", LIMIT: "design limit", POINTS: "COD20–23"}
-WHOLE = frozenset({CRISIS, LIMIT})  # lines that no window changes
+WHOLE = frozenset({CRISIS, LIMIT})  # lines that are computed once for all windows
 
 
-class Lines:
-    """Lines over a map: curves and points of a model, each found by a task of its own."""
+class MapLines:
+    """Lines over a map: curves and points of a model, each computed by a task of its own."""
 
     def __init__(self, viewer: Viewer, figure: MapFigure) -> None:
         self._viewer, self._figure = viewer, figure
@@ -49,12 +49,12 @@ class Lines:
         self._tasks: dict[str, tuple[Hashable, asyncio.Task[None]]] = {}
 
     def draw(self, names: Sequence[str], model: Model, window: Ranges, *of: Hashable) -> None:
-        """Draw these lines in a window, unless they are drawn or being found; show no others.
+        """Draw the named lines in a window, unless they are drawn or being computed, and hide all other lines.
 
         Parameters
         ----------
         of : Hashable
-            Whatever else the lines depend on; lines of something else are taken away.
+            Other values on which the lines depend. All lines are removed when the model or one of these values changes.
         """
         if self._of != (model, *of):
             self.clear()
@@ -71,11 +71,11 @@ class Lines:
                 self._tasks[name] = asked, self._viewer.start(self._line(name, model, window))
 
     def _asked(self, name: str, window: Ranges) -> Hashable:  # noqa: ARG002 - a line may depend on more
-        """Return what a line depends on, beside its model."""
+        """Return the values, besides the model, on which a line depends."""
         return window
 
     def clear(self) -> None:
-        """Show no lines, and find none."""
+        """Remove all lines, and cancel their computations."""
         while self._tasks:
             self._tasks.popitem()[1][1].cancel()
         self._of = ()
@@ -94,11 +94,11 @@ class Lines:
             self._note(name, "", _not_of(model))
 
     def _note(self, name: str, note: str, missing: str = "") -> None:
-        """Say what is being computed of a line, or why it is missing."""
+        """Write in the key the progress of a line (`note`), or why the line is missing. Here there is no key."""
 
 
-class KeyedLines(Lines):
-    """The lines over the first map, and `panel`, the key where a viewer chooses them."""
+class KeyedLines(MapLines):
+    """Lines over the first map. panel: the key, in which a viewer chooses lines."""
 
     def __init__(self, overlaid: Overlaid, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
         super().__init__(viewer, figure)
@@ -127,11 +127,11 @@ class KeyedLines(Lines):
         self._store.dispatch(ShareSet(float(self.share.value or USUAL_SHARE)))
 
     def show(self, shades: Sequence[Shade]) -> None:
-        """Show in the key what colours mean, with these shares."""
+        """Show in the key the meanings and the shares of colours."""
         self.key.shades = [{"label": each.label, "colour": each.colour, "share": each.share} for each in shades]
 
     def _list(self) -> None:
-        """List the lines of the survey's model in the key; of a machine's survey those in its plane, once known."""
+        """List the lines of the survey's model in the key. In a machine's survey, only lines in its plane are kept."""
         request, model = self._store.request, self._store.model
         window = None if request is None or request.machine is None else window_of(request)
         if (listed := (model, window)) == self._listed:
@@ -163,7 +163,7 @@ class KeyedLines(Lines):
 
     @property
     def _span(self) -> Pair:
-        """Dampings of the survey, over which the design limit is computed."""
+        """Range of damping of the survey, over which the design limit is computed."""
         whole = self._store.whole
         return UNCHOSEN[0] if whole is None else (whole.delta.start, whole.delta.stop)
 
@@ -202,7 +202,7 @@ class KeyedLines(Lines):
 
 
 def entries(model: Model) -> list[dict[str, Any]]:
-    """Return the overlays as the key of a map of this model lists them."""
+    """Return the entries of the key: the lines and the marks that a map of a model can show."""
     return [
         {
             "name": name,
@@ -218,7 +218,7 @@ def entries(model: Model) -> list[dict[str, Any]]:
     ]
 
 
-#: What a model must have for a line.
+#: Capability that a model must have for a line.
 NEEDS = {CRISIS: Capability.CRISIS, POINTS: Capability.CORNERS}
 
 
@@ -239,12 +239,12 @@ def _not_of(model: Model) -> str:
 def pieces_of(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[list[np.ndarray], str]:
     """Return the pieces (k, 2) of a curve inside a window, and why there are none if it cannot be traced.
 
-    For a thread.
+    It blocks: use a thread.
 
     Returns
     -------
     tuple[list[np.ndarray], str]
-        Pieces, and the reason.
+        Pieces, and the reason; an empty reason if the curve could be traced.
     """
     if name not in model.curve_names:
         return [], _not_of(model)
@@ -258,13 +258,13 @@ def pieces_of(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[list
 
 
 def absent_lines(model: Model, window: Ranges) -> set[str]:
-    """Return the curves of a model that are not inside a window, and the points' name if no point is. For a thread."""
+    """Return the names of a model's lines and points that are nowhere inside a window. It blocks: use a thread."""
     curves = {name for name in OVERLAYS if name in model.curve_names and pieces_of(name, model, *window) == ([], "")}
     return curves if not _is_offered(POINTS, model) or points_in(model, window) else curves | {POINTS}
 
 
 def usual_lines(model: Model, window: Ranges) -> None:
-    """Find the lines that a page shows which asks for no others: they are kept. For a thread."""
+    """Compute the default lines of a page, so that they are in the cache. It blocks: use a thread."""
     for name in DEFAULT_OVERLAYS:
         if name != POINTS:
             pieces_of(name, model, *window)
@@ -281,7 +281,7 @@ def split(line: np.ndarray) -> list[np.ndarray]:
 def points_in(model: Model, window: Ranges) -> list[tuple[str, float, float]]:
     """Return the codimension-two points in a window: name, δ, ε.
 
-    For a thread. The name of another one would reach into it.
+    It blocks: use a thread. Points outside are left out, because their names would reach into the window.
 
     Returns
     -------

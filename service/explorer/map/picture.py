@@ -1,4 +1,4 @@
-"""Parameters of map.png, map.svg and map.pdf that draw a map as it is seen."""
+"""Write the query of map.png, map.svg and map.pdf that draws a map as the page shows it."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ FORMS = ("png", "svg", "pdf")
 
 
 def as_seen(colours: Colouring, pixels: Room | None) -> AsSeen:
-    """Return the settings of a map in these colours."""
+    """Return the settings of a map that is drawn in these colours. pixels: its size, None for the whole survey."""
     return AsSeen(None if colours.categorical else (colours.low, colours.high), colours.log, pixels)
 
 
 def picture_query(request: dict[str, Any], view: View, seen: AsSeen | None = None) -> str:
-    """Return the query; seen: None where nothing is drawn yet."""
+    """Return the query of a picture. seen: settings of the drawn map, None if no map is drawn yet."""
     asked: dict[str, Any] = {"variable": view.variable, "index": view.index or None}
     asked["slice"] = view.slice if any(thirds(request)) else None
     for name, window in {"delta": view.delta, "epsilon": view.epsilon}.items():
@@ -40,7 +40,7 @@ def picture_query(request: dict[str, Any], view: View, seen: AsSeen | None = Non
 
 
 def links(survey: str, variable: str, query: str) -> str:
-    """Return the pictures as links, in HTML; & of a query is escaped."""
+    """Return links to the pictures of a map, in HTML, with "&" escaped in the query."""
     here, query = f"v1/surveys/{survey}/map", query.replace("&", "&amp;")
     return " ".join(
         f'<a href="{here}.{form}?{query}" download="{variable}.{form}">{form.upper()}</a>' for form in FORMS
@@ -48,5 +48,5 @@ def links(survey: str, variable: str, query: str) -> str:
 
 
 def thirds(request: dict[str, Any]) -> Iterator[str]:
-    """Return the name of the third axis of a request, if there is one."""
+    """Return the names of a request's third axes: one name, or none."""
     return (name for name in FIXED if isinstance(request.get(name), dict))

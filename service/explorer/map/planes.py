@@ -1,4 +1,4 @@
-"""The numbers behind the maps: read once for all pages, and of a survey that runs only the tiles that are new."""
+"""Read the numbers of maps, once for all pages. While a survey runs, only its new tiles are read."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ from gear_rattle.workers.survey.slices import slice_of
 from gear_rattle.workers.survey.tiles import tiles_at
 from gear_rattle.workers.survey.values.schema import CELL, Group
 
-KEPT, KEPT_CELLS = 24, 24_000_000  # maps, and cells of them all, which take 5 bytes each
+KEPT, KEPT_CELLS = 24, 24_000_000  # most maps in memory, and most cells of all maps together, at 5 bytes a cell
 ENLARGED = 200  # points along an axis of an enlarged window
-SIDE = 512  # cells along an axis that are drawn at once, unless the screen is known to have room for more
-BAND = 1 << 20  # numbers that are read at a time
-SLICE_SECONDS = 1.0  # of reading, after which what is known is drawn
+SIDE = 512  # most cells that are drawn along an axis, unless the screen is known to have more pixels
+BAND = 1 << 20  # most cells in a reading of several rows of tiles
+SLICE_SECONDS = 1.0  # seconds of reading, after which the cells read so far are drawn
 Key = tuple[str, str, int, int, bool]
 Room = tuple[int, int]  # pixels along (delta, epsilon)
-UNSEEN: Room = (700, 550)  # of a map whose browser has not said it
+UNSEEN: Room = (700, 550)  # assumed pixels of a map until the browser has reported them
 
 
 @dataclass(frozen=True)
 class MapBlock:
-    """The cells of a map that are drawn: values float32 and status (epsilon, delta), and what they cover.
+    """Drawn cells of a map: values, float32, and status (epsilon, delta), and the box that the cells cover.
 
-    Of more cells than there is room for, several are one, which shows what is rare among them. shares, without: of
-    `gear_rattle.workers.pictures.levels.DisplayedCells`.
+    If a map has more cells than pixels, a drawn cell stands for several cells and shows rare values among them. For
+    shares and without see `gear_rattle.workers.pictures.levels.DisplayedCells`.
     """
 
     delta: np.ndarray
@@ -57,15 +57,15 @@ class MapBlock:
     without: float | None = None
 
     def at(self, delta: float, epsilon: float) -> float | None:
-        """Return the value at a point; None outside."""
+        """Return the value at a point; None outside of the cells."""
         j, i = (_nearest(axis, value) for axis, value in ((self.delta, delta), (self.epsilon, epsilon)))
         return None if j is None or i is None else float(self.values[i, j])
 
 
 class MapPlane:
-    """One map of one survey: `values`, float32 (epsilon, delta), and `status` of each cell."""
+    """Map of a survey: `values`, float32 (epsilon, delta), and `status` of each cell."""
 
-    is_kept = True  # in memory, all cells
+    is_kept = True  # all cells are kept in memory
 
     def __init__(self, front: Front, job: JobRow, variable: str, index: int, number: int = 0) -> None:
         _, place = front.with_numbers(job.id)
@@ -85,7 +85,7 @@ class MapPlane:
         self._lock = threading.Lock()
 
     def update(self, job: JobRow) -> bool:
-        """Read what has been computed since the last time, for a moment; whether that was all. Blocks: for a thread."""
+        """Read new tiles for at most SLICE_SECONDS, and return whether all were read. It blocks: use a thread."""
         with self._lock:
             deadline = time.monotonic() + SLICE_SECONDS
             whole = job.state == State.SUCCESSFUL
@@ -99,7 +99,7 @@ class MapPlane:
             return True
 
     def _bands(self, fresh: set[int]) -> Iterator[list[int]]:
-        """Yield these tiles by rows, and whole rows where most of their tiles are needed: fewer and larger readings."""
+        """Yield new tiles one by one, or rows with all their tiles if most are new: fewer and larger readings."""
         _, across = self.request.tile_grid
         together = across * max(1, BAND // (self.delta.size * self.request.tile_shape[0]))
         every = list(self._tiles)
@@ -123,17 +123,17 @@ class MapPlane:
         return box_of_cells(self.delta, self.epsilon)
 
     def is_thinned(self, room: Room = (SIDE, SIDE)) -> bool:
-        """Return whether there are more cells than this room, of pixels along (delta, epsilon), is for."""
+        """Return whether there are more cells than pixels. room: pixels along (delta, epsilon)."""
         return self.delta.size > room[0] or self.epsilon.size > room[1]
 
     def block(self, window: Ranges | None = None, room: Room = (SIDE, SIDE), *, anywhere: bool = False) -> MapBlock:
-        """Return the cells in a window, or all, as they are drawn with so many pixels along (delta, epsilon).
+        """Return the cells to be drawn in a window, None for the whole survey, on `room` pixels (delta, epsilon).
 
         Parameters
         ----------
         anywhere : bool
-            Of cells that are drawn as one the largest value, instead of the mean or what is rare; of a plane that is
-            kept.
+            If True, several cells that are drawn as one show their largest value, instead of their mean or a rare
+            value. Only for a map whose cells are in memory (`is_kept`).
 
         Returns
         -------
@@ -164,15 +164,15 @@ class MapPlane:
         )
 
     def _cells(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
-        """Values and status of some cells."""
+        """Return the values and the status of some cells."""
         return self.values[rows, columns], self.status[rows, columns]
 
     def whole(self) -> tuple[np.ndarray, np.ndarray]:
-        """Values and status of all cells. Blocks: for a thread."""
+        """Return the values and the status of all cells. It blocks: use a thread."""
         return self._cells(slice(None), slice(None))
 
     def enlarged(self, window: Ranges) -> MapBlock:
-        """Return a window that is far narrower than the survey, each point of it as the cell that it is in."""
+        """Return a window far narrower than the survey as ENLARGED² points, each with the value of its cell."""
         (left, right), (bottom, top) = window
         delta, epsilon = (
             low + (np.arange(ENLARGED) + 0.5) * (high - low) / ENLARGED for low, high in ((left, right), (bottom, top))
@@ -188,7 +188,7 @@ class MapPlane:
         return MapBlock(delta, epsilon, values, status, window)
 
     def at(self, delta: float, epsilon: float) -> tuple[float, int] | None:
-        """Value and status of the cell at a point; None outside of the survey."""
+        """Return the value and the status of the cell at a point; None outside of the survey."""
         j, i = (_nearest(axis, value) for axis, value in ((self.delta, delta), (self.epsilon, epsilon)))
         if j is None or i is None:
             return None
@@ -196,20 +196,20 @@ class MapPlane:
         return float(value[0, 0]), int(status[0, 0])
 
     def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
-        """Return all that the survey has of the cell at a point, loaded; None outside of it. Blocks: for a thread."""
+        """Return all variables of the cell at a point; None outside of the survey. It blocks: use a thread."""
         j, i = (_nearest(axis, value) for axis, value in ((self.delta, delta), (self.epsilon, epsilon)))
         if j is None or i is None:
             return None
         names = [
             name
             for name, values in self._dataset.data_vars.items()
-            if values.dims[-2:] == CELL and name not in (LARGEST, SHARE)  # which follow from the others
+            if values.dims[-2:] == CELL and name not in (LARGEST, SHARE)  # these two follow from the other variables
         ]
         return self._dataset[names].isel(epsilon=i, delta=j).load()
 
 
 class LeveledPlane(MapPlane):
-    """A map of a survey that has ended and has levels: what is drawn is read when it is drawn."""
+    """Map of a completed survey with pyramid levels. Cells are read from the store when they are drawn."""
 
     is_kept = False
 
@@ -218,8 +218,8 @@ class LeveledPlane(MapPlane):
         self._levels = levels_of(self.request.shape)
         self._opened: dict[str, xr.Dataset] = {}
 
-    def update(self, job: JobRow) -> bool:  # noqa: ARG002  # of one that has ended
-        """Nothing is new."""
+    def update(self, job: JobRow) -> bool:  # noqa: ARG002  # a completed survey does not change
+        """Return True: a completed survey has no new tiles."""
         return True
 
     def _seen(self, part: LevelPart) -> DisplayedCells:
@@ -240,21 +240,21 @@ class LeveledPlane(MapPlane):
 
 
 def _cells_of(part: LevelPart) -> tuple[slice, slice]:
-    """Rows and columns of the survey's cells in a part of a level."""
+    """Return the rows and the columns of the survey's cells that a part of a level covers."""
     spans = zip(part.at, part.level.cells if part.level else (1, 1), strict=True)
     rows, columns = (slice(span.start * cells, span.stop * cells) for span, cells in spans)
     return rows, columns
 
 
 def _within(axis: np.ndarray, span: Pair) -> tuple[int, int]:
-    """Return the first cell along an axis that lies in a span, and the one after the last.
+    """Return the index of the first cell along an axis that meets a span, and the last such index plus one.
 
-    The nearest cell of an empty span.
+    If the span meets no cell, the result is the nearest cell.
 
     Returns
     -------
     tuple[int, int]
-        Both numbers.
+        First index, and last index plus one.
     """
     half = (axis[-1] - axis[0]) / (2 * (axis.size - 1))
     first, end = (int(each) for each in np.searchsorted(axis, (span[0] - half, span[1] + half)))
@@ -263,14 +263,14 @@ def _within(axis: np.ndarray, span: Pair) -> tuple[int, int]:
 
 
 def _covered(axis: np.ndarray, cells: int, span: slice) -> Pair:
-    """Return the range that cells of a level cover, or of the map itself."""
+    """Return the range that a span of a level's cells covers. cells: survey cells along an axis in one of them."""
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     begin = axis[0] - step / 2
     return float(begin + span.start * cells * step), float(begin + span.stop * cells * step)
 
 
 def _nearest(axis: np.ndarray, value: float) -> int | None:
-    """Index of the cell along an axis that holds a value, half a cell beyond the ends too."""
+    """Return the index of the cell along an axis that contains a value; None outside of all cells."""
     half = (axis[-1] - axis[0]) / (2 * (axis.size - 1))
     if not axis[0] - half <= value <= axis[-1] + half:
         return None
@@ -278,14 +278,14 @@ def _nearest(axis: np.ndarray, value: float) -> int | None:
 
 
 def cells_at(axis: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return the indices of the cells along an axis that hold values, −1 beyond the ends."""
+    """Return for each value the index of the cell along an axis that contains it, −1 outside of all cells."""
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     found = np.floor((values - axis[0]) / step + 0.5).astype(int)
     return np.where((found >= 0) & (found < axis.size), found, -1)
 
 
 class Atlas:
-    """The maps that pages show now or showed lately."""
+    """Maps that pages show now or showed lately, in memory."""
 
     def __init__(self, front: Front) -> None:
         self._front = front
@@ -293,21 +293,22 @@ class Atlas:
         self._planes: OrderedDict[Key, MapPlane] = OrderedDict()
 
     def plane(self, job: JobRow, variable: str, index: int, number: int = 0) -> tuple[MapPlane, bool]:
-        """Return a map, of a third axis the one of this slice, and whether all that is there of it has been read.
+        """Return a map of a survey, or of its slice `number`, and whether all tiles computed so far have been read.
 
-        If not, ask again. One of slots is read anew when the survey has ended: they may have been moved.
+        If not all have been read, call again. A map of one slot of attractors is read again when the survey has ended,
+        because attractors may have moved to other slots.
 
         Returns
         -------
         tuple[MapPlane, bool]
-            The map, and whether it is complete.
+            The map, and whether all tiles computed so far have been read.
 
         Raises
         ------
         MissingError
             The survey has no numbers yet.
         SurveyError
-            It has no such map, or cannot be read.
+            The survey has no such map, or it cannot be read.
         """
         key = (job.id, variable, index, number, variable in IN_SLOTS and job.state == State.SUCCESSFUL)
         with self._lock:
@@ -323,8 +324,8 @@ class Atlas:
         return plane, plane.update(job)
 
     def _new(self, job: JobRow, variable: str) -> type[MapPlane]:
-        """How a map of a survey is read."""
-        if variable in (LARGEST, SHARE):  # which levels have not
+        """Return the class that reads a map of a survey."""
+        if variable in (LARGEST, SHARE):  # levels lack these two variables
             return MapPlane
         is_large = levels_of(SurveyRequest.model_validate(job.request).shape)
         ended = is_large and job.state == State.SUCCESSFUL
@@ -335,21 +336,19 @@ class Atlas:
         return sum(plane.values.size for plane in self._planes.values())
 
     def forget(self, kept: Callable[[str], bool]) -> None:
-        """Let go of the maps of surveys that are no longer there."""
+        """Remove the maps of surveys that are gone. kept: returns from a survey's id whether its maps stay."""
         with self._lock:
             for key in [key for key in self._planes if not kept(key[0])]:
                 del self._planes[key]
 
 
 def maps_of(request: SurveyRequest) -> dict[str, Any]:
-    """Return the variables of a survey that are maps, in the order of the store.
-
-    Each with the names of its several maps.
+    """Return the variables of a survey that can be drawn as maps, in the order of the store.
 
     Returns
     -------
     dict[str, Any]
-        Names by variable.
+        For each variable the names of its several maps, () if the variable is one map.
     """
     from gear_rattle.workers.survey.values.quantities import held, labels_of
 
@@ -362,7 +361,7 @@ def maps_of(request: SurveyRequest) -> dict[str, Any]:
 
 
 def map_names(request: SurveyRequest) -> dict[str, Chosen]:
-    """Return the same one by one, by their names in words."""
+    """Return all maps of a survey, each under its name in words."""
     named = {}
     for name, labels in maps_of(request).items():
         words = variable_words(name)

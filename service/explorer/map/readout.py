@@ -1,4 +1,4 @@
-"""All that is known of a cell, as a table that is read beside the map."""
+"""Write all numbers of a cell as tables, which are shown beside the map."""
 
 from __future__ import annotations
 
@@ -38,10 +38,11 @@ def readout(
     here: Row | None = None,
     machine: SurveyedMachine | None = None,
 ) -> str:
-    """Return the HTML of a point (δ, ε).
+    """Return tables about a point (δ, ε), in HTML: its region, and the numbers of its cell.
 
-    Its region, the value of a finer map `here`, and the cell of the survey that it is in, if any; speed and
-    eccentricity of a machine's survey.
+    cell: the survey's cell at the point, None if the point is outside of the survey. here: name and value of a finer
+    map at the point, None without a finer map. machine: machine of the survey, whose speed and eccentricity are written
+    too; None if the survey has no machine.
 
     Returns
     -------
@@ -52,7 +53,7 @@ def readout(
     if machine is not None and delta > 0:
         rows = [*_in_si(machine, delta, epsilon), *rows]
     if delta > 0 and epsilon >= 0:
-        with suppress(rattle.RattleError):  # regions are not known of every forcing
+        with suppress(rattle.RattleError):  # raised for a forcing without regions
             region = int(rattle.classify_regions(model.period_one(delta, epsilon)))
             rows.append(("region here", rattle.REGIONS[region]))
     if here is not None:
@@ -84,7 +85,7 @@ def _in_si(machine: SurveyedMachine, delta: float, epsilon: float) -> list[Row]:
 
 
 def _how_far(cell: xr.Dataset, delta: float, epsilon: float, window: Ranges) -> str:
-    """Return how far from the point the numbers of a cell outside of the window are."""
+    """Return a note on the distance from the point to its cell's centre; "" if the centre is in the window."""
     away = float(cell["delta"]) - delta, float(cell["epsilon"]) - epsilon
     if all(low <= float(cell[name]) <= high for name, (low, high) in zip(("delta", "epsilon"), window, strict=True)):
         return ""
@@ -92,7 +93,7 @@ def _how_far(cell: xr.Dataset, delta: float, epsilon: float, window: Ranges) -> 
 
 
 def finer_value(plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: float) -> Row | None:
-    """Return the value of a finer map at a point: the map in words, and the value."""
+    """Return the title of a finer map and its value at a point; None if there is no finer map at the point."""
     value = finer.at(delta, epsilon) if finer is not None else None
     if value is None:
         return None
@@ -101,7 +102,7 @@ def finer_value(plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: 
 
 
 def cell_in_words(plane: MapPlane, delta: float, epsilon: float, window: Ranges, finer: MapBlock | None = None) -> str:
-    """Return a cell's place and its value on the map: a sentence to be read out."""
+    """Return a sentence for screen readers: a point, and the value of the map there."""
     place = f"δ {written(delta, window[0])}, ε {written(epsilon, window[1])}"
     here = finer_value(plane, finer, delta, epsilon)
     said = ", ".join(here) if here is not None else _said_of(plane, delta, epsilon)

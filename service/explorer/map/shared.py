@@ -27,11 +27,11 @@ from gear_rattle.workers.pictures.look import LARGEST
 from rattle import RattleError
 from rattle.models import DEFAULT_MODEL, MODELS, Model
 
-KEPT = 4  # drawings of finished maps, of a few MiB each: whoever opens a page looks at one of few
+KEPT = 4  # most drawings of completed maps in memory, of a few MiB each: most pages open with one of few
 
 EXAMPLE = "example at β = 0.6, which comes with the explorer"
 
-USUAL = "quiet_fraction"  # the map of a survey that is shown first, if it has that
+USUAL = "quiet_fraction"  # variable that a survey shows first, if it has this variable
 BEFOREHAND = "exact, before the survey has come to it"
 WAITING = "exact; the survey waits for its turn"
 
@@ -39,7 +39,7 @@ log = logging.getLogger(__name__)
 
 
 def in_closed_form(request: SurveyRequest, variable: str) -> bool:
-    """Return whether a map of a survey is known before it is computed."""
+    """Return whether a map of a survey is a closed form, which is known before the survey is computed."""
     if variable == LARGEST:
         return False
     found = map_quantity(variable, 0, request)
@@ -47,10 +47,10 @@ def in_closed_form(request: SurveyRequest, variable: str) -> bool:
 
 
 def usual_variable(request: SurveyRequest, is_waiting: bool) -> str:
-    """Return the map of a survey that is shown unless another one is chosen.
+    """Return the variable that a survey shows unless a viewer chooses another variable.
 
-    Of a survey that waits for its turn its first map, if that is a closed form; else its quiet fraction, or the first
-    map that fills in as it is computed.
+    A survey that waits for its turn shows its first map, if that map is a closed form. Every other survey shows its
+    quiet fraction or, if it has none, the first map that fills in while the survey is computed.
 
     Returns
     -------
@@ -65,25 +65,36 @@ def usual_variable(request: SurveyRequest, is_waiting: bool) -> str:
 
 
 class WithoutSurvey(Protocol):
-    """Maps without any survey, as `Atlas` has the maps of surveys."""
+    """Interface of maps that need no computed survey: maps of the example, and closed forms of unfinished surveys."""
 
     request: SurveyRequest
 
     @property
     def maps(self) -> dict[str, Any]:
-        """Maps that it has, as `maps_of` has them."""
+        """Maps of the example, in the form that `maps_of` returns."""
 
     def plane(self, variable: str, index: int) -> MapPlane:
-        """Return a map of it. Blocks: for a thread."""
+        """Return a map of the example. It blocks: use a thread."""
 
     def beforehand(
         self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], MapPlane]
     ) -> MapPlane:
-        """Return a map of a survey that is in closed form, and what is computed of it. Blocks: for a thread."""
+        """Return a closed-form map of an unfinished survey. It blocks: use a thread.
+
+        Parameters
+        ----------
+        computed : Callable[[], MapPlane]
+            Returns the map of the cells that the survey has computed; raises MissingError if it has no cells yet.
+
+        Returns
+        -------
+        MapPlane
+            The map.
+        """
 
 
 def shown_first(jobs: Iterable[JobRow]) -> JobRow | None:
-    """Return the survey, newest first, that a page shows which names none: one with something to show."""
+    """Return the survey that a page shows if none is chosen: the newest with computed cells, else the newest."""
     readable = [job for job in jobs if job.is_readable]
     shown = (job for job in readable if job.cells_done or job.state == State.SUCCESSFUL)
     return next(shown, readable[0] if readable else None)
@@ -91,9 +102,9 @@ def shown_first(jobs: Iterable[JobRow]) -> JobRow | None:
 
 @lru_cache(maxsize=KEPT)
 def drawn(plane: ReferenceType[MapPlane], limits: Limits | Pair, log: bool, room: Room) -> tuple[MapBlock, Colouring]:
-    """Return the drawn cells of a map that stays as it is, by reference: the atlas alone keeps maps."""
+    """Return the drawn cells and the colours of a map that does not change. This cache does not keep the map alive."""
     there = plane()
-    assert there is not None  # whoever asks has it
+    assert there is not None  # the caller holds the map
     return _drawn(there, limits, log, room)
 
 
@@ -104,7 +115,7 @@ def _drawn(plane: MapPlane, limits: Limits | Pair, log: bool, room: Room) -> tup
 
 @dataclass(frozen=True)
 class Shared:
-    """State that all pages of an application share. `looked` is called in the event loop when a page has a map."""
+    """State that all pages of an application share. looked: called in the event loop when a page has drawn a map."""
 
     front: Front
     news: News
@@ -114,16 +125,16 @@ class Shared:
     looked: Callable[[], None] = lambda: None
 
     async def prepare(self) -> None:
-        """Find what a page will show that asks for nothing: the first would wait for all that is loaded on the way."""
+        """Compute the default map and its lines in advance, because the first page would have to wait for them."""
         try:
             model, window = await run_in_threadpool(self._first)
             await self.front.kernels.require(model.name, patience=math.inf)
             await run_in_threadpool(usual_lines, model, window)
-        except (RattleError, ValueError, OSError) as error:  # whoever opens the page is told
+        except (RattleError, ValueError, OSError) as error:  # a page that is opened shows the error
             log.info("the first map cannot be drawn beforehand: %s", error)
 
     def _first(self) -> tuple[Model, Ranges]:
-        """Draw the map of a page that asks for nothing, if it stays as it is; of which model, and where."""
+        """Draw the default map of a page, if this map does not change any more; return its model and its window."""
         jobs, _ = self.front.database.jobs(LISTED)
         job = shown_first(jobs)
         if job is None:
@@ -136,14 +147,14 @@ class Shared:
         return request.gear_model, window_of(request)
 
     def map_of(self, job: JobRow, view: View, room: Room) -> tuple[MapPlane, bool, MapBlock, Colouring]:
-        """Return the map of a survey, whether that is all there is by now, and what is drawn of it.
+        """Return the map of a survey, whether all tiles computed so far have been read, and the drawn cells.
 
-        Blocks: for a thread.
+        It blocks: use a thread.
 
         Returns
         -------
         tuple[MapPlane, bool, MapBlock, Colouring]
-            The map, whether it is complete, its drawn cells and their colours.
+            The map, whether all tiles computed so far have been read, its drawn cells and their colours.
         """
         key, how = (view.variable, view.index, view.slice), (view.limits, view.log, room)
         if not State(job.state).final and in_closed_form(SurveyRequest.model_validate(job.request), view.variable):
@@ -152,27 +163,27 @@ class Shared:
             note = WAITING if job.state == State.ACCEPTED else BEFOREHAND
             return plane, True, block, replace(colours, note=note)
         plane, is_whole = self.atlas.plane(job, *key)
-        if not is_whole or job.state != State.SUCCESSFUL:  # more may come
+        if not is_whole or job.state != State.SUCCESSFUL:  # more tiles may come
             return plane, is_whole, *_drawn(plane, *how)
         return plane, True, *drawn(ref(plane), *how)
 
     def maps(self, store: Store) -> dict[str, Any]:
-        """Return the maps of the survey that is chosen, or of the example, as `maps_of`."""
+        """Return the maps of the chosen survey, or of the example if none is chosen, in the form of `maps_of`."""
         if not store.view.survey:
             return self.exact.maps
         return {} if store.whole is None else maps_of(store.whole)
 
     def plane(self, job: JobRow | None, variable: str, index: int, number: int) -> MapPlane:
-        """Return a map of a survey, or of what is known without any. Blocks: for a thread. Raises as `Atlas.plane`."""
+        """Return a map of a survey, or of the example (job None). It blocks: use a thread. Raises as `Atlas.plane`."""
         if job is None:
             return self.exact.plane(variable, index)
         is_whole = False
-        while not is_whole:  # what takes long is read a piece at a time
+        while not is_whole:  # each call reads for a limited time
             plane, is_whole = self.atlas.plane(job, variable, index, number)
         return plane
 
     def exact_map(self, view: View) -> tuple[MapPlane, MapBlock, Colouring]:
-        """Return the map without any survey, and what is drawn of it. Blocks: for a thread."""
+        """Return the view's map of the example, its drawn cells, and their colours. It blocks: use a thread."""
         plane = self.exact.plane(view.variable, view.index)
         block = plane.block()
         return plane, block, replace(colouring(plane, block, view.limits, view.log), note=EXAMPLE)

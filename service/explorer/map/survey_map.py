@@ -1,4 +1,4 @@
-"""Show a map of a survey in a figure: all cells, and finer ones of the window that is seen."""
+"""Show a map of a survey in a figure: all cells, and finer cells of the visible window."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ SURVEY_ONLY = "This is shown for the cells of the survey only."
 
 
 class SurveyMap(ABC):
-    """A map in its figure, with a heading and what is read out of a cell.
+    """Map in a figure, with a heading (`title`) and a text about the cell that a viewer points at (`said`).
 
     Attributes
     ----------
     plane, colours : MapPlane | None, Colouring | None
         The drawn map and its colours, None where nothing is drawn.
     finer : MapBlock | None
-        Cells of the window that the workers have computed.
+        Finer cells of the window that the workers have computed, None without such cells.
     """
 
     def __init__(
@@ -51,14 +51,14 @@ class SurveyMap(ABC):
         self.drawings = Drawings(viewer)
         self._chosen: Chosen | None = None
         self._how: tuple[Limits | Pair, bool] = "auto", False
-        self._seen: Callable[[], MapBlock] | None = None  # cells of the window, None for the whole survey
+        self._seen: Callable[[], MapBlock] | None = None  # returns the cells of the window; None for the whole survey
         self._refined: tuple[MapPlane, Ranges] | None = None
         self._refining: asyncio.Task[None] | None = None
         self._counting: asyncio.Task[None] | None = None
 
     @abstractmethod
     def show_shades(self, shades: Sequence[Shade]) -> None:
-        """Show what the colours of the map mean, and on which share of the cells that are seen each is."""
+        """Show the meaning of each colour of the map, and its share of the visible cells."""
 
     def draw_map(
         self,
@@ -76,7 +76,7 @@ class SurveyMap(ABC):
         chosen : Chosen | None
             Map that the workers compute in finer windows; None for a map that only surveys have.
         limits, log
-            Range of colours that was asked for.
+            Range of the colours that the view requests, and True for a log scale.
         """
         is_new = plane is not self.plane
         self.plane, self.colours, self._chosen, self._how = plane, colours, chosen, (limits, log)
@@ -101,14 +101,14 @@ class SurveyMap(ABC):
         self.drawings.stop()
 
     def forget_window(self) -> None:
-        """Show the cells of the whole survey alone."""
+        """Show only the cells of the whole survey, and cancel the computation of finer cells."""
         self.figure.no_frame()
         self.finer = self._seen = self._refined = None
         if self._refining is not None:
             self._refining.cancel()
 
     def refine(self) -> None:
-        """Draw the survey's cells in the window that is seen, and then finer ones."""
+        """Draw the survey's cells in the visible window, and then finer cells."""
         self.forget_window()
         self._say("")
         plane, window, chosen = self.plane, self._store.view.window, self._chosen
@@ -118,7 +118,7 @@ class SurveyMap(ABC):
             self._count()
             return
         self._refined, pixels = (plane, window), self.figure.pixels
-        if self.figure.is_too_close:  # until the workers answer, and where they do not
+        if self.figure.is_too_close:  # shown until the workers answer, and if they do not
             self._seen = partial(plane.enlarged, window)
             self.figure.frame(values_shown(plane, self._seen()), window)
         else:
@@ -133,12 +133,12 @@ class SurveyMap(ABC):
             self._refining = self._viewer.start(self._draw_all_cells(plane, window, pixels))
 
     async def _draw_all_cells(self, plane: MapPlane, window: Ranges, room: Room) -> None:
-        """Draw those cells of a window that are left out where the whole survey is drawn."""
+        """Draw all cells of a window, some of which are left out in the drawing of the whole survey."""
         values, box = await self._viewer.read(partial(window_shown, plane, window, room))
         self._viewer.change(lambda: self.figure.frame(values, box) if (plane, window) == self._refined else None)
 
     async def _compute(self, plane: MapPlane, chosen: Chosen, window: Ranges, pixels: Room) -> None:
-        """Show what the workers compute of a window while the viewer stays there."""
+        """Let the workers compute a window, and draw its finer cells as they come, until the window changes."""
         self._say("Computing this window …")
         windows = self._shared.overlaid.windows
         try:
@@ -157,7 +157,7 @@ class SurveyMap(ABC):
         self._count()
 
     def _count(self) -> None:
-        """Count on which share of the visible cells each colour is."""
+        """Count the share of the visible cells that each colour has."""
         if self._counting is not None:
             self._counting.cancel()
         if self.plane is not None and self._seen is not None:
@@ -175,7 +175,7 @@ class SurveyMap(ABC):
 
 
 def block_of(frame: Frame) -> MapBlock:
-    """Return the cells of a computed window as those of a map; of complex values the modulus."""
+    """Return the cells of a computed window as a block of a map, with the modulus of complex values."""
     values = drawn_numbers(frame.values).astype(np.float32)
     status = np.ones(values.shape, np.int8)
     return MapBlock(frame.delta, frame.epsilon, values, status, box_of_cells(frame.delta, frame.epsilon))

@@ -1,4 +1,4 @@
-"""Show the map of the chosen survey, with its lines and their key, and what a survey holds of a cell."""
+"""Show the map of the chosen survey, with its lines, their key, and the numbers of a cell."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade
 from gear_rattle.service.explorer.map.controls import meaning_of
-from gear_rattle.service.explorer.map.cursor import Keys
+from gear_rattle.service.explorer.map.cursor import CursorKeys
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import KeyedLines
 from gear_rattle.service.explorer.map.picture import as_seen
@@ -40,18 +40,18 @@ HINT = "<p class=faint>Point at the map to read a cell; click or tap it to look 
 
 
 class MapView(SurveyMap):
-    """The first map of a page; `parts` are its panels by their places in the document."""
+    """First map of a page. parts: its panels, by their names in the page's document."""
 
     def __init__(self, shared: Shared, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
         super().__init__(shared, viewer, store, figure, Heading(sheet), Text("", sheet, is_spoken=True))
         self.lines = KeyedLines(shared.overlaid, viewer, store, figure, sheet)
-        self.keys = Keys(viewer.document, figure.figure, store)
+        self.keys = CursorKeys(viewer.document, figure.figure, store)
         self.readout = Text(HINT, sheet)
         self._reading: asyncio.Task[None] | None = None
-        self._settled: tuple[str, str] | None = None  # the survey, and its state
+        self._settled: tuple[str, str] | None = None  # id and state of the survey
         self._marked: tuple[object, ...] = ()
         self._of: tuple[str, int] | None = None  # the survey and the slice that are drawn
-        for size in ("inner_width", "inner_height"):  # a browser tells them after the first drawing
+        for size in ("inner_width", "inner_height"):  # a browser reports them after the first drawing
             figure.figure.on_change(size, in_event_loop(self._on_size))
         self.parts = {
             "title": self.title.pane,
@@ -67,11 +67,11 @@ class MapView(SurveyMap):
         store.subscribe(self._mark, "point", "machine", "point_state", "pins", "survey", "slice", JOBS)
 
     def show_shades(self, shades: Sequence[Shade]) -> None:
-        """Show them in the key."""
+        """Show the meanings and the shares of the colours in the key."""
         self.lines.show(shades)
 
     def _settle(self) -> None:
-        """Settle on a map that the survey has, and on the usual one where a viewer has chosen none."""
+        """Choose a map that the survey has: the viewer's choice, if there is one, else the survey's default map."""
         store, view, whole, job = self._store, self._store.view, self._store.whole, self._store.job
         if whole is None or not store.is_told:
             self._settled = None
@@ -90,7 +90,7 @@ class MapView(SurveyMap):
             self.figure.in_si(whole.machine)
 
     def _follow(self) -> None:
-        """Draw the map of the view, unless that is drawn or being drawn."""
+        """Request a drawing of the view's map, unless the same drawing is finished or under way."""
         store, view, job = self._store, self._store.view, self._store.job
         if self._of != (view.survey, view.slice):
             self._of, self.plane = (view.survey, view.slice), None
@@ -105,10 +105,10 @@ class MapView(SurveyMap):
             return
         chosen = Chosen(view.variable, view.index)
         if self._chosen not in (None, chosen) or self.plane is None:
-            self.forget_window()  # it is of another map
+            self.forget_window()  # the window's cells are of another map
         request = store.request
         is_large = request is not None and max(request.shape) > SIDE
-        room = self.figure.pixels if is_large or view.variable == LARGEST else ()  # what is drawn depends on it
+        room = self.figure.pixels if is_large or view.variable == LARGEST else ()  # the drawing depends on it
         what = view.survey, view.slice, chosen, view.limits, view.log, room
         self.drawings.want(what, [] if job is None else [job], partial(self._draw, view, job))
 
@@ -122,7 +122,7 @@ class MapView(SurveyMap):
             yield partial(self.show_nothing, WAITS)
             return
         is_whole = False
-        while not is_whole:  # what takes long is read, and drawn, a piece at a time
+        while not is_whole:  # each call reads for a limited time, and the cells read so far are drawn
             try:
                 plane, is_whole, block, colours = await self._viewer.read(
                     partial(self._shared.map_of, job, view, self.figure.pixels)
@@ -135,7 +135,7 @@ class MapView(SurveyMap):
             yield partial(self._show, view, plane, block, colours)
 
     def show_nothing(self, why: str) -> None:
-        """Show no cells, and why (HTML); nor anything that belongs to those of another survey."""
+        """Show why no cells are shown (HTML), and remove all text about earlier cells."""
         super().show_nothing(why)
         self._store.dispatch(MapDrawn(None))
         self._stop_reading()
@@ -158,7 +158,7 @@ class MapView(SurveyMap):
         self._shared.looked()
 
     def _tell_seen(self) -> None:
-        """Tell the page how the visible map is drawn, for links to pictures of it."""
+        """Dispatch the settings of the drawn map, which links to its pictures use."""
         if self.colours is not None:
             pixels = self.figure.pixels if self._store.view.window else None
             self._store.dispatch(MapDrawn(as_seen(self.colours, pixels), self._how[0]))
@@ -188,7 +188,7 @@ class MapView(SurveyMap):
             self._read(self._store.view.point)
 
     def _read(self, at: Pair) -> None:
-        """Show what is known of the cell at a point, and no more what was asked for before."""
+        """Show the numbers of the cell at a point, and cancel an earlier reading."""
         self._stop_reading()
         if self.plane is not None:
             self._reading = self._viewer.start(self._read_cell(self.plane, at))
@@ -211,7 +211,7 @@ class MapView(SurveyMap):
         self._viewer.change(show)
 
     def _mark(self) -> None:
-        """Mark the open point, with its tolerances, and the pins, if they are of this plane."""
+        """Mark the open point with its tolerances, and the pins, if their model is the model of the map."""
         view, model, machine = self._store.view, self._store.model, self._store.machine
         self.figure.pins(numbered(view.pins, model))
         if (marked := (view.point, view.machine, view.point_state, model, machine)) != self._marked:

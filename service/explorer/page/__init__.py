@@ -1,1 +1,1 @@
-"""The document: routes, websocket, form."""
+"""The web page itself: its routes, its websocket, its document and the form for a new survey."""

@@ -13,12 +13,12 @@ from gear_rattle.service.web.prefix import route_path
 if TYPE_CHECKING:
     from gear_rattle.service.explorer.page.pages import Pages
 
-FOREVER = "private, max-age=31536000, immutable"  # an address with a version never means anything else
-MOST_KEPT = 16 << 20  # bytes
+FOREVER = "private, max-age=31536000, immutable"  # for an address with a version, whose content never changes
+MOST_KEPT = 16 << 20  # bytes of responses in memory
 
 
 class Assets:
-    """Sends them; those that every page asks for from memory, whole: a browser waits for them all."""
+    """Serve scripts and styles, and keep whole responses in memory, because each page waits for all its files."""
 
     def __init__(self, load: Callable[[], Awaitable[Pages]]) -> None:
         self._load = load

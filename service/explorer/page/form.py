@@ -1,4 +1,4 @@
-"""The form that submits a survey: which plane, which model, how fine; the cost is stated before anything is sent."""
+"""The form for a new survey: its plane, model and number of cells. It shows the cost before a viewer submits."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from rattle import RattleError
 from rattle.models import ADDED, BETA, DEFAULT_MODEL, MODELS, Model
 from rattle.plot import FIGURE_8
 
-PATIENCE = 0.4  # seconds without a change, then the cost is estimated
+PATIENCE = 0.4  # seconds; the cost is estimated when no field has changed for so long
 OWN, MACHINE = "own", "machine"
 #: Ranges of δ and ε that have a name; the first is the plane of the paper's Figure 7, without its edge ε = 0.
 NAMED: dict[str, Ranges] = {
@@ -37,14 +37,14 @@ NAMED: dict[str, Ranges] = {
     "Figure 8: where curves meet": FIGURE_8,
 }
 PLANES = {name: name for name in NAMED} | {"own ranges of δ and ε": OWN, "a machine: rpm, µm": MACHINE}
-FINENESS = {"coarse": (31, 30), "medium": (61, 60), "fine": (121, 120)}  # values along either axis
+FINENESS = {"coarse": (31, 30), "medium": (61, 60), "fine": (121, 120)}  # values along the first and the second axis
 FINE = {f"{name}: {across} × {up}, {across * up:,} cells": name for name, (across, up) in FINENESS.items()}
-CELLS = FINENESS["medium"]  # of a window that is saved
+CELLS = FINENESS["medium"]  # values along the axes of a new survey of the visible window
 ADVANCED = "Advanced settings"
 
 
 class Form:
-    """The form; `on_submitted` is called with the id of the survey."""
+    """The form for a new survey; `on_submitted` is called with the id of each submitted survey."""
 
     def __init__(self, viewer: Viewer, on_submitted: Callable[[str], None], sheet: str) -> None:
         self._viewer, self._on_submitted = viewer, on_submitted
@@ -127,7 +127,7 @@ class Form:
         self._changed()
 
     def fill(self, request: SurveyRequest) -> None:
-        """Take over the settings of a survey."""
+        """Set the fields to the settings of a survey."""
         self.name.value = request.name
         delta, epsilon = request.delta, request.epsilon
         spans = (delta.start, delta.stop), (epsilon.start, epsilon.stop)
@@ -135,7 +135,7 @@ class Form:
         self.sample.fill(request)
 
     def fill_window(self, window: Ranges, model: Model, machine: SurveyedMachine | None = None) -> None:
-        """Take over a window of the plane, of a machine where the survey is of one."""
+        """Set the fields to a window of the plane; with a machine, to its speeds and eccentricities in the window."""
         self._fill_plane(window, CELLS, model, machine)
 
     def _fill_plane(
@@ -159,7 +159,7 @@ class Form:
         return bool(self.plane.value == MACHINE)
 
     def fields(self) -> dict[str, Any]:
-        """Return the body of `POST /v1/surveys` that the form stands for. Raises ParameterError on wrong harmonics."""
+        """Return the settings as the body of `POST /v1/surveys`. Raises ParameterError if harmonics cannot be read."""
         counts = [widget.value for widget in self.counts]
         own = self._own
         return {
@@ -172,7 +172,7 @@ class Form:
         }
 
     def _plain_fields(self, counts: list[int | None]) -> dict[str, Any]:
-        """Return the axes and the backlash in the model's own numbers."""
+        """Return the axes δ and ε and the half-backlash β, for a survey without a machine."""
         axes = {
             name: {"start": start.value, "stop": stop.value, "num": num}
             for (name, (start, stop)), num in zip(self.axes.items(), counts, strict=True)
@@ -185,12 +185,12 @@ class Form:
 
     @property
     def _own(self) -> set[str]:
-        """Numbers of the model; without those that a machine has at each speed another one of."""
+        """Names of the model's additional parameters that the form asks for; a machine determines some by itself."""
         added = MODELS[self.model.value].added
         return {each.name for each in added if not (self._is_machine and each.machine_number)}
 
     def _on_plane(self, *_: Any) -> None:
-        """Show the fields of the plane that is chosen, and the models of it."""
+        """Show the fields of the chosen plane, and offer the models that are possible on it."""
         for ends, span in zip(self.axes.values(), NAMED.get(self.plane.value, ()), strict=False):
             ends[0].value, ends[1].value = span
         self._ranges.visible = self.plane.value == OWN
@@ -204,7 +204,7 @@ class Form:
         self._on_model()
 
     def _on_model(self, *_: Any) -> None:
-        """Offer what the model has."""
+        """Show the fields of the chosen model's parameters, and offer its quantities."""
         self.harmonics.visible = MODELS[self.model.value].takes_harmonics
         for name, widget in self.added.items():
             widget.visible = name in self._own
@@ -272,12 +272,12 @@ class Form:
 
 
 def is_stiff(model: type[Model]) -> bool:
-    """Return whether a model needs a number that a machine has at each speed another one of, as a stiffness is."""
+    """Return whether a model has a parameter without default that a machine determines, as κ of the stiff gear."""
     return any(each.machine_number and each.default is None for each in model.added)
 
 
 def what_is_wrong(error: Exception) -> str:
-    """Return the first thing that is wrong with a request, in words."""
+    """Return the message of an error; if several fields of a request are invalid, the message of the first one."""
     if isinstance(error, ValidationError):
         first = field_errors_of(error.errors())[0]
         return f"{first.field}: {first.message}" if first.field else first.message
@@ -285,13 +285,13 @@ def what_is_wrong(error: Exception) -> str:
 
 
 def cost_in_words(found: CostEstimate) -> str:
-    """Return a cost, and what it rests on."""
+    """Return an estimated cost in words: the duration, the number of workers and the basis of the estimate."""
     about = "at most about" if found.is_most else "about"
     return f"{about} {lasting(found.seconds)} on {found.workers} worker{'s' * (found.workers != 1)} ({found.basis})"
 
 
 def lasting(seconds: float) -> str:
-    """Return a duration in the unit that suits it."""
+    """Return a duration in words, in seconds, minutes, hours or days."""
     for unit, size in (("days", 172_800.0), ("hours", 7200.0), ("min", 120.0)):
         if seconds >= size:
             whole = {"days": 86_400.0, "hours": 3600.0, "min": 60.0}[unit]

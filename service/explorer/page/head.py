@@ -1,4 +1,4 @@
-"""The document that a browser gets at first, the same for everybody, whose scripts ask for a page."""
+"""The first document that a browser gets. It is the same for all viewers, and its scripts request the page itself."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from gear_rattle.service.explorer.files import asset
 if TYPE_CHECKING:
     from gear_rattle.service.explorer.page.pages import Pages
 
-UNUSED = ("bokeh-gl",)  # the page has no WebGL; Panel's own script needs all others
-#: Styles that parts of the page ask for, each where it is: late.
+UNUSED = ("bokeh-gl",)  # scripts of Bokeh to leave out: the page has no WebGL. Panel's script needs the others
+#: Styles that parts of the page load late, when a browser draws them; the head lets the browser fetch them early.
 STYLES = ("css/loading", "css/listpanel", "bundled/theme/native", "css/button", "css/select")
 
 
-#: The colours that the system of who asked for a page has; set by the route.
+#: Colour scheme of the viewer's system, "light" or "dark"; the route of a page sets it for each request.
 SCHEME: ContextVar[str] = ContextVar("scheme", default="light")
 
 
 def theme_of(view: View, scheme: str) -> str:
-    """Return the theme that a view asks for, or else that of the system, as its browser tells it."""
+    """Return the theme of a view; if the view has none, the colour scheme of the system, or light if it is unknown."""
     return view.theme or (scheme if scheme in THEMES else THEMES[0])
 
 
 def head_of(pages: Pages) -> str:
-    """Return the document that asks for a page: all its scripts and styles, the same for everybody."""
+    """Return the first document, with all scripts and styles of a page; it is the same for all viewers."""
     from panel.io.resources import JS_VERSION, bundle_resources
 
     resources: Any = pages.resources()
@@ -44,5 +44,5 @@ def head_of(pages: Pages) -> str:
 
 
 def body_of(page: str) -> str:
-    """Return the text after the head of a page that Bokeh has written."""
+    """Return the part after the head of an HTML page that Bokeh has written."""
     return page.partition("</head>")[2]

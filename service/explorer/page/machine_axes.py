@@ -1,4 +1,4 @@
-"""A machine in the form: its numbers, and speeds and eccentricities as the axes of a survey."""
+"""Fields of the form for a machine: its numbers, and ranges of speed and eccentricity as the axes of a survey."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.design.fields import NUMBERS, PAIR, MachineFields, spans_of
 from gear_rattle.workers.survey.machine import SurveyedMachine
 
-LEAST_DELTA = 0.1  # of the upper end
+LEAST_DELTA = 0.1  # least lower end of δ, relative to its upper end
 FIRST = {"rpm": (1000.0, 3000.0), "eccentricity": (1.0, 60.0)}
 
 
 class MachineAxes:
-    """Fields of a machine in place of δ, ε and β."""
+    """Fields of a machine, which replace the fields of δ, ε and β."""
 
     def __init__(self, sheet: str) -> None:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
@@ -36,7 +36,7 @@ class MachineAxes:
         )  # fmt: skip
 
     def fields(self, counts: Sequence[int | None]) -> dict[str, Any]:
-        """Return the machine of a request, with so many speeds and eccentricities."""
+        """Return the machine of a request. counts: the numbers of speeds and of eccentricities."""
         axes = {
             name: {"start": NUMBERS[name].meant(start.value), "stop": NUMBERS[name].meant(stop.value), "num": num}
             for (name, (start, stop)), num in zip(self._axes.items(), counts, strict=True)
@@ -44,9 +44,9 @@ class MachineAxes:
         return {"machine": self._machine.given() | axes}
 
     def fill(self, delta: Pair, epsilon: Pair, machine: SurveyedMachine) -> None:
-        """Take over a machine and a window of the plane."""
+        """Set the fields to a machine, and to its speeds and eccentricities in a window of the plane."""
         self._machine.show(machine.model_dump())
-        delta = max(delta[0], LEAST_DELTA * delta[1]), delta[1]  # a window may show more than the plane
+        delta = max(delta[0], LEAST_DELTA * delta[1]), delta[1]  # a window may reach to δ ≤ 0, where no speed exists
         for name, span in spans_of(machine, delta, epsilon).items():
             for widget, value in zip(self._axes[name], span, strict=True):
                 widget.value = NUMBERS[name].entered(value)

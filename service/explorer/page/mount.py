@@ -36,7 +36,7 @@ TITLE = "gear rattle"
 SIGNED_OUT = "The API key was revoked, or this browser has signed out."
 GONE = "This page is no longer there."
 LOOK_SECONDS, ANSWER_SECONDS = 0.2, 1.0
-#: Nothing from elsewhere, whatever a library would like to load. Bokeh compiles the callbacks of its models.
+#: The page loads nothing from other servers. It needs 'unsafe-eval' because Bokeh compiles callbacks in the browser.
 CONTENT_SECURITY = "; ".join(
     (
         "default-src 'self'",
@@ -44,7 +44,7 @@ CONTENT_SECURITY = "; ".join(
         "style-src 'self' 'unsafe-inline'",
         "connect-src 'self' blob:",
         "img-src 'self' data: blob:",
-        "media-src data:",  # sounds that the page has made
+        "media-src data:",  # sounds of motions
         "font-src 'self' data:",
         "worker-src 'self' blob:",
         "form-action 'self'",
@@ -59,7 +59,7 @@ log = logging.getLogger(__name__)
 
 
 class Explorer:
-    """The page of one application."""
+    """The explorer of one application: its routes, and the pages that browsers have open."""
 
     def __init__(self, app: FastAPI, settings: Settings) -> None:
         self._settings = settings
@@ -83,14 +83,14 @@ class Explorer:
 
     @asynccontextmanager
     async def running(self, front: Front, overlaid: Overlaid) -> AsyncIterator[None]:
-        """Tell the pages what happens, and forget those that were closed, for as long as the application runs."""
+        """Return the context in which the application runs: open pages get job status, and closed pages are dropped."""
         self._front, self._overlaid = front, overlaid
         self.news = News(front)
         async with self._running, self.news.running():
             yield
 
     async def prepare(self) -> None:
-        """Load what the page needs before anybody asks for it, and after the cluster, which has more to load."""
+        """Load the packages of the page once the cluster has started; with the setting `preload` also the first map."""
         assert self._front is not None
         try:
             while self._front.manager.cluster_state == STARTING and self._loading is None:
@@ -98,11 +98,11 @@ class Explorer:
             await self.load()
             if self._front.settings.preload and self._shared is not None:
                 await self._shared.prepare()
-        except Exception:  # told again to whoever opens the page
+        except Exception:  # a request of a page loads again, and answers with the error if it lasts
             log.exception("the explorer cannot be loaded")
 
     async def load(self) -> Pages:
-        """Return the application that has the pages, loaded once."""
+        """Return the application that serves the pages. It is loaded once, and again after a failure."""
         failed = self._loading is not None and self._loading.done() and self._loading.exception() is not None
         if self._loading is None or failed:
             self._loading = asyncio.ensure_future(self._load())
@@ -125,19 +125,19 @@ class Explorer:
         assert self._front is not None
         assert self.news is not None
         assert self._overlaid is not None
-        settings.perform_document_validation.set_value(False)  # a quarter of the time of every page, to warn nobody
+        settings.perform_document_validation.set_value(False)  # it takes a quarter of a page's time, for nobody
         front = self._front
         shared = self._shared = Shared(front, self.news, Atlas(front), self._overlaid, Exact(), self._looked)
         found = Pages(lambda: open_page(shared), TITLE)
         self._head = head_of(found)
-        adopt_handlers()  # Panel's
-        gc.freeze()  # as in service.web.server, for what has just been loaded
+        adopt_handlers()  # the log handlers of Panel
+        gc.freeze()  # as in service.web.server, for the modules that have just been loaded
         return found
 
     def _looked(self) -> None:
-        """Start processes for the first click, which nobody needs where nobody looks.
+        """Start the processes that compute clicked points, when the first page shows a map.
 
-        Sooner they would take the processors from the first page.
+        Without a page they are not needed, and earlier they would slow down the first page.
         """
         assert self._front is not None
         if self._front.settings.preload and self._warming is None:
@@ -146,14 +146,14 @@ class Explorer:
             self._warming = asyncio.create_task(prepare(self._front))
 
     async def _first(self, _request: Request) -> Response:
-        """Answer the first request of a page, which takes memory until its browser leaves.
+        """Return the first document, whose scripts request the page itself.
 
-        A client that runs no script gets no page.
+        A page takes memory until its browser leaves, so a client that runs no scripts gets none.
 
         Returns
         -------
         Response
-            The head of the page; the rest comes by its websocket.
+            The first document; its scripts get the page from `/page`, and changes by the websocket.
         """
         await self.load()
         return HTMLResponse(self._head, headers=PAGE_HEADERS)
@@ -167,12 +167,12 @@ class Explorer:
             raise UnavailableError("Too many pages of the explorer are open. Close some, and try again in a minute.")
         CALLER.set(request.state.caller)
         SCHEME.set(request.headers.get("rattle-theme", ""))
-        # one that is begun is finished, and ends by itself if the browser has left
+        # A page that is begun is finished even if the browser leaves; then it expires by itself.
         body = body_of(await asyncio.shield(pages.document(request)))
         return HTMLResponse(body, headers=PAGE_HEADERS)
 
 
-LEFT = (1000, 1001)  # codes of RFC 6455: a connection that is no longer needed, a page that was closed or reloaded
+LEFT = (1000, 1001)  # close codes of RFC 6455: a normal end, and a page that was closed or reloaded
 
 
 class _Socket:
@@ -189,7 +189,7 @@ class _Socket:
         CALLER.set(caller)
         code = 0
         session = pages.session_of(scope)
-        if session is None:  # Bokeh would make another page, whose parts the browser does not know
+        if session is None:  # Bokeh would make a new page, whose parts the browser does not know
             log.info("a page was refused: it is not there, or no longer")
             await send({"type": "websocket.close", "code": 1008, "reason": GONE})
             return
@@ -203,7 +203,7 @@ class _Socket:
         with scope["app"].state.front.revocations.ending(caller) as visit:
             await pages.socket(session, scope, noted, send)
             if code in LEFT:
-                session.request_expiration()  # what it had computed would be computed on
+                session.request_expiration()  # otherwise the computations of the closed page would go on
         if visit.cancelled_caught:
-            with suppress(RuntimeError):  # closed from the other side meanwhile
+            with suppress(RuntimeError):  # the browser has closed the websocket meanwhile
                 await send({"type": "websocket.close", "code": 1008, "reason": SIGNED_OUT})

@@ -1,4 +1,4 @@
-"""Make the document of one open page of its parts, and act on surveys for it."""
+"""Build the document of one open page from its parts, and carry out the viewer's actions on surveys."""
 
 from __future__ import annotations
 
@@ -39,21 +39,21 @@ from gear_rattle.service.operations.surveys import Description, describe_survey,
 
 
 class _Template(pn.Template):
-    """Panel's, in less time."""
+    """Panel's template with a short `repr`."""
 
     def __repr__(self) -> str:
-        return type(self).__name__  # Panel's lists all parts, and is made for each of them
+        return type(self).__name__  # Panel's own lists all parts, and is built once for each part
 
 
 def open_page(shared: Shared) -> pn.Template:
-    """Return a new page, for the caller of the request that is being answered, with the view of its URL."""
+    """Return a new page for the caller of the current request, with the view that the URL describes."""
     document = pn.state.curdoc
-    assert document is not None  # Panel has set it
+    assert document is not None  # Panel sets it while it makes a page
     viewer = Viewer(shared.front, CALLER.get(), document)
     view = View.parse(pn.state.session_args)
     theme = theme_of(view, SCHEME.get())
     config: Any = pn.config
-    config.theme = "dark" if theme == "dark" else "default"  # of this page
+    config.theme = "dark" if theme == "dark" else "default"  # for this page only
     page = Page(shared, viewer, view, theme)
     document.js_on_event(DocumentReady, CustomJS(code="arrived()"))
     document.js_on_event(ConnectionLost, CustomJS(code="lost()"))
@@ -62,7 +62,7 @@ def open_page(shared: Shared) -> pn.Template:
 
 
 class Page:
-    """The parts of a page, which share its store, and where they stand in its document."""
+    """One open page: its parts, which share a store, and the place of each part in the document."""
 
     def __init__(self, shared: Shared, viewer: Viewer, view: View, theme: str) -> None:
         self._shared, self._viewer = shared, viewer
@@ -70,7 +70,7 @@ class Page:
         location: Any = pn.state.location
         self._location = location
         self._location.param.watch(lambda _event: viewer.change(self._show_address), "search")
-        self._unasked = ""  # the survey that is shown because nobody chose one
+        self._unasked = ""  # id of the survey that is shown because the viewer chose none
         self._form: Form | None = None
         viewer.tell = self._tell
         sheet = asset("widgets.css")
@@ -88,7 +88,7 @@ class Page:
             label="New survey from this view", stylesheets=[sheet], margin=(2, 8, 2, 0), css_classes=["save"]
         )
         on_press(save, self._save_window)
-        # In a column of its own: what is put between others has all of them set anew.
+        # The form has a column of its own, because Panel sets all children of a column anew when one is inserted.
         self._entering = pn.Column(sizing_mode="stretch_width", margin=0)
         self._side = pn.Column(
             self._new, self._entering, self._notice, self._list, sizing_mode="stretch_width", margin=0
@@ -136,11 +136,11 @@ class Page:
         self._viewer.start(self._take(standings))
 
     async def _take(self, standings: Sequence[JobStatus]) -> None:
-        standings = await self._viewer.read(lambda: self._with_asked(standings))  # if the key still holds
+        standings = await self._viewer.read(lambda: self._with_asked(standings))  # fails if the key was revoked
         self._viewer.change(lambda: self.store.learn({each.job.id: each for each in standings}))
 
     def _with_asked(self, standings: Sequence[JobStatus]) -> Sequence[JobStatus]:
-        """And the survey of the address, which need not be among the newest."""
+        """Return the statuses, and also the status of the survey in the address if the newest surveys lack it."""
         asked = self.store.view.survey
         if asked and all(each.job.id != asked for each in standings):
             with suppress(UnknownSurveyError):
@@ -149,9 +149,9 @@ class Page:
         return standings
 
     def _choose_first(self) -> None:
-        """Show a survey where nobody has chosen one."""
+        """Show a survey if the viewer has chosen none, or if the one shown by default was deleted."""
         shown, jobs = self.store.view.survey, self.store.jobs
-        gone = shown == self._unasked and shown not in jobs  # news may be older than a deletion
+        gone = shown == self._unasked and shown not in jobs  # a job status may be older than the deletion
         if (not shown or gone) and (first := shown_first(each.job for each in jobs.values())):
             self._unasked = first.id
             self.store.dispatch(SurveyChosen(first.id))
@@ -170,7 +170,7 @@ class Page:
                 self._list.param.update(rows=rows, chosen=view.survey, ready=True)
 
     def _show_address(self) -> None:
-        """Also when the browser has just said what its address is: then what was shown before has been lost."""
+        """Write the view to the address, also after the browser has sent its own, which replaces the written one."""
         self._location.search = self.store.view.query()
 
     def _toggle_form(self) -> None:
@@ -247,7 +247,7 @@ class Page:
         def remove() -> None:
             front = self._shared.front
             ended = front.database.job(survey_id).shown[0].final
-            if ended == (action == "delete"):  # cancelling what has just ended shall not delete it
+            if ended == (action == "delete"):  # "cancel" must not delete a survey that has just ended
                 remove_survey(front, self._viewer.require(Scope.SUBMIT), survey_id)
 
         await self._viewer.read(remove, Scope.SUBMIT)

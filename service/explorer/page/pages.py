@@ -1,4 +1,4 @@
-"""The pages of the explorer as Panel serves them: an application within ours, added to it by `panel.io.fastapi`."""
+"""Serve the pages of the explorer: an application of Panel inside the service's own, made by `panel.io.fastapi`."""
 
 from __future__ import annotations
 
@@ -29,28 +29,29 @@ if TYPE_CHECKING:
     from bokeh.application.application import SessionContext
     from bokeh.server.session import ServerSession
 
-#: Seconds that a page is kept whose browser is still to come, or has left and may come back; seconds between two looks.
+#: Seconds for which a page without a connected browser is kept, as the browser may still connect or come back;
+#: seconds between two checks for such pages.
 UNUSED_SECONDS, CHECK_SECONDS = 15.0, 1.0
 
-#: A page belongs to who opened it: nobody makes up another's. Neither headers nor cookies are kept for it: they would
-#: be written into the page, the key among them. Bokeh signs by the first secret of a process.
+#: The id of a page is signed, so that nobody can make up the id of another viewer's page. Headers and cookies are not
+#: kept, because Bokeh would write them, with the API key, into the page. Bokeh signs with a process's first secret.
 SETTINGS: dict[str, Any] = {
     "secret_key": secrets.token_bytes(32),
     "sign_sessions": True,
     "include_headers": [],
     "include_cookies": [],
-    "websocket_origin": "*",  # who may ask at all has been decided before
+    "websocket_origin": "*",  # the service has already checked who may connect
     "unused_session_lifetime_milliseconds": int(1e3 * UNUSED_SECONDS),
     "check_unused_sessions_milliseconds": int(1e3 * CHECK_SECONDS),
 }
-#: Arguments and a header by which a request would get the page of another one.
+#: Query arguments and a header with which a request could name the page of another viewer.
 NAMING = ("bokeh-session-id", "bokeh-token", "bokeh_session_id")
 
 
 class _PageHandler(Handler):
-    """Makes the parts of a page in the event loop, and puts them into its document wherever Bokeh does that.
+    """Make the parts of a page in the event loop, and put them into its document when Bokeh calls `modify_document`.
 
-    Between the two steps the event loop answers others.
+    Between the two steps the event loop serves other requests.
     """
 
     def __init__(self, open_page: Callable[[], pn.Template], title: str) -> None:
@@ -60,7 +61,7 @@ class _PageHandler(Handler):
         self.contexts: WeakValueDictionary[str, Any] = WeakValueDictionary()
 
     async def on_session_created(self, session_context: SessionContext) -> None:
-        """Make the parts."""
+        """Make the parts of a new page, and keep them, or the error, for `modify_document`."""
 
         async def make(document: Document) -> None:
             with set_curdoc(document):
@@ -74,11 +75,11 @@ class _PageHandler(Handler):
         await asyncio.sleep(0)
 
     def modify_document(self, doc: Document) -> None:
-        """Put the parts into the document. Raises why they could not be made."""
+        """Put the parts into the document. Raises the error that making the parts raised."""
         made = self._made.pop(doc)
         if isinstance(made, Exception):
             raise made
-        with doc.models.freeze():  # or all models are counted after every part
+        with doc.models.freeze():  # otherwise Bokeh counts all models after each part
             made.server_doc(doc, title=self._title)
 
 
@@ -88,7 +89,7 @@ class Pages:
     Parameters
     ----------
     open_page
-        Makes a page for the caller and the colours of its context. Called in the event loop.
+        Makes a page for the caller and the colour scheme in the context variables; called in the event loop.
     title
         Title of the document.
     """
@@ -104,11 +105,11 @@ class Pages:
         await self._app(dict(scope), receive, send)
 
     def running(self) -> AbstractAsyncContextManager[Any]:
-        """End the pages that nobody uses, for as long as the context is open."""
+        """Return a context that ends unused pages for as long as it is open."""
         return self._app.router.lifespan_context(self._app)
 
     def resources(self) -> Any:
-        """Return the scripts and styles that a page needs, with their versions so that browsers may keep them."""
+        """Return the scripts and styles of a page, with versions in their addresses, so browsers may cache them."""
         from bokeh.server.views.static_handler import StaticHandler
 
         found: Any = self._bokeh.resources()
@@ -116,13 +117,13 @@ class Pages:
         return found
 
     def sessions(self) -> list[ServerSession]:
-        """Return the pages that are there."""
+        """Return the sessions of all open pages."""
         found = (context.session for context in self._handler.contexts.values())
         return [session for session in found if session is not None and not session.destroyed]
 
     def session_of(self, scope: Scope) -> ServerSession | None:
-        """Return the page that a websocket asks for, if it is there."""
-        with suppress(ProtocolError, LookupError, ValueError):  # no page of ours
+        """Return the session of the page that a websocket names; None if there is no such page."""
+        with suppress(ProtocolError, LookupError, ValueError):  # not a token of this service
             asked = get_session_id("".join(scope["subprotocols"][-1:]))
             return next((session for session in self.sessions() if session.id == asked), None)
         return None
@@ -142,7 +143,7 @@ class Pages:
         return body.decode()
 
     async def socket(self, session: ServerSession, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve the websocket of a page until one side leaves; refuse a token that is none of ours."""
+        """Serve the websocket of a page until the browser or the service ends it."""
         wait_for_browser(session.document)
         if sys.version_info < (3, 12):
             from gear_rattle.service.explorer.page.whole_messages import serve_socket

@@ -1,4 +1,4 @@
-"""The surveys of the page's list: where each stands, and what was asked."""
+"""Rows of the page's list of surveys: the status and the requested values of each survey."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from gear_rattle.workers.pictures.look import LARGEST
 from gear_rattle.workers.survey.families import FAMILY
 from rattle.models import ADDED
 
-STORED = {LARGEST: FAMILY}  # what a map is read from that is no variable of the store
+STORED = {LARGEST: FAMILY}  # maps that are not stored: the stored variable from which each is made
 
 
 def row_of(standing: JobStatus, view: View, owned: bool) -> dict[str, Any]:
-    """Return a survey as the list shows it in this view."""
+    """Return a survey's row of the list, for this view. owned: whether the survey belongs to the caller."""
     job = standing.job
     state, message = job.shown
     submitted = ["submitted", job.created[:16].replace("T", " ") + " UTC"]
@@ -45,7 +45,7 @@ def row_of(standing: JobStatus, view: View, owned: bool) -> dict[str, Any]:
 
 
 def _asked(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
-    """Return the size of a survey, and its requested values."""
+    """Return the size of a survey, such as "61 × 60", and rows (name, value) of its requested values."""
     delta, epsilon = request["delta"], request["epsilon"]
     facts = [
         *(machine_facts(SurveyRequest.model_validate(request)) if request.get("machine") else []),
@@ -62,14 +62,14 @@ def _asked(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
 
 
 def _values(given: Any) -> str:
-    """Return a parameter that is one number, or an axis."""
+    """Return a parameter in words: its value, or the range and the number of values of an axis."""
     return f"{given['start']:g} … {given['stop']:g}, {given['num']} values" if isinstance(given, dict) else f"{given:g}"
 
 
 def machine_facts(request: SurveyRequest) -> list[list[str]]:
     """Return the speeds and eccentricities of a survey of a machine, and its other numbers.
 
-    Nothing of another survey.
+    The list is empty for a survey without a machine.
 
     Returns
     -------

@@ -20,7 +20,7 @@ QUANTITIES = (
 
 
 class SampleFields:
-    """The fields, each with a tooltip."""
+    """Fields for quantities, samples, attractors and refinement, most of them with a tooltip."""
 
     def __init__(self, sheet: str) -> None:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
@@ -94,7 +94,7 @@ class SampleFields:
         self.quantities.param.update(options=groups, value=[each for each in self.quantities.value if each in groups])
 
     def fields(self) -> dict[str, Any]:
-        """Return the fields of a request."""
+        """Return the entered settings as fields of a request."""
         return {
             "quantities": self.quantities.value,
             "initial_conditions": {
@@ -112,7 +112,7 @@ class SampleFields:
         }
 
     def fill(self, request: SurveyRequest) -> None:
-        """Take over the settings of a survey."""
+        """Set the fields to the settings of a survey."""
         sample = request.initial_conditions
         self.quantities.value = [str(group) for group in request.quantities]
         self._count.value, self._budget.value, self._seed.value = sample.count, sample.budget, request.seed

@@ -1,7 +1,7 @@
-"""Work around websockets on Python 3.11, where Panel's newest version stands on bokeh_fastapi.
+"""Work around defects of websockets on Python 3.11, where Panel's newest version uses bokeh_fastapi.
 
-bokeh_fastapi sends a message in parts, and lets another message in between if a part has to wait; it counts a browser
-out only when `receive` raises; and it raises anything at a token that is not one of ours.
+bokeh_fastapi sends a message in parts, and may send another message between two parts if a part has to wait. It
+notices that a browser has left only when `receive` raises. For a token from elsewhere it may raise any exception.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ log = logging.getLogger(__name__)
 
 
 async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send) -> None:
-    """Serve a websocket by an application that never has to wait for its browser, until one side leaves."""
+    """Serve a websocket with `app` until one side leaves. Messages are queued: `app` never waits for the browser."""
     outbox: asyncio.Queue[Message] = asyncio.Queue()
     left: list[Message] = []
     is_told = False
@@ -42,7 +42,7 @@ async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send)
             if message["type"] != "websocket.disconnect":
                 return message
             left.append(message)
-            return {"type": "websocket.receive"}  # or the last message would be handled once more
+            return {"type": "websocket.receive"}  # empty; otherwise `app` would handle its last message again
         if is_told:
             raise RuntimeError("the browser has left")
         is_told = True
@@ -58,4 +58,4 @@ async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send)
         with suppress(RuntimeError):
             await send({"type": "websocket.close", "code": 1008})
     finally:
-        sender.cancel()  # a cancelled connection may no longer belong to its caller: it gets nothing more
+        sender.cancel()  # after a cancellation the caller may have lost its rights: it gets nothing more

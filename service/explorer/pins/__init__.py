@@ -1,1 +1,1 @@
-"""Points that are kept side by side, to be compared."""
+"""Pinned points, whose results stand side by side in a table."""

@@ -29,7 +29,7 @@ RATTLING = ("periodic", "chaotic")
 class PinResults(NamedTuple):
     """Results of a pinned point: the number of its region, its quiet limit, its attractors.
 
-    The region is None with harmonics: regions are those of one cosine.
+    The region is None if the forcing has harmonics, because regions are defined for a forcing of one cosine.
     """
 
     region: int | None
@@ -38,7 +38,7 @@ class PinResults(NamedTuple):
 
 
 def results_of_point(pin: Pin, count: int) -> PinResults:
-    """Compute the results of a point from so many initial conditions: for a process."""
+    """Return the results of a pinned point from `count` initial conditions. It is slow: use another process."""
     gear = pin.model.gear(pin.delta, pin.epsilon)
     found = chances(gear, count)
     if gear.parameters.harmonics:
@@ -51,12 +51,15 @@ def results_of_point(pin: Pin, count: int) -> PinResults:
 def lines_of(pins: Sequence[Pin], told: Mapping[Pin, PinResults | str]) -> list[list[str]]:
     """Return the lines of the table, each with its head and a cell for each pin.
 
-    An unknown value is being computed, or says why it cannot be.
+    Parameters
+    ----------
+    told : Mapping[Pin, PinResults | str]
+        Results of the pins, or the message of the error; a pin that is not in it is still being computed.
 
     Returns
     -------
     list[list[str]]
-        Lines of texts.
+        Texts of the cells, line by line.
     """
     lines = [
         ["Damping δ", *(number(each.delta, 6) for each in pins)],
@@ -80,24 +83,24 @@ def lines_of(pins: Sequence[Pin], told: Mapping[Pin, PinResults | str]) -> list[
 
 
 def _region(known: PinResults) -> str:
-    """Return the region in words, nothing where there is none."""
+    """Return the region in words; empty if it is None."""
     return "" if known.region is None else region_in_words(known.region)
 
 
 def _motions(known: PinResults) -> list[tuple[str, rattle.Attractor]]:
-    """Return the attractors by their names, with the letter of those that are one of A to D."""
+    """Return the attractors with their names; the name of one of the motions A to D includes this letter."""
     pairs = zip(known.chances.attractors, known.chances.letters, strict=True)
     return [(f"{legend_name(each)} = {letter}" if letter else legend_name(each), each) for each, letter in pairs]
 
 
 def _largest_exponent(known: PinResults) -> str:
-    """Return the largest exponent of the motions that rattle."""
+    """Return the largest Lyapunov exponent of the periodic and chaotic attractors; a dash if there are none."""
     rattling = (each.lyapunov[0] for each in known.chances.attractors if each.kind in RATTLING)
     return number(max(rattling, default=math.nan))
 
 
 def _cell(known: PinResults | None, name: str) -> str:
-    """How likely the attractors of a name are at a point, and their largest exponents."""
+    """Return the basin fractions and largest exponents of a point's attractors of one name; a dash for none."""
     if known is None:
         return ""
     return "; ".join(_share(each) for called, each in _motions(known) if called == name) or "–"
@@ -110,9 +113,9 @@ def _share(each: rattle.Attractor) -> str:
 
 
 def csv_of(pins: Sequence[Pin], told: Mapping[Pin, PinResults | str]) -> str:
-    """Return a line for each attractor of each pin that is known.
+    """Return CSV with a line for each attractor of each pin whose results are known.
 
-    Numbers as they are, to be read back to the same bits.
+    Numbers have all their digits, so that they are read back to the same bits.
 
     Returns
     -------

@@ -21,7 +21,7 @@ from gear_rattle.service.explorer.state.events import PinAdded, PinRemoved, Poin
 from gear_rattle.service.explorer.state.store import JOBS, Store
 from rattle import RattleError
 
-COUNT = 1024  # initial conditions of each
+COUNT = 1024  # initial conditions of each pinned point
 FULL = f"{MOST_PINS} points are pinned, which is as many as there is room for. Take one away first."
 OTHER = "This point is of another model than the map, or of other numbers of it: choose a survey of it."
 FAILED = "This could not be computed: an error of the service, which has been logged."
@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 
 class PinTable(JSComponent):
-    """The table, with buttons to pin the point that is offered, to take a pin away, and to go there."""
+    """Table of pinned points, with buttons to pin the offered point, to remove a pin, and to go to a pin."""
 
     offered = param.String(default="")
     heads = param.List(default=[])
@@ -45,13 +45,13 @@ class PinTable(JSComponent):
         self.on_msg(in_event_loop(lambda event: self.press(event.data)))
 
     def press(self, message: Any) -> None:
-        """Do what a button of the table says."""
+        """Carry out the action that a button of the table sends."""
         if isinstance(message, Mapping) and isinstance(number := message.get("pin", 0), int):
             self._on_action(str(message.get("action")), number)
 
 
 class Pins:
-    """The pins of the store's view, in a table; the open point is offered to be pinned."""
+    """Show the pins of the store's view in a table, and offer the open point to be pinned."""
 
     def __init__(self, viewer: Viewer, store: Store) -> None:
         self._viewer, self._store = viewer, store
@@ -71,7 +71,7 @@ class Pins:
         self._compute()
 
     def end(self) -> None:
-        """Give up what is computed: the page was closed."""
+        """Give up all computations, because the page was closed."""
         for work in self._work.values():
             work.stop()
 
@@ -101,7 +101,7 @@ class Pins:
     async def _compute_all(self) -> None:
         while (pin := self._next()) is not None:
             self._work[pin] = work = Work(self._viewer.front, self._viewer.document, pin.model.name)
-            await asyncio.wait([work.start(self._tell(pin, work))])  # also of one that is taken away
+            await asyncio.wait([work.start(self._tell(pin, work))])  # also if the pin is removed meanwhile
 
     async def _tell(self, pin: Pin, work: Work) -> None:
         count = min(COUNT, self._viewer.front.settings.max_point_count)

@@ -1,1 +1,1 @@
-"""Show closed-form results without any survey."""
+"""Maps that need no computed survey: the example, and closed forms."""

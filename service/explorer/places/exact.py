@@ -1,6 +1,6 @@
-"""Maps without any survey: the example that comes with the explorer, and closed forms of a survey that is not done.
+"""Maps that need no computed survey: the example that comes with the explorer, and closed forms of unfinished surveys.
 
-Regions and period-one motions are closed forms, of the example too.
+Regions and motions of period one are closed forms, also in the example. Its other variables are read from a file.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from gear_rattle.workers.survey.tiles import cells_of_tile
 from gear_rattle.workers.survey.values.cells import Cells
 from gear_rattle.workers.survey.values.quantities import held, labels_of
 
-KEPT = 8  # maps of surveys that are not done
+KEPT = 8  # most maps of unfinished surveys in memory
 
 
 class ExactPlane(MapPlane):
-    """One map of these. Closed forms are computed at the point that is read. Blocks: for a thread."""
+    """Map in closed form. `cell` computes the closed forms at the point itself. It blocks: use a thread."""
 
     def __init__(self, cells: Cells, found: xr.Dataset, variable: str, index: int) -> None:
         self.id, self.number, self.request, self._evaluated = "", 0, REQUEST, cells
@@ -42,7 +42,7 @@ class ExactPlane(MapPlane):
         self.status = np.ones(self.values.shape, np.int8)
 
     def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
-        """Return the region and the motions A to D of a point."""
+        """Return the region and the motions A to D at a point; None unless δ > 0 and ε ≥ 0."""
         if delta <= 0 or epsilon < 0:
             return None
         here = replace(self._evaluated, delta=np.array([delta]), epsilon=np.array([epsilon]))
@@ -50,14 +50,22 @@ class ExactPlane(MapPlane):
 
 
 class ExamplePlane(ExactPlane):
-    """One map of the example."""
+    """Map of the example."""
 
     def __init__(self, cells: Cells, found: xr.Dataset, variable: str, index: int) -> None:
         super().__init__(cells, found, variable, index)
         self._sampled = found[list(SAMPLED)]
 
     def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
-        """Return the closed forms of a point, and the samples of the cell that it is in; None outside of all cells."""
+        """Return the closed forms at a point, with the stored variables of its cell; None unless δ > 0 and ε ≥ 0.
+
+        Outside of the example's cells, the result has the closed forms alone.
+
+        Returns
+        -------
+        xr.Dataset | None
+            Variables at the point.
+        """
         here = super().cell(delta, epsilon)
         if here is None or self.at(delta, epsilon) is None:
             return here
@@ -66,7 +74,7 @@ class ExamplePlane(ExactPlane):
 
 
 class Beforehand(ExactPlane):
-    """One map of a survey that is not done, no finer than a screen. A cell that is computed already is read there."""
+    """Closed-form map of an unfinished survey, of at most SIDE cells along an axis. `cell` reads computed cells."""
 
     def __init__(
         self, request: SurveyRequest, survey_id: str, variable: str, index: int, computed: Callable[[], MapPlane]
@@ -75,13 +83,14 @@ class Beforehand(ExactPlane):
         super().__init__(cells, _dataset(cells, {variable}), variable, index)
         self.id, self.request, self._computed = survey_id, request, computed
         self._levels = halvings(cells.shape)
-        self.plane, self._evaluated = self.plane.copy(), replace(cells)  # and not what it was made from
+        # copies, which do not keep all that was evaluated
+        self.plane, self._evaluated = self.plane.copy(), replace(cells)
 
     def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
-        """Return all that the survey has of the cell at a point, or its closed forms; None outside of it."""
+        """Return the survey's variables at a point, or closed forms if not computed; None outside of the survey."""
         if self.at(delta, epsilon) is None:
             return None
-        with suppress(MissingError):  # the survey waits
+        with suppress(MissingError):  # raised while the survey waits
             found = self._computed().cell(delta, epsilon)
             if found is not None and found["status"]:
                 return found
@@ -89,12 +98,12 @@ class Beforehand(ExactPlane):
 
 
 def _closed_forms(request: SurveyRequest) -> SurveyRequest:
-    """Return a survey of the closed forms of this one."""
+    """Return the request of a survey that has only the closed forms of another survey."""
     return SurveyRequest(beta=request.beta, delta=request.delta, epsilon=request.epsilon, quantities=CLOSED_FORMS)
 
 
 def _thinned(request: SurveyRequest) -> SurveyRequest:
-    """Return the closed forms of a survey on as many cells as are drawn at once."""
+    """Return the request of a survey's closed forms on at most SIDE cells along each axis."""
     delta, epsilon = (
         Axis(start=axis.start, stop=axis.stop, num=min(axis.num, SIDE)) for axis in (request.delta, request.epsilon)
     )
@@ -102,13 +111,13 @@ def _thinned(request: SurveyRequest) -> SurveyRequest:
 
 
 class Exact:
-    """The maps, computed once for all pages, when the first of them is asked for."""
+    """Maps that need no computed survey. They are computed once for all pages, at the first request for one of them."""
 
     request = REQUEST
 
     @property
     def maps(self) -> dict[str, Any]:
-        """Maps of the example, as `maps_of` has them."""
+        """Maps of the example, in the form that `maps_of` returns."""
         exact = maps_of(_closed_forms(REQUEST))
         return {name: names for name, names in maps_of(REQUEST).items() if name in {*MAPS, *exact}}
 
@@ -145,7 +154,7 @@ class Exact:
 
 
 def _dataset(cells: Cells, names: Collection[str] = ()) -> xr.Dataset:
-    """Return the requested variables of cells, or some of them, as an open survey has them."""
+    """Return the closed forms of cells as a dataset like an open survey. names: variables, () for all variables."""
     every = [each for each in held(CLOSED_FORMS, REQUEST.model) if each.per_cell]
     quantities = [each for each in every if not names or each.name in names]
     dims = {dim for each in quantities for dim in each.dims[:-2]}

@@ -1,4 +1,4 @@
-"""The survey that comes with the explorer: the paper's Figure 7, shown where there is no other (`make example`)."""
+"""The survey that comes with the explorer: the paper's Figure 7, shown if there is no other survey (`make example`)."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ EXAMPLE = ASSETS / "example.zip"
 
 #: Regions and motions of period one are closed forms, and not in the file.
 CLOSED_FORMS = (Group.REGION, Group.ORBITS)
-#: A cell is half a step wider than the axes on either side, so that the map is the paper's δ 0.4 … 1, ε 0 … 0.3.
+#: The cells reach half a step beyond either end of the axes, so that the map is the paper's δ 0.4 … 1, ε 0 … 0.3.
 REQUEST = SurveyRequest(
     delta=Axis(start=0.4015, stop=0.9985, num=200),
     epsilon=Axis(start=0.001, stop=0.299, num=150),
     quantities=(*CLOSED_FORMS, Group.ATTRACTORS, Group.LYAPUNOV, Group.INTENSITY),
 )
-#: Variables in the file: maps, and what the table of a cell's attractors takes.
+#: Variables in the file: MAPS can be drawn as maps; KEPT also has the variables for the table of a cell's attractors.
 MAPS = ("quiet_fraction", "n_attractors", "lyapunov_max", "worst_level", "chaotic_fraction", "attractor_kind")
 KEPT = (*MAPS, "attractor_fraction", "attractor_m", "attractor_n_plus", "attractor_n_minus")
 
 
 def sampled() -> xr.Dataset:
-    """Return the variables in the file, loaded. Blocks: for a thread."""
+    """Return the variables in the file, loaded. It blocks: use a thread."""
     with ZipStore(EXAMPLE, mode="r") as store:
         return xr.open_zarr(store, consolidated=False).load()

@@ -1,1 +1,1 @@
-"""One clicked point."""
+"""The view of one clicked point: its attractors, basins, motions, diagram and tolerances."""

@@ -1,4 +1,4 @@
-"""Another place on the way of the diagram, whose basins and motion are looked at: a slider goes there."""
+"""Show the basins and motions of other points on the line of the diagram, which a slider chooses."""
 
 from __future__ import annotations
 
@@ -15,13 +15,25 @@ from gear_rattle.service.explorer.point.work import Work
 from rattle.models import AnyGear, model_at
 from rattle.plot import Palette
 
-FINENESS = ((100, "cells"), (300, "refined"))  # cells a side of the basins, at first and when the slider rests
+FINENESS = ((100, "cells"), (300, "refined"))  # (cells a side, method) of the basins: first, and if the slider stays
 
 
 class Along:
-    """`gear` is the one that is looked at, and `attractors` its own, none of the point itself.
+    """Follow the slider along the way of a diagram, which is the line in the (δ, ε) plane along which it is computed.
 
-    `looked` is called when that is another one, with its place on the way from 0 to 1, None for the point itself.
+    Parameters
+    ----------
+    gear : AnyGear
+        Gear at the clicked point.
+    looked : Callable[[float | None], None]
+        Called when another place is shown, with its position on the way from 0 to 1, None for the point itself.
+
+    Attributes
+    ----------
+    gear : AnyGear
+        Gear at the place that is shown.
+    attractors : tuple[rattle.Attractor, ...]
+        Attractors at this place; empty if it is the point itself.
     """
 
     def __init__(
@@ -36,7 +48,7 @@ class Along:
         self._own = self.gear = gear
         self.attractors: tuple[rattle.Attractor, ...] = ()
         self._chosen = PointState()
-        self._home: int | None = None  # the stop of the point; not known before `offer`
+        self._home: int | None = None  # slider position of the point itself; None before `offer`
         self._wanted: tuple[PointState, int] = self._chosen, 0
         self._shown = self._wanted
         self._task: asyncio.Task[None] | None = None
@@ -47,7 +59,7 @@ class Along:
         return self.gear is not self._own
 
     def offer(self, chosen: PointState) -> None:
-        """Let the slider go along the way of this diagram; it is where the point is, or where the address has it."""
+        """Let the slider follow this diagram's way, from the place in the address, or else from the point itself."""
         self._chosen = chosen
         (begin, end), here = way_of(self._own, chosen), (self._own.delta, self._own.epsilon)
         axis = max((0, 1), key=lambda each: abs(end[each] - begin[each]))
@@ -56,7 +68,7 @@ class Along:
         self.go(self._home if chosen.at is None else round(PLACES * chosen.at))
 
     def go(self, stop: int) -> None:
-        """Look at this stop of the slider: after what is at work, and of several that were passed at the last."""
+        """Show the place at a slider position; if a computation runs, only the newest position is shown after it."""
         if self._home is None:
             return
         self._wanted = self._chosen, stop
@@ -68,7 +80,7 @@ class Along:
 
     @property
     def _place(self) -> Pair:
-        """The point that is wanted."""
+        """The point (δ, ε) at the newest slider position."""
         chosen, stop = self._wanted
         here = self._own.delta, self._own.epsilon
         return here if stop == self._home else place_on(way_of(self._own, chosen), stop / PLACES)

@@ -20,7 +20,7 @@ from rattle.plot import MANIFOLDS, Palette, legend_name
 
 MOST_NAMED = 24  # basins in the legend
 GAMMA = "Γ"
-#: Colour and dashes of each line; the unstable manifold has the colour of its saddle's stable one.
+#: Colour and dashes of each line; both manifolds of a saddle have one colour.
 STYLES = {
     GAMMA: ("#ffffff", "solid"),
     "Wˢ(A)": (MANIFOLDS["A"], "solid"),
@@ -32,7 +32,7 @@ STEPS = "return value < 0 ? 'not seen' : String(value)"
 
 
 class BasinsPicture:
-    """Calls `on_tap` with the (τ, v) that is clicked."""
+    """Picture of basins in the (τ, v) plane; `on_tap` is called with the state (τ, v) that a viewer clicks."""
 
     def __init__(self, theme: str, on_tap: Callable[[float, float], None]) -> None:
         self._on_tap = on_tap
@@ -96,7 +96,7 @@ class BasinsPicture:
             self._on_tap(float(event.x % 1.0), float(event.y))
 
     def show_cells(self, basins: rattle.Basins, palette: Palette) -> None:
-        """Show basins, one colour for each type of motion as in every picture."""
+        """Show basins; a type of motion has the same colour in all pictures that share the palette."""
         if basins.v_max != self._v_max:
             self._v_max = basins.v_max
             self.figure.y_range.update(start=self._v_max, end=0.0)
@@ -112,13 +112,13 @@ class BasinsPicture:
         }
 
     def show_orbits(self, orbits: tuple[rattle.Orbit, ...]) -> None:
-        """Mark those of A to D that the picture has room for."""
+        """Mark the motions A to D whose speeds are inside the picture."""
         shown = [orbit for orbit in orbits if orbit.v < self._v_max]
         self._orbits.data = {
             "tau": [orbit.tau for orbit in shown],
             "v": [orbit.v for orbit in shown],
             "name": [orbit.name for orbit in shown],
-            "aside": [-22 if orbit.name in "BD" else 9 for orbit in shown],  # B is close to C, and D to A
+            "aside": [-22 if orbit.name in "BD" else 9 for orbit in shown],  # pixels; B is close to C, and D to A
         }
 
     def show_lines(self, lines: tuple[PlaneLine, ...]) -> None:
@@ -127,7 +127,7 @@ class BasinsPicture:
             self._lines[line.name].data = {"tau": line.points[:, 0], "v": line.points[:, 1]}
 
     def no_lines(self) -> None:
-        """Take Γ and the manifolds away."""
+        """Remove Γ and the manifolds."""
         for source in self._lines.values():
             clear(source)
 
@@ -137,12 +137,12 @@ class BasinsPicture:
             clear(source)
 
     def show_chosen(self, tau: float, v: float) -> None:
-        """Ring the state that the motion shown begins with."""
+        """Draw a ring around the initial state of the motion that is shown, if it is inside the picture."""
         self._chosen.data = {"tau": [tau], "v": [v]} if v < self._v_max else {"tau": [], "v": []}
 
 
 def basins_legend(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: Palette) -> str:
-    """Names of the colours and lines, in HTML, with the share of each basin; of many the largest."""
+    """Return the legend in HTML: the first MOST_NAMED attractors with the shares of their basins, and the lines."""
     parts = []
     shares = np.bincount(basins.labels.ravel(), minlength=len(basins.attractors)) / basins.labels.size
     for each, share in zip(basins.attractors[:MOST_NAMED], shares, strict=False):
@@ -157,7 +157,7 @@ def basins_legend(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: 
 
 
 def basins_caption(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: Palette) -> str:
-    """Return the legend, and how fine the picture is, in HTML."""
+    """Return the legend and the number of cells of the picture, in HTML."""
     side = basins.tau.size
     how = f'<p class="faint">{side} × {side} cells. Click one to see its motion.</p>'
     return basins_legend(basins, lines, palette) + how

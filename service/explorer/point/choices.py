@@ -1,4 +1,4 @@
-"""Show what a viewer chooses at a point: one of its motions, its diagram, tolerances."""
+"""Show what a viewer chooses at a point: a motion, a diagram or tolerances."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from rattle import Machine
 from rattle.models import AnyGear
 from rattle.plot import Palette, legend_name
 
-POINTS = 3000  # of a motion
-PERIODS, MOST_PERIODS, CHAOTIC_PERIODS = 12.0, 60.0, 30.0  # of a motion; of a periodic one three of its own
-CLICKED = -1  # among the motions to choose from
+POINTS = 3000  # computed points of a motion
+PERIODS, MOST_PERIODS, CHAOTIC_PERIODS = 12.0, 60.0, 30.0  # forcing periods shown: 3 m of a P(m, n₊, n₋) within limits
+CLICKED = -1  # number of the motion from the clicked state, in the list of motions
 NO_ATTRACTOR = "#8a96a3"
 
 
@@ -34,11 +34,11 @@ class Choices:
     Parameters
     ----------
     chosen : PointState
-        State of the tabs; `follow` gets each other one.
+        State of the tabs at first; `follow` gets each later state.
     choose : Callable[[PointState], None]
-        Called with what a viewer chooses.
+        Called with the new state of the tabs when a viewer chooses.
     own_again : Callable[[], None]
-        Called when the point's own basins are looked at again.
+        Called when the slider comes back to the point itself from another place.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class Choices:
         return self._chosen.open_tab
 
     def follow(self, chosen: PointState) -> None:
-        """Show another choice."""
+        """Show another state of the tabs."""
         before, self._chosen = self._chosen, chosen
         self._panel.open(chosen.open_tab)
         if chosen.way != before.way:
@@ -91,7 +91,7 @@ class Choices:
         self._choose(replace(self._chosen, tab=tab))
 
     def offer(self, attractors: tuple[rattle.Attractor, ...]) -> None:
-        """Offer the attractors, as soon as they are known."""
+        """Offer the point's attractors, its diagram and tolerances to choose from, once the attractors are known."""
         self._attractors = attractors
         self._offer_motions()
         self._panel.show_direction(self._chosen.direction)
@@ -115,7 +115,7 @@ class Choices:
 
     @property
     def _attractor(self) -> int:
-        """The attractor that is shown: the first one that rattles, unless another one is chosen."""
+        """Number of the attractor to show: the chosen one, else the first that is not quiet, else 0."""
         if self._chosen.attractor is not None and self._chosen.attractor < len(self._attractors):
             return self._chosen.attractor
         return next((i for i, each in enumerate(self._attractors) if each.kind != "quiet"), 0)
@@ -127,7 +127,7 @@ class Choices:
 
     def _looked(self, at: float | None) -> None:
         self._choose(replace(self._chosen, at=at))
-        if "diagram" in self._panel.__dict__:  # it has been drawn
+        if "diagram" in self._panel.__dict__:  # its picture has been made
             self._panel.diagram.mark(self._parameter)
         if at is None:
             self._own_again()
@@ -143,7 +143,16 @@ class Choices:
         return gear.epsilon if self._chosen.direction == "epsilon" else gear.delta
 
     def _shown_attractor(self) -> rattle.Attractor | None:
-        """Return the chosen attractor; at another place the one of its name there, or the first that rattles."""
+        """Return the attractor to show, None if none is known.
+
+        At another place than the point, this is the attractor with the same name there. If there is none, it is the
+        first attractor there that is not quiet, else the first.
+
+        Returns
+        -------
+        rattle.Attractor | None
+            The attractor.
+        """
         own = self._attractors[self._attractor] if self._attractors else None
         if not self.is_away:
             return own
@@ -152,18 +161,18 @@ class Choices:
         return (named or [each for each in there if each.kind != "quiet"] or list(there))[0]
 
     def _asked(self) -> tuple[object, ...]:
-        """Return the identity of the chosen motion."""
+        """Return a key for the chosen motion: its attractor, its initial condition and its gear."""
         return self._chosen.attractor, self._chosen.start, self._along.gear
 
     def ring(self) -> None:
-        """Mark in the basins the state that the chosen motion begins with."""
+        """Mark the initial state of the chosen motion in the basins."""
         attractor = self._shown_attractor()
         start = self._chosen.start or ((attractor.tau, attractor.v) if attractor is not None else None)
         if start is not None:
             self._panel.ring(*start)
 
     def show_motion(self) -> None:
-        """Show the chosen motion, once its tab is open."""
+        """Show the chosen motion, if its tab is open and does not show it yet."""
         if self.tab != MOTION or self._shown_motion == self._asked():
             return
         self._shown_motion = self._asked()
@@ -185,7 +194,7 @@ class Choices:
 
         def show() -> None:
             if asked != self._asked():
-                return  # another one has been chosen meanwhile
+                return  # another motion has been chosen meanwhile
             self._panel.motions.show(found, gear.beta, shade, self._period)
             said = motion.motion_caption(found, what, self._period, attractor)
             self._panel.under_motion.html = f'<p class="faint">{escape(said)}</p>'
@@ -225,7 +234,7 @@ class Choices:
         await self._work.tell(self._panel.heard, loudness.player(found))
 
     def _on_tolerance(self, widths: Tolerance) -> None:
-        if widths == self._chosen.tolerance:  # once more
+        if widths == self._chosen.tolerance:  # the same tolerances again
             self._find_yield(widths)
         else:
             self._choose(replace(self._chosen, tolerance=widths))
@@ -247,7 +256,7 @@ class Choices:
         await self._work.change(show)
 
     def draw(self) -> None:
-        """Show the diagram, once its tab is open, and its events in a table."""
+        """Show the events of the diagram in a table, and its picture if its tab is open."""
         is_new = self._known_diagram is None or self._drawn_diagram is not self._known_diagram
         if is_new and (self._diagram is None or self._diagram.done()):
             self._draw()
@@ -263,7 +272,7 @@ class Choices:
                 parts.diagram, self._gear, direction, span, to, what="The diagram", slow=True
             )
             if way != self._chosen.way:
-                return  # another one is being computed
+                return  # another diagram is being computed
             self._known_diagram = found
         await self._work.change(self._show_diagram)
 
@@ -289,7 +298,7 @@ class Choices:
         self._choose(replace(self._chosen, direction=direction, to=None, at=None, tab=DIAGRAM))
 
     def _draw_anew(self) -> None:
-        """Draw another diagram."""
+        """Compute and show the newly chosen diagram."""
         self._panel.show_direction(self._chosen.direction)
         self._along.offer(self._chosen)
         self._known_diagram = None

@@ -23,20 +23,20 @@ SIGNS = {"SN": "●", "PD": "◆", "GR": "■"}
 EVENT, MOST_LISTED = "#f2c14e", 4  # colour of events, and the most that one tooltip lists
 HERE = "#d7191c"
 MEANINGS = {"SN": "saddle-node", "PD": "period doubling", "GR": "grazing"}
-INFINITE = 1e12  # multipliers beyond are infinite: at a graze
+INFINITE = 1e12  # multipliers larger than this are written as ∞; they occur at grazes
 NAMES = {"epsilon": "eccentricity ε", "delta": "damping δ"}
-UPWARD, DOWNWARD = {"light": "#4a90d9", "dark": "#7fb3e0"}, "#e8862e"  # states that sweeps see
-DOTS = 3.6, 1.8  # pixels across: where both sweeps see the same, the second one lies on the first
-ROOM = 0.04  # of the speeds, above and below
+UPWARD, DOWNWARD = {"light": "#4a90d9", "dark": "#7fb3e0"}, "#e8862e"  # colours of states found by sweeps
+DOTS = 3.6, 1.8  # diameters in pixels: where both sweeps find one state, the small dot lies on the large one
+ROOM = 0.04  # margin above and below, relative to the range of speeds
 DENSE, ALL = "dense", "all"  # the speeds that the axis shows
-MOST_THIN = 0.5  # share of the states less share of the axis, from which on dense speeds fill the axis
-PLACES = 1e-7, 1e-3  # of the parameter and of the speed: states closer than these are one
-HEIGHT, INNER, NARROW = 360, 270, 300  # pixels: of the picture, of its axis of speeds, across until a browser says it
-NAME_ROWS, ROW, LETTER, MOST_NAMES = 4, 15, 6.2, 12  # names of events above the data: their rows, and pixels
+MOST_THIN = 0.5  # least excess (share of the states less share of the axis) of a range of dense speeds
+PLACES = 1e-7, 1e-3  # steps of the parameter and the speed: states that round to one step count once
+HEIGHT, INNER, NARROW = 360, 270, 300  # pixels: height, height of the speed axis, width until a browser sends it
+NAME_ROWS, ROW, LETTER, MOST_NAMES = 4, 15, 6.2, 12  # event names: rows, pixels of a row and a letter, most names
 
 
 class DiagramPicture:
-    """Impact speed against the parameter: stable solid, unstable dashed, both sweeps, events marked and named."""
+    """Impact speed against the parameter: stable motions solid, unstable ones dashed, states of sweeps, and events."""
 
     def __init__(self, theme: str, x_range: Range1d | None = None) -> None:
         axis = x_range or (0.0, 1.0)
@@ -64,7 +64,7 @@ class DiagramPicture:
         marked = self.figure.scatter(
             "x", "v", source=self._marks, marker="marker", size="size", line_color="#000000", fill_color=EVENT
         )
-        # Each has one tooltip, on a side of its own: neither covers the other.
+        # Motions have their tooltip on the left and events on the right, so that neither covers the other.
         of_motions = [("motion", "@motion"), ("", "@stable"), ("at", "$x{%.6g}"), ("v", "$y{%.4g}")]
         of_events = [("event", "@what"), ("at", "@x{%.7g}"), ("v", "@v{%.5g}"), ("τ", "@tau{%.4f}")]
         for what, tooltips, side, limit in ((drawn, of_motions, "left", 1), (marked, of_events, "right", MOST_LISTED)):
@@ -81,7 +81,7 @@ class DiagramPicture:
         Watch().on(self.speeds, self._fit)
         self._found: DiagramLines | None = None
         self._across: float = NARROW
-        self.figure.on_change("inner_width", in_event_loop(self._on_width))  # a browser says it
+        self.figure.on_change("inner_width", in_event_loop(self._on_width))  # sent by a browser
 
     def clear(self) -> None:
         """Show nothing."""
@@ -91,7 +91,7 @@ class DiagramPicture:
             clear(source)
 
     def show(self, found: DiagramLines, at: float) -> None:
-        """Draw a diagram; `at` is where the point is on its axis."""
+        """Draw a diagram. at: the position of the point on the axis of the diagram."""
         self._found = found
         self.figure.x_range.update(start=found.span[0], end=found.span[1])
         self.figure.xaxis.axis_label = along(found)
@@ -100,7 +100,7 @@ class DiagramPicture:
         for upward, source in self._seen.items():
             which = found.upward == upward
             source.data = {"x": found.x[which], "v": found.v[which]}
-        strokes = sorted(found.strokes, key=lambda each: each.stable)  # the stable ones above
+        strokes = sorted(found.strokes, key=lambda each: each.stable)  # stable ones last, so above
         self._strokes.data = {
             "x": [each.x for each in strokes],
             "v": [each.v for each in strokes],
@@ -124,7 +124,7 @@ class DiagramPicture:
         self._fit()
 
     def _fit(self) -> None:
-        """Fit the axis to the dense speeds or to all, with room above for the names of events."""
+        """Fit the speed axis to the dense speeds or to all speeds, with room above for the names of events."""
         found = self._found
         if found is None:
             return
@@ -133,7 +133,7 @@ class DiagramPicture:
         low, high = speeds_of(found) if dense is None or self.speeds.value == ALL else dense
         names = named_events(found, self._across, (low, high))
         rows = 1 + max((each.row for each in names), default=-1)
-        unit = (high - low) / (INNER - rows * ROW)  # of speed, a pixel
+        unit = (high - low) / (INNER - rows * ROW)  # speed per pixel
         self.figure.y_range.update(start=low, end=high + rows * ROW * unit)
         self._names.data = {
             "x": [each.x for each in names],
@@ -145,21 +145,21 @@ class DiagramPicture:
         }
 
     def mark(self, at: float) -> None:
-        """Mark where on the axis is what is looked at."""
+        """Mark the position on the axis of the place that is shown."""
         self._here.location = at
 
 
 class EventName(NamedTuple):
-    """Name of an event on the picture: where the event is, its text, and in which row above the data it stands."""
+    """Name of an event on the picture: its text, and its row above the data from 0. x, v: the event in the diagram."""
 
     x: float
     v: float
     text: str
     row: int
     align: str
-    left: float  # pixels from the left edge, as are `line` and `right`
-    line: float
-    right: float
+    left: float  # pixels from the left edge of the picture: beginning of the text
+    line: float  # position of the event, in these pixels
+    right: float  # end of the text, in these pixels
 
     def meets(self, other: EventName) -> bool:
         """Return whether the texts overlap, or the line down to one event crosses the text of the other."""
@@ -181,7 +181,7 @@ def dense_speeds(found: DiagramLines) -> Pair | None:
     """Return the range of speeds where attractors have most states, with some room; None where no range stands out.
 
     A chaotic attractor or a cascade has many states at each parameter, and a periodic motion few. The range is the one
-    of largest excess mass: its share of the distinct states less its share of all speeds.
+    of largest excess mass: its share of the distinct states less its share of the range of all speeds.
 
     Returns
     -------
@@ -207,17 +207,19 @@ def _with_room(low: float, high: float) -> Pair:
 
 
 def named_events(found: DiagramLines, across: float, shown: Pair = (-np.inf, np.inf)) -> list[EventName]:
-    """Return the names that find room above a picture so many pixels across, events on curves of the map first.
+    """Return the event names that fit above a picture. Names of events on curves of the map are placed first.
 
     Parameters
     ----------
+    across : float
+        Width of the picture in pixels.
     shown : (low, high)
-        Speeds that the axis shows; an event without an impact there gets no name.
+        Speeds that the axis shows; an event whose impacts all have other speeds gets no name.
 
     Returns
     -------
     list[EventName]
-        Names that overlap no other one.
+        Names that do not overlap.
     """
     marks, (low, high) = found.marks, found.span
     events: dict[tuple[float, str, str, str], list[float]] = {}
@@ -254,7 +256,7 @@ def along(found: DiagramLines) -> str:
 
 
 def diagram_table(found: DiagramLines) -> str:
-    """Return the events in HTML, those on curves of the map first; a click on one goes there."""
+    """Return a table of events in HTML, first the events on curves of the map; a click on one opens its point."""
     if not found.events:
         return f"<p>The diagram along the {along(found)} has no events.</p>"
     rows = []

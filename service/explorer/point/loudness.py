@@ -30,7 +30,7 @@ def intensity_table(
     machine: Machine | None,
     palette: Palette,
 ) -> str:
-    """Return the intensities of attractors, in SI units where there is a machine."""
+    """Return the attractors' intensities as a table in HTML, in SI units if a machine is given; None gives dashes."""
     rows = []
     for attractor, each in zip(attractors, found, strict=True):
         swatch = f'<span class="swatch" style="background:{palette.colour(attractor)}"></span>'
@@ -47,7 +47,7 @@ def loudest(
     delta: float,
     machine: Machine | None,
 ) -> str:
-    """Return a sentence on the attractor that rattles hardest; nothing where none is known to."""
+    """Return a sentence on the attractor of largest impact energy; empty if no attractor is known to rattle."""
     known = [(each, one) for each, one in zip(attractors, found, strict=True) if one is not None and one.energy > 0]
     if not known:
         return ""
@@ -74,7 +74,7 @@ def _in_si(found: rattle.Intensity, machine: Machine) -> list[str]:
 
 
 def _decibels(level: float) -> str:
-    """Hundredths: less is not heard, and of 0 dB a computer may find 1e-15."""
+    """Return a level to 0.01 dB: smaller differences are not heard, and rounding errors may make 1e-15 dB of 0 dB."""
     return number(round(level, 2) + 0.0)
 
 
@@ -83,7 +83,7 @@ def _with_error(value: float, error: float) -> str:
 
 
 class SpectrumPicture:
-    """Lines of a periodic or quiet motion, the density of a chaotic one with its 95 % interval."""
+    """Order spectrum: lines of a periodic or quiet motion, or the density of a chaotic one with its 95 % interval."""
 
     def __init__(self, theme: str) -> None:
         self.figure: Any = themed_figure("spectrum", theme, "order", "force", 240, (0.0, HIGHEST), (0.0, 1.0))
@@ -101,7 +101,7 @@ class SpectrumPicture:
             clear(source)
 
     def show(self, found: Lines | Density, machine: Machine | None, colour: str) -> None:
-        """Draw a spectrum in a colour; in N and Hz of a machine."""
+        """Draw a spectrum in a colour: in N and Hz if a machine is given, else dimensionless against the order."""
         self.clear()
         hertz, newton = (machine.units.frequency, machine.units.force) if machine else (1.0, 1.0)
         x = hertz * found.order
@@ -133,6 +133,6 @@ def spectrum_caption(found: Lines | Density, what: str) -> str:
 
 
 def player(file: bytes) -> str:
-    """Return a WAV file, played as soon as it is there."""
+    """Return an audio element in HTML that has the WAV file in it, and plays it at once."""
     data = b64encode(file).decode("ascii")
     return f'<audio controls autoplay src="data:audio/wav;base64,{data}"></audio>'

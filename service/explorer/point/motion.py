@@ -13,7 +13,7 @@ from gear_rattle.service.explorer.common.figures import ink_of, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.point.words import PERIOD, counted, every
 
-ROOM = 1.12  # of a picture beyond the walls
+ROOM = 1.12  # extent of the pictures, relative to the walls
 
 
 class MotionPictures:
@@ -49,7 +49,7 @@ class MotionPictures:
             clear(source)
 
     def show(self, found: rattle.Trajectory, beta: float, colour: str, period: str) -> None:
-        """Draw a motion between walls at ±beta in a colour."""
+        """Draw a motion between walls at ±beta in a colour. period: the name of the forcing period."""
         self.trace.xaxis.axis_label, self.portrait.yaxis.axis_label = f"{period}s", f"Φ′, per {period}"
         for side, spans in self._walls.items():
             for span in spans:
@@ -75,7 +75,7 @@ def motion_caption(
 ) -> str:
     """Return a sentence on what the pictures show.
 
-    Of a periodic attractor its own numbers, which no end of a picture cuts.
+    For a periodic attractor it counts the impacts of one period, for other motions the impacts in the picture.
 
     Returns
     -------

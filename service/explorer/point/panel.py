@@ -1,4 +1,4 @@
-"""Show the points of a page: one set of texts, pictures and controls, filled again for every point."""
+"""The panel of a page for its clicked points: one set of texts, pictures and controls, reused for each point."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gear_rattle.service.explorer.point import basins, diagram, loudness, motion
 from gear_rattle.service.explorer.point.state import ANSWER, BASINS, DIAGRAM, MOTION, NUMBERS, TABS
 
 MARGIN = (0, 4)
-#: Two pictures stand side by side where there is room. Panel would keep room for both.
+#: Styles with which two pictures stand side by side only if both fit. Panel would always keep room for both.
 NARROW, WRAPPED = ":host { min-width: 0 !important; }", ":host { flex-wrap: wrap; min-width: 0 !important; }"
 WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": MARGIN}
 PLACES = 100  # steps of the slider along the way of the diagram
@@ -30,17 +30,17 @@ ALONG = (BASINS, MOTION, DIAGRAM)  # tabs that follow the slider
 
 @dataclass(frozen=True)
 class Below:
-    """Figure below the diagram, over the same axis; at first nothing."""
+    """Place for a figure below the diagram with the same parameter axis; empty and hidden at first."""
 
     panel: pn.Column = field(default_factory=lambda: pn.Column(sizing_mode="stretch_width", margin=0, visible=False))
     x_range: Range1d = field(default_factory=lambda: Range1d(start=0.0, end=1.0))
 
 
 class PointPanel:
-    """Panel of a point: the answer, and tabs below it. Pictures, slow for a browser, are made when they are shown.
+    """Panel of a point: the answer, and tabs below it. A picture is slow in a browser, so it is made at first use.
 
-    Whoever shows a point sets `on_tab`, `on_tap`, `on_motion`, `on_direction`, `on_place` and `on_play`, called when a
-    viewer clicks or chooses.
+    The view of a point sets the functions `on_tab`, `on_tap`, `on_motion`, `on_direction`, `on_place` and `on_play`,
+    which are called when a viewer clicks or chooses.
     """
 
     def __init__(self, theme: str, below: Below | None = None) -> None:
@@ -92,7 +92,7 @@ class PointPanel:
         self.place.visible = tab in ALONG
 
     def clear(self) -> None:
-        """Take away what there is of a point."""
+        """Remove all that is shown of a point."""
         self.where.html = ""
         self._tabs.visible = self.place.visible = False
         for body in self._bodies.values():
@@ -100,7 +100,7 @@ class PointPanel:
         self.clear_found()
 
     def clear_found(self) -> None:
-        """Take away what was found of a point; where it is stays, or is that of the next one already."""
+        """Remove all results of a point, but not the text with its position, which may be the next point's already."""
         for text in (
             self.take, self.likely, self.shares, self.loudest, self.safe,
             self.table, self.loud, self.orbits, self.events,
@@ -109,7 +109,7 @@ class PointPanel:
             text.html = ""
         self._tolerance.visible = False
         for name in ("picture", "motions", "spectrum", "diagram"):
-            if name in self.__dict__:  # it has been made
+            if name in self.__dict__:  # the picture has been made
                 getattr(self, name).clear()
 
     def _text(self, html: str = "") -> Text:
@@ -121,7 +121,7 @@ class PointPanel:
 
     @cached_property
     def picture(self) -> basins.BasinsPicture:
-        """The basins."""
+        """Picture of the basins; it and its tab are made at first use."""
         found = basins.BasinsPicture(self.theme, lambda tau, v: self.on_tap(tau, v))
         self._bodies[BASINS][:] = [
             self._text("<h2 class=tab>Basins of attraction</h2>").pane,
@@ -133,7 +133,7 @@ class PointPanel:
 
     @cached_property
     def place(self) -> pn.widgets.IntSlider:
-        """Slider of the visible place on the way of the diagram."""
+        """Slider for the place on the line of the diagram whose basins and motion are shown."""
         found = pn.widgets.IntSlider(
             label="", start=0, end=PLACES, show_value=False, stylesheets=self._sheets, max_width=420, margin=(2, 16),
             sizing_mode="stretch_width", visible=False,
@@ -142,7 +142,7 @@ class PointPanel:
         return found
 
     def show_place(self, stop: int, at: Pair) -> None:
-        """Say which one it is: (δ, ε)."""
+        """Set the slider to a position, and its label to the point (δ, ε) there."""
         with self._watch.paused():
             self.place.param.update(value=stop, label=f"Along the diagram, at δ {at[0]:.5g}, ε {at[1]:.5g}")
 
@@ -156,18 +156,18 @@ class PointPanel:
         return found
 
     def ring(self, tau: float, v: float) -> None:
-        """Mark in the basins, if they are shown, the state that the motion begins with."""
+        """Mark the initial state of the motion in the basins, if their picture has been made."""
         if "picture" in self.__dict__:
             self.picture.show_chosen(tau, v)
 
     def offer_motions(self, options: Mapping[str, int], chosen: int | None) -> None:
-        """Offer the motions to choose from."""
+        """Offer motions to choose from, as numbers by name. chosen: the number of the selected motion, or None."""
         with self._watch.paused():
             self.choice.param.update(options=dict(options), value=chosen)
 
     @cached_property
     def motions(self) -> motion.MotionPictures:
-        """The motion."""
+        """Pictures of the motion; they and their tab are made at first use."""
         found = motion.MotionPictures(self.theme)
         panes = [pn.pane.Bokeh(each, margin=0, sizing_mode="stretch_width") for each in (found.trace, found.portrait)]
         self._bodies[MOTION][:] = [
@@ -185,7 +185,7 @@ class PointPanel:
 
     @cached_property
     def rpm(self) -> pn.widgets.FloatInput:
-        """How fast what is heard turns."""
+        """Field for the speed of the machine, in rpm, whose sound is played."""
         style: dict[str, Any] = {"width": 130, "margin": (2, 4), "stylesheets": self._sheets}
         return pn.widgets.FloatInput(label="Speed, rpm", value=3000.0, start=0.0, **style)
 
@@ -211,7 +211,7 @@ class PointPanel:
 
     @cached_property
     def direction(self) -> pn.widgets.RadioButtonGroup:
-        """The axes to choose from."""
+        """Buttons that choose the direction of the diagram, along ε or along δ."""
         found = pn.widgets.RadioButtonGroup(
             label="Direction of the diagram",
             options=DIRECTIONS,
@@ -223,13 +223,13 @@ class PointPanel:
         return found
 
     def show_direction(self, chosen: str) -> None:
-        """Along which axis the diagram is."""
+        """Select the button of the diagram's direction, "epsilon" or "delta"."""
         with self._watch.paused():
             self.direction.value = chosen
 
     @cached_property
     def diagram(self) -> diagram.DiagramPicture:
-        """The one-parameter diagram."""
+        """Picture of the one-parameter diagram; it and its tab are made at first use."""
         found = diagram.DiagramPicture(self.theme, self._below.x_range)
         self._bodies[DIAGRAM][:] = [
             self._text("<h2 class=tab>One-parameter diagram</h2>").pane, self.direction, found.speeds,

@@ -1,4 +1,4 @@
-"""Compute the view of one parameter point: functions of a gear that other processes can run."""
+"""Compute the parts of the view of one parameter point: functions of a gear, which other processes run."""
 
 from __future__ import annotations
 
@@ -18,20 +18,23 @@ from rattle.continuation import plane_scale
 from rattle.flight import wrapped
 from rattle.models import AnyGear, Capability, model_at, require_capability
 
-ARCLENGTH, SPACING = 60.0, 0.02  # of manifolds and Γ on a screen
-MOST_POINTS = 8000  # of it that are drawn
-SAME_ORBIT = 1e-6
+ARCLENGTH, SPACING = 60.0, 0.02  # arclength of manifolds; spacing of points on manifolds and Γ
+MOST_POINTS = 8000  # states of a diagram's sweeps that are drawn, up to a factor of 2
+SAME_ORBIT = 1e-6  # largest difference of τ and of v between an attractor and the same orbit
 CELL_NAMES = {f"attractor_{name}" for name in ("kind", "m", "n_plus", "n_minus", "fraction")}
 Array = NDArray[np.float64]
 
 
 def largest_sampled_speed(delta: float, epsilon: float, beta: float) -> float:
-    """Return the largest speed of states that a view shows: the paper's in its plane, the natural one elsewhere."""
+    """Return the largest speed that a view shows: the paper's in the paper's plane, elsewhere the natural speed."""
     return sampled_speed(None, delta, epsilon, beta)
 
 
 class Chances(NamedTuple):
-    """The attractors, each with its two Floquet multipliers or None, and its letter if it is one of A to D."""
+    """Attractors that were reached from so many initial conditions (`starts`).
+
+    Each attractor has its two Floquet multipliers, or None, and a letter: A to D, or "" if it is none of these motions.
+    """
 
     starts: int
     attractors: tuple[rattle.Attractor, ...]
@@ -40,16 +43,17 @@ class Chances(NamedTuple):
 
 
 class PeriodOneOrbits(NamedTuple):
-    """The number of the region in `rattle.REGIONS`, and the motions A to D that happen."""
+    """The number of a point's region in `rattle.REGIONS`, and the motions A to D that exist at the point."""
 
     region: int
     orbits: tuple[rattle.Orbit, ...]
 
 
 class Margin(NamedTuple):
-    """Least impact that ends quiet motion, as `Gear.boundary_distance`.
+    """Least impact that ends quiet motion: v, tau and undecided are the results of `Gear.boundary_distance`.
 
-    With the motion that it leads to, and the speed up to which it was searched.
+    leads_to: the attractor to which this impact leads, None if no such impact was found. v_max: the largest speed that
+    was searched.
     """
 
     v: float
@@ -60,28 +64,31 @@ class Margin(NamedTuple):
 
 
 class Elsewhere(NamedTuple):
-    """Basins, and the motions A to D that happen, none where that is no closed form."""
+    """Basins at another point than the clicked one, and the motions A to D there, if they have a closed form."""
 
     basins: rattle.Basins
     orbits: tuple[rattle.Orbit, ...]
 
 
 class PlaneLine(NamedTuple):
-    """A line of the (τ, v) plane, points (k, 2) with NaN between pieces."""
+    """A line in the (τ, v) plane: its points (k, 2), with rows of NaN where it is interrupted."""
 
     name: str
     points: Array
 
 
 class SpectrumLines(NamedTuple):
-    """Γ and the manifolds of the saddles A and B, and a sentence for each that is missing."""
+    """Γ and the manifolds of the saddles A and B, and a sentence for each missing line."""
 
     lines: tuple[PlaneLine, ...]
     missing: tuple[str, ...]
 
 
 class Stroke(NamedTuple):
-    """A piece of a branch in a diagram: parameter, v and τ of one impact on Σ⁺; what motion, and whether stable."""
+    """A part of a branch in a diagram that is stable throughout, or unstable throughout.
+
+    x: the parameter. v, tau: speed and phase of one impact on Σ⁺. motion: the name of the motion.
+    """
 
     x: Array
     v: Array
@@ -91,9 +98,10 @@ class Stroke(NamedTuple):
 
 
 class Marks(NamedTuple):
-    """The impacts (n,) of all events.
+    """Impacts (n,) on Σ⁺ of all events of a diagram.
 
-    Parameter, v, τ, the kind (SN, PD, GR), the name of the event's curve or "", and the motion that it happens to.
+    x: the parameter. v, tau: speed and phase of the impact. kind: SN (saddle-node), PD (period doubling) or GR
+    (grazing). name: the curve of the plane on which the event lies, or "". motion: the motion that has the event.
     """
 
     x: Array
@@ -105,7 +113,7 @@ class Marks(NamedTuple):
 
 
 class Happening(NamedTuple):
-    """An event: its kind (SN, PD, GR), the name of its curve or "", its motion, δ, ε and multipliers there."""
+    """An event of a diagram, named as in `Marks`, and the point (δ, ε) and the multipliers at the event."""
 
     kind: str
     name: str
@@ -116,10 +124,10 @@ class Happening(NamedTuple):
 
 
 class DiagramLines(NamedTuple):
-    """A one-parameter diagram: branches, events, and the states (n,) of attractors that sweeps see.
+    """A one-parameter diagram: branches, events, and the states (n,) of attractors that sweeps found.
 
-    Along which axis, or as fractions of the way to a point `to`. upward: whether the sweep that saw a state went
-    towards larger x.
+    direction: the axis of x, "epsilon" or "delta". If `to` is not None, x is instead the fraction of the way to this
+    point. span: the range of x. upward: whether x grew in the sweep that found a state.
     """
 
     direction: str
@@ -135,7 +143,7 @@ class DiagramLines(NamedTuple):
 
 
 def listed_in(cell: xr.Dataset) -> Iterator[tuple[xr.Dataset, str, tuple[int, int, int], int]]:
-    """Yield the attractors that a survey's cell lists: what it holds of each, its kind, (m, n₊, n₋), contact phases."""
+    """Yield each attractor of a survey's cell: its variables, its kind, its label (m, n₊, n₋), its contact phases."""
     for slot in range(cell.sizes["attractor"]):
         one = cell.isel(attractor=slot)
         kind = rattle.KINDS[int(one["attractor_kind"])]
@@ -145,7 +153,7 @@ def listed_in(cell: xr.Dataset) -> Iterator[tuple[xr.Dataset, str, tuple[int, in
 
 
 def chances_of_cell(cell: xr.Dataset, starts: int) -> Chances | None:
-    """Return the attractors of a survey's cell, None unless it lists all that its sample went to."""
+    """Return the attractors of a survey's cell; None if variables are missing, or if its fractions do not add to 1."""
     if not set(cell.data_vars) >= CELL_NAMES:
         return None
     found, nan = [], float("nan")
@@ -161,7 +169,7 @@ def chances_of_cell(cell: xr.Dataset, starts: int) -> Chances | None:
 
 
 def chances(gear: AnyGear, count: int) -> Chances:
-    """Return the attractors of a sample of so many initial conditions; letters where they cost nothing."""
+    """Return the attractors reached from `count` initial conditions, with letters if A to D have a closed form."""
     found = gear.attractors(count)
     multipliers = tuple(_multipliers(gear, each) for each in found)
     orbits = gear.orbits() if model_at(gear).in_closed_form else ()
@@ -169,7 +177,7 @@ def chances(gear: AnyGear, count: int) -> Chances:
 
 
 def period_one(gear: AnyGear) -> PeriodOneOrbits:
-    """Return the period-one motions and their region: at once where they are closed forms, else by continuation."""
+    """Return the period-one motions and their region: in closed form if there is one, else by continuation."""
     return PeriodOneOrbits(gear.region(), gear.orbits())
 
 
@@ -179,14 +187,14 @@ def _multipliers(gear: AnyGear, attractor: rattle.Attractor) -> tuple[complex, c
     state = attractor.tau, attractor.v, attractor.n_plus
     try:
         orbit = gear.orbit(*state)
-    except rattle.RattleError:  # too close to grazing for Newton's method: the table says nothing then
+    except rattle.RattleError:  # too close to grazing for Newton's method: the table has a dash
         return None
     first, second = orbit.multipliers
     return complex(first), complex(second)
 
 
 def lettered(found: Chances, orbits: Iterable[rattle.Orbit]) -> Chances:
-    """Return the same with the letters of these period-one motions."""
+    """Return `found`, with the letter of each attractor that is one of these period-one orbits."""
     return found._replace(letters=tuple(_letter(orbits, each) for each in found.attractors))
 
 
@@ -198,7 +206,7 @@ def _letter(orbits: Iterable[rattle.Orbit], attractor: rattle.Attractor) -> str:
 
 
 def margin(gear: Any) -> Margin:
-    """Return how hard an impact loses quiet motion, of a gear whose model has a margin."""
+    """Return the least impact that ends quiet motion. The model of the gear must have a margin."""
     v, tau, undecided = gear.boundary_distance()
     leads_to = None
     if 0 < v < np.inf:
@@ -208,7 +216,7 @@ def margin(gear: Any) -> Margin:
 
 
 def lines(gear: AnyGear, arclength: float = ARCLENGTH) -> SpectrumLines:
-    """Γ where there is one, W^s of A and B, and W^u of A, by default as far as a screen shows them."""
+    """Return Γ, if the model has one, W^s of A and B, and W^u of A. The default arclength suffices for a screen."""
     require_capability(Capability.MANIFOLDS, model_at(gear))
     from rattle.plot import gamma_line, manifold_line
 
@@ -237,7 +245,14 @@ def diagram(
 ) -> DiagramLines:
     """Return the one-parameter diagram through the point, along "epsilon" or "delta", or to another point.
 
-    As far either way as requested; or from there to another point (δ, ε).
+    Parameters
+    ----------
+    either_way : float | None
+        Extent in δ or ε on either side of the point; None for the default.
+    to : tuple[float, float] | None
+        Other point (δ, ε), where the diagram ends; it then begins at the gear's own point.
+    steps, count : int | None
+        Points of the parameter, and initial conditions at each; None for the defaults.
 
     Returns
     -------
@@ -295,23 +310,23 @@ def diagram(
 
 
 def basins(gear: AnyGear, side: int, method: str) -> rattle.Basins:
-    """Basins on side × side cells."""
+    """Return the basins on side × side cells."""
     return gear.basins(side, None, method)
 
 
 def elsewhere(gear: AnyGear, side: int, method: str) -> Elsewhere:
-    """Return the basins and orbits of a gear beside the point's own."""
+    """Return the basins and the motions A to D of a gear at another point than the clicked one."""
     orbits = gear.orbits() if model_at(gear).in_closed_form else ()
     return Elsewhere(basins(gear, side, method), orbits)
 
 
 def motion_from(gear: AnyGear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:
-    """Return the motion from one state."""
+    """Return the motion from the state (τ, v) over `periods` forcing periods, at `points` times."""
     return gear.trajectory(tau, v, periods, points)
 
 
 def warm_up(gear: AnyGear) -> None:
-    """Load every kernel that a point of this model needs: run each part, as small as it gets."""
+    """Load all kernels that a point of this model needs, by running each part at its smallest size."""
     chances(gear, 16)
     for method in ("cells", "refined", "direct"):
         basins(gear, 20, method)

@@ -25,11 +25,26 @@ ANSWER, BASINS, MOTION, DIAGRAM, NUMBERS = TABS = ("answer", "basins", "motion",
 
 @dataclass(frozen=True)
 class PointState:
-    """The attractor (its place by falling share) or the initial condition (τ, v) shown.
+    """State of the tabs of a point.
 
-    The diagram's direction and how far it goes either way, None for as far as usual, or the point that it goes to;
-    tolerances, if any were given; where on the way of the diagram, from 0 to 1, basins and motion are looked at, None
-    for the point itself; the open tab, None for the one that shows what was chosen.
+    Attributes
+    ----------
+    attractor : int | None
+        Number of the chosen attractor, from 0 by falling basin fraction; None if none was chosen.
+    start : tuple[float, float] | None
+        Initial condition (τ, v) of the motion that is shown; None for the motion on an attractor.
+    direction : str
+        Axis of the diagram, "epsilon" or "delta".
+    span : float | None
+        Extent of the diagram on either side of the point; None for the default.
+    to : Pair | None
+        Point (δ, ε) at which the diagram ends; None for a diagram along `direction`.
+    tolerance : Tolerance | None
+        Tolerances that a viewer entered; None if there are none.
+    at : float | None
+        Place whose basins and motion are shown, from 0 to 1 on the line of the diagram; None for the point itself.
+    tab : str | None
+        Open tab; None for the tab that the other values need.
     """
 
     attractor: int | None = None
@@ -48,7 +63,7 @@ class PointState:
 
     @property
     def open_tab(self) -> str:
-        """The tab that is open; an address without one, as those of older pages, means the tab of its choice."""
+        """The open tab; if `tab` is None, as in older addresses, the tab that shows the other values."""
         if self.tab is not None:
             return self.tab
         if self.to is not None or self.span is not None or self.direction != "epsilon":
@@ -59,7 +74,7 @@ class PointState:
 
     @classmethod
     def read(cls, text: Mapping[str, object], v_max: float) -> PointState:
-        """Return the state that these texts describe; what cannot be read, or is beyond v_max, is as by default."""
+        """Return the state that these texts describe. An unreadable value, or a v above v_max, gets its default."""
         direction = str(text.get("direction", ""))
         return cls(
             _attractor(text.get("attractor")),
@@ -73,7 +88,7 @@ class PointState:
         )
 
     def text(self) -> dict[str, str]:
-        """Return the texts that describe it, none for what is as by default."""
+        """Return the texts that describe the state, by name; values that are the defaults have no text."""
         said = {"attractor": str(self.attractor)} if self.attractor is not None and self.start is None else {}
         if self.start is not None:
             said |= {"tau": repr(self.start[0]), "v": repr(self.start[1])}  # read back, they are the same numbers
@@ -109,7 +124,7 @@ def _start(tau: object, v: object, v_max: float) -> tuple[float, float] | None:
 
 
 def span_of_view(given: object) -> float | None:
-    """Return how far a diagram goes either way, None for as far as usual and if that cannot be read."""
+    """Return the extent of a diagram on either side; None, for the default, if the value is not an allowed number."""
     try:
         span = float(str(given))
     except ValueError:
@@ -118,7 +133,7 @@ def span_of_view(given: object) -> float | None:
 
 
 def share_of(given: object) -> float | None:
-    """Return a number from 0 to 1, None if it is none."""
+    """Return a value as a number from 0 to 1; None if it is no such number."""
     try:
         share = float(str(given))
     except ValueError:
@@ -127,19 +142,19 @@ def share_of(given: object) -> float | None:
 
 
 def way_of(gear: AnyGear, state: PointState) -> tuple[Pair, Pair]:
-    """From where to where the diagram of a point goes."""
+    """Return the points (δ, ε) at which the diagram of a point begins and ends."""
     return diagram_ends(gear, state.direction, state.span, state.to)
 
 
 def place_on(way: tuple[Pair, Pair], share: float) -> Pair:
-    """Return the point (δ, ε) so far on a way from 0 to 1."""
+    """Return the point (δ, ε) at a fraction `share` of the line between the two ends of `way`."""
     (delta, epsilon), (to_delta, to_epsilon) = way
     left = 1.0 - share  # so that the ends are exact
     return left * delta + share * to_delta, left * epsilon + share * to_epsilon
 
 
 def point_of_view(given: object) -> Pair | None:
-    """Return the point (δ, ε) that a text describes, None if it is none."""
+    """Return the point (δ, ε) that a text describes; None if it describes no point with δ > 0 and ε ≥ 0."""
     try:
         delta, epsilon = map(float, str(given).split(","))
     except ValueError:
@@ -159,7 +174,7 @@ def tolerance_of(given: object) -> Tolerance | None:
 def stands_for(
     point: Pair, entered: Entered | None, machine: SurveyedMachine | None, model: Model
 ) -> tuple[Machine | None, Model]:
-    """Return the machine and the model of a point, of a survey with these, or of a machine that was entered."""
+    """Return the machine and the model of a point: of the entered machine, or if there is none, of the survey."""
     if entered is None:
         return machine_at(machine, model, *point), model
     found = entered.machine
@@ -167,7 +182,7 @@ def stands_for(
 
 
 def opened_gear(store: Store) -> tuple[Machine | None, Model] | None:
-    """Return the machine and the model of the open point; None if none is open, or its survey is not known yet."""
+    """Return the machine and the model of the open point; None without one, or if its survey is not known yet."""
     view = store.view
     if view.point is None or not store.is_told or (view.survey and store.request is None):
         return None
@@ -175,7 +190,7 @@ def opened_gear(store: Store) -> tuple[Machine | None, Model] | None:
 
 
 def opened_pin(store: Store) -> Pin | None:
-    """Return the open point, to be pinned; None as for `opened_gear`."""
+    """Return the open point as a pin; None if no point is open, or if its survey is not known yet."""
     opened, point = opened_gear(store), store.view.point
     return None if opened is None or point is None else pin_of(*point, opened[1])
 
@@ -186,9 +201,9 @@ def marks_of(view: View, model: Model, machine: SurveyedMachine | None) -> tuple
     Returns
     -------
     point : Pair | None
-        The point, or the place on its diagram's way that is shown; None where it is not of this plane.
+        The point, or the shown place on the line of its diagram; None if it has another model than the survey.
     lines : np.ndarray | None
-        Lines (k, 2) with NaN between them: its tolerances, and the way of its diagram to another point.
+        Lines (k, 2), separated by NaN: the ellipse of its tolerances, and the line of its diagram to another point.
     """
     if view.point is None:
         return None, None
@@ -201,6 +216,6 @@ def marks_of(view: View, model: Model, machine: SurveyedMachine | None) -> tuple
         lines += [np.full((1, 2), np.nan), np.array([view.point, to])]
     here, state = view.point, PointState.read(view.point_state, 0.0)
     if state.at is not None:
-        with suppress(RattleError):  # there is no gear, which is told beside the map
+        with suppress(RattleError):  # no gear is possible here: the panel of the point says so
             here = place_on(way_of(model.gear(*view.point), state), state.at)
     return here, np.concatenate(lines) if lines else None

@@ -26,23 +26,23 @@ from rattle.models import Capability, Model, lacking
 from rattle.plot import Palette
 
 COUNT = 1024  # initial conditions of the probabilities
-RESOLUTIONS = (300, 600)  # cells a side of the basins, at first and in the end
-PAINT_SECONDS = 0.05  # for a browser to put words on the screen before it lays out pictures
+RESOLUTIONS = (300, 600)  # cells a side of the refined basins, first and last
+PAINT_SECONDS = 0.05  # time for a browser to show words before it lays out pictures
 OF_ONE_COSINE = "The motions A to D and their regions are known of a forcing of one cosine only."
 SURVEYED = ' <span class="faint">(from the survey\'s grid cell; the point itself is being computed)</span>'
-Part = tuple[Text, Callable[[], Awaitable[None]]]  # of a view: where it says what is wrong, and its work
+Part = tuple[Text, Callable[[], Awaitable[None]]]  # text for its error, and the work
 COMPILING = "Kernels are being compiled, once after the service was installed or updated. This takes a minute or so …"
 
 
 class PointView:
-    """Everything about one (δ, ε), in a panel; slow parts fill in from processes of their own until `stop` is called.
+    """Show one point (δ, ε) in a panel. Other processes compute the slow parts, until `stop` is called.
 
-    The state of its tabs is that of the store's view, see `PointState`.
+    The state of the tabs is `point_state` of the store's view, see `PointState`.
 
     Parameters
     ----------
     machine : Machine | None
-        Machine whose point it is: numbers are in SI units too.
+        Machine that the point stands for, shown in SI units too; None if there is none.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class PointView:
         model: Model,
         machine: Machine | None = None,
     ) -> None:
-        is_possible = delta > 0 and epsilon >= 0  # else there is no gear, which is told below
+        is_possible = delta > 0 and epsilon >= 0  # otherwise `model.gear` below raises the error
         self._fastest = parts.largest_sampled_speed(delta, epsilon, model.beta) if is_possible else 0.0
         self.store = store
         chosen = PointState.read(store.view.point_state, self._fastest)
@@ -66,9 +66,9 @@ class PointView:
         self.lines: SpectrumLines | None = None
         self._basins: rattle.Basins | None = None
         self._palette = Palette()  # one for all pictures and tables of the point
-        self._is_there = False  # a gear
-        self._is_told = False  # and its attractors are known
-        self._at_work: set[str] = set()  # tabs
+        self._is_there = False  # whether the point has a gear
+        self._is_told = False  # whether its attractors are known
+        self._at_work: set[str] = set()  # tabs that are being filled
         try:
             self.gear = model.gear(delta, epsilon)
         except rattle.RattleError as error:
@@ -101,7 +101,7 @@ class PointView:
         self.store.dispatch(PointChanged(chosen.text()))
 
     def follow(self) -> None:
-        """Show another state of the store's view."""
+        """Show the state of the tabs that the store's view has now."""
         if self._is_there:
             chosen = PointState.read(self.store.view.point_state, self._fastest)
             self._choices.follow(chosen)
@@ -112,13 +112,13 @@ class PointView:
         self.panel.take.html = words.notebook_link(self.gear, chosen.direction, chosen.span, chosen.to)
 
     def stop(self) -> None:
-        """Give up what is still being computed: another point is looked at."""
+        """Give up the computations that still run, because another point is shown."""
         self.work.stop()
 
     # What is computed, and in what order
 
     def _say_where(self) -> None:
-        """Before anything else: to take away what the point before had keeps a browser busy for half a second."""
+        """Show where the point is, first of all: removing the last point's results keeps a browser busy for 0.5 s."""
         self.panel.where.html = f"<p>{escape(words.where(self.gear, self._period))}</p>" + (
             f"<p>{escape(words.in_si_words(self._machine, self.gear))}</p>" if self._machine else ""
         )
@@ -141,9 +141,9 @@ class PointView:
                 self.work.start(self.work.part(panel.orbits, self._closed_form))
 
     async def _fill(self) -> None:
-        """Fill the words first, and then what the open tab shows, so that the next click is answered at once.
+        """Fill in the words first, and then the open tab, so that the next click is answered at once.
 
-        Pictures come after the words: to make them takes the service, and to lay them out a browser, a while.
+        Pictures come last, because the service takes time to draw them, and the browser to lay them out.
         """
         part, panel = self.work.part, self.panel
         await part(panel.likely, self._chances)
@@ -157,7 +157,7 @@ class PointView:
             await part(panel.orbits, self._continued)
 
     def _fill_tab(self) -> None:
-        """Compute what the open tab shows, unless that is done or at work."""
+        """Compute the content of the open tab, unless it is known or being computed."""
         tab = self._choices.tab
         if not self._is_told:
             return
@@ -170,7 +170,7 @@ class PointView:
             self.work.start(self._fill_from(tab))
 
     async def _fill_from(self, tab: str) -> None:
-        """Compute part after part, while the tab is open."""
+        """Compute the missing parts of a tab one after the other, as long as the tab is open."""
         left = self._left[tab]
         while left and self._choices.tab == tab:
             await self.work.part(*left[0])
@@ -188,7 +188,7 @@ class PointView:
         await self.work.change(show)
 
     def tell_survey(self, found: parts.Chances) -> None:
-        """Answer from the cell of a survey that the point is in, unless the answer of the point itself is known."""
+        """Show the attractors of the survey's cell around the point, unless the attractors of the point are known."""
         if self._is_there and self._found is None:
             self._answer(found, SURVEYED)
 
@@ -261,7 +261,7 @@ class PointView:
         await self.work.change(show)
 
     def _show_own(self) -> None:
-        """Show the known results, after another place was shown."""
+        """Show the point's own basins and lines again, after another place on its diagram was shown."""
         if self._basins is not None:
             self._show_cells(self._basins)
         if self.lines is not None:

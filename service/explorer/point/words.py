@@ -19,15 +19,15 @@ from rattle.parameters import Harmonic
 from rattle.plot import Palette, legend_name
 
 MINUS = "\N{MINUS SIGN}"
-ENOUGH = 5e-4  # a share below it is not said to be 0
-MOST_HARMONICS = 6  # that a sentence lists
+ENOUGH = 5e-4  # a positive share below it is written as "less than 0.05 %"
+MOST_HARMONICS = 6  # harmonics that a sentence lists
 MOST_NAMED = 6  # attractors below the bar of shares
-ROWS = 6  # of a table that are seen before it is unfolded
+ROWS = 6  # rows of a table that are shown before a viewer unfolds it
 PERIOD, REVOLUTION = "forcing period", "revolution"
 
 
 def number(value: float, digits: int = 4) -> str:
-    """Return a number for people: so many significant digits, a real minus sign, a dash where there is none."""
+    """Return a number for people, with `digits` significant digits and a true minus sign; a dash for NaN."""
     if math.isnan(value):
         return "–"
     if math.isinf(value):
@@ -36,22 +36,22 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def counted(count: int, noun: str) -> str:
-    """Return a number of things: 1 event, 2 events."""
+    """Return a count with its noun: 1 event, 2 events."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
 def period_of(machine: Machine | None) -> str:
-    """Return the name of the forcing period: of a machine whose forcing is its revolution that one."""
+    """Return the name of the forcing period: "revolution" if it is one revolution of the machine."""
     return REVOLUTION if machine is not None and machine.revolutions == 1 else PERIOD
 
 
 def every(count: int, period: str) -> str:
-    """Return how often something happens that takes so many periods."""
+    """Return "every revolution", or "every 3 revolutions" for a count of 3."""
     return f"every {period}" if count == 1 else f"every {counted(count, period)}"
 
 
 def percent(share: float) -> str:
-    """Return a share in per cent: three digits, and neither 0 nor 100 unless it is."""
+    """Return a share in per cent, with three digits; only exactly 0 and 1 are written as 0 % and 100 %."""
     if 0 < share < ENOUGH:
         return "less than 0.05 %"
     if 1 - ENOUGH < share < 1:
@@ -60,14 +60,14 @@ def percent(share: float) -> str:
 
 
 def complex_number(value: complex) -> str:
-    """Return a multiplier."""
+    """Return a complex number as text, without an imaginary part that is a rounding error."""
     if abs(value.imag) < 1e-12 * max(1.0, abs(value.real)):
         return number(value.real)
     return f"{number(value.real)} {'+' if value.imag > 0 else MINUS} {number(abs(value.imag))}i"
 
 
 def pair(values: tuple[complex, complex] | None) -> str:
-    """Return both multipliers, as one where they are conjugate."""
+    """Return both multipliers as text, as a ± bi if they are conjugate; a dash for None."""
     if values is None:
         return "–"
     first, second = values
@@ -77,7 +77,7 @@ def pair(values: tuple[complex, complex] | None) -> str:
 
 
 def motion(attractor: rattle.Attractor, letter: str = "", period: str = PERIOD) -> str:
-    """Return the name of a motion that is not quiet, in a sentence."""
+    """Return a phrase for a motion that is not quiet, such as "1 impact every revolution, P(1,1,0)"."""
     if attractor.kind == "chaotic":
         return "chaotic, without a period"
     if attractor.kind == "undecided":
@@ -93,7 +93,7 @@ def _named(attractor: rattle.Attractor, letter: str) -> str:
 
 
 def where(gear: AnyGear, period: str = PERIOD) -> str:
-    """Return the closed-form description of the point."""
+    """Return the point in words: its parameters, its region, and whether quiet running is possible."""
     at = f"Damping δ = {number(gear.delta, 6)}, eccentricity ε = {number(gear.epsilon, 6)}"
     backlash = f", half-backlash β = {number(gear.beta, 6)}"
     model = model_at(gear)
@@ -116,14 +116,14 @@ def where(gear: AnyGear, period: str = PERIOD) -> str:
 
 
 def harmonics_in_words(harmonics: Sequence[Harmonic]) -> str:
-    """Return harmonics beside the first: order, amplitude over that of the first, phase in turns of each."""
+    """Return harmonics in words: the order of each, its amplitude over the first harmonic's, its phase in turns."""
     few = [f"{order}: {number(size)} at {number(phase)}" for order, size, phase in harmonics[:MOST_HARMONICS]]
     more = len(harmonics) - len(few)
     return f"harmonic{'s' * (len(harmonics) > 1)} {'; '.join(few)}{f'; and {more} more' if more else ''}"
 
 
 def in_si_words(machine: Machine, gear: AnyGear) -> str:
-    """Return a point as a machine, and what the model's units are there."""
+    """Return a machine in words, with the model's units of speed and energy in SI units."""
     units = machine.units
     quiet = gear.quiet_limit * units.length
     more = "" if machine.stiffness is None else f", a mesh stiffness of {number(machine.stiffness)} N/m"
@@ -143,7 +143,7 @@ def how_likely(gear: AnyGear, found: Chances, period: str = PERIOD) -> str:
     pairs = list(zip(found.attractors, found.letters, strict=True))
     quiet, undecided = (next((x for x, _ in pairs if x.kind == kind), None) for kind in ("quiet", "undecided"))
     rattling = [(each, letter) for each, letter in pairs if each.kind in ("periodic", "chaotic")]
-    below = percent(float(rattle.wilson_interval(0, found.starts)[1]))  # of what no start has shown
+    below = percent(float(rattle.wilson_interval(0, found.starts)[1]))  # upper bound for a motion that no start reached
     sentences = []
     if quiet:
         low, high = (percent(x) for x in quiet.fraction_interval)
@@ -166,7 +166,7 @@ def how_likely(gear: AnyGear, found: Chances, period: str = PERIOD) -> str:
 
 
 def how_safe(gear: AnyGear, found: Margin, period: str = PERIOD) -> str:
-    """Return how hard an impact must be to end quiet running, and where that leads."""
+    """Return in words the least impact that ends quiet running, and the motion that follows."""
     if gear.epsilon >= gear.quiet_limit:
         return "There is no quiet running that an impact could end: the margin is 0."
     if math.isnan(found.v):

@@ -1,4 +1,4 @@
-"""The work of one view of a parameter point: parts computed in processes, shown in its document, given up together."""
+"""Tasks of the view of one point: other processes compute its parts, its document shows them, all end together."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from rattle.models import DEFAULT_MODEL
 if TYPE_CHECKING:
     from bokeh.document import Document
 
-GRACE_SECONDS = 15.0  # what is at work when the view is put away may end by itself: its process stays warm
+GRACE_SECONDS = 15.0  # a running task may end by itself after its view has ended, which keeps its process
 
 Result = TypeVar("Result")
 Arguments = TypeVarTuple("Arguments")
@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 
 
 async def prepare(front: Front) -> None:
-    """Start the processes that compute points, with their kernels loaded: the first click is as quick as any."""
+    """Start the processes that compute points, and load their kernels, so that the first click is as fast as others."""
     async with anyio.create_task_group() as tasks:
         for _ in range(front.settings.max_points):
             tasks.start_soon(_prepare_one, front)
@@ -48,17 +48,17 @@ async def _prepare_one(front: Front) -> None:
             what="The kernels",
             advice="",
         )
-    except RattleError as error:  # the first click will do it
+    except RattleError as error:  # the first click will load the kernels
         log.info("no process is ready for points yet: %s", error)
 
 
 def waiting(what: str) -> str:
-    """HTML in the place of what is being computed."""
+    """Return the HTML that is shown while `what` is being computed."""
     return f'<p class="faint" role="status">computing {escape(what)} …</p>'
 
 
 class Work:
-    """Tasks of the view of a model's point in the event loop; `document` is None where nobody looks, as in a test."""
+    """Tasks, in the event loop, of the view of one point. document: None if no page shows the view, as in tests."""
 
     def __init__(self, front: Front, document: Document | None, model: str) -> None:
         self._front, self._document = front, document
@@ -69,7 +69,7 @@ class Work:
     def start(
         self, work: Coroutine[Any, Any, None], instead_of: asyncio.Task[None] | None = None
     ) -> asyncio.Task[None]:
-        """Begin something, and give up what it replaces."""
+        """Start a task, and give up the task that it replaces, if there is one."""
         if instead_of is not None:
             self._give_up(instead_of)
         task = asyncio.get_running_loop().create_task(work)
@@ -78,7 +78,7 @@ class Work:
         return task
 
     def stop(self) -> None:
-        """Give up everything: what is not begun at once, what is at work after a moment."""
+        """Give up all tasks: no new computation begins, and running ones are cancelled after GRACE_SECONDS."""
         self.stopped = True
         for task in tuple(self.tasks):
             self._give_up(task)
@@ -87,16 +87,16 @@ class Work:
         task.get_loop().call_later(GRACE_SECONDS, task.cancel)
 
     async def kernels(self) -> None:
-        """Wait, as long as it takes, until the kernels of the model are there."""
+        """Wait, as long as it takes, until the kernels of the model are compiled."""
         await self._front.kernels.require(self._model, patience=math.inf)
         self._require()
 
     async def compute(
         self, compute: Callable[[*Arguments], Result], *arguments: *Arguments, what: str, slow: bool = False
     ) -> Result:
-        """Return the result of a function, from a process of its own. Slow ones never take all processes.
+        """Return the result of a function, computed in another process. Slow functions never take all processes.
 
-        Raises UnavailableError.
+        Raises UnavailableError if too many computations wait, or if this one takes too long.
 
         Returns
         -------
@@ -118,12 +118,12 @@ class Work:
         return found
 
     def _require(self) -> None:
-        """End the task that asks, if the view has been put away."""
+        """Raise CancelledError, which ends the calling task, if the view has ended."""
         if self.stopped:
             raise asyncio.CancelledError
 
     async def part(self, text: Text, work: Callable[[], Awaitable[None]]) -> None:
-        """Do one part of a view; why it cannot be shown is told in its text, and the other parts go on."""
+        """Do one part of a view. If it fails, `text` shows the reason, and the other parts go on."""
         try:
             await work()
         except RattleError as error:
@@ -136,7 +136,7 @@ class Work:
         await self.tell(text, f'<p class="wrong" role="alert">{escape(message)}</p>')
 
     async def tell(self, text: Text, html: str) -> None:
-        """Change a text."""
+        """Set the HTML of a text."""
 
         def change() -> None:
             text.html = html
@@ -144,7 +144,7 @@ class Work:
         await self.change(change)
 
     async def change(self, what: Callable[[], object]) -> None:
-        """Change the document when nothing else does, and wait until that is done; not if the view is put away."""
+        """Change the document when nothing else does, and wait for it. Raises CancelledError if the view has ended."""
         self._require()
         if self._document is None or self._document.session_context is None:
             what()

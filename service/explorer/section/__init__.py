@@ -1,1 +1,1 @@
-"""Draw a survey along the line of a diagram, above the diagram."""
+"""Draw the profile of a survey along the line of a diagram, below the diagram."""

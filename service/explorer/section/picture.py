@@ -1,4 +1,4 @@
-"""The picture of a profile: steps, over the axis of the diagram above."""
+"""Draw a profile as steps, over the axis of the diagram above it."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.section.profile import Profile
 
 HEIGHT = 190
-ROOM = 0.06  # of the values, above and below
+ROOM = 0.06  # margin above and below the values, as a share of their range
 
 
 class ProfilePicture:
-    """Values against the parameter of the diagram."""
+    """Figure of a map's values against the parameter of the diagram."""
 
     def __init__(self, theme: str, x_range: Range1d) -> None:
         self.figure: Any = themed_figure("profile", theme, "", "", HEIGHT, x_range, (0.0, 1.0))
@@ -34,7 +34,22 @@ class ProfilePicture:
         clear(self.steps)
 
     def show(self, found: Profile, span: Pair, limits: Pair | None) -> Pair:
-        """Draw a profile over these values of the parameter, between limits if there are any; return what it spans."""
+        """Draw a profile over the parameter of the diagram.
+
+        Parameters
+        ----------
+        found : Profile
+            Values along the line.
+        span : Pair
+            Parameter at the two ends of the line.
+        limits : Pair | None
+            Range of the axis of values, None for the default of `spanned`.
+
+        Returns
+        -------
+        Pair
+            Range of the axis of values.
+        """
         x = np.repeat(span[0] + found.at * (span[1] - span[0]), 2)[1:-1]
         values = np.repeat(found.values.astype(float), 2)
         texts = [_told(found, each) for each in found.values.tolist() for _ in range(2)]

@@ -12,19 +12,20 @@ from gear_rattle.service.explorer.map.colouring import layers_of, values_shown
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.workers.pictures.maps import scale_of, title_of
 
-ROOM = (1024, 1024)  # cells about the line that are read; of more, several are one, as they are drawn
+#: Most cells around the line that are read. If there are more, several are read as one, as a map draws them.
+ROOM = (1024, 1024)
 OUTSIDE = "outside of the survey"
 Ends = tuple[Pair, Pair]
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Values (k,) along a line, NaN where a cell has none.
+    """Values (k,) of the cells along a line, NaN where a cell has no value.
 
-    It goes from one cell into the next `at` (k + 1,), from 0 to 1.
+    at: positions (k + 1,) from 0 to 1 along the line, between which it crosses these cells.
 
-    names: of codes, what each means. gaps: why there are no values, and on which share of the line. together: how many
-    cells of the survey are one, along δ and along ε.
+    names: meaning of each code, empty if values are no codes. gaps: share of the line without values, by reason.
+    together: numbers of the survey's cells, along δ and along ε, that were read as one cell.
     """
 
     title: str
@@ -36,14 +37,18 @@ class Profile:
 
 
 def crossed_cells(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the crossings of a line from one cell into the next, and the cells.
+    """Return the positions where a line crosses from one cell into the next, and the cells between them.
 
-    Beyond it rows and columns are −1.
+    Outside of all cells, row and column are −1.
 
     Parameters
     ----------
     box : Ranges
-        What these rows and columns of cells of one size cover.
+        Box that the rows and columns of equal cells cover.
+    shape : tuple[int, int]
+        Numbers of rows and of columns.
+    ends : Ends
+        First and last point (δ, ε) of the line.
 
     Returns
     -------
@@ -69,7 +74,7 @@ def crossed_cells(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.n
 
 
 def profile_of(plane: MapPlane, ends: Ends) -> Profile:
-    """Return the profile of a map along a line from one point (δ, ε) to another. Blocks: for a thread."""
+    """Return the profile of a map along a line from one point (δ, ε) to another. It blocks: use a thread."""
     delta, epsilon = ((min(pair), max(pair)) for pair in zip(*ends, strict=True))
     block = plane.block((delta, epsilon), ROOM)
     shape = block.values.shape
@@ -87,7 +92,7 @@ def profile_of(plane: MapPlane, ends: Ends) -> Profile:
 
 
 def _together(plane: MapPlane, block: MapBlock) -> tuple[int, int]:
-    """How many cells of a survey each cell of a block stands for, along δ and along ε."""
+    """Return how many cells of a survey each cell of a block stands for, along δ and along ε."""
     across, along = (
         round((high - low) / cells.size * (axis.size - 1) / (axis[-1] - axis[0]))
         for (low, high), cells, axis in zip(

@@ -28,11 +28,11 @@ from gear_rattle.workers import SurveyRequest
 from rattle import RattleError
 
 OTHER_GEAR = "This point is of another gear than the survey, which has no profile of it."
-NO_WAY = "A way leads to a δ above 0 and an ε of 0 or more."
+NO_WAY = "The end point needs a δ above 0 and an ε of at least 0."
 
 
 class Section:
-    """Profile of the survey's cells, in `below`, which stands below the diagram of the open point."""
+    """Profile of the survey along the diagram of the open point. below: its panel, which is below the diagram."""
 
     def __init__(self, shared: Shared, viewer: Viewer, store: Store, theme: str, sheet: str) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
@@ -60,7 +60,7 @@ class Section:
 
     @cached_property
     def picture(self) -> ProfilePicture:
-        """The profile, made when it is shown."""
+        """Figure of the profile, made when a profile is first shown."""
         found = ProfilePicture(self._theme, self.below.x_range)
         self.below.panel[:] = [
             Text("<h2>Along the diagram</h2>", self._sheet, margin=(0, 4)).pane,
@@ -108,7 +108,7 @@ class Section:
             limits = self.picture.show(found, span, view.profile_limits if view.profile == chosen else None)
             with self._watch.paused():
                 self.low.value, self.high.value = limits
-            if self._way != (ends, span):  # else a viewer may have moved the axis
+            if self._way != (ends, span):  # otherwise keep the axis, which a viewer may have moved
                 self._way = ends, span
                 self.below.x_range.update(start=span[0], end=span[1])
             self.said.html = f'<p class="faint">{escape(profile_in_words(found))}</p>'
@@ -146,7 +146,7 @@ class Section:
 
 
 def _offered(request: SurveyRequest, view: View) -> tuple[Chosen, dict[str, str]]:
-    """Return the map whose profile is shown, the visible one unless a viewer has chosen another, and all others."""
+    """Return the map of the profile, by default the visible map, and the text of each map by its name in words."""
     options = {words: chosen.written for words, chosen in map_names(request).items()}
     for chosen in (view.profile, Chosen(view.variable, view.index)):
         if chosen is not None and chosen.written in options.values():

@@ -1,1 +1,1 @@
-"""State of a page: its view, the events that change it, and the store that tells panels of changes."""
+"""State of a page: the events that change its view, the reducer, and the store that panels subscribe to."""

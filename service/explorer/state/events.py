@@ -1,4 +1,4 @@
-"""Events: everything that a viewer does on the page, and that changes its view."""
+"""Events that change the view of a page: everything that a viewer does there, and what the page has drawn."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gear_rattle.service.explorer.common.address import AsSeen, Chosen, Entered,
 
 @dataclass(frozen=True)
 class SurveyChosen:
-    """A survey was chosen by its id; with `is_new` it shows its usual map, whatever was chosen before."""
+    """A survey was chosen by its id. is_new: it shows its default map, whatever variable was chosen before."""
 
     survey: str
     is_new: bool = False
@@ -25,7 +25,7 @@ class VariableChosen:
 
 @dataclass(frozen=True)
 class MapOffered:
-    """The page settled on a map that its survey has, in place of one that it does not have or that nobody chose."""
+    """The page itself chose a map, because no viewer chose one or because the survey lacks the chosen map."""
 
     variable: str
     index: int
@@ -34,7 +34,7 @@ class MapOffered:
 
 @dataclass(frozen=True)
 class IndexChosen:
-    """One of several maps of the variable was chosen."""
+    """One of several maps of the variable was chosen by its index."""
 
     index: int
 
@@ -48,7 +48,7 @@ class SliceChosen:
 
 @dataclass(frozen=True)
 class LimitsSet:
-    """The range of colours was set, and whether it is on a log scale."""
+    """The range of the colours was set. log: True for a log scale."""
 
     limits: Limits | Pair
     log: bool
@@ -56,7 +56,7 @@ class LimitsSet:
 
 @dataclass(frozen=True)
 class MapDrawn:
-    """A map was drawn with these settings, for the limits that a view had; None if nothing is shown."""
+    """A map was drawn. seen: its settings, None if nothing is shown. limits: limits of the view that was drawn."""
 
     seen: AsSeen | None
     limits: Limits | Pair = "auto"
@@ -71,43 +71,43 @@ class OverlaysChosen:
 
 @dataclass(frozen=True)
 class ShareSet:
-    """P(quiet) of the design limit was set."""
+    """The probability of quiet running that the design limit requires was set."""
 
     share: float
 
 
 @dataclass(frozen=True)
 class FamilyChosen:
-    """A family was chosen by its number, or none."""
+    """A family was chosen by its number, or with None the choice was undone."""
 
     family: int | None
 
 
 @dataclass(frozen=True)
 class WindowMoved:
-    """Another window is shown."""
+    """The map was moved or zoomed to another window."""
 
     window: Ranges
 
 
 @dataclass(frozen=True)
 class WindowReset:
-    """The whole survey is shown."""
+    """The map was set back to the whole survey."""
 
 
 @dataclass(frozen=True)
 class WentBack:
-    """The window before is shown again."""
+    """The map went back to the window before."""
 
 
 @dataclass(frozen=True)
 class WentForward:
-    """The window that was left by going back is shown again."""
+    """The map went forward to the window from which it had gone back."""
 
 
 @dataclass(frozen=True)
 class Pointed:
-    """A viewer points at (δ, ε) in the figure of this name, or by the keyboard."""
+    """A viewer points at (δ, ε). source: name of the figure under the mouse, or KEYBOARD."""
 
     at: Pair
     source: str
@@ -115,7 +115,10 @@ class Pointed:
 
 @dataclass(frozen=True)
 class PointOpened:
-    """A point (δ, ε) was opened, that of a machine if one was entered; `state`: of its tabs, if it begins with one."""
+    """A point (δ, ε) was opened. machine: the machine that was entered for it, or None.
+
+    state: state of the point's tabs; None keeps the tab that is open.
+    """
 
     point: Pair
     machine: Entered | None = None
@@ -124,14 +127,14 @@ class PointOpened:
 
 @dataclass(frozen=True)
 class PointChanged:
-    """Another state of the open point's tabs was chosen."""
+    """The state of the open point's tabs was changed."""
 
     state: Mapping[str, str]
 
 
 @dataclass(frozen=True)
 class WayChosen:
-    """The diagram of the open point goes to this point (δ, ε); where none is open, this one is opened."""
+    """A diagram from the open point to the point `to` (δ, ε) was requested. If no point is open, `to` is opened."""
 
     to: Pair
 
@@ -143,7 +146,7 @@ class PointClosed:
 
 @dataclass(frozen=True)
 class PlaceChosen:
-    """A place with a name was chosen: a window, and the point that is open there, if there is one."""
+    """A bookmark was chosen: a window, the point that is opened (None for no point), and the state of its tabs."""
 
     window: Ranges
     point: Pair | None
@@ -152,7 +155,7 @@ class PlaceChosen:
 
 @dataclass(frozen=True)
 class ProfileChosen:
-    """The map was chosen whose profile stands below the diagram, with the limits of its axis."""
+    """A map was chosen for the profile below the diagram. limits: range of the profile's axis, None for the default."""
 
     profile: Chosen
     limits: Pair | None = None
@@ -160,14 +163,14 @@ class ProfileChosen:
 
 @dataclass(frozen=True)
 class MapAdded:
-    """Another map was put beside the first."""
+    """A comparison map was added."""
 
     further: Further
 
 
 @dataclass(frozen=True)
 class MapChanged:
-    """Another map is shown in this place beside the first."""
+    """The comparison map with the index `place` shows another map."""
 
     place: int
     further: Further
@@ -175,7 +178,7 @@ class MapChanged:
 
 @dataclass(frozen=True)
 class MapRemoved:
-    """The map in this place beside the first was removed."""
+    """The comparison map with the index `place` was removed."""
 
     place: int
 

@@ -1,4 +1,4 @@
-"""The reducer: the view of a page after an event, as a pure function of both."""
+"""The reducer: a pure function of a page's view and an event that returns the next view."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gear_rattle.service.explorer.common.address import MOST_FURTHER, MOST_PINS,
 from gear_rattle.service.explorer.state import events
 from gear_rattle.service.explorer.state.events import Event
 
-MOST_WINDOWS = 200  # that are remembered
+MOST_WINDOWS = 200  # most windows that Back remembers
 TAB = "tab"
 
 
@@ -26,7 +26,7 @@ def reduce(view: View, event: Event) -> View:
     Returns
     -------
     View
-        The new view; the same one where the event asks for nothing that is possible.
+        The new view; the same view if the event cannot be carried out.
     """
     match event:
         case events.SurveyChosen(survey, is_new):
@@ -43,7 +43,7 @@ def reduce(view: View, event: Event) -> View:
             return replace(view, limits=limits, log=log)
         case events.MapDrawn(seen, limits):
             is_own = seen is not None and isinstance(view.limits, tuple) and view.limits == limits
-            # on a log scale own limits begin at the least positive value
+            # on a log scale, limits that a viewer entered begin at the least positive value
             drawn = seen.limits if is_own and seen is not None and seen.limits is not None else view.limits
             return replace(view, seen=seen, limits=drawn)
         case events.OverlaysChosen(overlays):
@@ -96,7 +96,7 @@ def reduce(view: View, event: Event) -> View:
 
 
 def _with_survey(view: View, survey: str) -> View:
-    """Show another survey; the window and the point stay only with the survey that they were chosen on."""
+    """Show another survey. The window and the open point are dropped, unless no survey was shown before."""
     if survey == view.survey:
         return view
     if not view.survey:
@@ -106,7 +106,7 @@ def _with_survey(view: View, survey: str) -> View:
 
 
 def _with_window(view: View, window: Ranges | None) -> View:
-    """Show a window, or the whole survey, and remember the one before."""
+    """Show a window, or the whole survey (None), and remember the previous window for Back."""
     if window == view.window:
         return view
     return _showing(replace(view, before=(*view.before, view.window)[-MOST_WINDOWS:], after=()), window)
@@ -118,7 +118,7 @@ def _showing(view: View, window: Ranges | None) -> View:
 
 
 def _with_point(view: View, point: Pair, machine: Entered | None, state: Mapping[str, str] | None) -> View:
-    """Open a point; without a state of its own it opens the tab that the one before had open."""
+    """Open a point. state: state of its tabs; None keeps all tabs of the same point, or the open tab of another one."""
     if point[0] <= 0 or point[1] < 0:
         return view
     if state is None:
@@ -128,7 +128,7 @@ def _with_point(view: View, point: Pair, machine: Entered | None, state: Mapping
 
 
 def _with_way(view: View, to: Pair) -> View:
-    """Let the diagram of the open point go to another one, and show it."""
+    """Draw and show the diagram from the open point to another point. If no point is open, open the other point."""
     if view.point is None:
         return _with_point(view, to, None, None)
     if to[0] <= 0 or to[1] < 0:

@@ -1,4 +1,4 @@
-"""The store of a page: its view and the surveys that it knows, changed by events, and told to whoever shows them."""
+"""The store of a page: its view, changed by events, its list of surveys, and listeners that are called on changes."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ NAMES = tuple(each.name for each in fields(View))
 
 
 class Store:
-    """The view of a page and the surveys that it knows.
+    """View of a page and its list of surveys, with the listeners of changes.
 
     Parameters
     ----------
     view : View
         View of the page's address.
     example : SurveyRequest
-        Survey that is shown where none is chosen.
+        Request of the survey that is shown if none is chosen.
     """
 
     def __init__(self, view: View, example: SurveyRequest) -> None:
         self.view = view
         self.jobs: Mapping[str, JobStatus] = {}
-        self.is_told = False  # the surveys are known
+        self.is_told = False  # True once the list of surveys has arrived
         self._example = example
         self._listeners: list[tuple[Callable[[], object], frozenset[str]]] = []
         self._changed: set[str] = set()
@@ -42,21 +42,21 @@ class Store:
         self._known: tuple[str, SurveyRequest] | None = None
 
     def subscribe(self, listener: Callable[[], object], *names: str) -> None:
-        """Call a listener after each change of these fields of the view, or of JOBS, the surveys; by default of any."""
+        """Call a listener after changes of the named fields of the view or of the surveys (JOBS), by default of any."""
         self._listeners.append((listener, frozenset(names or (*NAMES, JOBS))))
 
     def dispatch(self, event: Event) -> None:
-        """Change the view by an event, and call the listeners of what has changed."""
+        """Change the view by an event, and call the listeners of the changed fields."""
         before, self.view = self.view, reduce(self.view, event)
         self._tell({name for name in NAMES if getattr(before, name) != getattr(self.view, name)})
 
     def learn(self, jobs: Mapping[str, JobStatus]) -> None:
-        """Take over the surveys that there are now."""
+        """Replace the list of surveys by the current one, and call its listeners."""
         self.jobs, self.is_told = jobs, True
         self._tell({JOBS})
 
     def _tell(self, changed: set[str]) -> None:
-        """Call listeners, each once for all that has changed meanwhile: a listener may dispatch events itself."""
+        """Call the listeners of changed fields. Changes that a listener itself dispatches follow in another round."""
         self._changed |= changed
         if self._is_telling:
             return
@@ -72,13 +72,13 @@ class Store:
 
     @property
     def job(self) -> JobRow | None:
-        """The chosen survey; None if there is none, or if it is not known."""
+        """Chosen survey; None if no survey is chosen, or if the page does not know it."""
         status = self.jobs.get(self.view.survey)
         return None if status is None else status.job
 
     @property
     def whole(self) -> SurveyRequest | None:
-        """Request of the chosen survey, of the example if none is chosen; None if it cannot be read."""
+        """Request of the chosen survey, of the example if none is chosen; None if the survey cannot be read."""
         if not self.view.survey:
             return self._example
         job = self.job
@@ -90,25 +90,25 @@ class Store:
 
     @property
     def request(self) -> SurveyRequest | None:
-        """The same, of a third axis for the chosen slice."""
+        """Request `whole`, reduced to the chosen slice if the survey has a third axis; None if `whole` is None."""
         whole = self.whole
         return whole if whole is None else whole.at(whole.along(self.view.slice))
 
     @property
     def model(self) -> Model:
-        """Model of the chosen survey, by default that of the paper."""
+        """Model of the chosen survey; the default model, the paper's, if `request` is None."""
         request = self.request
         return MODELS[DEFAULT_MODEL]() if request is None else request.gear_model
 
     @property
     def machine(self) -> SurveyedMachine | None:
-        """Machine of the chosen survey, if it is of one."""
+        """Machine of the chosen survey; None if the survey has no machine."""
         request = self.request
         return None if request is None else request.machine
 
     @property
     def window(self) -> Ranges:
-        """Window (low, high) of δ and of ε that is shown."""
+        """Visible window: (low, high) of δ and of ε."""
         return self.view.window or window_of(self.request or self._example)
 
 
@@ -118,11 +118,11 @@ def request_of_job(job: JobRow) -> SurveyRequest:
 
 
 def window_of(request: SurveyRequest) -> Ranges:
-    """Return the box that the cells of a requested plane will cover."""
+    """Return the box, (low, high) of δ and of ε, that the cells of a requested plane will cover."""
     return box_of_cells(request.delta.values(), request.epsilon.values())
 
 
 def box_of_cells(delta: np.ndarray, epsilon: np.ndarray) -> Ranges:
-    """Return the box that cells cover: half a cell more on each side."""
+    """Return the box that cells with these centres cover: half a cell beyond the outermost centres."""
     dx, dy = ((axis[-1] - axis[0]) / (2 * max(axis.size - 1, 1)) for axis in (delta, epsilon))
     return (float(delta[0] - dx), float(delta[-1] + dx)), (float(epsilon[0] - dy), float(epsilon[-1] + dy))

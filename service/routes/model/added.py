@@ -16,7 +16,7 @@ Route = TypeVar("Route", bound=Callable[..., Any])
 
 
 def query_of(name: str, otherwise: str = DEFAULT_MODEL, example: float | None = None) -> Any:
-    """Return the type of the query parameter for a number that a model adds. otherwise: the model without it."""
+    """Return the type of the query parameter for a number that a model adds. otherwise: model if it is left out."""
     each = ADDED[name]
     upper = each.greatest if math.isfinite(each.greatest) else None
     words = f"of {each.of}" if each.of else each.label

@@ -77,7 +77,7 @@ def highest_speed(gear: AnyGear) -> float:
 
 
 def _draw(gear: AnyGear, resolution: int, tau: tuple[float, float], v: tuple[float, float]) -> bytes:
-    from rattle.plot import panels  # matplotlib, in the process that draws
+    from rattle.plot import panels  # loads matplotlib, only in the process that draws
 
     added = {each.name: model_at(gear).numbers[each.name] for each in model_at(gear).added}
     harmonics = gear.parameters.harmonics

@@ -44,7 +44,7 @@ async def notebook(
     The service itself computes nothing.
     """
     if (to_delta is None) != (to_epsilon is None):
-        raise ParameterError("to_delta and to_epsilon are the end of the diagram: give both, or neither of both")
+        raise ParameterError("to_delta and to_epsilon are the end of the diagram: give both or neither")
     to = None if to_delta is None or to_epsilon is None else (to_delta, to_epsilon)
     gear = place.gear
     found = notebook_of(gear, place.machine, diagram_ends(gear, direction, span, to))

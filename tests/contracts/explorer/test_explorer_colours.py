@@ -59,7 +59,7 @@ def test_regions_and_lines_are_told_apart_without_green() -> None:
 
 
 def test_limits_of_a_viewer_s_own_are_refused_in_words() -> None:
-    assert own_limits(None, 1.0, False) == "Colours need two limits: a number each."  # a field that was emptied
+    assert own_limits(None, 1.0, False) == "Enter two numbers as colour limits."  # a field that was emptied
     assert "cannot span -2 to -3" in own_limits(-2.0, -3.0, False)
     assert "the second limit must be above 0, not -1" in own_limits(-2.0, -1.0, True)
     assert own_limits(-2.0, -1.0, False) == (-2.0, -1.0)

@@ -431,7 +431,7 @@ def test_names_of_points_cover_no_mark_and_no_other_name(
 ) -> None:
     monkeypatch.setattr(MapFigure, "pixels", size)
     shown = new_map()
-    shown.window(*window)
+    shown.show_window(window)
     shown.pins({"1": (0.77, 0.0985)})
     points = points_in(Impacting(0.6), window)
     shown.points(points)
@@ -453,7 +453,7 @@ def test_names_of_points_cover_no_mark_and_no_other_name(
 def test_names_of_regions_stay_inside_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(MapFigure, "pixels", (300, 300))
     shown = new_map()
-    shown.window(*FIGURE_7)
+    shown.show_window(FIGURE_7)
     codes = np.ones((30, 60), np.float32)
     delta, epsilon = np.linspace(0.405, 0.995, 60), np.linspace(0.005, 0.295, 30)
     block = MapBlock(delta, epsilon, codes, codes.astype(np.int8), FIGURE_7)

@@ -25,7 +25,7 @@ from rattle.models import Inelastic, model_of
         ({"harmonics": [(-2, 0.1, 0.0)]}, "must be at least 2"),
         ({"harmonics": [(2.5, 0.1, 0.0)]}, "must be an integer, got 2.5"),
         ({"harmonics": [(5000, 0.1, 0.0)]}, "must be at most 1000"),
-        ({"harmonics": [(3, 0.1, 0.0), (3, 0.2, 0.0)]}, "order 3 is given twice: add both harmonics up to one"),
+        ({"harmonics": [(3, 0.1, 0.0), (3, 0.2, 0.0)]}, "order 3 is given twice: combine both into one harmonic"),
         ({"harmonics": [(3, -0.1, 0.0)]}, "must not be negative: add half a turn to its phase"),
         ({"harmonics": [(3, math.inf, 0.0)]}, "the amplitude of order 3 must be finite"),
         ({"harmonics": [(3, 0.1, math.nan)]}, "the phase of order 3 must be finite"),

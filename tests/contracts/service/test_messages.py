@@ -88,7 +88,7 @@ def test_values_that_are_of_another_type(arguments: tuple[str, ...], words: str)
     ("changes", "words"),
     [
         ({"quantities": ["atractors"]}, "did you mean attractors?"),
-        ({"quantites": ["region"]}, "is no field here: did you mean quantities?"),
+        ({"quantites": ["region"]}, "is not a known field: did you mean quantities?"),
         ({"model": "stif"}, "did you mean stiff?"),
         ({"delta": {"start": 0.4, "stop": 1.0, "nun": 3}}, "did you mean num?"),
         ({"delta": {"start": 0.4}}, "is not given: give it"),
@@ -182,7 +182,7 @@ def test_python_says_the_same() -> None:
 def test_tables(tmp_path: Path, header: str) -> None:
     (tmp_path / "impacts.csv").write_text(f"{header}\n1,2\n" if header else "")
     said = said_by_command("compare", str(tmp_path / "impacts.csv"), "0.6", "0.1")
-    assert "must name its columns, time of time, speed, wall; it has" in said
+    assert "must name its columns: time is required, and the others may be speed, wall; it has" in said
     assert ("did you mean time?" in said) == (header == "tme,speed")
 
 
@@ -192,7 +192,7 @@ def test_another_program_at_the_address_is_no_service() -> None:
 
     with (
         Client(http=httpx.Client(transport=httpx.MockTransport(answer), base_url="http://example")) as client,
-        pytest.raises(ServiceError, match="which is no JSON object: is a gear-rattle service at http://example"),
+        pytest.raises(ServiceError, match="which is not a JSON object: is a gear-rattle service at http://example"),
     ):
         client.job("0" * 16)
     with Client() as client, pytest.raises(ServiceError, match="give finite numbers"):

@@ -178,13 +178,13 @@ def test_a_limit_of_something_else_is_refused_once(client: TestClient) -> None:
     [
         (
             "certify --point 0.6 0.1 --restitution 0.9",
-            "A proof of periodic motions is known of the impacting",
+            "A proof of periodic motions is available only for the impacting",
         ),
-        ("certify {store}", "A proof of periodic motions is known of the impacting"),
-        ("certify {store} --curves", "A proof of a bifurcation is known of the impacting"),
-        ("explain {store}", "An explanation of boundaries is known of the impacting"),
+        ("certify {store}", "A proof of periodic motions is available only for the impacting"),
+        ("certify {store} --curves", "A proof of a bifurcation is available only for the impacting"),
+        ("explain {store}", "An explanation of boundaries is available only for the impacting"),
         ("figure 5 --restitution 0.9", "No such option"),
-        ("diagram --delta 0.6 --epsilon 0.05:0.15 --restitution 0.9", "use the impacting or the stiff one"),
+        ("diagram --delta 0.6 --epsilon 0.05:0.15 --restitution 0.9", "use the impacting or the stiff gear"),
         ("orbits 0.6 0.1 --harmonic 20:0.1:0", "give restitution"),
         ("orbits 0.6 0.1 --load 0.5", "give restitution too"),
         ("attractors 0.6 0.1 --restitution 0.9 --harmonic 20:0.1", "ORDER:AMPLITUDE:PHASE"),

@@ -157,7 +157,7 @@ def test_what_a_population_costs_is_measured(client: TestClient) -> None:
     ("changes", "field", "words"),
     [
         ({"gear": POPULATION["gear"] | {"epsilon": 0.1, "beta": 0.6}}, "body", "nothing varies"),
-        ({"gear": POPULATION["gear"] | {"radius": 0.05}}, "body", "say it twice"),
+        ({"gear": POPULATION["gear"] | {"radius": 0.05}}, "body", "both define the gear"),
         ({"gear": POPULATION["gear"] | {"beta": {"distribution": "normal", "mean": 0.6}}}, "body.gear.beta", ""),
         ({"gear": POPULATION["gear"] | {"restitution": LOSES}}, "body", "cut it off (high=1)"),
         ({"correlation": [[1.0, 0.5], [0.4, 1.0]]}, "body", "must be symmetric"),

@@ -248,7 +248,7 @@ def test_distributions_survive_a_request(kind: Any) -> None:
     ("changes", "says"),
     [
         ({"gear": {"delta": 0.6, "epsilon": 0.1}}, "nothing varies: give a distribution"),
-        ({"gear": FIELDS["gear"] | {"rpm": 3000.0}}, "say it twice"),
+        ({"gear": FIELDS["gear"] | {"rpm": 3000.0}}, "both define the gear"),
         ({"correlation": [[1.0, 2.0], [2.0, 1.0]]}, "numbers from -1 to 1"),
         ({"correlation": [[1.0]]}, "a row and a column for each number that varies"),
         ({"gear": FIELDS["gear"] | {"beta": {"distribution": "normal", "mean": 0.6, "deviation": 0.2}}}, "below 0"),

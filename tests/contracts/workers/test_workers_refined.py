@@ -291,7 +291,7 @@ def test_the_stiff_gear_is_refined_by_regions_and_attractors() -> None:
         ({"quantities": ("region", "basins")}, "basins cannot be filled from other cells"),
         ({"quantities": ("attractors", "intensity")}, "intensity cannot be filled from other cells"),
         ({"quantities": ("orbits",)}, "refine compares regions or attractors"),
-        ({"model": "stiff", "kappa": 1e3}, "known of the impacting model only"),
+        ({"model": "stiff", "kappa": 1e3}, "available only for the impacting model"),
         ({"tile": {"delta": 48}}, "use a multiple of 32"),
         ({"refine": {"audit": 0}}, "greater than 0"),
         ({"refine": 3}, "refine"),

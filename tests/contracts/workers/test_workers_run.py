@@ -59,7 +59,7 @@ def test_fields_win_over_the_request() -> None:
         ({"delta": (0.9, 0.45, 4)}, "delta: .*below stop"),
         ({"delta": (0.4, 0.9)}, "delta"),
         ({"beta": -1.0}, "beta: .*greater than 0"),
-        ({"bets": 1.0}, r"bets: is no field here: did you mean beta"),
+        ({"bets": 1.0}, r"bets: is not a known field: did you mean beta"),
     ],
 )
 def test_what_cannot_be_meant_is_refused_in_a_sentence(fields: dict[str, Any], said: str) -> None:

@@ -247,7 +247,7 @@ def test_certificates_of_slices_are_told_apart(store: Path, tmp_path: Path) -> N
         ({"beta": -1.0}, "must be greater than 0.0, got -1.0"),
         ({"kappa": (1e3, 1e4, 2)}, "only the stiff model has kappa"),
         ({"model": "stiff", "beta": (0.5, 0.6, 2), "kappa": (1e3, 1e4, 2)}, "one third axis"),
-        ({"model": "stiff", "kappa": (1e3, 1e9, 2)}, "kappa reaches to 1e.08 at most: lower stop"),
+        ({"model": "stiff", "kappa": (1e3, 1e9, 2)}, "kappa must be at most 1e.08: lower stop"),
     ],
 )
 def test_third_axes_that_cannot_be_meant(fields: dict[str, Any], said: str) -> None:

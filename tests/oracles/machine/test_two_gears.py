@@ -208,7 +208,7 @@ def test_a_forcing_without_a_first_harmonic_is_that_of_a_shorter_period() -> Non
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"mesh_error": 1e-7}, "mesh_error is an error once a tooth mesh: give teeth too"),
+        ({"mesh_error": 1e-7}, "mesh_error has an order of the tooth mesh"),
         ({"driven_teeth": 35}, "give the first's teeth too"),
         ({"teeth": 20, "driven_teeth": 35}, "give its driven_inertia and driven_drag too"),
         ({"teeth": 20, "driven_teeth": 20, "driven_radius": 0.06}, "must have the ratio of the tooth numbers, 20/20"),

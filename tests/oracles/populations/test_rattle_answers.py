@@ -126,7 +126,7 @@ def test_undecided_samples_widen_the_share_and_count_in_no_mean() -> None:
 def test_nothing_is_said_of_gears_that_do_not_differ() -> None:
     population = imitated(None, pairs=200)
     same = Population(population.plan, population.rows._replace(energy=np.zeros_like(population.rows.energy)))
-    with pytest.raises(rattle.RattleError, match="do not differ by more than their samples do"):
+    with pytest.raises(rattle.RattleError, match="differ by no more than the sampling error"):
         same.indices()
     with pytest.raises(rattle.ParameterError, match="of must be one of quiet, energy"):
         same.indices("noise")

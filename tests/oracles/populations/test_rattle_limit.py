@@ -83,7 +83,7 @@ def test_below_the_least_damping_nothing_is_quiet() -> None:
 @pytest.mark.parametrize(
     ("given", "of", "more", "says"),
     [
-        ({"delta": 0.6}, "epsilon", {"count": 100}, "100 samples cannot tell a share of 0.99: let count be 396"),
+        ({"delta": 0.6}, "epsilon", {"count": 100}, "100 samples are too few for a share of 0.99: give a count of 396"),
         ({"delta": 0.6}, "radius", {}, "of must be one of epsilon"),
         ({"epsilon": 0.1}, "epsilon", {}, "delta must be given too"),
         ({"delta": 0.6}, "epsilon", {"between": (0.2, 0.1)}, r"between must be \(low, high\) with 0 <= low < high"),

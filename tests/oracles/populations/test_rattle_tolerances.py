@@ -135,7 +135,10 @@ NORMAL = rattle.Normal(15e-6, 5e-6)
         (DRAWING | {"eccentricity": rattle.Normal(0.015, 1e-3)}, "eccentricity must be in metres.*mm give"),
         (DRAWING | {"eccentricity": 15e-6, "radius": rattle.Normal(50.0, 1.0)}, "radius must be in metres"),
         (DRAWING | {"eccentricity": 15e-6}, "nothing varies: give a distribution"),
-        (DRAWING | {"eccentricity": NORMAL, "delta": 0.1}, "delta and a machine's .* say it twice: give one"),
+        (
+            DRAWING | {"eccentricity": NORMAL, "delta": 0.1},
+            "delta .dimensionless. and .* both define the gear: give only one",
+        ),
         (DRAWING | {"excentricity": NORMAL}, "a gear has no excentricity: it has"),
         ({"delta": 0.1, "beta": "uniform:0.1:0.2"}, "epsilon must be given too"),
         (DRAWING | {"eccentricity": "normal:1e-6"}, "after normal give mean, deviation and, if it is cut off"),

@@ -1,1 +1,1 @@
-"""Levels: a survey at lower and lower resolution, where each cell of a level summarizes several cells of the survey."""
+"""Pyramid levels: a survey at lower and lower resolution. A cell of a level summarizes several cells of the survey."""

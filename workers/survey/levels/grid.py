@@ -1,4 +1,4 @@
-"""Define the levels of a survey, and the blocks in which they are built."""
+"""Define the pyramid levels of a survey, and the blocks (rectangles of cells) in which levels are built."""
 
 import math
 from collections.abc import Iterable
@@ -14,9 +14,9 @@ from gear_rattle.workers.survey.values.quantities import held, shape_of
 GROUP = "levels"
 LARGEST = 512  # a survey has levels if one of its axes has more cells than this
 LEAST = 256  # axes of at most this many cells are not halved
-#: The most cells along an axis of a block. A block becomes one chunk of each level.
+#: Largest number of cells along a side of a block. A block becomes one chunk of each level.
 SIDE = 2048
-#: The most numbers that a variable may have in a block: a worker needs about 130 MB for them.
+#: Largest number of values of one variable in a block, for which a worker needs about 130 MB.
 BLOCK_NUMBERS = 1 << 24
 
 Pair = tuple[int, int]  # along (epsilon, delta)
@@ -24,9 +24,10 @@ Pair = tuple[int, int]  # along (epsilon, delta)
 
 @dataclass(frozen=True)
 class Level:
-    """A level of less resolution. Pairs are along (epsilon, delta).
+    """A pyramid level: the whole survey at lower resolution. Pairs are along (epsilon, delta).
 
-    number: 1 for the finest level. cells: how many cells of the survey one of its cells covers. shape: its own cells.
+    number: 1 for the finest level. cells: how many cells of the survey a cell of the level covers along each axis.
+    shape: how many cells the level has along each axis.
     """
 
     number: int
@@ -35,13 +36,16 @@ class Level:
 
     @property
     def path(self) -> str:
-        """The path of its group."""
+        """The path of the level's group in the store."""
         return f"{GROUP}/{self.number}"
 
 
 @dataclass(frozen=True)
 class LevelBlock:
-    """A rectangle of the survey that becomes one chunk of each level. `place` is its row and column among blocks."""
+    """A rectangle of the survey's cells that becomes one chunk of each level.
+
+    place: the row and the column of the block among all blocks. epsilon, delta: the ranges of its cells in the grid.
+    """
 
     place: Pair
     epsilon: slice
@@ -50,11 +54,11 @@ class LevelBlock:
 
     @property
     def at(self) -> tuple[int | EllipsisType | slice, ...]:
-        """Index of the block in a variable of the survey."""
+        """The index that selects the block's cells in the array of a variable of the survey."""
         return *self.along, ..., self.epsilon, self.delta
 
     def at_level(self, level: Level) -> tuple[int | EllipsisType | slice, ...]:
-        """Return the index of the block in a variable of a level."""
+        """Return the index that selects the block's cells in the array of a variable of a level."""
         spans = zip((self.epsilon, self.delta), level.cells, strict=True)
         return *self.along, ..., *(slice(span.start // cells, -(-span.stop // cells)) for span, cells in spans)
 
@@ -62,7 +66,8 @@ class LevelBlock:
 def halvings(shape: Pair) -> tuple[Level, ...]:
     """Return all levels that a grid of this shape can have, down to a single cell.
 
-    While an axis has more than LEAST cells, only such axes are halved; after that both axes are halved.
+    While an axis has more than LEAST cells, only axes with more than LEAST cells are halved. After that both axes are
+    halved.
 
     Returns
     -------
@@ -79,19 +84,28 @@ def halvings(shape: Pair) -> tuple[Level, ...]:
 
 
 def levels_of(shape: Pair) -> tuple[Level, ...]:
-    """Return the levels in the store of a survey of this shape: none up to LARGEST, else down to LEAST."""
+    """Return the levels that the store of a survey of this shape has.
+
+    A survey of at most LARGEST cells along each axis has none. Otherwise the coarsest level is the first one with at
+    most LEAST cells along each axis.
+
+    Returns
+    -------
+    tuple[Level, ...]
+        From the finest to the coarsest.
+    """
     all_of = halvings(shape) if max(shape) > LARGEST else ()
     return all_of[: 1 + sum(max(level.shape) > LEAST for level in all_of)]
 
 
 def steps_of(levels: tuple[Level, ...]) -> list[Pair]:
-    """Return for each level how many cells of the next finer level one of its cells covers: 1 or 2 along each axis."""
+    """Return for each level how many cells of the next finer level a cell covers along each axis, 1 or 2."""
     cells = [(1, 1), *(level.cells for level in levels)]
     return [_pair(new // old for old, new in zip(*both, strict=True)) for both in pairwise(cells)]
 
 
 def block_shape(request: SurveyRequest) -> Pair:
-    """Return the cells of a block along each axis, which depend on the grid and the variables, not on the tiles."""
+    """Return the numbers of cells of a block along each axis. They depend on grid and variables, not on the tiles."""
     per_cell = (each for each in held(request.quantities, request.model) if each.per_cell)
     maps = max(math.prod(shape_of(each, (1, 1), request.n_slots)) for each in per_cell)
     side = SIDE
@@ -117,8 +131,8 @@ def level_blocks(request: SurveyRequest) -> list[LevelBlock]:
 def centres(axis: np.ndarray, cells: int) -> np.ndarray:
     """Return the centres of a level's cells along an axis.
 
-    axis: centres of the survey's cells. cells: how many of these each cell of the level covers. The returned centres
-    are evenly spaced, although the last cell of the level may cover fewer cells.
+    axis: the centres of the survey's cells. cells: how many of the survey's cells each cell of the level covers along
+    the axis. The returned centres are evenly spaced, although the last cell of the level may cover fewer cells.
 
     Returns
     -------

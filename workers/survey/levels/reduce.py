@@ -1,10 +1,10 @@
 """Reduce several cells to one: codes, numbers and phases of rectangles of cells.
 
-Every function takes values (m, n), flags `known` (m, n) of the computed cells, and for each level the numbers of cells
-of the next finer level that one cell covers, 1 or 2 along each axis. It yields the arrays of each level. Levels follow
-from the survey's cells, not
-from one another, because the most frequent of most frequent codes need not be the most frequent code. The last cell of
-an axis may cover fewer cells.
+The functions `codes`, `numbers` and `phases` take values (m, n), flags `known` (m, n) of the computed cells, and
+`steps`: for each level how many cells of the next finer level a cell covers along each axis, 1 or 2. They yield the
+arrays of each level. Every level is computed from the survey's cells and not from the next finer level, because the
+most frequent of several most frequent codes need not be the most frequent code of all cells. The last cell of an axis
+may cover fewer cells.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -20,10 +20,10 @@ STATISTICS = ("mean", "least", "largest", "share")
 
 
 class Codes(NamedTuple):
-    """Codes of a level's cells (m, n).
+    """The codes in the cells (m, n) of a level, each of which covers several cells of the survey.
 
-    most: the most frequent code, the lowest of equally frequent ones. share: its share of the computed cells.
-    occurs: a mask with a bit for each code that occurs.
+    most: the most frequent code in a cell, the lowest of equally frequent ones. share: the share of the computed cells
+    that have this code. occurs: a bit mask; bit i is set if code i occurs.
     """
 
     most: np.ndarray
@@ -34,7 +34,7 @@ class Codes(NamedTuple):
 def pooled_cells(
     values: np.ndarray, step: Pair, pool: Callable[[np.ndarray, np.ndarray], np.ndarray], filler: float = 0
 ) -> np.ndarray:
-    """Combine the cells of a level into the next coarser level's, in a fixed order; `filler` pads odd sizes."""
+    """Combine groups of step[0] × step[1] cells to one cell each by the function `pool`; `filler` pads the edges."""
     lacking = [(0, -size % each) for size, each in zip(values.shape, step, strict=True)]
     if any(after for _, after in lacking):
         values = np.pad(values, lacking, constant_values=filler)
@@ -42,7 +42,7 @@ def pooled_cells(
 
 
 def codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int) -> Iterator[Codes]:
-    """Yield the reduced codes of each level. Codes are from 0 to number − 1, with number at most 32."""
+    """Yield the codes of each level. The values are codes from 0 to number − 1; number is at most 32."""
     there = np.flatnonzero(np.bincount(values[known], minlength=number)).tolist()
     counts = {code: (values == code) & known for code in there}
     of = known.astype(np.int32)
@@ -64,9 +64,10 @@ def mask_type(number: int) -> np.dtype[np.unsignedinteger]:
 
 
 def numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
-    """Yield the STATISTICS of the numbers in each level's cells, float32 of shape (4, m, n).
+    """Yield for each level the STATISTICS of the numbers in its cells, float32 of shape (4, m, n).
 
-    The mean is over the finite numbers; least and largest include infinite numbers. NaN where no cell has a number.
+    The mean is the mean of the finite numbers; least and largest include infinite numbers. A statistic is NaN in cells
+    without any number.
 
     Yields
     ------
@@ -82,15 +83,15 @@ def numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Ite
         least, largest = (
             pooled_cells(each, step, pool, np.nan) for each, pool in ((least, np.fmin), (largest, np.fmax))
         )
-        mean = np.clip(_over(total, count), least, largest)  # rounding must not lead outside them
+        mean = np.clip(_over(total, count), least, largest)  # a rounded mean must not be below least or above largest
         yield _single(mean, least, largest, _over(count, of))
 
 
 def phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
-    """Yield the STATISTICS of the phases in each level's cells, float32 of shape (4, m, n); phases repeat after 1.
+    """Yield for each level the STATISTICS of the phases in its cells, float32 of shape (4, m, n).
 
-    The mean is the mean direction in [0, 1). least and largest are the ends of the interval around the mean that has
-    all phases, so they may be below 0, or 1 and more.
+    Phases repeat after 1. The mean is the direction of the sum of unit vectors, in [0, 1). least and largest are the
+    ends of the interval around the mean that contains all phases, so least may be below 0, and largest 1 or more.
 
     Yields
     ------

@@ -1,4 +1,4 @@
-"""Describe the levels of a store: a group for each, its arrays, and the relation between levels."""
+"""Describe the pyramid levels of a store: a group for each level, its arrays, and the relation between levels."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -25,10 +25,10 @@ from gear_rattle.workers.survey.template import (
 from gear_rattle.workers.survey.values.quantities import COORDINATES, held, labels_of
 from gear_rattle.workers.survey.values.schema import CELL, Quantity
 
-#: Dimensions of a level, with other names than the survey's because their coordinates differ.
+#: Dimensions of a level. Their names differ from those of the survey's dimensions, because their coordinates differ.
 LEVEL_CELL = ("level_epsilon", "level_delta")
 STATISTIC = "statistic"
-SHARE, OCCURS = "_share", "_occurs"  # a variable of codes has two further arrays, whose names end so
+SHARE, OCCURS = "_share", "_occurs"  # endings of the names of the two further arrays for a variable of codes
 MULTISCALES = {
     "schema_url": "https://raw.githubusercontent.com/zarr-conventions/multiscales/refs/tags/v1/schema.json",
     "spec_url": "https://github.com/zarr-conventions/multiscales/blob/v1/README.md",
@@ -39,7 +39,7 @@ MULTISCALES = {
 
 
 class LevelDescription(NamedTuple):
-    """An array of a level. dims: its dimensions, without the two of the cells and without a third axis."""
+    """An array of a level. dims: the array's dimensions except epsilon, delta and a third axis."""
 
     name: str
     dims: tuple[str, ...]
@@ -48,7 +48,7 @@ class LevelDescription(NamedTuple):
 
 
 def maps(request: SurveyRequest) -> list[Quantity]:
-    """Return the variables of a survey that its levels contain: all that have a value for each cell."""
+    """Return the variables of a survey that its levels contain: all variables with a value for each cell."""
     return [each for each in held(request.quantities, request.model) if each.per_cell]
 
 
@@ -58,7 +58,7 @@ def meanings(quantity: Quantity) -> tuple[str, ...]:
 
 
 def level_arrays(quantity: Quantity) -> tuple[LevelDescription, ...]:
-    """Return the arrays that a level has for a variable. A level has the moduli of complex numbers."""
+    """Return the arrays that a level has for a variable. For complex numbers it has the statistics of their moduli."""
     name, dims, words = quantity.name, quantity.dims[:-2], meanings(quantity)
     if not words:
         modulus = np.dtype(quantity.dtype).kind == "c"
@@ -79,7 +79,7 @@ def level_arrays(quantity: Quantity) -> tuple[LevelDescription, ...]:
 
 
 def create(root: zarr.Group, request: SurveyRequest, level: Level, array: LevelDescription) -> zarr.Array:
-    """Create an array of a level, with a chunk for each block."""
+    """Create an array of a level in its group, with a chunk for each block."""
     axes = request.third_axis
     beside = [len(_labels(request, dim)) for dim in array.dims]
     sides = [
@@ -104,7 +104,7 @@ def _labels(request: SurveyRequest, dim: str) -> tuple[int, ...] | tuple[str, ..
 
 
 def files_of_levels(request: SurveyRequest) -> Template:
-    """Return the files of a store's levels by key, except their chunks."""
+    """Return the files of a store's levels by key, except the chunks of their arrays."""
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
     levels = levels_of(request.shape)

@@ -9,7 +9,7 @@ from gear_rattle.workers.survey.axes import Real, Strict
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.models import MODELS, Capability, require_capability
 
-BLOCK = 32  # cells along a side of a block; blocks begin at multiples of it in the grid, whatever the tiles are
+BLOCK = 32  # cells along a side of a block; blocks begin at multiples of this in the grid, whatever the tiles are
 AUDIT = 0.02  # the default of `Refine.audit`
 
 
@@ -34,7 +34,7 @@ RefineOrNot = BeforeValidator(_refine_or_not)
 
 
 def require_refinable(quantities: Iterable[Group], model: str) -> None:
-    """Raise ValueError unless a refined survey can have these groups of variables."""
+    """Raise ValueError unless a refined survey of this model can have these groups of variables."""
     groups = set(quantities)
     if not groups & {Group.REGION, *SAMPLED}:
         raise ValueError("refine compares regions or attractors: name one of these quantities, or leave out refine")

@@ -1,4 +1,4 @@
-"""Audit a refined survey: compute a random share of the filled cells, and bound the share of wrong ones."""
+"""Audit a refined survey: compute a random share of the filled cells, and so bound the share of wrong filled cells."""
 
 from collections.abc import Sequence
 
@@ -10,8 +10,8 @@ from gear_rattle.workers.survey.refined.evidence import scrambled
 SOURCE_LEVEL, AUDIT, LEAF = "source_level", "audit", "audit_leaf"  # variables of an audit
 AUDITED, DISAGREED = 1, 2  # codes of an audited cell; 0 for other cells
 SURE = 0.95  # confidence of the bound
-#: Attributes of a store: how many cells were filled, audited, and found wrong by the audit, and the upper bound of the
-#: share of wrong cells among the filled ones.
+#: Attributes of a store: how many cells were filled, how many of them the audit computed, how many of these were wrong,
+#: and the upper bound of the share of wrong cells among the filled cells.
 TOLD = "refined_cells_filled", "refined_cells_audited", "refined_cells_disagreed", "refined_wrong_share_upper"
 
 #: Attribute of the store of a survey with a bound: the rounds of audits after the first round, as JSON.
@@ -19,9 +19,9 @@ ROUNDS = "refined_rounds"
 
 
 def draws(blocks: Blocks, seed: int) -> np.ndarray:
-    """Return a random number for each cell of the frame (cells,), which depends on the seed and the cell's position.
+    """Return a random number for each cell of the frame (cells,): the cells with the smallest numbers are audited.
 
-    The cells with the smallest numbers are audited.
+    The number of a cell depends only on the seed and on the cell's position in the grid.
 
     Returns
     -------
@@ -36,10 +36,10 @@ def draws(blocks: Blocks, seed: int) -> np.ndarray:
 
 
 def told_of_audit(counts: Sequence[Sequence[int]]) -> dict[str, int | float]:
-    """Return the attributes TOLD of a store. counts: numbers of filled, audited and wrong cells in each slice.
+    """Return the attributes TOLD of a store. counts: the numbers of filled, audited and wrong cells of each slice.
 
-    All slices audit the same positions, so together they are no larger a sample: the bound is the largest bound of a
-    slice. It is 0 without filled cells.
+    All slices audit the same positions, so the audits of several slices are no larger a sample than that of one. The
+    bound for the survey is therefore the largest bound of a slice; it is 0 if no cells are filled.
 
     Returns
     -------
@@ -51,15 +51,16 @@ def told_of_audit(counts: Sequence[Sequence[int]]) -> dict[str, int | float]:
 
 
 def upper_share(wrong: int, of: int, sure: float = SURE) -> float:
-    """Return the upper end of the one-sided confidence interval of a share, if `wrong` of `of` drawn cells are wrong.
+    """Return an upper bound of the share of wrong cells, with confidence `sure`.
 
-    The method is that of Clopper and Pearson, Biometrika 26 (1934) 404.
+    of: the number of cells that were drawn at random. wrong: how many of these cells are wrong. The bound is the upper
+    end of the one-sided interval of Clopper and Pearson, Biometrika 26 (1934) 404.
 
     Returns
     -------
     float
         1 if `of` is 0.
     """
-    from scipy.special import betaincinv  # here, because it takes a tenth of a second to load
+    from scipy.special import betaincinv  # imported here, because it takes a tenth of a second to load
 
     return float(betaincinv(wrong + 1, of - wrong, sure)) if wrong < of else 1.0

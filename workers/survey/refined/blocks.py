@@ -1,7 +1,7 @@
 """The blocks of a tile, and their leaves.
 
-A leaf is a square of cells, edges included. It begins as a whole block, and is divided into four quarters until its
-cells have the same motions.
+A tile is covered by blocks of BLOCK × BLOCK cells. A leaf is a square of cells that contains its own edges. A block
+begins as one leaf. A leaf is divided into four quarters until all computed cells in it have the same motions.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from gear_rattle.workers.survey.refined.asked import BLOCK
 
 
 class Leaves(NamedTuple):
-    """Leaves (k,) of equal size: the number of their block, and their first row and column in the block.
+    """Several leaves (k,) of equal size.
 
-    A leaf of size n has n + 1 cells a side: its last row and column are also the first ones of the next leaves.
+    block: the number of the block of each leaf. row, column: the leaf's first row and column in the block. size: a leaf
+    of size n has n + 1 cells along a side; its last row and column are also the first ones of the next leaves.
     """
 
     block: np.ndarray
@@ -33,9 +34,10 @@ class Leaves(NamedTuple):
 
 
 class Square(NamedTuple):
-    """The cells of leaves, shape (k, size + 1, size + 1).
+    """The cells of k leaves, arrays of shape (k, size + 1, size + 1).
 
-    block: the number of their block. row, column: their position in the block. inside: whether they are in the grid.
+    block: the number of each cell's block. row, column: the cell's position in the block. inside: whether the cell is
+    in the grid.
     """
 
     block: np.ndarray
@@ -46,10 +48,10 @@ class Square(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """The blocks that cover the cells rows × columns of a grid; `grid` is the shape of the grid.
+    """The blocks that cover the cells rows × columns of a grid. grid: the shape of the grid.
 
-    The frame is these cells together with the next row and column of the grid, if there are any, which are the far
-    edges of the last blocks.
+    The frame consists of these cells, the next row and the next column of the grid, as far as the grid has them. The
+    added row and column are the far edges of the last blocks.
     """
 
     rows: slice
@@ -71,13 +73,13 @@ class Blocks:
 
     @cached_property
     def corners(self) -> tuple[np.ndarray, np.ndarray]:
-        """First row and column of each block in the frame (blocks,)."""
+        """The first row and the first column of each block (blocks,), counted in the frame."""
         down, right = (np.arange(0, span.stop - span.start, BLOCK) for span in (self.rows, self.columns))
         return np.repeat(down, right.size), np.tile(right, down.size)
 
     @cached_property
     def last(self) -> tuple[np.ndarray, np.ndarray]:
-        """The last row and column of each block (blocks,), counted from its corner: its far edges."""
+        """The last row and the last column of each block (blocks,), counted from the block's first ones."""
         top, left = self.corners
         return np.minimum(BLOCK, self.shape[0] - 1 - top), np.minimum(BLOCK, self.shape[1] - 1 - left)
 
@@ -87,7 +89,7 @@ class Blocks:
         return self.shape[0] * self.shape[1]
 
     def whole(self) -> Leaves:
-        """Return one leaf for each block."""
+        """Return one leaf for each block, which is the whole block."""
         number = np.arange(self.corners[0].size)
         return Leaves(number, np.zeros_like(number), np.zeros_like(number), BLOCK)
 
@@ -102,7 +104,7 @@ class Blocks:
         return Leaves(block, row, column, half).of(there)
 
     def square(self, leaves: Leaves) -> Square:
-        """Return the cells of leaves."""
+        """Return the cells of these leaves; positions outside the grid are flagged in `inside`."""
         along = np.arange(leaves.size + 1)
         row, column = leaves.row[:, None] + along, leaves.column[:, None] + along
         block = leaves.block[:, None]
@@ -117,7 +119,7 @@ class Blocks:
         )
 
     def cell(self, square: Square) -> np.ndarray:
-        """Return the numbers that cells have in the frame, counted row by row."""
+        """Return the number of each cell in the frame, where cells are counted row by row."""
         block, row, column = square.block[:, :1, :1], square.row[:, :, :1], square.column[:, :1]
         top, left = (corner[block] for corner in self.corners)
         number: np.ndarray = (top + row) * self.shape[1] + left + column
@@ -132,7 +134,7 @@ class Blocks:
         return self.each_once(self.cell(square)[on])
 
     def each_once(self, cells: np.ndarray) -> np.ndarray:
-        """Sort numbers of cells of the frame and remove repetitions; `np.unique` takes ten times as long."""
+        """Return numbers of cells of the frame sorted and without repetitions, ten times as fast as `np.unique`."""
         there = np.zeros(self.n_cells, bool)
         there[cells] = True
         return np.flatnonzero(there)

@@ -1,4 +1,4 @@
-"""Everything known about a tile's cells while it is refined: computed regions and samples, and continued orbits."""
+"""Everything known about a tile's cells while the tile is refined: regions, samples, and continued orbits."""
 
 from __future__ import annotations
 
@@ -12,19 +12,20 @@ from rattle import Attractors
 from rattle.attractors import CHAOTIC, PERIODIC, QUIET, UNDECIDED
 from rattle.families import GridPiece, in_order, no_attractors, together
 
-#: Kinds of attractors that continuation cannot follow, because they are no periodic orbits: samples alone show them.
+#: Kinds of attractors that are no periodic orbits, so that continuation cannot follow them: only samples show them.
 SEEN = (QUIET, CHAOTIC, UNDECIDED)
 FEW = 12  # two cells differ if a motion has at least this many samples in one of them, and none in the other
-#: The most cells whose closed forms are computed at once. They are sorted by column, because a column shares constants.
+#: Closed forms are computed for at most this many cells at once, sorted by column, because a column shares constants.
 MOST = 65_536
-#: An audited cell without any sample of a motion on the leaf's edges disagrees if chance explains that less often.
+#: An audited cell disagrees if none of its samples goes to a motion that the leaf's edges have, and the probability of
+#: this by chance is below SURELY.
 SURELY = 1e-3
 
 
 class Evidence:
-    """The cells of a frame, computed on demand.
+    """The cells of a frame (see `Blocks`), computed on demand.
 
-    sampled: whether the attractors of cells are compared. regions: whether their regions are compared.
+    sampled: whether the attractors of cells are compared. regions: whether the regions of cells are compared.
     """
 
     def __init__(self, blocks: Blocks, cells: Cells, sampled: bool, regions: bool) -> None:
@@ -39,7 +40,7 @@ class Evidence:
         self._code = np.zeros((blocks.corners[0].size, BLOCK + 1, BLOCK + 1), np.uint64)
 
     def compute(self, cells: np.ndarray) -> None:
-        """Compute those of the given cells that are not known yet, and continue their orbits through their blocks."""
+        """Compute those given cells that are not known yet, and continue their periodic orbits through their blocks."""
         cells = cells[~self.known[cells]]
         if not cells.size:
             return
@@ -62,7 +63,7 @@ class Evidence:
         self._continue(found.take(found.kind == PERIODIC))
 
     def _continue(self, periodic: Attractors) -> None:
-        """Continue orbits of computed cells through all cells of their blocks."""
+        """Continue the periodic orbits of computed cells to all cells of their blocks."""
         row, column = np.divmod(periodic.cell, self.blocks.shape[1])
         for block, corner in enumerate(zip(*self.blocks.corners, *self.blocks.last, strict=True)):
             top, left, height, width = (int(x) for x in corner)
@@ -82,12 +83,12 @@ class Evidence:
         return GridPiece((height + 1, width + 1), cells)
 
     def code(self, square: Square) -> np.ndarray:
-        """Return a number for each cell; two cells of a block with the same orbits have the same number."""
+        """Return a number for each cell. Cells of a block have the same number if their orbits have the same labels."""
         found: np.ndarray = self._code[square.block, square.row, square.column]
         return found
 
     def uniform(self, leaves: Leaves) -> np.ndarray:
-        """Return for each leaf (k,) whether all its cells have the same motions, whatever their basin fractions."""
+        """Return for each leaf (k,) whether all its known cells have the same motions, whatever the basin fractions."""
         square = self.blocks.square(leaves)
         cell = self.blocks.cell(square)
         known = square.inside & self.known[cell]
@@ -111,12 +112,16 @@ class Evidence:
         return found
 
     def surprising(self, square: Square, audited: np.ndarray, before: np.ndarray) -> np.ndarray:
-        """Flag the audited cells of leaves whose motions differ from the motions on the edges of their leaf.
+        """Return flags of the audited cells whose motions differ from the motions on the edges of their leaf.
 
         Parameters
         ----------
+        square : Square
+            The cells of the leaves.
+        audited : np.ndarray
+            Flags of the audited cells, in the shape of the square.
         before : np.ndarray
-            The result of `code` for these cells before the audit, when only the edges were known.
+            The result of `code` for these cells before the audit.
 
         Returns
         -------
@@ -141,9 +146,10 @@ class Evidence:
 def differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
     """Return for each leaf (k,) whether some of its cells have a motion and others do not.
 
-    seen (…, k, n, n): numbers of samples that go to the motion. known (k, n, n): flags of the sampled cells. Cells
-    differ if one has no such sample and another has at least FEW, or if more cells have none than chance explains when
-    the motion has the same basin fraction in all of them.
+    seen (…, k, n, n): how many samples of each cell go to the motion. known (k, n, n): flags of the sampled cells.
+    count: the number of samples of a cell. Cells differ if one cell has no such sample and another has at least FEW.
+    They also differ if more cells have no such sample than chance explains, if the motion had the same basin fraction
+    in all of them.
 
     Returns
     -------

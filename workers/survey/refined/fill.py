@@ -1,4 +1,4 @@
-"""The variables of a refined tile: computed cells have their own values, other cells have filled values."""
+"""The variables of a refined tile: computed cells have their own values, all other cells have filled values."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from rattle import Attractors, wilson_interval
 from rattle.attractors import CHAOTIC, QUIET
 from rattle.families import in_order, together
 
-#: Variables that need the trajectory of a chaotic attractor, which a filled cell does not have.
+#: Variables that are computed from the trajectory of a chaotic attractor, which a filled cell does not have.
 BY_TRAJECTORY = ("lyapunov_max", "sum_rule_error", "impulse_balance_error")
 
 
@@ -31,8 +31,8 @@ BY_TRAJECTORY = ("lyapunov_max", "sum_rule_error", "impulse_balance_error")
 class RefinedCells(Cells):
     """The cells of a refined tile, computed or filled.
 
-    table: the attractors of all cells. wider (attractors,): the additional uncertainty of each basin fraction in a
-    filled cell (see `Filling`), 0 in a computed cell. regions, source_level, audit, audit_leaf: values of each cell.
+    table: the attractors of all cells. wider (attractors,): the uncertainty that filling adds to each basin fraction
+    (see `Filling`), 0 in a computed cell. regions, source_level, audit, audit_leaf: the values of these variables.
     """
 
     table: Attractors = None  # type: ignore[assignment]  # a dataclass that follows one with defaults
@@ -49,7 +49,7 @@ class RefinedCells(Cells):
 
     @cached_property
     def region(self) -> np.ndarray:
-        """The regions; a filled cell has the region of the edges of its leaf."""
+        """The regions of all cells. A filled cell has the region of the edges of its leaf."""
         return self.regions
 
     @property
@@ -59,7 +59,7 @@ class RefinedCells(Cells):
         return found
 
     def values_of(self, quantity: Quantity) -> np.ndarray:
-        """Return the values of a variable of the registry."""
+        """Return the values of a variable. Some variables need another formula, or are NaN, in filled cells."""
         if quantity.name == "attractor_fraction_upper":
             return in_slots(self, np.minimum(self._bound + self.wider, 1.0), np.nan, quantity.dtype)
         if quantity.name == "fraction_error":
@@ -83,7 +83,7 @@ class RefinedCells(Cells):
 
     @cached_property
     def _guessed(self) -> np.ndarray:
-        """Flags of the chaotic attractors in filled cells, which have no trajectory."""
+        """Flags (attractors,) of the chaotic attractors in filled cells, which have no trajectory."""
         found: np.ndarray = self.filled.ravel()[self.table.cell] & (self.table.kind == CHAOTIC)
         return found
 
@@ -99,10 +99,11 @@ class RefinedCells(Cells):
 
 
 class FillingPlan(NamedTuple):
-    """Options of a tile's refinement.
+    """Options for refining a tile.
 
-    rounds: rounds of audits. quantities: groups of variables; their regions or attractors are compared. crossings: of
-    each curve of the plane. seed: of the draws that choose audited cells.
+    rounds: the rounds of audits. quantities: the requested groups of variables, which decide whether regions or
+    attractors of cells are compared. crossings: for each bifurcation curve, where it passes between cells. seed: the
+    seed of the draws that choose the audited cells.
     """
 
     rounds: Sequence[Round]
@@ -112,9 +113,9 @@ class FillingPlan(NamedTuple):
 
 
 def refined_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) -> RefinedCells:
-    """Refine the cells rows × columns of a grid of cells.
+    """Refine the cells rows × columns of the grid `whole`: compute some cells, and fill the others.
 
-    A cell's values depend on its block alone, not on the tile or on its position in the tile.
+    The values of a cell depend only on its block, and not on the tile.
 
     Returns
     -------

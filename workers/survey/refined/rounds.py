@@ -1,9 +1,9 @@
 """Rounds of audits of a survey whose share of wrong cells must meet a bound.
 
-Each round audits a random sample of the filled cells, from cells that no earlier round has drawn, so the sample is
-independent of all earlier decisions. If the bound is not met, there is a next round. It first computes whole the leaves
-of those kinds in which too many cells were wrong; then it audits as many cells as the bound needs. The last round
-computes all remaining cells.
+Each round audits a random sample of the filled cells. It draws the sample from cells that no earlier round has drawn,
+so the sample is independent of all earlier decisions. If the bound is not met, there is another round. That round first
+computes all cells of the leaves of those kinds in which too many audited cells were wrong. Then it audits as many cells
+as the bound needs. The last round computes all remaining cells.
 """
 
 from __future__ import annotations
@@ -15,21 +15,23 @@ import numpy as np
 
 from gear_rattle.workers.survey.refined.audit import SURE, upper_share
 
-LAST = 5  # number of the round that computes all remaining cells; the first round is 0
-#: The kind of a leaf is log2 of its size, plus CHAOTIC if chaos was seen on its edges; there are KINDS kinds.
+LAST = 5  # the number of the round that computes all remaining cells; the first round has the number 0
+#: The kind of a leaf is log2 of its size, plus CHAOTIC if its computed cells have chaotic or undecided samples. There
+#: are KINDS kinds.
 CHAOTIC, KINDS = 8, 16
-#: Leaves are computed whole until the expected share of wrong cells is at most this share of the bound.
+#: Kinds of leaves are computed in full until the expected share of wrong cells is at most this multiple of the bound.
 AIM = 0.5
-MOST = 0.5  # if a round had to audit a larger share of the filled cells than this, it computes all of them
-#: The first audit has this many times the cells that would suffice if all cells were filled and none were wrong.
+MOST = 0.5  # if a round had to audit more than this share of the filled cells, it computes all of them
+#: The first audit draws this many times the cells that would suffice if all cells were filled and none were wrong.
 SPARE = 3.0
 
 
 class Round(NamedTuple):
     """A round of audits.
 
-    drawn: filled cells whose draw is below this are audited. regular, chaotic: before that, leaves of at most this size
-    are computed whole; `regular` is the limit for leaves without chaos, `chaotic` for leaves with chaos.
+    drawn: a filled cell is audited if its random number (`draws`) is below this. regular, chaotic: before the audit,
+    all cells of leaves of at most this size are computed; `regular` is the limit for leaves without chaos, `chaotic`
+    the limit for leaves with chaos.
     """
 
     drawn: float
@@ -38,10 +40,10 @@ class Round(NamedTuple):
 
 
 class Counts(NamedTuple):
-    """Findings of a round, by kind of leaf (KINDS,).
+    """The findings of a round of audits for each kind of leaf, arrays (KINDS,).
 
-    before: how many cells were to be filled before the round. audited: how many of these it audited. disagreed: how
-    many audited cells were wrong. filled: how many cells are filled after the round.
+    before: how many cells were to be filled before the round. audited: how many of these cells the round audited.
+    disagreed: how many audited cells were wrong. filled: how many cells are filled after the round.
     """
 
     before: np.ndarray
@@ -51,12 +53,12 @@ class Counts(NamedTuple):
 
 
 def sure_of(number: int) -> float:
-    """Return the confidence of a round's bound, such that all rounds together have the confidence SURE."""
+    """Return the confidence of the bound of round `number`, so that all rounds together have the confidence SURE."""
     return 1.0 - (1.0 - SURE) / 2.0 ** (number + 1)
 
 
 def first_round(audit: float, bound: float | None, cells: int) -> Round:
-    """Return the first round for a survey. audit: the least share of cells to audit. cells: the survey's cells."""
+    """Return the first round of audits of a survey. audit: the least share to audit. cells: the number of cells."""
     if bound is None:
         return Round(audit)
     needed = -SPARE * math.log(1.0 - sure_of(0)) / (bound * cells)
@@ -66,8 +68,8 @@ def first_round(audit: float, bound: float | None, cells: int) -> Round:
 def upper_of(counts: Counts, number: int) -> float:
     """Return an upper bound of the share of wrong cells among the cells that are filled after a round.
 
-    The audit bounds the number of wrong cells before the round; the wrong cells that it found are subtracted, because
-    they have been computed.
+    counts: the findings of the round. number: the number of the round. The audit bounds the number of wrong cells
+    before the round. The wrong cells that the audit found are subtracted, because they are now computed.
 
     Returns
     -------
@@ -101,7 +103,15 @@ def next_round(bound: float, rounds: tuple[Round, ...], counts: Counts) -> Round
 
 
 def _share(bound: float, filled: float, wrong: float, sure: float) -> float:
-    """Return the share of `filled` cells to audit if `wrong` of them are expected to be wrong; 1: compute them all."""
+    """Return the share of the filled cells to audit so that the bound will be met, or 1 to compute all of them.
+
+    filled: the number of filled cells. wrong: how many of them are expected to be wrong. sure: the confidence.
+
+    Returns
+    -------
+    float
+        A share of at most MOST, or 1.
+    """
     share = 1.2 * -math.log(1.0 - sure) / (bound * max(filled, 1.0))
     while share <= MOST:
         found = share * wrong

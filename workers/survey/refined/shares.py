@@ -1,4 +1,4 @@
-"""Fill the cells of leaves: their orbits come from continuation, their basin fractions from computed cells around."""
+"""Fill cells of leaves: their periodic orbits come from continuation, their basin fractions from computed cells."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ NORMAL = 1.96  # half-width of a 95 % interval in standard deviations
 class Filling(NamedTuple):
     """The attractors of filled cells.
 
-    table: the attractors. A periodic one is an orbit that Newton's method has found in the cell. Any other one has the
-    state of an attractor of its kind in the nearest computed cell, and no exponents. `table.samples` is the basin
-    fraction times the number of samples of a cell, and not a whole number. wider: the uncertainty of each basin
-    fraction that adds to the uncertainty of a sample.
+    table: the attractors. A periodic attractor is an orbit that Newton's method has found in the cell. Any other
+    attractor has the state of an attractor of the same kind in the nearest computed cell, and no exponents.
+    `table.samples` is the basin fraction times the number of samples of a cell, and need not be a whole number.
+    wider: the uncertainty of each basin fraction in addition to that of a sample.
     """
 
     table: Attractors
@@ -30,10 +30,11 @@ class Filling(NamedTuple):
 
 
 class Related(NamedTuple):
-    """The periodic orbits (n,) of a block.
+    """The n periodic orbits in the cells of a block, grouped into branches.
 
-    row, column: the cell of each orbit in the block. label: a number for its label. group: a number for its branch. Two
-    orbits in neighbouring cells are on one branch if continuation leads from each to the other.
+    existing: the orbits. row, column: the cell of each orbit in the block. label: a number that stands for the orbit's
+    label. group: a number that stands for its branch. Two orbits in neighbouring cells are on the same branch if
+    continuation leads from each to the other.
     """
 
     existing: GridPiece
@@ -44,7 +45,7 @@ class Related(NamedTuple):
 
 
 def filling(evidence: Evidence, leaves: Leaves) -> Filling:
-    """Return attractors for those cells of leaves that were not computed."""
+    """Return attractors for the cells of leaves that were not computed."""
     square = evidence.blocks.square(leaves)
     cell = evidence.blocks.cell(square)
     known = square.inside & evidence.known[cell]
@@ -62,7 +63,7 @@ def filling(evidence: Evidence, leaves: Leaves) -> Filling:
 
 def related(existing: GridPiece) -> Related:
     """Return the orbits of a block, grouped into branches."""
-    from scipy.sparse import coo_array  # here, because it takes an eighth of a second to load
+    from scipy.sparse import coo_array  # imported here, because it takes an eighth of a second to load
     from scipy.sparse.csgraph import connected_components
 
     orbits, n = existing.orbits, existing.n
@@ -82,8 +83,8 @@ def related(existing: GridPiece) -> Related:
 class _Leaf:
     """A leaf to fill, with n × n cells.
 
-    cell (n, n): the numbers of its cells in the frame. known (n, n): flags of the computed cells. empty (n, n): flags
-    of the cells to fill.
+    cell (n, n): the numbers of the leaf's cells in the frame. known (n, n): flags of the computed cells. empty (n, n):
+    flags of the cells to fill.
     """
 
     evidence: Evidence
@@ -97,7 +98,15 @@ class _Leaf:
         return self._kinds(shares, spread)
 
     def filling(self, related: Related, top: int, left: int) -> list[Filling]:
-        """Return the attractors for the empty cells of the leaf; top, left: its first row and column in its block."""
+        """Return the attractors for the empty cells of the leaf.
+
+        related: the periodic orbits of the leaf's block. top, left: the leaf's first row and column in the block.
+
+        Returns
+        -------
+        list[Filling]
+            One entry for each kind of attractor.
+        """
         row, column = related.row - top, related.column - left
         n = self.cell.shape[0]
         here = np.flatnonzero((row >= 0) & (row < n) & (column >= 0) & (column < n))
@@ -143,14 +152,15 @@ class _Leaf:
     def _planes(self, won: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fit a plane over (δ, ε) to each basin fraction of the computed cells, and evaluate it in the empty cells.
 
-        There is a plane for each kind of SEEN, and for each label: `won` (known cells, labels) has the numbers of
-        samples of each label. The fractions of a cell are scaled so that their sum is 1.
+        There is a plane for each kind in SEEN and for each label of periodic orbits. won (known cells, labels): how
+        many samples of each computed cell go to orbits with each label. The fractions of each cell are scaled so that
+        their sum is 1.
 
         Returns
         -------
         tuple[np.ndarray, np.ndarray]
-            The fractions (empty cells, kinds and labels), and the standard deviation of the computed fractions from
-            each plane beyond the scatter of samples.
+            The fractions (empty cells, kinds and labels); and for each plane the standard deviation of the computed
+            fractions from it, without the part that the finite number of samples explains.
         """
         count = self.evidence.cells.count
         seen = self.evidence.samples[:, self.cell[self.known]].T
@@ -166,7 +176,7 @@ class _Leaf:
         return np.column_stack([np.ones(len(at)), at])
 
     def _kinds(self, shares: np.ndarray, spread: np.ndarray) -> list[Filling]:
-        """Return the attractors of the kinds SEEN for the empty cells."""
+        """Return the quiet, chaotic and undecided attractors for the empty cells. shares, spread: from `_planes`."""
         found = []
         for which, kind in enumerate(SEEN):
             has = self.evidence.samples[which, self.cell] > 0
@@ -225,9 +235,10 @@ def _normal(shares: np.ndarray) -> np.ndarray:
 def _parts(of: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Divide the basin fraction of a label in a cell among the orbits with this label there, in proportion to weight.
 
-    of (k,): for each orbit, the number of the fraction that it has a part of. weight (k,): the samples of its branch in
-    computed cells; negative for a branch that no computed cell has, which gets no part if another orbit has a branch
-    with computed cells. If all weights are 0, the parts are equal.
+    of (k,): for each orbit, the number of the basin fraction in which it has a part. weight (k,): how many samples of
+    computed cells go to the branch of the orbit, negative if no computed cell has this branch. An orbit with a negative
+    weight gets no part if another orbit with a part in this fraction has a weight of 0 or more. If all weights are 0,
+    the parts are equal.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Divide leaves until the cells on their edges have the same motions, and audit a share of the cells to fill."""
+"""Divide leaves (squares of cells) until the cells on their edges agree, and audit a share of the cells to fill."""
 
 from __future__ import annotations
 
@@ -20,10 +20,11 @@ from gear_rattle.workers.survey.refined.rounds import CHAOTIC, KINDS, Round
 class Tree:
     """The leaves of a tile.
 
-    evidence: everything known about the tile's cells. passed: two arrays (rows, columns) of flags; they say whether a
-    curve passes between a cell of the frame and the next one along δ (first array) or along ε (second). draws (cells,):
-    a random number for each cell, which decides the round that audits it. leaf (cells,): KINDS times the number of the
-    last round that was to fill the cell, plus the kind of its leaf. filled: the leaves to fill.
+    evidence: everything known about the tile's cells. passed: two arrays (rows, columns) of flags, which say whether a
+    curve passes between a cell of the frame and the next cell along δ (first array) or along ε (second array).
+    draws (cells,): a random number for each cell, which decides the round that audits it. rounds: the rounds of audits.
+    audit (cells,): 0, AUDITED or DISAGREED. leaf (cells,): KINDS times the number of the last round in which the cell
+    was to be filled, plus the kind of the cell's leaf. filled: the leaves to fill.
     """
 
     evidence: Evidence
@@ -49,10 +50,13 @@ class Tree:
         return self.evidence.blocks
 
     def grow(self) -> None:
-        """Compute the necessary cells, round by round. `filled` then has the leaves whose other cells can be filled."""
+        """Compute the necessary cells, round by round. After that the other cells of the leaves `filled` can be filled.
+
+        The method changes `filled`, `audit` and `leaf`.
+        """
         self._refine([self.blocks.whole()])
         for number, (before, now) in enumerate(pairwise(self.rounds), start=1):
-            self._now = now  # a round first computes whole leaves, and then audits cells
+            self._now = now  # a round first computes all cells of some leaves, and then audits others
             self._refine(self._judged(self._uniform))
             self._number = number
             self._chosen = (before.drawn <= self.draws) & (self.draws < now.drawn)
@@ -61,7 +65,8 @@ class Tree:
     def _refine(self, waiting: list[Leaves]) -> None:
         """Compute the edges of leaves, and divide leaves that are not uniform, until no more leaves are divided.
 
-        Continuing an orbit that is found late may change a leaf that was uniform before; it is then divided too.
+        An orbit that is found late is continued to all cells of its block. A leaf that was uniform may then be uniform
+        no longer; such a leaf is divided too.
         """
         while True:
             self._down(waiting)
@@ -125,7 +130,7 @@ class Tree:
         return self._uniform(leaves)
 
     def _note(self, leaves: Leaves, cell: np.ndarray, empty: np.ndarray) -> None:
-        """Record, for each cell that this round is to fill and that has no record of it yet, the kind of its leaf."""
+        """Record the kind of the leaf of each cell that is to be filled, unless this round has recorded it before."""
         first = KINDS * self._number
         fresh = empty & (self.leaf[cell] < max(first, 1))
         kind = first + CHAOTIC * self.evidence.chaotic(leaves) + leaves.size.bit_length() - 1
@@ -133,7 +138,7 @@ class Tree:
 
 
 def passed(blocks: Blocks, crossings: Sequence[Crossings]) -> tuple[np.ndarray, np.ndarray]:
-    """Return two arrays of flags: whether a curve passes between a cell of the frame and the next one along δ or ε."""
+    """Return for each cell of the frame whether a curve passes between it and the next cell along δ, and along ε."""
     rows, columns = blocks.frame
     found = []
     for along in range(2):

@@ -1,1 +1,1 @@
-"""Contents of a cell: the registry of variables, and their computation from an evaluation of the cells."""
+"""The contents of a cell: the registry of the stored variables, and the computation of their values."""

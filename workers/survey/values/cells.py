@@ -17,18 +17,18 @@ BASIN_RESOLUTION = 100  # states along each axis of the (τ, v) plane; the basin
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """The cells `epsilon` × `delta`; each property is computed once, when it is first needed.
+    """The cells `epsilon` × `delta`. Each property is computed once, when it is first needed.
 
-    A cell's values follow from its (δ, ε), the model and, for attractors, the sample's count, box and seed. They do not
-    depend on the other cells, so the same cell has the same bits in any block.
+    The values of a cell follow from its (δ, ε), the model and, for attractors, the sample's count, box and seed. They
+    do not depend on the other cells, so a cell has the same values, bit by bit, in any block.
     """
 
-    delta: np.ndarray  # (n_delta,)
-    epsilon: np.ndarray  # (n_epsilon,)
+    delta: np.ndarray  # dampings, shape (n_delta,)
+    epsilon: np.ndarray  # eccentricities, shape (n_epsilon,)
     model: Model
     sample: SampleSpec
     is_sampled: bool  # whether attractors are computed
-    slots: int  # the most attractors that a cell lists
+    slots: int  # the largest number of attractors that a cell lists
 
     @property
     def count(self) -> int:
@@ -42,31 +42,31 @@ class Cells:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Cells along (epsilon, delta)."""
+        """Numbers of cells along (epsilon, delta)."""
         return len(self.epsilon), len(self.delta)
 
     @property
     def source_level(self) -> np.ndarray:
-        """Level of the computed cells from which each cell was filled, 0 for computed cells."""
+        """For a cell filled between computed cells 2ⁿ steps apart, n; for a computed cell 0. Here 0 everywhere."""
         return np.zeros(self.shape, np.int8)
 
     @property
     def audit(self) -> np.ndarray:
-        """Findings of the audit for each filled cell: codes of `AUDIT`."""
+        """Findings of the audit for each cell, as codes of `AUDIT`. Here 0 everywhere, because no cell is filled."""
         return np.zeros(self.shape, np.int8)
 
     @property
     def audit_leaf(self) -> np.ndarray:
-        """Round of audits and kind of leaf of each cell that was to be filled."""
+        """The last round of audits in which each cell was to be filled, and the kind of its leaf. Here 0 everywhere."""
         return np.zeros(self.shape, np.int8)
 
     def one(self, i: int, j: int) -> "Cells":
-        """Return the cell at (i_epsilon, i_delta) alone; none of its properties is computed yet."""
+        """Return the one cell with the indices i along ε and j along δ; none of its properties is computed yet."""
         return replace(self, delta=self.delta[j : j + 1], epsilon=self.epsilon[i : i + 1])
 
     @cached_property
     def region(self) -> np.ndarray:
-        """Regions I to V as int8, shape (n_epsilon, n_delta)."""
+        """The region of each cell, an index of `rattle.REGIONS`, int8 of shape (n_epsilon, n_delta)."""
         return rattle.classify_regions(self.period_one)
 
     @cached_property
@@ -76,7 +76,7 @@ class Cells:
 
     @cached_property
     def attractors(self) -> rattle.Attractors:
-        """The attractors of all cells, row by row; equal to the bit to those of `rattle.attractors_of` at each cell."""
+        """The attractors of all cells, row by row: the same bits as `rattle.attractors_of` returns for each cell."""
         return self.model.attractors_of(self.delta, self.epsilon[:, None], self.sample)
 
     @cached_property
@@ -96,15 +96,15 @@ class Cells:
 
     @cached_property
     def rests_late(self) -> np.ndarray:
-        """Flags (n_epsilon, n_delta) of the cells where quiet motion takes too many impacts to be told from chaos."""
+        """Flags (n_epsilon, n_delta) of cells whose quiet motions make so many impacts that they may look chaotic."""
         return self.model.rests_late(self.delta, self.epsilon[:, None])
 
     @cached_property
     def basin_entropy(self) -> np.ndarray:
-        """Basin entropy per box, over all boxes and over the boxes at boundaries, shape (2, n_epsilon, n_delta).
+        """The mean basin entropy of all boxes, and of the boxes at basin boundaries, shape (2, n_epsilon, n_delta).
 
-        NaN if a state of the (τ, v) plane is undecided, or if states could be undecided because ε is so near the quiet
-        limit.
+        NaN if a state of the (τ, v) plane is undecided, or if ε is so near the quiet limit that states could be
+        undecided.
         """
         found = np.full((2, *self.shape), np.nan)
         for (i, j), late in np.ndenumerate(self.rests_late):
@@ -116,7 +116,7 @@ class Cells:
 
     @cached_property
     def crisis_side(self) -> np.ndarray:
-        """Indices of `rattle.CRISIS_SIDES`, shape (n_epsilon, n_delta)."""
+        """The side of the boundary crisis of each cell, an index of `rattle.CRISIS_SIDES`, (n_epsilon, n_delta)."""
         return rattle.crisis_side(self.delta, self.epsilon[:, None], self.model.beta)
 
     @cached_property

@@ -15,17 +15,17 @@ Evaluate = Callable[[Cells], np.ndarray]
 
 
 def orbits(field: str) -> Evaluate:
-    """Return a function for a field of the orbits A to D, shape (4, …, n_epsilon, n_delta)."""
+    """Return the function that evaluates a field of the orbits A to D, shape (4, …, n_epsilon, n_delta)."""
     return lambda cells: getattr(cells.period_one, field)
 
 
 def grazing_orbits(field: str) -> Evaluate:
-    """Return a function for a field of the curves G1 and G2, shape (2, …, n_delta)."""
+    """Return the function that evaluates a field of the grazing curves G1 and G2, shape (2, …, n_delta)."""
     return lambda cells: np.stack([getattr(curve, field) for curve in cells.grazing])
 
 
 def slots(field: str, dtype: str, fill: float = 0) -> Evaluate:
-    """Return a function for a field of the attractors that each cell lists, shape (slots, n_epsilon, n_delta)."""
+    """Return the function that evaluates a field of the listed attractors, shape (slots, n_epsilon, n_delta)."""
 
     def evaluate(cells: Cells) -> np.ndarray:
         return in_slots(cells, getattr(cells.attractors, field), fill, dtype)
@@ -59,7 +59,7 @@ def slot_fraction_upper(cells: Cells) -> np.ndarray:
 
 
 def unlisted_fraction(cells: Cells) -> np.ndarray:
-    """Return the basin fraction of all attractors beyond the slots."""
+    """Return for each cell the basin fraction of all attractors that are not listed, for lack of slots."""
     return _sum(cells, cells.attractors.samples * (_slot(cells) >= cells.slots)) / cells.count
 
 
@@ -71,7 +71,7 @@ def observed_periods(cells: Cells) -> np.ndarray:
 
 
 def lyapunov(cells: Cells) -> np.ndarray:
-    """Return both exponents of each slot, shape (slots, 2, n_epsilon, n_delta)."""
+    """Return both Lyapunov exponents of the attractor in each slot, shape (slots, 2, n_epsilon, n_delta)."""
     return np.stack([slots(field, "float64", np.nan)(cells) for field in ("first", "second")], axis=1)
 
 
@@ -81,12 +81,12 @@ def _sum(cells: Cells, weights: np.ndarray) -> np.ndarray:
 
 
 def attractor_count(cells: Cells) -> np.ndarray:
-    """Return the number of attractors of each cell, including those beyond the slots."""
+    """Return the number of attractors of each cell, including attractors that are not listed for lack of slots."""
     return _sum(cells, np.ones(cells.attractors.cell.size))
 
 
 def fraction(kind: str) -> Evaluate:
-    """Return a function for the basin fraction of all attractors of a kind, including those beyond the slots."""
+    """Return the function that evaluates each cell's basin fraction of all attractors of a kind, listed or not."""
 
     def evaluate(cells: Cells) -> np.ndarray:
         found = cells.attractors
@@ -96,25 +96,25 @@ def fraction(kind: str) -> Evaluate:
 
 
 def fraction_error(cells: Cells) -> np.ndarray:
-    """Return half the width of the 95 % Wilson interval of the quiet fraction."""
+    """Return half the width of the 95 % Wilson interval of each cell's quiet fraction."""
     low, high = rattle.wilson_interval(np.rint(fraction("quiet")(cells) * cells.count), cells.count)
     return (high - low) / 2
 
 
 def lyapunov_max(cells: Cells) -> np.ndarray:
-    """Return the largest first exponent of each cell."""
+    """Return the largest Lyapunov exponent of the attractors of each cell; NaN if all of them are quiet."""
     return _largest(cells, cells.attractors.first)
 
 
 def sum_rule_error(cells: Cells) -> np.ndarray:
-    """Return the largest |λ₁ + λ₂ + δ| of each cell."""
+    """Return the largest |λ₁ + λ₂ + δ| of the attractors of each cell, where λ₁ and λ₂ are the exponents."""
     found = cells.attractors
     delta = cells.delta[found.cell % cells.delta.size]
     return _largest(cells, np.abs(found.first + found.second + delta))
 
 
 def impulse_balance_error(cells: Cells) -> np.ndarray:
-    """Return the largest |(Σv₊ − Σv₋)/(2πδT) − 1| of each cell."""
+    """Return the largest |(Σv₊ − Σv₋)/(2πδT) − 1| of the attractors of each cell (see `Model`)."""
     errors = cells.model.impulse_balance_errors(cells.delta, cells.epsilon[:, None], cells.attractors)
     return _largest(cells, errors)
 

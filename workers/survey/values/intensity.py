@@ -42,7 +42,7 @@ def _slots(field: str) -> Evaluate:
 
 
 def _mean(cells: Cells, values: np.ndarray) -> np.ndarray:
-    """Return the mean of a field over the samples of each cell; NaN if the field is unknown for one of them."""
+    """Return the mean over the samples of each cell of their attractors' values; NaN if one of these is unknown."""
     won = np.where(cells.attractors.samples > 0, cells.attractors.samples * values, 0.0)
     return np.bincount(cells.attractors.cell, won, cells.delta.size * cells.epsilon.size) / cells.count
 
@@ -75,11 +75,19 @@ def _of_sample(cells: Cells, field: str) -> np.ndarray:
 
 
 def _worst(field: str) -> Evaluate:
-    """Return a function for the attractor with the largest energy, sampled or not; NaN if an energy is unknown."""
+    """Return the function that evaluates a field of each cell's attractor with the largest energy.
+
+    Attractors that no sample reached count too. The value is NaN if the energy of an attractor of the cell is unknown.
+
+    Returns
+    -------
+    Evaluate
+        A function of the cells.
+    """
 
     def evaluate(cells: Cells) -> np.ndarray:
         cell = cells.attractors.cell
-        by_energy = np.lexsort((cells.intensities.energy, cell))  # NaN last
+        by_energy = np.lexsort((cells.intensities.energy, cell))  # NaN is sorted last
         worst = by_energy[np.searchsorted(cell, np.arange(cells.delta.size * cells.epsilon.size), side="right") - 1]
         values = _of_attractors(cells, field)[worst]
         return np.where(np.isnan(cells.intensities.energy[worst]), np.nan, values).reshape(cells.shape)

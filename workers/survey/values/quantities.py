@@ -1,4 +1,4 @@
-"""The registry of a survey's variables: one entry each, from which schema, REST enum and docs follow.
+"""The registry of a survey's variables, one entry each. The stores' schema, the REST enum and docs follow from it.
 
 To add a variable, add one `Quantity` to `QUANTITIES`. A new dimension also needs a `Coordinate`.
 """
@@ -40,7 +40,7 @@ _CURVE = ("grazing_curve", "delta")
 
 _nan = float("nan")
 
-#: Variables in the order of the store. `status` is last: a tile whose status is written is complete.
+#: Variables in the order in which a tile is written. `status` is last, so a tile whose status is written is complete.
 QUANTITIES: tuple[Quantity, ...] = (
     Quantity(
         "region",
@@ -383,7 +383,7 @@ QUANTITIES: tuple[Quantity, ...] = (
 )
 
 
-#: Additional variables of a refined survey, before `status`.
+#: Additional variables of a refined survey, which are written before `status`.
 REFINED: tuple[Quantity, ...] = (
     Quantity(
         "source_level",
@@ -405,7 +405,7 @@ REFINED: tuple[Quantity, ...] = (
         AUDIT,
     ),
 )
-#: Additional variables of a survey with a bound.
+#: Additional variables of a refined survey that must meet a bound on the share of wrong cells.
 BOUNDED: tuple[Quantity, ...] = (
     Quantity(
         "audit_leaf",
@@ -421,7 +421,7 @@ BOUNDED: tuple[Quantity, ...] = (
 
 
 def groups_of(model: str, has_harmonics: bool = False) -> tuple[Group, ...]:
-    """Return the groups of variables that a model has; families are among them, although no tile writes them."""
+    """Return the groups of variables that a model has, also the group families, although no tile writes families."""
     in_tiles = {each.group for each in QUANTITIES if each.is_of(model)}
     if has_harmonics:
         in_tiles -= {group for group, needed in GROUP_NEEDS.items() if needed in MODELS[model].one_cosine}
@@ -429,7 +429,7 @@ def groups_of(model: str, has_harmonics: bool = False) -> tuple[Group, ...]:
 
 
 def stored(groups: Iterable[Group], model: str, more: Iterable[Quantity] = ()) -> tuple[Quantity, ...]:
-    """Return the stored variables of these groups: `held`, with a real and an imaginary part for complex variables."""
+    """Return the variables that a store has for these groups: `held`, with complex ones as real and imaginary part."""
     return tuple(part for quantity in held(groups, model, more) for part in quantity.parts)
 
 

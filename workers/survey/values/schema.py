@@ -1,4 +1,4 @@
-"""Types of the registry: groups that a request names, variables, and dimensions."""
+"""Types of the registry of variables: the groups that a request names, the variables, and the dimensions."""
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -12,8 +12,8 @@ from rattle.models import MODELS, OTHERS, Capability
 
 CELL = ("epsilon", "delta")
 SLOT = "attractor"  # the dimension of slots
-FIXED = OTHERS  # parameters that are coordinates of a whole survey
-#: Variables that mean something for periodic attractors only; for others they belong to an arbitrary state.
+FIXED = OTHERS  # parameters other than δ and ε, which have one value in a whole slice
+#: Variables that mean something for periodic attractors only. For other attractors they belong to an arbitrary state.
 OF_PERIODIC = frozenset({"attractor_phase"})
 PARTS = {"real": "real part", "imag": "imaginary part"}  # parts of a complex variable, stored separately
 
@@ -44,7 +44,7 @@ SAMPLED = frozenset({Group.ATTRACTORS, Group.LYAPUNOV, Group.INTENSITY})
 #: The groups that are computed only on request: basins cost several times as much as all others, and intensities are
 #: two dozen variables that few users need.
 OPTIONAL = frozenset({Group.BASINS, Group.INTENSITY, Group.FAMILIES})
-#: By group: the groups from which it is computed. A request for the group includes them.
+#: For a group, the groups from which it is computed. A request for the group includes these groups.
 NEEDS = {Group.FAMILIES: frozenset({Group.ATTRACTORS, Group.LYAPUNOV})}
 #: The capability that a model needs for all variables of a group.
 GROUP_NEEDS = {
@@ -58,7 +58,7 @@ DEFAULT = tuple(group for group in Group if group not in OPTIONAL)
 
 @dataclass(frozen=True)
 class Coordinate:
-    """A dimension; δ and ε take their values from the request."""
+    """A dimension of variables, with the values of its coordinate. δ and ε take their values from the request."""
 
     long_name: str
     values: tuple[int, ...] | tuple[str, ...] = ()
@@ -76,11 +76,11 @@ class Quantity:
     reference: str
     evaluate: Evaluate
     flags: tuple[str, ...] = ()  # meanings of the codes 0, 1, 2, …
-    needs: Capability | None = None  # capability that a model needs for it, beside that of its group
+    needs: Capability | None = None  # capability that a model needs for this variable, besides that of its group
 
     @property
     def fill(self) -> int | float | complex | bool:
-        """Fill value of the variable, where nothing is computed or the described object does not exist."""
+        """The value of the variable where nothing is computed, or where the described object does not exist."""
         fills = {"f": float("nan"), "c": complex("nan+nanj"), "b": False}
         return fills.get(np.dtype(self.dtype).kind, 0)
 
@@ -91,12 +91,15 @@ class Quantity:
 
     @property
     def per_cell(self) -> bool:
-        """True if tiles fill it; quantities of δ alone are computed with the template."""
+        """True if the variable has a value for each cell, which tiles write; others are computed with the template."""
         return self.dims[-2:] == CELL
 
     @property
     def parts(self) -> tuple["Quantity", ...]:
-        """The stored variables: itself, or real and imaginary part if it is complex, which few programs can read."""
+        """The variables to store: the variable itself, or the real and imaginary parts of a complex variable.
+
+        Few programs can read complex numbers from a store.
+        """
         if np.dtype(self.dtype).kind != "c":
             return (self,)
         return tuple(
@@ -112,7 +115,7 @@ class Quantity:
 
     @property
     def attributes(self) -> dict[str, Any]:
-        """CF attributes."""
+        """The attributes of the stored array, by the CF conventions."""
         attributes: dict[str, Any] = {"long_name": self.long_name, "units": "1", "references": self.reference}
         if self.flags:
             attributes |= {"flag_values": list(range(len(self.flags))), "flag_meanings": " ".join(self.flags)}

@@ -1,4 +1,4 @@
-"""Check the claims about blocks of the plane: run `python -m checker.check FILE` beside this folder.
+"""Check the claims about blocks of the plane: run `python -m checker.check FILE` in the folder that contains `checker`.
 
 Each claim is proved again by other means than the finder's: other interval arithmetic, other unknowns and other
 derivatives. The lemmas and the numbers of equations are those of docs/proofs.md.
@@ -15,12 +15,12 @@ from .one_impact import OneImpact
 from .quiet import Capture, require_possible
 from .two_impacts import Column
 
-#: Times that the δ interval of a block is halved.
+#: Most times that the δ interval of a block is halved.
 DEEPEST = 5
-#: Times that a block on which quiet captures is halved, in ε and δ in turn.
+#: Most times that a block with the claim "quiet captures" is halved, in ε and δ in turn.
 DEEPEST_CAPTURE = 2
 NONE, THERE, ATTRACTING, SADDLE = "none", "there", "attracting", "a saddle"
-#: The states of the motions A to D that each claim of a region makes.
+#: The states of the motions A to D that the claim of each region states.
 REGIONS = {
     "I": {"A": NONE, "B": NONE, "C": NONE, "D": NONE},
     "II": {"A": SADDLE, "B": NONE, "C": THERE, "D": NONE},
@@ -28,7 +28,7 @@ REGIONS = {
     "IV": {"A": SADDLE, "B": SADDLE, "C": THERE, "D": SADDLE},
     "V": {"A": SADDLE, "B": NONE, "C": NONE, "D": THERE},
 }
-#: The states of motions that each claim makes; a claim says nothing about motions that are missing here.
+#: The states of motions that each claim states; a claim says nothing about motions that are missing here.
 CLAIMS = REGIONS | {
     f"{letter} {words}": {letter: state}
     for letter in "CD" for words, state in (("attracts", ATTRACTING), ("is a saddle", SADDLE), ("is not there", NONE))
@@ -51,7 +51,7 @@ def prove_claim(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: i
 
 
 def prove_whole(claim: str, beta: Fraction, delta: Ends, epsilon: Ends) -> None:
-    """Raise BlockRefused unless a claim is proved on a block that is not cut."""
+    """Raise BlockRefused unless a claim is proved on a block as a whole, without cutting it."""
     d, e = interval_between(*delta), interval_between(*epsilon)
     if claim in QUIET:
         return require_possible(d, e, QUIET[claim])
@@ -82,7 +82,7 @@ def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, 
 def state_of_one_impact(
     letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]
 ) -> str:
-    """Return the proved state of A or C; its stability is left out where `state`, the claim, does not name it."""
+    """Return the proved state of A or C; the stability is computed only if the claimed `state` names it."""
     motion = OneImpact(letter, d, beta, *squares)
     if not motion.exists():
         return NONE

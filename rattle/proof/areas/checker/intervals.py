@@ -1,6 +1,6 @@
-"""Interval arithmetic of the checker, and numbers with their derivatives by s and by δ.
+"""Interval arithmetic of the checker, and numbers with their derivatives with respect to s and δ.
 
-The operations + − × ÷ and roots are mpmath's. Its values of pi, exp, sin and cos are widened by 2⁻⁶⁰, relative for exp.
+The operations + − × ÷ and roots are mpmath's. Its values of pi, sin and cos are widened by 2⁻⁶⁰, of exp by 2⁻⁶⁰ exp.
 """
 
 import re
@@ -34,7 +34,7 @@ def exact(text: str) -> Fraction:
 
 
 def interval_between(low: Fraction, high: Fraction) -> Interval:
-    """Return the narrowest interval that contains two exact numbers and all between."""
+    """Return a narrow interval that contains two exact numbers and all numbers between them."""
     first, last = (IV.mpf(x.numerator) / IV.mpf(x.denominator) for x in (low, high))
     return IV.mpf([first.a, last.b])
 
@@ -48,17 +48,17 @@ def less(x: Any, y: Any) -> bool:
 
 
 def times(x: Interval, y: Interval) -> Interval:
-    """Return the product of two enclosures; it is skipped where one is ZERO, as most derivatives are."""
+    """Return the product of two enclosures; nothing is computed if one of them is ZERO, as most derivatives are."""
     return ZERO if x is ZERO or y is ZERO else x * y
 
 
 def plus(x: Interval, y: Interval) -> Interval:
-    """Return the sum of two enclosures; it is skipped where one is ZERO."""
+    """Return the sum of two enclosures; nothing is computed if one of them is ZERO."""
     return y if x is ZERO else x if y is ZERO else x + y
 
 
 class Jet:
-    """A number x with its derivatives: s by the time s, d by the damping δ, all as intervals."""
+    """A number x with its derivatives by the time s, in `s`, and by the damping δ, in `d`, all as intervals."""
 
     __slots__ = ("d", "s", "x")
 

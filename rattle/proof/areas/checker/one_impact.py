@@ -1,10 +1,13 @@
-"""A and C, the motions P(1,1,0): equations (15.1) to (15.4) of docs/proofs.md; X = ε cos 2πτ is negative for A."""
+"""A and C, the motions P(1,1,0): equations (15.1) to (15.4) of docs/proofs.md.
+
+With τ the phase of the impact, X = ε cos 2πτ, which is negative for A and positive for C, and Y = ε sin 2πτ.
+"""
 
 from .intervals import IV, ONE, PI, ZERO, Interval, Jet, ParameterBox, less, middle, require
 
 #: Shortest part of a flight that is bisected, in forcing periods.
 SHORTEST = 2.0**-18
-#: Points on each side of the best one, in each step of the search for the lowest point of a flight.
+#: Points on each side of the best point so far, in each step of the search for the lowest point of a flight.
 PLACES = 32
 
 
@@ -15,7 +18,7 @@ def sine_of(d: Jet) -> Jet:
 
 
 def height_at(t: Jet, d: Jet, x: Interval) -> Jet:
-    """Return the displacement Φ − β a time t after the impact (15.3); the speed after the impact is 2πδ."""
+    """Return the displacement Φ − β at a time t after the impact (15.3), for x = X and the initial speed 2πδ."""
     sine, cosine = t.sine_and_cosine(2)
     y = sine_of(d)
     rest = ((2 - y + d) * (2 * PI)) / d
@@ -23,7 +26,7 @@ def height_at(t: Jet, d: Jet, x: Interval) -> Jet:
 
 
 class OneImpact:
-    """A or C over a block: all δ of the interval d, and low ≤ ε² ≤ high.
+    """The motion A or C over a block: all δ of the interval d, and low ≤ ε² ≤ high.
 
     born: the closure equations have a solution at all points of the block; unborn: at none.
     """
@@ -65,7 +68,7 @@ class OneImpact:
         return True
 
     def touches(self) -> bool:
-        """Return whether the flight is proved to pass Σ⁻ at one time t, the same at all points of the block."""
+        """Return whether the flight is proved to be beyond Σ⁻ at one time t, the same at all points of the block."""
         t, step, d = ONE / 2, ONE / 2, Jet(middle(self.d))
         for _ in range(3):
             places = [middle(t + step * i / PLACES) for i in range(1 - PLACES, PLACES)]
@@ -80,7 +83,7 @@ class OneImpact:
         box = ParameterBox(ZERO, self.d)
 
         def flip_of(d: Jet) -> Jet:
-            """Return the X at which C flips (15.4); the motion attracts if 0 < X < this."""
+            """Return the X at which C flips (15.4); the motion attracts if its X is between 0 and this value."""
             end = d.decay()
             return d * d * (1 + end) / (1 - end) * (1 / (2 * PI))
 

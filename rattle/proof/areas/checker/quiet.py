@@ -4,7 +4,7 @@ from fractions import Fraction
 
 from .intervals import IV, PI, ZERO, Interval, decayed, interval_between, less, require, sine_and_cosine_of
 
-#: Parts of a forcing period over which the bounds are taken.
+#: Number of parts of a forcing period; the bounds are computed over each part.
 PARTS = 192
 #: Largest allowed ratio of h²Q to 2δ; the rest of the damping makes v³/g decay.
 UNDONE = IV.mpf(96) / 100
@@ -13,7 +13,7 @@ UP = IV.mpf([1 - 2.0**-50, 1 + 2.0**-50])
 
 
 def require_possible(d: Interval, e: Interval, possible: bool) -> None:
-    """Raise BlockRefused unless quiet motion is possible (or impossible): (20.1) at the worst corner of the block."""
+    """Raise BlockRefused unless quiet motion is proved possible (impossible), by (20.1) at the block's worst corner."""
     low, high = e.b * IV.sqrt(4 * PI**2 + d.a**2), 2 * d.a
     if not possible:
         low, high = 2 * d.b, e.a * IV.sqrt(4 * PI**2 + d.b**2)
@@ -21,7 +21,10 @@ def require_possible(d: Interval, e: Interval, possible: bool) -> None:
 
 
 class Capture:
-    """Bounces on Σ⁺ over a block below the quiet limit, in units in which the mean of g is 1: g = 1 − r cos θ > 0."""
+    """Bounces on Σ⁺ over a block below the quiet limit, in units in which the mean of g is 1: g = 1 − r cos θ > 0.
+
+    r: ε divided by the quiet limit. weakest: a lower bound of g.
+    """
 
     def __init__(self, d: Interval, e: Interval, beta: Interval) -> None:
         self.d, self.beta = d, beta
@@ -33,7 +36,7 @@ class Capture:
         """Raise BlockRefused unless v³/g falls at each impact of every motion that leaves Σ⁺ slower than `speed`."""
         places = [interval_between(Fraction(i, PARTS), Fraction(i + 1, PARTS)) for i in range(PARTS)]
         longest = ZERO
-        for part in places:  # v is largest for the largest v³/g, that of `speed` where g is least
+        for part in places:  # v³/g is largest for a departure with `speed` where g is least
             v = speed / (4 * PI * self.d) * IV.exp(IV.ln(self.force(part)[0].b / self.weakest) / 3) * UP
             half = self.half_duration(part, v.b)
             longest = half if less(longest, half) else longest
@@ -42,12 +45,12 @@ class Capture:
             require(less(h**2 * self.growth(part, h), 2 * UNDONE * self.d), "v³/g may grow from one impact to the next")
 
     def force(self, t: Interval) -> tuple[Interval, Interval, Interval]:
-        """Return g = 1 − r cos θ, r sin θ and r cos θ for θ = 2πt, a time t after g is least."""
+        """Return g = 1 − r cos θ, r sin θ and r cos θ for θ = 2πt, at a time t after the minimum of g."""
         sine, cosine = sine_and_cosine_of(2 * PI * t)
         return 1 - self.r * cosine, self.r * sine, self.r * cosine
 
     def half_duration(self, t: Interval, v: Interval) -> Interval:
-        """Return a bound of half the duration, in the time x of (20.2), of bounces that start at t slower than v."""
+        """Return a bound of half the duration, in the time of (20.2), of bounces that start at t with speed ≤ v."""
         half = found = (v / self.weakest).b * 1.001
         for _ in range(4):
             require(less(2 * half * self.d, 1), "the duration of a bounce is not bounded")
@@ -59,7 +62,7 @@ class Capture:
         return found
 
     def growth(self, t: Interval, h: Interval) -> Interval:
-        """Return Q (20.4) for all bounces with their middle in t and half duration at most h."""
+        """Return Q (20.4) for all bounces whose middle is in t and whose half duration is at most h."""
         late, early = (IV.ln(1 / (1 - self.d * h)) * UP).b, (IV.ln(1 + self.d * h) * UP).b
         span = IV.mpf([-early, late])
         one, _, _, centre = self.logarithm(t, ZERO)
@@ -72,7 +75,7 @@ class Capture:
         return (third / 5 - one * second / 3) / below + 2 * ratio**3 * IV.mpf([1, more.b]) - p3 / 3
 
     def logarithm(self, t: Interval, x: Interval) -> tuple[Interval, Interval, Interval, Interval]:
-        """Return the first three derivatives of ln a by the undamped time, and a = e^(2x) g, where x = δ(t − t₀)."""
+        """Return three derivatives of ln a with respect to the time of (20.2), and a = e^(2x) g, for x = δ(t − t₀)."""
         w, (g, sine, cosine) = decayed(-x), self.force(t)
         k, d = 2 * PI, self.d
         f1, b, c = k * sine / g, k**2 * cosine / g, -(k**3) * sine / g  # g', g'', g''' over g

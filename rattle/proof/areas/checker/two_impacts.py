@@ -25,7 +25,7 @@ from .intervals import (
     sine_and_cosine_of,
 )
 
-#: Narrowest cell in s, as a share of the width of the block in δ.
+#: Width in s of the narrowest cell, as a share of the width of the block in δ.
 SHARE = Fraction(1, 64)
 #: Shortest part of a flight that is bisected, in forcing periods.
 SHORTEST = 2.0**-13
@@ -41,7 +41,7 @@ class Terms:
 
 
 def half_way_equations(t: Terms, beta: Interval) -> list[Jet]:
-    """Return the equations (16.10) and (16.11), each as factor of Z₁, factor of Z₂ and right side."""
+    """Return the equations (16.10) and (16.11), each as the factor of Z₁, the factor of Z₂ and the right side."""
     late, lost = 1 - t.b, 1 - t.end
     both, k = (1 - t.a) * late, (1 - t.a) / (t.d * lost) * (4 * PI)
     first = both * t.cosine * -2, (t.b - t.a) * t.sine * 2, t.d * lost - both * 4
@@ -112,14 +112,14 @@ class Cell(ParameterBox):
             self.middle = [each.x for each in speeds_and_square(self.mid, self.z0)]
 
     def enclosed(self, of: Callable[..., list[Jet]]) -> list[Jet]:
-        """Return values and derivatives of a function of the terms and of Z, over the cell."""
+        """Return values and derivatives over the cell of several functions, which `of` computes from terms and Z."""
         if of not in self.known:
             centre, over = of(self.mid, self.z0), of(self.over, self.z)
             self.known[of] = [Jet(self.mean_value(m.x, o), o.s, o.d) for m, o in zip(centre, over, strict=True)]
         return self.known[of]
 
     def has_no_motion(self, low: Interval, high: Interval) -> bool:
-        """Return whether no solution of the cell has v > 0, u > 0 and low ≤ ε² ≤ high."""
+        """Return whether no solution of the cell has speeds v > 0 and u > 0 and low ≤ ε² ≤ high."""
         if any(less(high, bound) for bound in self.least_squares):
             return True
         if not self.solvable:
@@ -151,7 +151,7 @@ class Cell(ParameterBox):
         return self.mean_value(sign * square + factor * u, self.square * sign + self.u * factor)
 
     def is_monotone(self, sign: int, start: Interval, end: Interval) -> bool:
-        """Return whether Φ' has this sign on a flight from `start` to `end`, given that it has it at both impacts."""
+        """Return whether Φ' is proved to keep, from `start` to `end` of a flight, its sign `sign` at both impacts."""
         parts = [(start.b, end.a)]
         while parts:
             low, high = parts.pop()
@@ -186,7 +186,7 @@ class Cell(ParameterBox):
 
 
 class Column:
-    """The cells of all B and D at the δ of an interval; cells are kept, because all claims at these δ use them."""
+    """The cells in s over an interval of δ. Cells are kept, because all claims with this interval use them."""
 
     def __init__(self, delta: Part, beta: Fraction) -> None:
         self.d, self.beta = interval_between(*delta), interval_between(beta, beta)
@@ -200,7 +200,7 @@ class Column:
         return self.cells[low, high]
 
     def motions(self, slope: int, low: Interval, high: Interval) -> list[list[Part]]:
-        """Return the parts of 0 ≤ s ≤ 1 with each motion D (slope 1) or B (slope −1) for which low ≤ ε² ≤ high."""
+        """Return a run of parts of 0 ≤ s ≤ 1 for each motion D (slope 1) or B (slope −1) with low ≤ ε² ≤ high."""
         decided, parts = [], [(Fraction(0), Fraction(1))]
         while parts:
             first, last = parts.pop()
@@ -217,7 +217,7 @@ class Column:
 
     def crosses(self, run: list[Part], slope: int, low: Interval, high: Interval) -> bool:
         """Return whether ε²(s) takes each value from low to high exactly once along a run of parts, or none of them."""
-        # at each end of the run ε² is outside low … high at every δ, by continuity on the same side: one δ decides it
+        # at each end of the run ε² is outside low … high, by continuity on the same side at every δ: one δ decides it
         sides = []
         for s in (run[0][0], run[-1][1]):
             square = Cell(interval_between(s, s), middle(self.d), self.beta).square.x
