@@ -362,7 +362,7 @@ def _checksums(out: Path, files: Iterable[str]) -> dict[str, str]:
     found: dict[str, str] = {}
     for key in files:
         with suppress(OSError):
-            found[key] = digest(key, (out / key).read_bytes())
+            found[key] = digest((out / key).read_bytes())
     return found
 
 

@@ -66,7 +66,7 @@ def make_block(request: SurveyRequest, path: str, block: LevelBlock) -> dict[str
             known = known & (_read(place, block, "attractor_kind") == PERIODIC)
         for key, content in _chunks(request, block, quantity, values, known):
             place.put(key, content)
-            found[key] = digest(key, content)
+            found[key] = digest(content)
     return found
 
 

@@ -306,7 +306,7 @@ PROTECTIONS = (
     _one(
         "a lost chunk of a completed survey is damage",
         "tests/contracts/workers/test_workers_integrity.py"
-        "::test_a_chunk_that_is_not_there_is_lost_once_the_survey_was_completed",
+        "::test_a_tile_that_the_manifest_lacks_is_lost_once_the_survey_was_completed",
         "workers/storage/integrity.py",
         "    if completed:\n",
         "    if False:\n",
@@ -317,13 +317,6 @@ PROTECTIONS = (
         "service/web/problems.py",
         "            if not begun:\n",
         "            if False:\n",
-    ),
-    _one(
-        "a checksum knows its place",
-        "tests/contracts/workers/test_workers_integrity.py::test_a_whole_tile_in_the_place_of_another_is_damage",
-        "workers/survey/manifest.py",
-        "key=hashlib.blake2b(key.encode()).digest()",
-        'key=b""',
     ),
     Protection(
         "published last",

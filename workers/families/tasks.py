@@ -211,7 +211,7 @@ def write_families(
     array[:, cells.top : cells.bottom, cells.left : cells.right] = numbers.reshape(shape)
     content = kept[replace(block, along=()).chunk].to_bytes()  # a third axis of length 1 changes no byte of a chunk
     place.put(block.chunk, content)
-    return digest(block.chunk, content)
+    return digest(content)
 
 
 def _cells(request: SurveyRequest, cells: Rectangle) -> object:

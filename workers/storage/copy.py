@@ -145,7 +145,7 @@ def _keys(manifest: Manifest) -> Iterator[tuple[str, tuple[str, ...]]]:
 
 def _is_whole(files: Files, key: str, known: Sequence[str]) -> bool:
     try:
-        return digest(key, files.read(key)) in known
+        return digest(files.read(key)) in known
     except (FileNotFoundError, NotADirectoryError):
         return False
 
@@ -156,7 +156,7 @@ def _read(files: Files, key: str, known: Sequence[str]) -> bytes:
         content = files.read(key)
     except (FileNotFoundError, NotADirectoryError):
         content = None
-    if content is None or digest(key, content) not in known:
+    if content is None or digest(content) not in known:
         raise SurveyError(
             f"{key} of {files} is {'lost' if content is None else 'damaged'}, so the survey cannot be copied: "
             "rattle verify lists all such files, and the command that computed the survey computes them again"

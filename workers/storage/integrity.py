@@ -1,6 +1,7 @@
 """Check that every file of a store is in its place and unchanged.
 
-A digest in the manifest includes the file's key. A chunk's own checksum does not, so it would not show exchanged files.
+The manifest lists each file's digest under its key, so that exchanged chunks are found too: a chunk's own checksum does
+not show an exchange.
 """
 
 import pickle
@@ -238,7 +239,7 @@ def _lost(place: Place, manifest: Manifest, index: int) -> tuple[str, ...]:
 
 def _is_whole(place: Place, key: str, known: str | None) -> bool:
     content = read_file(place, key)
-    return content is not None and digest(key, content) == known
+    return content is not None and digest(content) == known
 
 
 def damaged_template(place: Place, manifest: Manifest) -> tuple[str, ...]:

@@ -111,7 +111,7 @@ def said_by_root(place: Place) -> dict[str, Any]:
 def whole_root(place: Place, manifest: Manifest) -> bytes | None:
     """Return the content of a store's root, or None if the root is lost or damaged."""
     content = read_file(place, ROOT)
-    return content if content is not None and digest(ROOT, content) in manifest.root else None
+    return content if content is not None and digest(content) in manifest.root else None
 
 
 def attributes_of(place: Place) -> dict[str, Any]:
@@ -229,7 +229,7 @@ def update_metadata(place: Place, added: Template, there: Mapping[str, str], is_
     root = _root(place, manifest)
     files = {key: known for key, known in manifest.files.items() if not is_removed(key)}
     nodes = {key: read_file(place, key) for key in files if key.endswith(f"/{ROOT}")} | {ROOT: root}
-    if any(content is None or digest(key, content) != files[key] for key, content in nodes.items() if key != ROOT):
+    if any(content is None or digest(content) != files[key] for key, content in nodes.items() if key != ROOT):
         raise SurveyError(f"the metadata of {place} is damaged: run the survey again to repair it")
     described = nodes | {key: content for key, content in added.items() if key.endswith(f"/{ROOT}")}
     for key, content in added.items():
@@ -247,7 +247,7 @@ def replace_root(place: Place, before: Manifest, root: bytes, after: Manifest) -
 
     At every instant the manifest on disk has the digest of the root on disk. Raises OSError.
     """
-    new = digest(ROOT, root)
+    new = digest(root)
     place.put(MANIFEST, replace(before, root=(*before.root, new)).to_bytes())
     place.put(ROOT, root)
     place.put(MANIFEST, replace(after, root=(new,)).to_bytes())

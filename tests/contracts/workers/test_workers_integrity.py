@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -193,6 +194,17 @@ def test_a_chunk_that_is_not_there_is_lost_once_the_survey_was_completed(store: 
     assert "region" in found.damaged[2]
     assert "status" in found.damaged[2]
     assert tiles_done(REQUEST, store) == {0, 3}  # which a run computes again
+
+
+def test_a_tile_that_the_manifest_lacks_is_lost_once_the_survey_was_completed(store: Path) -> None:
+    place = Directory(store)
+    manifest = manifest_of(place)
+    assert manifest is not None
+    others = {index: digests for index, digests in manifest.tiles.items() if index != 2}
+    place.put(OWN, replace(manifest, tiles=others).to_bytes())
+    found = examine(store)
+    assert found.done == {0, 1, 3}
+    assert found.damaged == {2: tuple(manifest.chunks)}
 
 
 def test_a_tile_of_a_survey_that_was_not_completed_is_not_lost(tmp_path: Path) -> None:
