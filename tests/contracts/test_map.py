@@ -134,7 +134,7 @@ async def shown():
         view.work.compute = here
         assert "bearings of wear w = 0.5" in view.panel.where.html
         await eventually(lambda: "quiet" in view.panel.likely.html and "only" in view.panel.safe.html)
-        assert "impacting model only, not of the worn one" in view.panel.safe.html
+        assert "only for the impacting model, not of the worn one" in view.panel.safe.html
         view.stop()
 
 

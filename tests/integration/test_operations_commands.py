@@ -53,7 +53,9 @@ PROXY = "needs a host name; tests/integration/test_proxies.py runs Caddy"
 NETWORK = "needs a network and an environment of its own; tests/install/check_wheel.py installs the wheel"
 PREFIX = "needs a proxy; tests/integration/test_proxies.py serves below a path"
 SCHEDULER = "needs a cluster on HOST; tests/integration/test_workers_versions.py uses one by address and scheduler file"
+VERIFY = "needs a store of its own; tests/integration/test_verify_processes.py verifies with several processes"
 CANNOT = {
+    "rattle verify --processes 8": VERIFY,
     "docker compose build scheduler": CONTAINERS,
     "docker compose run --rm front rattle key add NAME --scope submit": CONTAINERS,
     "docker compose up --scale worker=8": CONTAINERS,

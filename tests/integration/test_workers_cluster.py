@@ -269,7 +269,7 @@ def test_a_connection_that_ends_with_its_cluster_says_nothing(
 
 
 def test_a_cluster_of_nobody_is_refused() -> None:
-    with pytest.raises(SurveyError, match="use 1 process or more"), embedded_cluster(0):
+    with pytest.raises(SurveyError, match="must be at least 1, got 0"), embedded_cluster(0):
         pass
 
 

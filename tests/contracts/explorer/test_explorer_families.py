@@ -183,7 +183,7 @@ def test_what_has_no_families_yet_says_so(tmp_path: Path) -> None:
 def test_families_of_two_surveys_are_not_compared(tmp_path: Path) -> None:
     async def body(front: Front, shown: Shown, _: FamiliesView) -> None:
         plane = shown.shared.plane(joined(front), LARGEST, 0, 0)
-        with pytest.raises(SurveyError, match="numbers of their own"):
+        with pytest.raises(SurveyError, match="numbered differently"):
             Difference(plane, plane)
         window = plane.block(((0.42, 0.43), (0.1, 0.11)))
         whole, part = (colouring(plane, each, "auto", False) for each in (plane.block(), window))

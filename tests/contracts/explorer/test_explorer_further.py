@@ -97,7 +97,7 @@ def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(
         assert colours.low == -colours.high  # nothing is in the middle
         assert colours.title.startswith("difference: ")
         monkeypatch.setattr(difference, "MOST_CELLS", 23)
-        with pytest.raises(SurveyError, match="23 cells and fewer, not 24: save"):
+        with pytest.raises(SurveyError, match="at most 23 cells, and this one has 24: save"):
             require_small(ORBITS)
 
     with_map(tmp_path, body)
@@ -209,7 +209,7 @@ def test_what_an_address_has_that_is_not_there_is_told_and_not_tried_again_and_a
         shown.store.dispatch(MapChanged(0, Further(third.id, "region", 0, 0, minus=True)))
         assert NO_FIRST in one.title.html
         shown.store.dispatch(SurveyChosen(first.id))
-        await eventually(lambda: "0 cells and fewer" in one.title.html)
+        await eventually(lambda: "at most 0 cells" in one.title.html)
         assert asked == [third.id] * 2  # neither was read
         maps.end()
 

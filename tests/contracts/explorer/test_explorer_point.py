@@ -652,7 +652,7 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         )
         samples = view.panel.motions.samples.data
         assert np.abs(samples["phi"]).max() > 0.6  # the walls give way
-        assert "impacting model only" in view.panel.safe.html
+        assert "only for the impacting model" in view.panel.safe.html
         assert "The margin" not in asked
         assert view.lines is not None
         assert [line.name for line in view.lines.lines] == ["Wˢ(A)", "Wˢ(B)", "Wᵘ(A)"]

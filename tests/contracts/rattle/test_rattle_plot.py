@@ -248,7 +248,7 @@ def test_what_does_not_exist_is_left_out_and_said(
     monkeypatch.setattr(basins, "ARCLENGTH", 20.0)
     delta, epsilon, beta = point
     drawing = basins.blow_up(delta, epsilon, beta, resolution=20)
-    assert any(note.endswith(f"there: {missing}") for note in drawing.notes)
+    assert any(note.startswith(f"{missing} left out: ") for note in drawing.notes)
     assert any(basin in text for text in texts(drawing.figure.axes[0]) if "Delta" in text)
     names = {orbit.name for orbit in Gear(*point).orbits() if orbit.v < 7}
     assert names == {text for text in texts(drawing.figure.axes[0]) if text in "ABCD"}

@@ -254,7 +254,7 @@ def test_distributions_survive_a_request(kind: Any) -> None:
         ({"gear": FIELDS["gear"] | {"beta": {"distribution": "normal", "mean": 0.6, "deviation": 0.2}}}, "below 0"),
         ({"gear": FIELDS["gear"] | {"beta": {"distribution": "normal", "mean": 0.6, "deviation": 0.0}}}, "deviation"),
         ({"gear": MACHINE["gear"] | {"radius": 50.0}, "correlation": None}, "radius must be in metres"),  # type: ignore[operator]
-        ({"share": 0.9, "margin": 0.1}, "give one"),
+        ({"share": 0.9, "margin": 0.1}, "give either share or margin, not both"),
         ({"tile": 60_000, "gears": 70_000, "count": 100, "pairs": 0}, "use a smaller tile"),
     ],
 )

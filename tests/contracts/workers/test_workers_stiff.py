@@ -152,5 +152,5 @@ def test_refused_with_a_reason(fields: dict[str, object], message: str) -> None:
 
 
 def test_boundaries_are_not_explained_by_the_curves_of_another_model(survey: xr.Dataset) -> None:
-    with pytest.raises(SurveyError, match="impacting model only"):
+    with pytest.raises(SurveyError, match="only for the impacting model"):
         explain(survey)

@@ -122,5 +122,5 @@ def test_what_is_refused():
         manifold(saddle("A"), "centre", 1, 1.0)
     with pytest.raises(ParameterError, match="side"):
         manifold(saddle("A"), "stable", 0, 1.0)
-    with pytest.raises(RattleError, match="no B"):
+    with pytest.raises(RattleError, match="the orbit B does not exist"):
         period_one_saddle("B", 0.762, 0.0974)

@@ -228,7 +228,7 @@ def test_the_entropy_is_that_of_words_of_loops():
 
 
 def test_where_nothing_is_chaotic_nothing_is_proved():
-    with pytest.raises(rattle.NotProvedError, match="no chaotic motion was found"):
+    with pytest.raises(rattle.NotProvedError, match="no motion that seems chaotic was found"):
         prove.certify_chaos("0.6", "0.0615")
     with pytest.raises(rattle.ParameterError, match="positive"):
         prove.certify_chaos("0.6", "0")

@@ -99,7 +99,7 @@ def test_attractors_of_a_box() -> None:
         ([0.1, 0.2], [1.0, 2.0, 3.0], "broadcast"),
         (np.nan, 1.0, "tau must be finite"),
         (0.1, 0.0, "v must be finite and greater than 0"),
-        ([], [], "there must be a state"),
+        ([], [], "give at least one state"),
     ],
 )
 def test_what_are_no_states_is_refused(tau, v, message) -> None:
