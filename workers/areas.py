@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import pickle
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
-from functools import partial
 from pathlib import Path
 
+from gear_rattle.workers.apart import call_apart
 from gear_rattle.workers.errors import storage_error
-from rattle.numerics import environment
 from rattle.proof.areas.block import ProvedBlock
 from rattle.proof.areas.columns import columns, proved
 from rattle.proof.certificate import Ends
@@ -70,28 +66,6 @@ def _answers(places: list[Ends], epsilon: Ends, beta: Fraction, processes: int) 
         return
     pool = ThreadPoolExecutor(processes)
     try:
-        yield from pool.map(partial(_proved_apart, beta=beta, epsilon=epsilon), places)
+        yield from pool.map(lambda delta: call_apart(proved, beta, delta, epsilon), places)
     finally:
         pool.shutdown(cancel_futures=True)
-
-
-def _proved_apart(delta: Ends, beta: Fraction, epsilon: Ends) -> list[ProvedBlock]:
-    """Prove a column in a process of its own, which never imports the main module, and return its blocks."""
-    command = [sys.executable, "-c", f"from {__name__} import serve_columns; serve_columns()"]
-    asked = pickle.dumps((beta, delta, epsilon))
-    answer = subprocess.run(command, input=asked, stdout=subprocess.PIPE, env=environment(), check=True).stdout
-    blocks: list[ProvedBlock] | Exception = pickle.loads(answer)
-    if isinstance(blocks, Exception):
-        raise blocks
-    return blocks
-
-
-def serve_columns() -> None:
-    """Prove the column that stdin names, and write its blocks or the error to stdout."""
-    asked, answer = pickle.load(sys.stdin.buffer), sys.stdout.buffer
-    sys.stdout = sys.stderr  # text that a library prints must not mix with the answer
-    try:
-        found: list[ProvedBlock] | Exception = proved(*asked)
-    except Exception as error:
-        found = error
-    pickle.dump(found, answer)

@@ -4,9 +4,6 @@ The manifest lists each file's digest under its key, so that exchanged chunks ar
 not show an exchange.
 """
 
-import pickle
-import subprocess
-import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -20,18 +17,17 @@ import numpy as np
 import zarr
 from zarr.errors import ZarrUserWarning
 
+from gear_rattle.workers.apart import CalledProcessError, call_apart
 from gear_rattle.workers.errors import StoppedError, SurveyError
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import manifest_of, read_file, said_by_root, whole_root
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest
 from gear_rattle.workers.survey.version import code_version
-from rattle.numerics import environment
 
 STATUS = "status"
 COMPLETED = "date_completed"  # attribute of the root of a completed survey
 READERS = 8  # files read at a time, because a bucket answers slowly
 BATCH = 1024  # tasks that are submitted at a time, because each waiting task takes 1.6 kB
-_START = f"from {__name__} import serve_tiles; serve_tiles()"
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
@@ -208,27 +204,17 @@ def _examine_apart(place: Place, manifest: Manifest, processes: int) -> Found:
 
 
 def _examined_apart(where: str, manifest: Manifest) -> Found:
-    """Examine tiles like `examine_tiles`, in one other process, which does not import the caller's main module."""
-    command, given = [sys.executable, "-c", _START], pickle.dumps((where, manifest))
-    ran = subprocess.run(command, input=given, stdout=subprocess.PIPE, env=environment(), check=False)
-    if ran.returncode:
-        raise SurveyError(f"a process that read tiles of {where} ended with status {ran.returncode}: verify it again")
-    found: Found | Exception = pickle.loads(ran.stdout)
-    if isinstance(found, Exception):
-        raise found
-    return found
-
-
-def serve_tiles() -> None:
-    """Examine the tiles that stdin names, and write the result or the error to stdout: the process's main function."""
-    (where, manifest), answer = pickle.load(sys.stdin.buffer), sys.stdout.buffer
-    sys.stdout = sys.stderr  # text that a library prints must not mix with the answer
-    found: Found | Exception
+    """Return what `examine_tiles` returns, from a process of its own."""
     try:
-        found = examine_tiles(place_of(where), manifest)
-    except Exception as error:
-        found = error
-    pickle.dump(found, answer)
+        return call_apart(_examine_at, where, manifest)
+    except CalledProcessError as error:
+        raise SurveyError(
+            f"a process that read tiles of {where} ended with status {error.returncode}: verify it again"
+        ) from error
+
+
+def _examine_at(where: str, manifest: Manifest) -> Found:
+    return examine_tiles(place_of(where), manifest)
 
 
 def _lost(place: Place, manifest: Manifest, index: int) -> tuple[str, ...]:

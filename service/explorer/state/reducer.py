@@ -76,11 +76,10 @@ def reduce(view: View, event: Event) -> View:
         case events.WayChosen(to):
             return _with_way(view, to)
         case events.PointClosed():
-            return replace(view, point=None, point_state={}, machine=None)
+            return _without_point(view)
         case events.PlaceChosen(window, point, state):
             moved = _with_window(view, window)
-            closed = replace(moved, point=None, point_state={}, machine=None)
-            return closed if point is None else _with_point(moved, point, None, state or None)
+            return _without_point(moved) if point is None else _with_point(moved, point, None, state or None)
         case events.ProfileChosen(profile, limits):
             return replace(view, profile=profile, profile_limits=limits)
         case events.MapAdded(further):
@@ -101,8 +100,8 @@ def _with_survey(view: View, survey: str) -> View:
         return view
     if not view.survey:
         return replace(view, survey=survey, pointer=None)
-    closed = replace(view, delta=None, epsilon=None, point=None, point_state={}, machine=None, slice=0, family=None)
-    return replace(closed, survey=survey, pointer=None)
+    left = replace(_without_point(view), delta=None, epsilon=None, slice=0, family=None)
+    return replace(left, survey=survey, pointer=None)
 
 
 def _with_window(view: View, window: Ranges | None) -> View:
@@ -125,6 +124,11 @@ def _with_point(view: View, point: Pair, machine: Entered | None, state: Mapping
         is_open = (view.point, view.machine) == (point, machine)
         state = {name: value for name, value in view.point_state.items() if is_open or name == TAB}
     return replace(view, point=point, machine=machine, point_state=dict(state))
+
+
+def _without_point(view: View) -> View:
+    """Close the open point."""
+    return replace(view, point=None, point_state={}, machine=None)
 
 
 def _with_way(view: View, to: Pair) -> View:

@@ -50,12 +50,7 @@ def test_every_process_that_is_started_has_this_environment() -> None:
                 if isinstance(call, ast.Call) and ast.unparse(call.func) in ("subprocess.Popen", "subprocess.run"):
                     given = {each.arg: ast.unparse(each.value) for each in call.keywords}
                     assert given.get("env") in ("environment()", "_environment()"), (name, call.lineno)
-    own = {
-        "rattle/numerics/compile.py",
-        "workers/areas.py",
-        "workers/cluster/cluster.py",
-        "workers/storage/integrity.py",
-    }
+    own = {"rattle/numerics/compile.py", "workers/apart.py", "workers/cluster/cluster.py"}
     assert found == BY_A_LIBRARY | own | {"workers/cluster/isolation.py"}
 
 

@@ -1,0 +1,59 @@
+"""Call a function in a process of its own, which never imports the caller's main module."""
+
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable
+from subprocess import CalledProcessError
+from typing import TypeVar
+
+from rattle.numerics import environment
+
+__all__ = ["CalledProcessError", "answer_call", "call_apart"]
+
+Answer = TypeVar("Answer")
+
+
+def call_apart(function: Callable[..., Answer], *arguments: object) -> Answer:
+    """Call a function of a module in a process of its own.
+
+    It blocks: use a thread for each process.
+
+    Parameters
+    ----------
+    function : Callable[..., Answer]
+        A function that its module and name identify, because it is pickled.
+    *arguments : object
+        Its arguments, which are pickled too.
+
+    Returns
+    -------
+    Answer
+        What the function returns.
+
+    Raises
+    ------
+    Exception
+        The error that the function raises.
+    CalledProcessError
+        The process was killed, or cannot import the function.
+    """
+    command = [sys.executable, "-c", f"from {__name__} import answer_call; answer_call()"]
+    given = pickle.dumps((function, arguments))
+    ran = subprocess.run(command, input=given, stdout=subprocess.PIPE, env=environment(), check=True)
+    succeeded, found = pickle.loads(ran.stdout)
+    if not succeeded:
+        raise found
+    answer: Answer = found
+    return answer
+
+
+def answer_call() -> None:
+    """Call the function that stdin names, and write its result or its error to stdout."""
+    output, sys.stdout = sys.stdout.buffer, sys.stderr  # text that a library prints must not mix with the answer
+    function, arguments = pickle.load(sys.stdin.buffer)
+    try:
+        answer = True, function(*arguments)
+    except Exception as error:
+        answer = False, error
+    pickle.dump(answer, output)
