@@ -11,6 +11,7 @@ from itertools import islice
 from starlette.concurrency import run_in_threadpool
 
 from gear_rattle.service.database.tables import JobRow
+from gear_rattle.service.operations.surveys import list_jobs
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.state import Front
 from gear_rattle.workers import AnyRequest, Axis, PopulationRequest, SurveyRequest, TileShape, compute_tile, tiles_of
@@ -82,7 +83,7 @@ def _by_others(front: Front, request: AnyRequest) -> tuple[float, str] | None:
     """Return the seconds per cell that a similar survey took, and the basis in words; None if no survey is similar."""
     if isinstance(request, PopulationRequest):
         return None
-    jobs, _ = front.database.jobs(LOOKED_AT)
+    jobs, _ = list_jobs(front, LOOKED_AT)
     like = most_like(request, jobs)
     if like is None:
         return None

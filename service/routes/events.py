@@ -18,6 +18,7 @@ from gear_rattle.service.access.revocation import Revocations
 from gear_rattle.service.database.tables import JobKind, State
 from gear_rattle.service.errors import UnknownSurveyError
 from gear_rattle.service.jobs.broadcast import written_event
+from gear_rattle.service.operations.surveys import find_job
 from gear_rattle.service.routes.documents import SurveyId
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web import examples
@@ -64,7 +65,7 @@ async def follow(
 
 async def stream(front: Front, caller: Caller, survey_id: str, kind: JobKind, last_event_id: int) -> Response:
     """Return the event stream of a survey or a population, after the event `last_event_id`."""
-    job = await run_in_threadpool(front.database.job, survey_id, kind)
+    job = await run_in_threadpool(find_job, front, survey_id, kind)
     if State(job.state).final and last_event_id >= job.last_event:
         return Response(status_code=204)
     closing = anyio.Event()

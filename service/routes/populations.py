@@ -14,7 +14,7 @@ from gear_rattle.service.access.middleware import CallerState
 from gear_rattle.service.database.tables import JobKind, JobRow, State
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.operations.estimate import estimate
-from gear_rattle.service.operations.surveys import remove_survey, submit_survey, verify_survey
+from gear_rattle.service.operations.surveys import find_job, first_failures, remove_survey, submit_survey, verify_survey
 from gear_rattle.service.routes.documents import path_of
 from gear_rattle.service.routes.events import LARGEST_ID, stream
 from gear_rattle.service.routes.population_documents import (
@@ -30,7 +30,6 @@ from gear_rattle.service.routes.surveys import (
     RETRY_SECONDS,
     Cursor,
     IdempotencyKey,
-    failures_of,
     page_of,
     require_json,
     tell_of_acceptance,
@@ -117,7 +116,7 @@ def list_populations(
 )
 def show_population(request: Request, front: FrontState, population_id: PopulationId) -> Response:
     """Return the status and the request of a population."""
-    job = front.database.job(population_id, KIND)
+    job = find_job(front, population_id, KIND)
     return json_answer(request, _detail(front, job), job.finished)
 
 
@@ -214,4 +213,4 @@ def _answered(place: FilePath | Bucket) -> str:
 
 
 def _detail(front: Front, job: JobRow) -> PopulationDetail:
-    return PopulationDetail.with_failures(job, failures_of(front, job))
+    return PopulationDetail.with_failures(job, first_failures(front, job))

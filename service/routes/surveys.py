@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from email.message import Message
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Body, Depends, Header, Query, Request, Response
 from starlette.exceptions import HTTPException
@@ -14,6 +14,9 @@ from gear_rattle.service.database.tables import JobKind, JobRow, State
 from gear_rattle.service.operations.surveys import (
     Description,
     describe_survey,
+    find_job,
+    first_failures,
+    list_jobs,
     remove_survey,
     submit_survey,
     verify_survey,
@@ -28,7 +31,6 @@ from gear_rattle.workers import SurveyRequest
 router = APIRouter(prefix="/v1/surveys", tags=["surveys"])
 
 LARGEST_NUMBER = 2**53
-MAX_FAILURES = 100
 RETRY_SECONDS = "1"
 
 IdempotencyKey = Annotated[str | None, Header(min_length=1, max_length=255, pattern=r"^[\x21-\x7e]+$")]
@@ -48,14 +50,9 @@ def tell_of_acceptance(response: Response, job: JobRow, kind: JobKind) -> None:
 
 def page_of(front: Front, kind: JobKind, limit: int, cursor: int | None) -> tuple[Sequence[JobRow], int, str | None]:
     """Return a page of the list of jobs, newest first, the number of all jobs, and the cursor of the next page."""
-    jobs, count = front.database.jobs(limit + 1, before=cursor, kind=kind)
+    jobs, count = list_jobs(front, limit + 1, cursor, kind)
     page = jobs[:limit]
     return page, count, str(page[-1].number) if len(jobs) > limit else None
-
-
-def failures_of(front: Front, job: JobRow) -> list[dict[str, Any]]:
-    """Return the first failed cells of a survey or a population, with their messages."""
-    return front.database.failures(job.id, MAX_FAILURES) if job.cells_failed else []
 
 
 async def require_json(request: Request) -> None:
@@ -129,7 +126,7 @@ def list_surveys(
 )
 def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     """Return the status and the request of a survey."""
-    job = front.database.job(survey_id, JobKind.SURVEY)
+    job = find_job(front, survey_id, JobKind.SURVEY)
     # Last-Modified is only known if nobody has changed the name or the notes.
     is_as_submitted = not job.notes and job.name == request_shown(job).get("name")
     return json_answer(request, _detail(front, job), job.finished if is_as_submitted else None)
@@ -189,4 +186,4 @@ def remove(front: FrontState, caller: CallerState, survey_id: SurveyId) -> Respo
 
 
 def _detail(front: Front, job: JobRow) -> SurveyDetail:
-    return SurveyDetail.with_failures(job, failures_of(front, job))
+    return SurveyDetail.with_failures(job, first_failures(front, job))

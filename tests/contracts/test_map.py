@@ -1,5 +1,6 @@
 """docs/map.md is true: its picture is of today's imports, it names every room, and its recipes do what they promise."""
 
+import ast
 import re
 import runpy
 import shutil
@@ -196,6 +197,18 @@ def test_a_room_holds_a_dozen_files_at_most() -> None:
     }
     crowded = {room for room, count in files.items() if count > 12}
     assert crowded <= {"service/commands", "rattle/paper"}
+
+
+def test_the_explorer_asks_the_operations_and_never_the_database() -> None:
+    """It has the same answers as REST. What it takes of the database's room are the types of rows."""
+    reading = {
+        f"{path.relative_to(ROOT)}:{node.lineno}"
+        for path in (ROOT / "service/explorer").rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if (isinstance(node, ast.Attribute) and node.attr == "database")
+        or (isinstance(node, ast.ImportFrom) and re.search(r"service\.database(?!\.tables)", node.module or ""))
+    }
+    assert not reading
 
 
 @pytest.fixture(scope="module")

@@ -15,6 +15,7 @@ from starlette.concurrency import run_in_threadpool
 
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.errors import UnavailableError
+from gear_rattle.service.operations.surveys import list_jobs
 from gear_rattle.service.state import Front
 
 LISTED = 100  # most surveys that are read, the newest ones
@@ -81,7 +82,7 @@ class News:
             if not (listeners := tuple(self._listeners)):
                 continue
             try:
-                jobs, _ = await run_in_threadpool(self._front.database.jobs, LISTED)
+                jobs, _ = await run_in_threadpool(list_jobs, self._front, LISTED)
             except (SQLAlchemyError, UnavailableError) as error:
                 log.warning("the surveys cannot be listed for the explorer: %s", error)
                 self._stale.set()

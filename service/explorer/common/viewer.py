@@ -14,6 +14,7 @@ from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.database.tables import Scope
 from gear_rattle.service.errors import ForbiddenError, UnauthorizedError
 from gear_rattle.service.explorer.common.changes import change_and_wait, change_document
+from gear_rattle.service.operations.surveys import current_caller
 from gear_rattle.service.state import Front
 from rattle import RattleError
 
@@ -58,13 +59,9 @@ class Viewer:
         """
         if self._caller is None:
             raise UnauthorizedError("Sign in to see this page.")
-        if self._caller.key is None:
-            return self._caller
-        database, session = self.front.database, self._caller.session
-        key = database.key_by_hash(self._caller.key.hash) if session is None else database.key_by_session(session)
-        if key is None:
+        caller = current_caller(self.front, self._caller)
+        if caller is None:
             raise UnauthorizedError("Your API key was revoked, or you have signed out. Sign in again.")
-        caller = Caller(key, session)
         if not caller.may(scope):
             raise ForbiddenError(f"Your API key can only read. This action needs a key with the scope {scope}.")
         return caller

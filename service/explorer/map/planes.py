@@ -16,6 +16,7 @@ import xarray as xr
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common.address import Chosen, Pair, Ranges
 from gear_rattle.service.explorer.state.store import box_of_cells
+from gear_rattle.service.operations.surveys import written_tiles
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest, open_survey
 from gear_rattle.workers.errors import reading
@@ -89,7 +90,7 @@ class MapPlane:
         with self._lock:
             deadline = time.monotonic() + SLICE_SECONDS
             whole = job.state == State.SUCCESSFUL
-            done = set(self._tiles) if whole else self._front.database.tiles_done(self.id)
+            done = set(self._tiles) if whole else written_tiles(self._front, self.id)
             fresh = (done - self._known).intersection(self._tiles)
             for indices in self._bands(fresh):
                 if time.monotonic() > deadline:

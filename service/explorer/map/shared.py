@@ -20,6 +20,7 @@ from gear_rattle.service.explorer.map.overlays import usual_lines
 from gear_rattle.service.explorer.map.planes import UNSEEN, Atlas, MapBlock, MapPlane, Room, maps_of
 from gear_rattle.service.explorer.state.store import Store, window_of
 from gear_rattle.service.operations.overlaid import Overlaid
+from gear_rattle.service.operations.surveys import list_jobs
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest, map_quantity
 from gear_rattle.workers.cluster.window import CLOSED_FORM
@@ -135,7 +136,7 @@ class Shared:
 
     def _first(self) -> tuple[Model, Ranges]:
         """Draw the default map of a page, if this map does not change any more; return its model and its window."""
-        jobs, _ = self.front.database.jobs(LISTED)
+        jobs, _ = list_jobs(self.front, LISTED)
         job = shown_first(jobs)
         if job is None:
             self.exact_map(View(variable=usual_variable(self.exact.request, False)))

@@ -35,7 +35,7 @@ from gear_rattle.service.explorer.pins.view import Pins
 from gear_rattle.service.explorer.section.section import Section
 from gear_rattle.service.explorer.state.events import SurveyChosen
 from gear_rattle.service.explorer.state.store import JOBS, Store, request_of_job
-from gear_rattle.service.operations.surveys import Description, describe_survey, remove_survey, verify_survey
+from gear_rattle.service.operations.surveys import Description, describe_survey, find_job, remove_survey, verify_survey
 
 
 class _Template(pn.Template):
@@ -144,7 +144,7 @@ class Page:
         asked = self.store.view.survey
         if asked and all(each.job.id != asked for each in standings):
             with suppress(UnknownSurveyError):
-                job = self._shared.front.database.job(asked, JobKind.SURVEY)
+                job = find_job(self._shared.front, asked, JobKind.SURVEY)
                 return [*standings, JobStatus(job, overall_rate(job), None)]
         return standings
 
@@ -194,7 +194,7 @@ class Page:
         self._toggle_form()
 
         async def show() -> None:
-            job = await self._viewer.read(lambda: self._shared.front.database.job(survey_id))
+            job = await self._viewer.read(lambda: find_job(self._shared.front, survey_id))
 
             def choose() -> None:
                 self.store.learn({**self.store.jobs, survey_id: JobStatus(job, None, None)})
@@ -246,7 +246,7 @@ class Page:
     async def _remove(self, action: str, survey_id: str) -> None:
         def remove() -> None:
             front = self._shared.front
-            ended = front.database.job(survey_id).shown[0].final
+            ended = find_job(front, survey_id).shown[0].final
             if ended == (action == "delete"):  # "cancel" must not delete a survey that has just ended
                 remove_survey(front, self._viewer.require(Scope.SUBMIT), survey_id)
 
