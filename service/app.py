@@ -22,7 +22,7 @@ from gear_rattle.service.access.revocation import Revocations
 from gear_rattle.service.explorer.page.mount import Explorer
 from gear_rattle.service.jobs.broadcast import Broadcast
 from gear_rattle.service.jobs.manager import JobManager
-from gear_rattle.service.jobs.opening import opened
+from gear_rattle.service.jobs.opening import open_data
 from gear_rattle.service.jobs.recovery import recover
 from gear_rattle.service.kernels import Kernels
 from gear_rattle.service.observability.logs import adopt_handlers
@@ -130,7 +130,7 @@ def _lifespan(
         leave_working_directory()
         adopt_handlers()
         broadcast = Broadcast()
-        with opened(settings, broadcast.changed) as (directory, database):
+        with open_data(settings, broadcast.notify) as (directory, database):
             recover(database, directory)
             manager = JobManager(database, directory, cluster, metrics.tile)
             metrics.watch(database, manager)

@@ -63,7 +63,7 @@ class Revocations:
                 continue
             asked = dict(self._open)
             try:
-                still = await run_in_threadpool(self._database.still_in, set(asked.values()))
+                still = await run_in_threadpool(self._database.live_identities, set(asked.values()))
             except SQLAlchemyError as error:
                 log.warning("the database cannot be read to see whether keys were revoked: %s", error)
                 continue

@@ -14,18 +14,19 @@ from gear_rattle.service.errors import DataDirectoryError
 BUSY_SECONDS = 10  # longest wait for another writer, or for a connection
 POOL = {"pool_size": 10, "max_overflow": 30, "pool_timeout": BUSY_SECONDS, "pool_pre_ping": True}
 FILE = "file"  # key in a connection's `info`; its value is the identity of the opened SQLite file
+FILE_REPLACED = "Another file has replaced the SQLite file since this connection was opened. The file is opened again."
 UNPOOLED = {"poolclass": NullPool}
 
 
 def open_engine(url: str | URL, pool: dict[str, Any] = POOL) -> Engine:
-    """Return the engine of a job database. Nothing is read or written yet.
+    """Return the SQLAlchemy engine of a job database. No connection is opened yet.
 
     Parameters
     ----------
     url : str | URL
-        SQLAlchemy URL.
+        SQLAlchemy URL of the database.
     pool : dict[str, Any]
-        Options of the connection pool; with :data:`UNPOOLED` connections are not kept.
+        Options of the connection pool. With :data:`UNPOOLED` each connection is closed after its use.
 
     Returns
     -------
@@ -44,11 +45,12 @@ def open_engine(url: str | URL, pool: dict[str, Any] = POOL) -> Engine:
     if kind == "sqlite" and ":memory:" not in (parsed.database or ":memory:") and "mode" not in parsed.query:
         return _open_sqlite(parsed, pool)
     raise DataDirectoryError(
-        f"The job database {shown(parsed)} is lost when the service ends: use sqlite:///FILE or postgresql://USER@HOST/DATABASE."
+        f"The job database {url_without_password(parsed)} is neither a SQLite file nor a PostgreSQL database: use "
+        "sqlite:///FILE or postgresql://USER@HOST/DATABASE."
     )
 
 
-def shown(url: URL) -> str:
+def url_without_password(url: URL) -> str:
     """Return the URL without its password, for messages and logs."""
     return url.render_as_string(hide_password=True)
 
@@ -70,7 +72,7 @@ def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
 
     @event.listens_for(engine, "connect")
     def set_pragmas(connection: Any, record: Any) -> None:
-        record.info[FILE] = _file(url)
+        record.info[FILE] = _file_identity(url)
         connection.text_factory = _text_of
         connection.isolation_level = None  # SQLAlchemy starts transactions, not sqlite3
         # synchronous=FULL: with NORMAL, SQLite in WAL mode loses commits that clients know of when the power fails.
@@ -80,8 +82,8 @@ def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
     @event.listens_for(engine, "checkout")
     def require_same_file(connection: Any, record: Any, proxy: object) -> None:  # noqa: ARG001 - SQLAlchemy's signature
         # A disk that was missing may return as another device, and open connections would still write to the old one.
-        if (found := _file(url)) is not None and found != record.info[FILE]:
-            raise InvalidatePoolError("the file has been replaced")
+        if (found := _file_identity(url)) is not None and found != record.info[FILE]:
+            raise InvalidatePoolError(FILE_REPLACED)
 
     @event.listens_for(engine, "begin")
     def begin(connection: Connection) -> None:
@@ -92,8 +94,8 @@ def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
     return engine
 
 
-def _file(url: URL) -> tuple[int, int] | None:
-    """Return the identity of the file at a SQLite database's path, or None if there is no file."""
+def _file_identity(url: URL) -> tuple[int, int] | None:
+    """Return the device and inode numbers of the file at a SQLite database's path, or None if there is no file."""
     try:
         found = os.stat(str(url.database))
     except OSError:

@@ -21,7 +21,7 @@ SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 
 class Computing(Protocol):
     """The part of the job manager that metrics need."""
 
-    def workers(self) -> int:
+    def thread_count(self) -> int:
         """Return the number of threads of the cluster."""
 
 
@@ -84,11 +84,13 @@ class _Now(Collector):
         for state in State:
             count, n_tiles, done = totals.get(state, (0, 0, 0))
             surveys.add_metric([str(state)], count)
-            waiting += 0 if state.final else n_tiles - done
+            waiting += 0 if state.is_final else n_tiles - done
         tiles.add_metric(["done"], sum(done for _, _, done in totals.values()))
         tiles.add_metric(["waiting"], waiting)
         yield surveys
         yield tiles
         accepted, _, _ = totals.get(State.ACCEPTED, (0, 0, 0))
         yield GaugeMetricFamily("rattle_queue_length", "Surveys that wait for their turn.", value=accepted)
-        yield GaugeMetricFamily("rattle_workers", "Threads of the cluster that compute.", value=self._manager.workers())
+        yield GaugeMetricFamily(
+            "rattle_workers", "Threads of the cluster that compute.", value=self._manager.thread_count()
+        )

@@ -55,7 +55,7 @@ async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
     UnavailableError
         The cost must be measured, and the measurement takes too long or cannot begin now.
     """
-    workers = await run_in_threadpool(front.manager.workers) or front.settings.workers
+    workers = await run_in_threadpool(front.manager.thread_count) or front.settings.workers
     found = await run_in_threadpool(_by_others, front, request)
     is_most = found is None and isinstance(request, SurveyRequest) and request.refine is not None
     if is_most:

@@ -55,7 +55,7 @@ def submit_survey(
         The data directory is missing.
     """
     check_limits(request, front.settings)
-    front.directory.require()
+    front.directory.require_present()
     job = front.database.accept(
         NewJob(
             name=request.name,

@@ -155,7 +155,7 @@ class _Refinement:
         end: Exception | None = None
         try:
             with (
-                front.manager.lent_client() as client,
+                front.manager.borrow_client() as client,
                 closing(refined_frames(client, survey, variable, index, self._stopping.is_set)) as frames,
             ):
                 for frame in frames:

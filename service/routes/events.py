@@ -17,7 +17,7 @@ from gear_rattle.service.access.middleware import CallerState
 from gear_rattle.service.access.revocation import Revocations
 from gear_rattle.service.database.tables import JobKind, State
 from gear_rattle.service.errors import UnknownSurveyError
-from gear_rattle.service.jobs.broadcast import written_event
+from gear_rattle.service.jobs.broadcast import encode_events
 from gear_rattle.service.routes.documents import SurveyId
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web import examples
@@ -65,7 +65,7 @@ async def follow(
 async def stream(front: Front, caller: Caller, survey_id: str, kind: JobKind, last_event_id: int) -> Response:
     """Return the event stream of a survey or a population, after the event `last_event_id`."""
     job = await run_in_threadpool(front.database.job, survey_id, kind)
-    if State(job.state).final and last_event_id >= job.last_event:
+    if State(job.state).is_final and last_event_id >= job.last_event:
         return Response(status_code=204)
     closing = anyio.Event()
     return _Stream(
@@ -100,9 +100,9 @@ async def _events(front: Front, survey_id: str, seen: int, last: int, closing: a
         try:
             while not closing.is_set():
                 grown.clear()
-                later = feed.after(seen)
+                later = feed.events_after(seen)
                 if later is None:
-                    later = written_event(await run_in_threadpool(read, survey_id, seen))
+                    later = encode_events(await run_in_threadpool(read, survey_id, seen))
                 if later:
                     seen = later[-1].id
                     yield b"".join(event.text for event in later)

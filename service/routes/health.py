@@ -34,7 +34,7 @@ class Ready(BaseModel):
 
 def _storage(front: Front) -> str:
     try:
-        front.directory.require()
+        front.directory.require_present()
     except DirectoryAwayError as error:
         return f"unavailable: {error}"
     return front.manager.storage_state

@@ -40,7 +40,7 @@ Cursor = Annotated[
 def tell_of_acceptance(response: Response, job: JobRow, kind: JobKind) -> None:
     """Set the Location of a submitted job in the response, and status 200 if the job has ended, else Retry-After."""
     response.headers["Location"] = path_of(job.id, kind)
-    if State(job.state).final:
+    if State(job.state).is_final:
         response.status_code = 200
     else:
         response.headers["Retry-After"] = RETRY_SECONDS

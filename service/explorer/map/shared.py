@@ -157,7 +157,7 @@ class Shared:
             The map, whether all tiles computed so far have been read, its drawn cells and their colours.
         """
         key, how = (view.variable, view.index, view.slice), (view.limits, view.log, room)
-        if not State(job.state).final and in_closed_form(SurveyRequest.model_validate(job.request), view.variable):
+        if not State(job.state).is_final and in_closed_form(SurveyRequest.model_validate(job.request), view.variable):
             plane = self.exact.beforehand(job, *key, lambda: self.atlas.plane(job, *key)[0])
             block, colours = _drawn(plane, *how)
             note = WAITING if job.state == State.ACCEPTED else BEFOREHAND

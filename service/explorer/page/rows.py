@@ -26,7 +26,7 @@ def row_of(standing: JobStatus, view: View, owned: bool) -> dict[str, Any]:
     chosen = job.id == view.survey and job.is_readable
     return {
         "id": job.id,
-        "name": job.called,
+        "name": job.display_name,
         "title": job.name,
         "notes": job.notes,
         "size": size,

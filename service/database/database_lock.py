@@ -8,18 +8,18 @@ from typing import Any, Protocol
 from filelock import FileLock, Timeout
 from sqlalchemy import Engine, event
 
-from gear_rattle.service.database.engine import BUSY_SECONDS, open_engine, shown
+from gear_rattle.service.database.engine import BUSY_SECONDS, open_engine, url_without_password
 from gear_rattle.service.errors import DataDirectoryError
 
-LOCK = 0x6765_6172_7261_7474  # "gearratt", the number of the advisory lock
-#: A pool of one connection, which is reopened after it is lost.
-WRITER = {"pool_size": 1, "max_overflow": 0, "pool_timeout": BUSY_SECONDS, "pool_pre_ping": True}
+ADVISORY_LOCK = 0x6765_6172_7261_7474  # number of the advisory lock in PostgreSQL: "gearratt" in ASCII
+#: Options of a pool of one connection, which is reopened after it is lost.
+WRITER_POOL = {"pool_size": 1, "max_overflow": 0, "pool_timeout": BUSY_SECONDS, "pool_pre_ping": True}
 
 
-class Hold(Protocol):
-    """A lock on a job database. It lasts until it is released or the process ends, even by SIGKILL.
+class DatabaseLock(Protocol):
+    """A lock on a job database. The lock lasts until it is released or the process ends, even by SIGKILL.
 
-    writer: the engine that all writes must use.
+    writer: the engine that all writes to the database must use.
     """
 
     writer: Engine
@@ -28,12 +28,12 @@ class Hold(Protocol):
         """Release the lock, so that another service can use the database."""
 
 
-def hold(engine: Engine) -> Hold:
-    """Lock a job database. All writes must use the `writer` of the lock.
+def lock_database(engine: Engine) -> DatabaseLock:
+    """Lock a job database. Afterwards all writes must use the engine `writer` of the lock.
 
     Returns
     -------
-    Hold
+    DatabaseLock
         The lock, with its writing engine.
 
     Raises
@@ -41,17 +41,18 @@ def hold(engine: Engine) -> Hold:
     DataDirectoryError
         Another service has locked the database, or its lock file cannot be used.
     """
-    return _FileHold(engine) if engine.dialect.name == "sqlite" else _SessionHold(engine)
+    return _FileLock(engine) if engine.dialect.name == "sqlite" else _SessionLock(engine)
 
 
-def _held_by_another(engine: Engine) -> DataDirectoryError:
+def _locked_elsewhere_error(engine: Engine) -> DataDirectoryError:
     return DataDirectoryError(
-        f"Another service uses the job database {shown(engine.url)}. Stop it, or give this one another database."
+        f"Another service uses the job database {url_without_password(engine.url)}. Stop that service, or give this "
+        "one another database."
     )
 
 
-class _FileHold:
-    """A lock file beside the SQLite file, because opening and closing the SQLite file would release SQLite's locks."""
+class _FileLock:
+    """A locked file beside the SQLite file. SQLite's own locks would be released when the SQLite file is closed."""
 
     def __init__(self, engine: Engine) -> None:
         with engine.connect() as connection:
@@ -62,7 +63,7 @@ class _FileHold:
         try:
             self._lock.acquire()
         except Timeout as error:
-            raise _held_by_another(engine) from error
+            raise _locked_elsewhere_error(engine) from error
         except OSError as error:
             raise DataDirectoryError(f"The lock {path} of the job database cannot be used: {error}") from error
 
@@ -70,30 +71,31 @@ class _FileHold:
         self._lock.release()
 
 
-class _SessionHold:
+class _SessionLock:
     """An advisory lock in PostgreSQL, which belongs to the only session that writes.
 
-    If the session is lost, so is the lock. The next write opens another session, which locks again or fails.
+    If the session is lost, so is the lock. The next write opens another session, which locks the database again or
+    raises DataDirectoryError.
     """
 
     def __init__(self, engine: Engine) -> None:
-        self.writer = open_engine(engine.url, WRITER)
+        self.writer = open_engine(engine.url, WRITER_POOL)
 
         @event.listens_for(self.writer, "connect")
         def lock(connection: Any, _: Any) -> None:
-            is_free = connection.execute(f"SELECT pg_try_advisory_lock({LOCK})").fetchone()[0]
+            is_free = connection.execute(f"SELECT pg_try_advisory_lock({ADVISORY_LOCK})").fetchone()[0]
             connection.rollback()  # ends the transaction; the lock belongs to the session
             if not is_free:
                 connection.close()
-                raise _held_by_another(engine)
+                raise _locked_elsewhere_error(engine)
 
         self.writer.connect().close()
 
     def release(self) -> None:
         @event.listens_for(self.writer, "close")
         def unlock(connection: Any, _: Any) -> None:
-            # The server ends a closed session only a moment later, and until then it would refuse the next service.
+            # The server ends a closed session a moment later; until then the lock would keep out the next service.
             if not connection.broken:
-                connection.execute(f"SELECT pg_advisory_unlock({LOCK})")
+                connection.execute(f"SELECT pg_advisory_unlock({ADVISORY_LOCK})")
 
         self.writer.dispose()
