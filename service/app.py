@@ -44,21 +44,21 @@ if TYPE_CHECKING:
     from distributed import Client
 
 #: Methods and headers that pages of the origins in `Settings.cors_origins` may use.
-READING: dict[str, Any] = {
+CORS_OPTIONS: dict[str, Any] = {
     "allow_methods": ["GET", "HEAD"],
     "allow_headers": ["Authorization", "If-None-Match", "Range"],
     "expose_headers": ["Content-Disposition", "Content-Range", "ETag", "Link", "Retry-After"],
 }
 DOCUMENTS = Path(__file__).with_name("help")  # directory of the site that `make docs` builds
 SOURCES = Path(__file__).with_name("documents")  # a link to docs/; a wheel contains copies of the files
-#: Niceness of workers, so that requests are answered before tiles. At 19, a worker beside two busy programs would get
-#: 1.4 % of a core.
+#: Niceness of worker processes, so that the service answers requests before workers compute tiles. At 19, a worker
+#: beside two busy programs would get 1.4 % of a core.
 WORKERS_NICE = 5
 
 Cluster = Callable[[], AbstractContextManager["Client"]]
-#: A function that opens the cluster. Its argument is called while the cluster starts; it returns whether start-up was
-#: cancelled.
-Starting = Callable[[Callable[[], bool]], AbstractContextManager["Client"]]
+#: A function that opens the cluster. Its argument is a function that returns whether the start-up was cancelled; it is
+#: called again and again while the cluster starts.
+StartCluster = Callable[[Callable[[], bool]], AbstractContextManager["Client"]]
 Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
 
 
@@ -75,7 +75,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
     Returns
     -------
     FastAPI
-        The application with all routes and middlewares and, unless it is switched off, the explorer.
+        The application with all routes and middlewares and, unless `Settings.explorer` is False, the explorer.
     """
     settings = settings or Settings()
     metrics = Metrics()
@@ -83,7 +83,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         title="gear rattle",
         summary="Surveys of the damping-eccentricity plane of an impacting gear model.",
         version=rattle.__version__,
-        lifespan=_lifespan(settings, _starting(settings, cluster), metrics),
+        lifespan=_lifespan(settings, _cluster_starter(settings, cluster), metrics),
         responses=problems.declared(*problems.ANYWHERE),
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
@@ -96,7 +96,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
     app.add_middleware(problems.ProblemMiddleware)
     app.add_middleware(AccessMiddleware, settings=settings)
     if settings.cors_origins:  # pages of these origins may read, but never write
-        app.add_middleware(CORSMiddleware, allow_origins=settings.cors_origins, **READING)
+        app.add_middleware(CORSMiddleware, allow_origins=settings.cors_origins, **CORS_OPTIONS)
     app.add_middleware(RequestLogMiddleware, metrics=metrics)
     app.add_middleware(PrefixMiddleware, root_path=settings.root_path, trusted=settings.behind_proxy)
     problems.install(app)
@@ -109,11 +109,11 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         app.add_route("/help", lambda _: RedirectResponse(public_path("/help/")), include_in_schema=False)
         app.mount("/help", documents, name="help")
     app.state.explorer = Explorer(app, settings) if settings.explorer else None
-    app.state.on_start = lambda: None  # `serve` replaces it
+    app.state.on_start = lambda: None  # `run_server` sets another function
     return app
 
 
-def _starting(settings: Settings, cluster: Cluster | None) -> Starting:
+def _cluster_starter(settings: Settings, cluster: Cluster | None) -> StartCluster:
     if cluster:
         return lambda _: cluster()
     if settings.scheduler:
@@ -123,7 +123,7 @@ def _starting(settings: Settings, cluster: Cluster | None) -> Starting:
 
 
 def _lifespan(
-    settings: Settings, cluster: Starting, metrics: Metrics
+    settings: Settings, cluster: StartCluster, metrics: Metrics
 ) -> Callable[[FastAPI], AbstractAsyncContextManager[None]]:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -151,7 +151,7 @@ def _lifespan(
             app.state.overlaid = overlaid = Overlaid(app.state.front)
             explorer = app.state.explorer.running(app.state.front, overlaid) if settings.explorer else nullcontext()
             try:
-                async with app.state.front.kernels.running(), app.state.front.revocations.running(), explorer:
+                async with app.state.front.kernels.lifespan(), app.state.front.revocations.lifespan(), explorer:
                     app.state.on_start()
                     yield
             finally:

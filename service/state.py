@@ -24,15 +24,19 @@ from gear_rattle.service.jobs.broadcast import Broadcast
 from gear_rattle.service.jobs.directory import DataDirectory
 from gear_rattle.service.jobs.manager import JobManager
 from gear_rattle.service.kernels import Kernels
+from gear_rattle.service.limiter import PriorityLimiter
 from gear_rattle.service.observability.metrics import Metrics
-from gear_rattle.service.places import PriorityLimiter
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers import Bucket
 
 
 @dataclass(frozen=True)
 class Front:
-    """The state of an application that its routes need. It exists during the application's lifespan."""
+    """The state of an application that its routes need. It exists during the application's lifespan.
+
+    pictures, exports, points: limiters of pictures that are drawn, of files that are written and of parameter points
+    that are computed at the same time.
+    """
 
     settings: Settings
     directory: DataDirectory
@@ -47,8 +51,8 @@ class Front:
     revocations: Revocations
     _interruptible: set[CancelScope] = field(default_factory=set)
 
-    def stored(self, survey_id: str, kind: JobKind = JobKind.SURVEY) -> tuple[JobRow, Path | Bucket]:
-        """Return the row of a survey or a population, and the location of its store. It blocks: use a thread.
+    def job_and_store(self, survey_id: str, kind: JobKind = JobKind.SURVEY) -> tuple[JobRow, Path | Bucket]:
+        """Return the row of a survey or a population, and the location of its store. This blocks: use a thread.
 
         Returns
         -------
@@ -64,8 +68,8 @@ class Front:
         """
         return self.database.job(survey_id, kind), self.directory.store(survey_id)
 
-    def with_numbers(self, survey_id: str) -> tuple[JobRow, Path | Bucket]:
-        """Return the row of a survey, and the location of its store, which must exist. It blocks: use a thread.
+    def job_with_results(self, survey_id: str) -> tuple[JobRow, Path | Bucket]:
+        """Return the row of a survey, and the location of its store, which must exist. This blocks: use a thread.
 
         Returns
         -------
@@ -79,7 +83,7 @@ class Front:
         MissingError
             The survey has no numbers yet, or its store is gone.
         """
-        job, place = self.stored(survey_id)
+        job, place = self.job_and_store(survey_id)
         if place.exists():
             return job, place
         if job.cells_done or job.state == State.SUCCESSFUL:
@@ -91,12 +95,12 @@ class Front:
 
     @cached_property
     def windows(self) -> CapacityLimiter:
-        """The limiter of windows that are computed at the same time."""
+        """The limiter of windows of maps that are computed at the same time."""
         return CapacityLimiter(self.settings.max_windows)
 
     @cached_property
     def slow_points(self) -> PriorityLimiter:
-        """The limiter of slow computations for points of all pages. It leaves one process for quick computations."""
+        """The limiter of slow computations for points of all pages. It leaves a process free for quick computations."""
         return PriorityLimiter(max(1, self.settings.max_points - 1))
 
     @contextmanager

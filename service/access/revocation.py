@@ -44,7 +44,7 @@ class Revocations:
                 self._open.pop(scope, None)
 
     @asynccontextmanager
-    async def running(self) -> AsyncIterator[None]:
+    async def lifespan(self) -> AsyncIterator[None]:
         """Check open connections for as long as the application runs."""
         looking = asyncio.create_task(self._look())
         try:

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.state import Front
 from gear_rattle.workers.pictures.look import Pair
 from rattle import Limit, design_limit
@@ -57,12 +57,12 @@ class DesignLimits:
             self._known.pop(next(iter(self._known)))
         for value in coarse_first(delta):
             if value not in known:
-                known[value] = await self._front.slow_points.in_background(partial(self._find, model, value, share))
+                known[value] = await self._front.slow_points.run_in_background(partial(self._find, model, value, share))
                 yield _sorted(known)
         yield _sorted(known)
 
     async def _find(self, model: Model, delta: float, share: float) -> Limit:
-        return await in_turn(
+        return await compute_in_process(
             self._front,
             limit_at,
             *(model, delta, share),

@@ -11,7 +11,7 @@ from itertools import islice
 from starlette.concurrency import run_in_threadpool
 
 from gear_rattle.service.database.tables import JobRow
-from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.state import Front
 from gear_rattle.workers import AnyRequest, Axis, PopulationRequest, SurveyRequest, TileShape, compute_tile, tiles_of
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
@@ -64,7 +64,7 @@ async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
     if found:
         seconds, basis = found
     else:
-        seconds = await in_turn(
+        seconds = await compute_in_process(
             front,
             cell_seconds,
             request,

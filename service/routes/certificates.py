@@ -96,7 +96,7 @@ async def read_certificates(
 
 
 def _stored(front: Front, survey_id: str) -> tuple[JobRow, pathlib.Path]:
-    job, store = front.stored(survey_id)
+    job, store = front.job_and_store(survey_id)
     if not job.is_readable or not job.request.get("certify"):
         raise MissingError(
             f"Survey {survey_id} was submitted without certify. Submit it again with certify, or prove it with the "

@@ -99,7 +99,7 @@ async def _file(
 
 
 async def _of(front: Front, survey_id: str, ending: str) -> tuple[Path | Bucket, dict[str, str]]:
-    job, place = await run_in_threadpool(front.with_numbers, survey_id)
+    job, place = await run_in_threadpool(front.job_with_results, survey_id)
     return place, {
         "ETag": picture_tag(job.id, job.last_event, ending),
         "Cache-Control": REVALIDATE,

@@ -51,7 +51,7 @@ def _status(front: Front, storage: str) -> str:
     cluster = front.manager.cluster_state
     if cluster not in (READY, STARTING) or storage != OK:
         return "degraded"
-    if front.kernels.at_work:
+    if front.kernels.is_compiling:
         return WARMING
     return "ok" if cluster == READY else "degraded"
 
@@ -86,7 +86,7 @@ def ready(front: FrontState) -> Ready:
     The status is 503 with Retry-After until kernels are compiled and workers have connected, and while nothing can be
     stored. Load balancers and scripts that wait for the service use this route.
     """
-    if front.kernels.at_work:
+    if front.kernels.is_compiling:
         raise KernelsError
     if (front.manager.cluster_state, _storage(front)) != (READY, OK):
         raise UnavailableError("The service is not ready: GET /v1/health says why. Try again in a few seconds.")

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Depends, Query
 from pydantic import BaseModel, Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
 
 from gear_rattle.service.operations.points import json_number
-from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.added import with_queries
 from gear_rattle.service.routes.model.machine import (
     ADDED_QUERIES,
@@ -135,7 +135,7 @@ async def limits(
     if (over is None) != (values is None) or (low is None) != (high is None):
         raise ParameterError("over and values belong together, and so do low and high: give both or neither")
     between = None if low is None or high is None else (low, high)
-    found = await in_turn(
+    found = await compute_in_process(
         front,
         found_limits,
         *(given, of, share, over, values, between, count, seed, budget),

@@ -190,7 +190,7 @@ async def sheet(request: Request, front: FrontState, survey_id: SurveyId, asked:
 
 
 async def _answer(request: Request, front: Front, survey_id: str, asked: Asked, form: Form, media: str) -> Response:
-    job, place = await run_in_threadpool(front.with_numbers, survey_id)
+    job, place = await run_in_threadpool(front.job_with_results, survey_id)
     if asked.has_caption:
         asked = replace(asked, look=asked.look.with_caption(_caption(job, str(request.url))))
     headers = {

@@ -196,7 +196,7 @@ async def read_population(
 )
 async def answers(request: Request, front: FrontState, population_id: PopulationId) -> Response:
     """Return the probability of quiet running, yield, quantiles of the intensity, Sobol indices and the worst gears."""
-    job, place = await run_in_threadpool(front.stored, population_id, KIND)
+    job, place = await run_in_threadpool(front.job_and_store, population_id, KIND)
     if job.state != State.SUCCESSFUL:
         raise MissingError(f"Population {population_id} is {job.state}: its answers can be read once it has completed.")
     headers = {"ETag": picture_tag(job.id, job.last_event, "answers"), "Cache-Control": REVALIDATE}

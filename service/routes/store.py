@@ -70,7 +70,7 @@ async def read(
 
 async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, request: Request) -> Response:
     """Return the file with this key in the store of a survey or a population."""
-    job, store = await run_in_threadpool(front.stored, survey_id, kind)
+    job, store = await run_in_threadpool(front.job_and_store, survey_id, kind)
     if not KEY.fullmatch(key) or key.endswith(".partial"):
         raise MissingError(f"The store of {kind} {survey_id} has no key {key!r}.")
     unchanging = job.state == State.SUCCESSFUL

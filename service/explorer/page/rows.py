@@ -8,7 +8,7 @@ from gear_rattle.service.explorer.common.address import View
 from gear_rattle.service.explorer.common.news import JobStatus
 from gear_rattle.service.explorer.design.fields import NUMBERS, PAIR, in_unit, spans_of
 from gear_rattle.service.explorer.map.picture import picture_query, thirds
-from gear_rattle.service.harmonics import written_harmonics
+from gear_rattle.service.harmonics import harmonic_texts
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.pictures.look import LARGEST
 from gear_rattle.workers.survey.families import FAMILY
@@ -53,7 +53,7 @@ def _asked(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
         ["ε", _values(epsilon)],
         ["β", _values(request["beta"])],
         *([each.symbol, _values(request[name])] for name, each in ADDED.items() if request.get(name)),
-        *([["harmonics", " ".join(written_harmonics(request["harmonics"]))]] if request.get("harmonics") else []),
+        *([["harmonics", " ".join(harmonic_texts(request["harmonics"]))]] if request.get("harmonics") else []),
         ["computes", ", ".join(request["quantities"])],
         ["sample", f"{request['initial_conditions']['count']} initial conditions"],
     ]

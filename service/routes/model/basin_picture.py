@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query, Response
 
 from gear_rattle.service.errors import LimitError
-from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.machine import PlaceQuery
 from gear_rattle.service.routes.picture import PNG
 from gear_rattle.service.state import FrontState
@@ -57,7 +57,7 @@ async def basins(
         raise LimitError(
             "query.resolution", f"resolution may be at most {limit:,}. For more, use the command rattle figure."
         )
-    png = await in_turn(
+    png = await compute_in_process(
         front,
         _draw,
         place.gear,

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Depends
 from pydantic import BaseModel, Field
 
 from gear_rattle.service.operations.points import intensities, json_number
-from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.machine import Place, PlaceQuery
 from gear_rattle.service.routes.model.points import (
     MostImpacts,
@@ -101,7 +101,7 @@ async def intensity(
     Values of periodic motions are exact; values of chaotic motions have error bars.
     """
     require_few(front, count)
-    found = await in_turn(
+    found = await compute_in_process(
         front,
         intensities,
         place.gear,

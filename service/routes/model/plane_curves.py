@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 
 from gear_rattle.service.harmonics import read_harmonics
 from gear_rattle.service.operations.points import curves_document
-from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.added import added_document, query_of, with_fields, with_queries
 from gear_rattle.service.routes.model.machine import Harmonics
 from gear_rattle.service.routes.model.points import Backlash, Multiplier
@@ -122,7 +122,7 @@ async def curves(
             message = f"{name}_max ({high:g}) must be above {name}_min ({low:g})"
             raise RequestValidationError([{"loc": ("query", f"{name}_max"), "msg": message}])
     model = with_harmonics(model_of(beta, **added), read_harmonics(harmonic))
-    found = await in_turn(
+    found = await compute_in_process(
         front,
         curves_document,
         model,

@@ -11,7 +11,7 @@ from starlette.concurrency import run_in_threadpool
 import rattle
 from gear_rattle.service.errors import LimitError
 from gear_rattle.service.operations.points import json_number, orbits_document
-from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.added import added_document, with_fields
 from gear_rattle.service.routes.model.machine import Place, PlaceQuery
 from gear_rattle.service.state import Front, FrontState
@@ -164,7 +164,7 @@ async def orbits(front: FrontState, place: PlaceQuery) -> OrbitsDocument:
         await front.kernels.require(model.name)
         found = await run_in_threadpool(orbits_document, gear)
     else:
-        found = await in_turn(
+        found = await compute_in_process(
             front,
             orbits_document,
             gear,
@@ -208,7 +208,7 @@ async def attractors(
     """Return the attractors of a point, or of a machine in SI units."""
     gear = place.gear
     require_few(front, count)
-    found = await in_turn(
+    found = await compute_in_process(
         front,
         gear.attractors,
         count,

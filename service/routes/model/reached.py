@@ -8,7 +8,7 @@ from fastapi import APIRouter, Depends, Query
 from pydantic import Field
 
 from gear_rattle.service.errors import LimitError
-from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.machine import PlaceQuery
 from gear_rattle.service.routes.model.points import AttractorDocument, PointDocument, attractor_document, point_document
 from gear_rattle.service.state import FrontState
@@ -62,7 +62,7 @@ async def reached(
     if max(len(tau), len(v)) > limit:
         raise LimitError("query.tau", f"there may be at most {limit:,} states. For more, use the library.")
     gear = place.gear
-    found = await in_turn(
+    found = await compute_in_process(
         front,
         gear.reached,
         tau,

@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
 from gear_rattle.service.operations.points import json_number
-from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.machine import (
     MachineDocument,
     MachineQuery,
@@ -119,7 +119,7 @@ async def _answer(
     front: Front, machine: Machine, measured: TransmissionError | None, count: int, seed: int
 ) -> VerdictDocument:
     require_few(front, count)
-    found = await in_turn(
+    found = await compute_in_process(
         front,
         machine.verdict,
         count,

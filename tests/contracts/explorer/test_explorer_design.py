@@ -93,7 +93,7 @@ def test_a_design_limit_is_found_once_coarse_first(tmp_path: Path, monkeypatch: 
         return work(*arguments)
 
     async def body(front: Front) -> None:
-        monkeypatch.setattr(design_limits, "in_turn", here)
+        monkeypatch.setattr(design_limits, "compute_in_process", here)
         monkeypatch.setattr(design_limits, "COUNT", 64)
         monkeypatch.setattr(design_limits, "VALUES", 5)
         known = DesignLimits(front)

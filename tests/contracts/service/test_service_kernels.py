@@ -124,8 +124,8 @@ def test_a_service_ends_while_it_compiles(tmp_path: Path) -> None:
     with front_end(tmp_path) as client:
         kernels = front_of(client).kernels
         client.portal.call(kernels.begin)
-        assert kernels.at_work
-    assert not kernels.at_work
+        assert kernels.is_compiling
+    assert not kernels.is_compiling
 
 
 @pytest.mark.usefixtures("note")
@@ -134,7 +134,7 @@ def test_a_process_that_dies_of_compiling_is_no_hang(tmp_path: Path, monkeypatch
     monkeypatch.setattr("gear_rattle.service.kernels.compile_kernels", die)
     with front_end(tmp_path, max_point_seconds=HANG) as client:
         assert client.get(POINTS[0]).status_code == 200
-        wait_until(lambda: front_of(client).kernels.has(Impacting.name))
+        wait_until(lambda: front_of(client).kernels.is_compiled(Impacting.name))
 
 
 def test_what_another_process_has_compiled_is_not_waited_for(
@@ -144,7 +144,7 @@ def test_what_another_process_has_compiled_is_not_waited_for(
     with front_end(tmp_path, points=IN_A_THREAD, max_point_seconds=HANG) as client:
         assert client.get(POINTS[0]).status_code == 200
         assert not compiling.models
-        assert not front_of(client).kernels.at_work
+        assert not front_of(client).kernels.is_compiling
 
 
 EVERYTHING = """

@@ -179,7 +179,7 @@ def document(http: httpx.Client) -> dict[str, Any]:
 
 
 async def known(_: Any, compute: Any, *arguments: Any, what: str, **words: Any) -> Any:  # noqa: ARG001
-    """Instead of `in_turn`: what is computed at one point, whatever is asked for. At extreme ones it takes minutes."""
+    """Return a known result in place of `compute_in_process`, which takes minutes at extreme points."""
     found = {
         "The orbits": lambda: orbits_document(Gear(0.6, 0.1)),
         "The attractors": lambda: Gear(0.6, 0.1).attractors(4),
@@ -220,7 +220,7 @@ def try_everything(finished: Path, where: Path, config: str, *options: str, **se
 
 def test_schemathesis_finds_nothing(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (basin_picture, plane_curves, estimate, intensity, limits, points, reached, verdict):
-        monkeypatch.setattr(module, "in_turn", known)
+        monkeypatch.setattr(module, "compute_in_process", known)
     if not DEEP:  # whose file it is makes no difference to these requests, and to write each took a third of all
         with open_survey(finished / JobKind.SURVEY, as_stored=True) as survey, write_netcdf(survey) as file:
             content = file.read()

@@ -15,7 +15,7 @@ Result = TypeVar("Result")
 Arguments = TypeVarTuple("Arguments")
 
 
-async def in_turn(
+async def compute_in_process(
     front: Front,
     compute: Callable[[*Arguments], Result],
     *arguments: *Arguments,
