@@ -84,7 +84,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         summary="Surveys of the damping-eccentricity plane of an impacting gear model.",
         version=rattle.__version__,
         lifespan=_lifespan(settings, _cluster_starter(settings, cluster), metrics),
-        responses=problems.declared(*problems.ANYWHERE),
+        responses=problems.declare_problems(*problems.ANYWHERE),
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
         static_url=REFERENCE_ASSETS,
@@ -99,11 +99,11 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         app.add_middleware(CORSMiddleware, allow_origins=settings.cors_origins, **CORS_OPTIONS)
     app.add_middleware(RequestLogMiddleware, metrics=metrics)
     app.add_middleware(PrefixMiddleware, root_path=settings.root_path, trusted=settings.behind_proxy)
-    problems.install(app)
+    problems.install_handlers(app)
     app.include_router(health.router, dependencies=[Depends(refuse_unknown)])
     for router in ROUTERS:
         app.include_router(
-            router, dependencies=[Depends(caller_of), Depends(refuse_unknown)], responses=problems.declared(401)
+            router, dependencies=[Depends(caller_of), Depends(refuse_unknown)], responses=problems.declare_problems(401)
         )
     if (documents := documents_of(DOCUMENTS, SOURCES)) is not None:
         app.add_route("/help", lambda _: RedirectResponse(public_path("/help/")), include_in_schema=False)
@@ -132,8 +132,8 @@ def _lifespan(
         broadcast = Broadcast()
         with open_data(settings, broadcast.notify) as (directory, database):
             recover(database, directory)
-            manager = JobManager(database, directory, cluster, metrics.tile)
-            metrics.watch(database, manager)
+            manager = JobManager(database, directory, cluster, metrics.count_tile)
+            metrics.report_database(database, manager)
             app.state.front = Front(
                 settings=settings,
                 directory=directory,

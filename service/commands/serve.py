@@ -82,10 +82,10 @@ def serve(
 def require_keys(settings: Settings, database: Database) -> None:
     """Raise AccessError if the service requires keys and no key exists."""
     from gear_rattle.service.access.keys import has_live_key
-    from gear_rattle.service.access.middleware import asks_keys
+    from gear_rattle.service.access.middleware import requires_keys
     from gear_rattle.service.errors import AccessError
 
-    if not asks_keys(settings) or has_live_key(database):
+    if not requires_keys(settings) or has_live_key(database):
         return
     where = "--database-url URL" if settings.database_url else f"--data {settings.data}"  # a URL may hold a password
     raise AccessError(

@@ -18,7 +18,7 @@ from gear_rattle.service.database.tables import UNREADABLE, JobRow, State
 from gear_rattle.service.errors import ConflictError, DirectoryAwayError, ServiceError, UnavailableError
 from gear_rattle.service.jobs.directory import DataDirectory
 from gear_rattle.service.jobs.turns import Turns
-from gear_rattle.service.observability.logs import about
+from gear_rattle.service.observability.logs import survey_in_logs
 from gear_rattle.workers import (
     Begun,
     ClusterLostError,
@@ -242,7 +242,7 @@ class JobManager:
             self._current = job.id
             self._dismissed.clear()
         try:
-            with about(job.id):
+            with survey_in_logs(job.id):
                 self._run(job.id, client)
         finally:
             self._ends = {}

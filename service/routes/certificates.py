@@ -16,7 +16,7 @@ from gear_rattle.service.routes.documents import SurveyId, path_of
 from gear_rattle.service.routes.store import FILES, KEY, file_at
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web.conditional import HOUR, NOT_MODIFIED, REVALIDATE, json_answer
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers.certificates import CERTIFICATES, REFUSED
 from gear_rattle.workers.storage.location import certificates_of
 
@@ -46,7 +46,7 @@ class Certificates(BaseModel):
     "/{survey_id}/certificates",
     summary="Proved periodic attractors of a survey",
     response_model=Certificates,
-    responses={**NOT_MODIFIED, **declared(404, 422)},
+    responses={**NOT_MODIFIED, **declare_problems(404, 422)},
 )
 def show_certificates(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     """Return the numbers of proved and unproved attractors of a survey that was submitted with `certify`.

@@ -16,8 +16,8 @@ from starlette.concurrency import run_in_threadpool
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.routes.documents import SurveyId
 from gear_rattle.service.state import Front, FrontState
-from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, weak_etag
+from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers import Bucket, open_survey
 from gear_rattle.workers.survey.values.schema import RowForm
 from rattle import MissingExtraError
@@ -39,7 +39,7 @@ def _binary(media_type: str) -> dict[int | str, dict[str, Any]]:
     "/{survey_id}/download.nc",
     summary="Everything of a survey as NetCDF 4, also of a running survey",
     response_class=Response,
-    responses={**_binary(NETCDF), **declared(404, 422)},
+    responses={**_binary(NETCDF), **declare_problems(404, 422)},
 )
 async def netcdf(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     """Return all groups of the store. Complex variables are pairs of variables, `…_real` and `…_imag`."""
@@ -50,7 +50,7 @@ async def netcdf(request: Request, front: FrontState, survey_id: SurveyId) -> Re
     "/{survey_id}/download.parquet",
     summary="The table of download.csv as Parquet, if this service can write it",
     response_class=Response,
-    responses={**_binary(PARQUET), **declared(404, 422)},
+    responses={**_binary(PARQUET), **declare_problems(404, 422)},
 )
 async def parquet(request: Request, front: FrontState, survey_id: SurveyId, form: Formed = RowForm.CELLS) -> Response:
     """Return the table of `download.csv` as Parquet, with the survey's attributes as metadata of the file.
@@ -64,7 +64,7 @@ async def parquet(request: Request, front: FrontState, survey_id: SurveyId, form
     "/{survey_id}/download.csv",
     summary="A table of a survey as CSV, also of a running survey: by default a row per cell",
     response_class=Response,
-    responses={200: {"content": {CSV: {"schema": {"type": "string"}}}}, **NOT_MODIFIED, **declared(404, 422)},
+    responses={200: {"content": {CSV: {"schema": {"type": "string"}}}}, **NOT_MODIFIED, **declare_problems(404, 422)},
 )
 async def csv(request: Request, front: FrontState, survey_id: SurveyId, form: Formed = RowForm.CELLS) -> Response:
     """Return a table. Codes, such as those of regions, are numbers. A cell with `status` 0 is not computed yet."""
@@ -101,7 +101,7 @@ async def _file(
 async def _of(front: Front, survey_id: str, ending: str) -> tuple[Path | Bucket, dict[str, str]]:
     job, place = await run_in_threadpool(front.job_with_results, survey_id)
     return place, {
-        "ETag": picture_tag(job.id, job.last_event, ending),
+        "ETag": weak_etag(job.id, job.last_event, ending),
         "Cache-Control": REVALIDATE,
         "Content-Disposition": f'attachment; filename="survey-{job.id}.{ending}"',
     }

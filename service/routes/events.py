@@ -21,7 +21,7 @@ from gear_rattle.service.jobs.broadcast import encode_events
 from gear_rattle.service.routes.documents import SurveyId
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web import examples
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.problems import declare_problems
 
 router = APIRouter(prefix="/v1/surveys", tags=["surveys"])
 
@@ -47,7 +47,7 @@ EVENT = {
     responses={
         200: {"content": {"text/event-stream": {"schema": EVENT, "example": examples.EVENTS[0]}}},
         204: {"description": "the survey has ended and every event was seen: no need to connect again"},
-        **declared(404, 422),
+        **declare_problems(404, 422),
     },
 )
 async def follow(
@@ -87,7 +87,7 @@ class _Stream(EventSourceResponse):
         self._revocations, self._caller = revocations, caller
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        with self._revocations.ending(self._caller) as reading:
+        with self._revocations.cancel_when_revoked(self._caller) as reading:
             await super().__call__(scope, receive, send)
         if reading.cancelled_caught:
             await send({"type": "http.response.body", "body": b"", "more_body": False})

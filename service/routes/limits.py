@@ -21,8 +21,8 @@ from gear_rattle.service.routes.model.machine import (
 )
 from gear_rattle.service.routes.model.points import MostImpacts, SampleSeed, require_few
 from gear_rattle.service.state import FrontState
-from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
+from gear_rattle.service.web.problems import declare_problems
 from rattle import Limit, ParameterError, design_limit, design_limits
 from rattle.attractors import BUDGET
 from rattle.populations import MOST_SHARE, model_of_numbers
@@ -105,8 +105,8 @@ async def numbers_of_query(
 @router.get(
     "/limits",
     summary="How far one number of a gear may go until it does not run quietly often enough",
-    dependencies=[Depends(function_of_query)],
-    responses={**NOT_MODIFIED, **declared(422)},
+    dependencies=[Depends(set_query_etag)],
+    responses={**NOT_MODIFIED, **declare_problems(422)},
 )
 async def limits(
     front: FrontState,

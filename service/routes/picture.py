@@ -21,8 +21,8 @@ from gear_rattle.service.operations.notebook import PACKAGE
 from gear_rattle.service.operations.overlaid import Asked, Overlaid
 from gear_rattle.service.routes.documents import SurveyId
 from gear_rattle.service.state import Front, FrontState
-from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, weak_etag
+from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers import QUANTITIES, Bucket, SurveyRequest, open_survey
 from gear_rattle.workers.cluster.window import MOST_PIXELS
 from gear_rattle.workers.pictures.look import LARGEST, LINES, SHARE, USUAL_SHARE, Form, Look, Over, Pair, Span
@@ -153,7 +153,7 @@ AskedFor = Annotated[Asked, Depends(asked_for)]
 
 
 def _answers(media: str, schema: dict[str, str]) -> dict[int | str, dict[str, Any]]:
-    return {200: {"content": {media: {"schema": schema}}}, **NOT_MODIFIED, **declared(404, 422, 503)}
+    return {200: {"content": {media: {"schema": schema}}}, **NOT_MODIFIED, **declare_problems(404, 422, 503)}
 
 
 @router.get(
@@ -194,7 +194,7 @@ async def _answer(request: Request, front: Front, survey_id: str, asked: Asked, 
     if asked.has_caption:
         asked = replace(asked, look=asked.look.with_caption(_caption(job, str(request.url))))
     headers = {
-        "ETag": picture_tag(survey_id, job.last_event, asked, form),
+        "ETag": weak_etag(survey_id, job.last_event, asked, form),
         "Cache-Control": REVALIDATE,  # another version may draw differently, and lost tiles may have been repaired
     }
     if is_known(request, headers):

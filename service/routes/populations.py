@@ -37,8 +37,8 @@ from gear_rattle.service.routes.surveys import (
 )
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web import examples
-from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, json_answer, picture_tag
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, json_answer, weak_etag
+from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers import Bucket, PopulationRequest
 
 router = APIRouter(prefix="/v1/populations", tags=["populations"])
@@ -59,7 +59,7 @@ PopulationBody = Annotated[PopulationRequest, Body(examples=[examples.POPULATION
     responses={
         200: {"description": "an identical population has ended", "model": PopulationDetail},
         202: {"description": "accepted, or an identical population that waits or runs"},
-        **declared(409, 415, 422, 429),
+        **declare_problems(409, 415, 422, 429),
     },
 )
 def submit_population(
@@ -83,7 +83,7 @@ def submit_population(
     "/estimate",
     summary="Estimate the cost of a population",
     dependencies=[Depends(require_json)],
-    responses=declared(415, 422),
+    responses=declare_problems(415, 422),
 )
 async def estimate_population(front: FrontState, body: PopulationBody) -> EstimateDocument:
     """Return the cost of a population in seconds, measured on a few of its gears."""
@@ -95,7 +95,7 @@ async def estimate_population(front: FrontState, body: PopulationBody) -> Estima
     "",
     summary="List the populations, newest first",
     response_model=PopulationList,
-    responses={**NOT_MODIFIED, **declared(422)},
+    responses={**NOT_MODIFIED, **declare_problems(422)},
 )
 def list_populations(
     request: Request,
@@ -113,7 +113,7 @@ def list_populations(
     "/{population_id}",
     summary="Show a population",
     response_model=PopulationDetail,
-    responses={**NOT_MODIFIED, **declared(404, 422)},
+    responses={**NOT_MODIFIED, **declare_problems(404, 422)},
 )
 def show_population(request: Request, front: FrontState, population_id: PopulationId) -> Response:
     """Return the status and the request of a population."""
@@ -125,7 +125,7 @@ def show_population(request: Request, front: FrontState, population_id: Populati
     "/{population_id}/verify",
     status_code=202,
     summary="Check every tile of a population, and compute damaged or missing ones again",
-    responses=declared(404, 409, 422, 429),
+    responses=declare_problems(404, 409, 422, 429),
 )
 def verify_population(
     front: FrontState, caller: CallerState, response: Response, population_id: PopulationId
@@ -141,7 +141,7 @@ def verify_population(
     "/{population_id}",
     summary="Dismiss a population that waits or runs, delete one that has ended",
     response_model=PopulationDetail,
-    responses={204: {"description": "deleted, with its store"}, **declared(404, 409, 422)},
+    responses={204: {"description": "deleted, with its store"}, **declare_problems(404, 409, 422)},
 )
 def remove_population(
     front: FrontState, caller: CallerState, population_id: PopulationId
@@ -155,7 +155,7 @@ def remove_population(
     "/{population_id}/events",
     summary="Follow a population",
     response_class=EventSourceResponse,
-    responses={204: {"description": "the population has ended and every event was seen"}, **declared(404, 422)},
+    responses={204: {"description": "the population has ended and every event was seen"}, **declare_problems(404, 422)},
 )
 async def follow_population(
     front: FrontState,
@@ -192,14 +192,14 @@ async def read_population(
     "/{population_id}/answers",
     summary="Answers of a population that has ended",
     response_model=Answers,
-    responses={**NOT_MODIFIED, **declared(404, 422)},
+    responses={**NOT_MODIFIED, **declare_problems(404, 422)},
 )
 async def answers(request: Request, front: FrontState, population_id: PopulationId) -> Response:
     """Return the probability of quiet running, yield, quantiles of the intensity, Sobol indices and the worst gears."""
     job, place = await run_in_threadpool(front.job_and_store, population_id, KIND)
     if job.state != State.SUCCESSFUL:
         raise MissingError(f"Population {population_id} is {job.state}: its answers can be read once it has completed.")
-    headers = {"ETag": picture_tag(job.id, job.last_event, "answers"), "Cache-Control": REVALIDATE}
+    headers = {"ETag": weak_etag(job.id, job.last_event, "answers"), "Cache-Control": REVALIDATE}
     if is_known(request, headers):
         return Response(status_code=304, headers=headers)
     with front.interruptible():

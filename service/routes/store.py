@@ -19,7 +19,7 @@ from gear_rattle.service.routes.documents import SurveyId, path_of
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web.conditional import HOUR, NOT_MODIFIED, REVALIDATE
 from gear_rattle.service.web.objects import object_response
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers import Bucket
 from gear_rattle.workers.errors import DamageError
 
@@ -44,7 +44,7 @@ FILES: dict[int | str, dict[str, Any]] = {
         "content": {"application/octet-stream": {}, "application/json": {}, "multipart/byteranges": {}},
     },
     **NOT_MODIFIED,
-    **declared(404, 416, 422),
+    **declare_problems(404, 416, 422),
 }
 
 

@@ -22,7 +22,7 @@ from gear_rattle.service.routes.documents import Survey, SurveyDetail, SurveyId,
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web import examples
 from gear_rattle.service.web.conditional import NOT_MODIFIED, json_answer
-from gear_rattle.service.web.problems import ADVICE, declared
+from gear_rattle.service.web.problems import ADVICE, declare_problems
 from gear_rattle.workers import SurveyRequest
 
 router = APIRouter(prefix="/v1/surveys", tags=["surveys"])
@@ -76,7 +76,7 @@ async def require_json(request: Request) -> None:
     responses={
         200: {"description": "an identical survey has ended", "model": SurveyDetail, "links": examples.SURVEY_LINKS},
         202: {"description": "accepted, or an identical survey that waits or runs", "links": examples.SURVEY_LINKS},
-        **declared(409, 415, 422, 429),
+        **declare_problems(409, 415, 422, 429),
     },
 )
 def submit(
@@ -107,7 +107,7 @@ def submit(
     "",
     summary="List the surveys, newest first",
     response_model=SurveyList,
-    responses={**NOT_MODIFIED, **declared(422)},
+    responses={**NOT_MODIFIED, **declare_problems(422)},
 )
 def list_surveys(
     request: Request,
@@ -125,7 +125,7 @@ def list_surveys(
     "/{survey_id}",
     summary="Show a survey",
     response_model=SurveyDetail,
-    responses={200: {"links": examples.SURVEY_LINKS}, **NOT_MODIFIED, **declared(404, 422)},
+    responses={200: {"links": examples.SURVEY_LINKS}, **NOT_MODIFIED, **declare_problems(404, 422)},
 )
 def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     """Return the status and the request of a survey."""
@@ -139,7 +139,7 @@ def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     "/{survey_id}/verify",
     status_code=202,
     summary="Check every tile of a survey, and compute damaged or missing ones again",
-    responses=declared(404, 409, 422, 429),
+    responses=declare_problems(404, 409, 422, 429),
 )
 def verify(front: FrontState, caller: CallerState, response: Response, survey_id: SurveyId) -> SurveyDetail:
     """Queue a survey again that was successful, was dismissed, or failed and may succeed now.
@@ -156,7 +156,7 @@ def verify(front: FrontState, caller: CallerState, response: Response, survey_id
     "/{survey_id}",
     summary="Give a survey another name, or notes",
     dependencies=[Depends(require_json)],
-    responses=declared(404, 415, 422),
+    responses=declare_problems(404, 415, 422),
 )
 def describe(
     front: FrontState,
@@ -176,7 +176,7 @@ def describe(
     "/{survey_id}",
     summary="Dismiss a survey that waits or runs, delete one that has ended",
     response_model=SurveyDetail,
-    responses={204: {"description": "deleted, with its store"}, **declared(404, 409, 422)},
+    responses={204: {"description": "deleted, with its store"}, **declare_problems(404, 409, 422)},
 )
 def remove(front: FrontState, caller: CallerState, survey_id: SurveyId) -> Response | SurveyDetail:
     """Dismiss a survey that waits or runs, or delete a survey that has ended.

@@ -481,7 +481,7 @@ PROTECTIONS = (
         "an address is taken before anything starts",
         f"{ENDS}::test_a_port_that_is_taken_is_told_before_anything_starts",
         "service/web/server.py",
-        "    sockets = bind(settings.host, settings.port)\n",
+        "    sockets = bind_sockets(settings.host, settings.port)\n",
         "    sockets = []\n",
     ),
     _one(
@@ -516,7 +516,7 @@ PROTECTIONS = (
         "a traceback's message stays in its line",
         f"{METRICS}::test_nobody_forges_a_line_of_json",
         "service/observability/logs.py",
-        'return [f"  {printable(line)}" for line in lines]',
+        'return [f"  {escape_unprintable(line)}" for line in lines]',
         "return lines",
     ),
     _one(
@@ -579,8 +579,8 @@ PROTECTIONS = (
         "a revoked key's pages end",
         f"{REVOCATION}::test_the_websocket_of_a_page_ends_too",
         "service/explorer/page/mount.py",
-        '        with scope["app"].state.front.revocations.ending(caller) as visit:\n',
-        '        with scope["app"].state.front.revocations.ending(None) as visit:\n',
+        '        with scope["app"].state.front.revocations.cancel_when_revoked(caller) as visit:\n',
+        '        with scope["app"].state.front.revocations.cancel_when_revoked(None) as visit:\n',
     ),
     _one(
         "one question is for all that is open",
@@ -628,7 +628,7 @@ PROTECTIONS = (
         "a compressed body is refused",
         f"{ACCESS}::test_a_compressed_body_is_refused_in_words",
         "service/access/middleware.py",
-        "                _require_plain(headers)\n",
+        "                _require_uncompressed(headers)\n",
         "",
     ),
     _one(
@@ -691,7 +691,7 @@ PROTECTIONS = (
         "a key that reads does not write",
         f"{ACCESS}::test_reading_does_not_allow_writing",
         "service/access/middleware.py",
-        "        if not caller.may(wanted):\n",
+        "        if not caller.has_scope(wanted):\n",
         "        if False:\n",
     ),
     _one(

@@ -200,7 +200,7 @@ class _Socket:
             code = message.get("code", 0)
             return message
 
-        with scope["app"].state.front.revocations.ending(caller) as visit:
+        with scope["app"].state.front.revocations.cancel_when_revoked(caller) as visit:
             await pages.socket(session, scope, noted, send)
             if code in LEFT:
                 session.request_expiration()  # otherwise the computations of the closed page would go on

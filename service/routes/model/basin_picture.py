@@ -12,8 +12,8 @@ from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.machine import PlaceQuery
 from gear_rattle.service.routes.picture import PNG
 from gear_rattle.service.state import FrontState
-from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
+from gear_rattle.service.web.problems import declare_problems
 from rattle.attractors import sampled_speed
 from rattle.models import AnyGear, model_at
 
@@ -23,12 +23,12 @@ router = APIRouter(prefix="/v1", tags=["points"])
 @router.get(
     "/basins.png",
     summary="Basins of attraction of one parameter point, over phase and impact speed",
-    dependencies=[Depends(function_of_query)],
+    dependencies=[Depends(set_query_etag)],
     response_class=Response,
     responses={
         200: {"content": {PNG: {"schema": {"type": "string", "format": "binary"}}}},
         **NOT_MODIFIED,
-        **declared(422),
+        **declare_problems(422),
     },
 )
 async def basins(

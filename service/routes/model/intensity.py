@@ -21,8 +21,8 @@ from gear_rattle.service.routes.model.points import (
     require_few,
 )
 from gear_rattle.service.state import FrontState
-from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
+from gear_rattle.service.web.problems import declare_problems
 from rattle import Attractor, Intensity
 from rattle.attractors import BUDGET
 from rattle.intensity import natural_energy
@@ -85,8 +85,8 @@ class IntensitiesDocument(PointDocument):
 @router.get(
     "/intensity",
     summary="How hard the attractors of one parameter point rattle",
-    dependencies=[Depends(function_of_query)],
-    responses={**NOT_MODIFIED, **declared(422)},
+    dependencies=[Depends(set_query_etag)],
+    responses={**NOT_MODIFIED, **declare_problems(422)},
 )
 async def intensity(
     front: FrontState,

@@ -20,8 +20,8 @@ from gear_rattle.service.routes.model.added import (
     with_fields,
     with_queries,
 )
-from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
+from gear_rattle.service.web.problems import declare_problems
 from rattle import Machine, ParameterError
 from rattle.models import ADDED, AnyGear, model_of, with_harmonics
 
@@ -210,8 +210,8 @@ class MachineDocument(_Numbers):
 @router.get(
     "/machine",
     summary="A machine, two gears in SI units, as a parameter point, and back",
-    dependencies=[Depends(function_of_query)],
-    responses={**NOT_MODIFIED, **declared(422)},
+    dependencies=[Depends(set_query_etag)],
+    responses={**NOT_MODIFIED, **declare_problems(422)},
 )
 async def machine(found: MachineQuery) -> MachineDocument:
     """Convert the numbers of a machine to the model. By default the second gear equals the first.

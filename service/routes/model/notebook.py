@@ -10,8 +10,8 @@ from fastapi import APIRouter, Depends, Query, Response
 from gear_rattle.service.operations.diagrams import LEAST_SPAN, MOST_SPAN, diagram_ends
 from gear_rattle.service.operations.notebook import notebook_of
 from gear_rattle.service.routes.model.machine import PlaceQuery, positive_query
-from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
+from gear_rattle.service.web.problems import declare_problems
 from rattle import ParameterError
 
 router = APIRouter(prefix="/v1", tags=["points"])
@@ -22,9 +22,9 @@ IPYNB = "application/x-ipynb+json"
 @router.get(
     "/notebook",
     summary="A Jupyter notebook of one parameter point",
-    dependencies=[Depends(function_of_query)],
+    dependencies=[Depends(set_query_etag)],
     response_class=Response,
-    responses={200: {"content": {IPYNB: {"schema": {"type": "object"}}}}, **NOT_MODIFIED, **declared(422)},
+    responses={200: {"content": {IPYNB: {"schema": {"type": "object"}}}}, **NOT_MODIFIED, **declare_problems(422)},
 )
 async def notebook(
     place: PlaceQuery,

@@ -16,8 +16,8 @@ from gear_rattle.service.routes.model.machine import Harmonics
 from gear_rattle.service.routes.model.points import Backlash, Multiplier
 from gear_rattle.service.state import FrontState
 from gear_rattle.service.web import examples
-from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
+from gear_rattle.service.web.problems import declare_problems
 from rattle.continuation import FARTHEST
 from rattle.models import ADDED, DEFAULT_MODEL, model_of, with_harmonics
 
@@ -101,8 +101,8 @@ class Curves(_Numbers):
 @router.get(
     "/curves",
     summary="Bifurcation curves of one model",
-    dependencies=[Depends(function_of_query)],
-    responses={200: {"links": examples.CURVES_LINKS}, **NOT_MODIFIED, **declared(422)},
+    dependencies=[Depends(set_query_etag)],
+    responses={200: {"links": examples.CURVES_LINKS}, **NOT_MODIFIED, **declare_problems(422)},
 )
 @with_queries({"beta": {name: query_of(name, f"the {DEFAULT_MODEL} one") for name in ADDED}})
 async def curves(

@@ -16,8 +16,8 @@ from gear_rattle.service.routes.model.added import added_document, with_fields
 from gear_rattle.service.routes.model.machine import Place, PlaceQuery
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web import examples
-from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
+from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers.survey.request import OneSpeed
 from rattle.attractors import BUDGET, LARGEST_BUDGET, sampled_speed
 from rattle.models import AnyGear, model_at
@@ -153,8 +153,8 @@ class Attractors(PointDocument):
 @router.get(
     "/orbits",
     summary="Period-one orbits of one parameter point",
-    dependencies=[Depends(function_of_query)],
-    responses={200: {"links": examples.ORBITS_LINKS}, **NOT_MODIFIED, **declared(422)},
+    dependencies=[Depends(set_query_etag)],
+    responses={200: {"links": examples.ORBITS_LINKS}, **NOT_MODIFIED, **declare_problems(422)},
 )
 async def orbits(front: FrontState, place: PlaceQuery) -> OrbitsDocument:
     """Return the period-one orbits of a point, or of a machine in SI units."""
@@ -194,8 +194,8 @@ def _orbits_in_si(place: Place, found: dict[str, Any]) -> OrbitsInSI | None:
 @router.get(
     "/attractors",
     summary="Attractors of one parameter point",
-    dependencies=[Depends(function_of_query)],
-    responses={200: {"links": examples.ATTRACTORS_LINKS}, **NOT_MODIFIED, **declared(422)},
+    dependencies=[Depends(set_query_etag)],
+    responses={200: {"links": examples.ATTRACTORS_LINKS}, **NOT_MODIFIED, **declare_problems(422)},
 )
 async def attractors(
     front: FrontState,

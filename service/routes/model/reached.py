@@ -12,8 +12,8 @@ from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.machine import PlaceQuery
 from gear_rattle.service.routes.model.points import AttractorDocument, PointDocument, attractor_document, point_document
 from gear_rattle.service.state import FrontState
-from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
+from gear_rattle.service.web.problems import declare_problems
 from rattle.models import model_at
 
 router = APIRouter(prefix="/v1", tags=["points"])
@@ -37,8 +37,8 @@ class ReachedDocument(PointDocument):
 @router.get(
     "/reached",
     summary="Which attractors given states go to",
-    dependencies=[Depends(function_of_query)],
-    responses={**NOT_MODIFIED, **declared(422)},
+    dependencies=[Depends(set_query_etag)],
+    responses={**NOT_MODIFIED, **declare_problems(422)},
 )
 async def reached(
     front: FrontState,

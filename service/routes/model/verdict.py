@@ -22,8 +22,8 @@ from gear_rattle.service.routes.model.machine import (
 )
 from gear_rattle.service.routes.model.points import SampleCount, SampleSeed, require_few
 from gear_rattle.service.state import Front, FrontState
-from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
+from gear_rattle.service.web.problems import declare_problems
 from rattle import Machine, RattleError, TransmissionError, read_transmission_error
 from rattle.models import model_at
 from rattle.parameters import HIGHEST_ORDER
@@ -65,8 +65,8 @@ class VerdictDocument(BaseModel):
 @router.get(
     "/verdict",
     summary="Whether a machine in SI units rattles, in one answer",
-    dependencies=[Depends(function_of_query)],
-    responses={**NOT_MODIFIED, **declared(422)},
+    dependencies=[Depends(set_query_etag)],
+    responses={**NOT_MODIFIED, **declare_problems(422)},
 )
 async def verdict(
     front: FrontState, machine: MachineQuery, count: SampleCount = 256, seed: SampleSeed = 0
@@ -78,7 +78,7 @@ async def verdict(
 @router.post(
     "/verdict",
     summary="Whether a machine with a measured transmission error rattles",
-    responses=declared(413, 422),
+    responses=declare_problems(413, 422),
 )
 async def verdict_of_measured(
     front: FrontState,
