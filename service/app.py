@@ -28,7 +28,7 @@ from gear_rattle.service.kernels import Kernels
 from gear_rattle.service.observability.logs import adopt_handlers
 from gear_rattle.service.observability.metrics import Metrics
 from gear_rattle.service.observability.request_log import RequestLogMiddleware
-from gear_rattle.service.operations.overlaid import Overlaid
+from gear_rattle.service.operations.overlaid import Overlays
 from gear_rattle.service.routes import ROUTERS, health
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
@@ -148,7 +148,7 @@ def _lifespan(
                 revocations=Revocations(database),
             )
             manager.start()
-            app.state.overlaid = overlaid = Overlaid(app.state.front)
+            app.state.overlaid = overlaid = Overlays(app.state.front)
             explorer = app.state.explorer.running(app.state.front, overlaid) if settings.explorer else nullcontext()
             try:
                 async with app.state.front.kernels.lifespan(), app.state.front.revocations.lifespan(), explorer:

@@ -38,9 +38,9 @@ diagram_figure(diagram)"""
 
 
 def notebook_of(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> dict[str, Any]:
-    """Return a notebook (nbformat 4.5) for a point or a machine. ends: the points where its diagram begins and ends.
+    """Return a notebook (nbformat 4.5) for a point or a machine. ends: points where the diagram begins and ends.
 
-    The numbers in the notebook read back the same to the last bit.
+    Python reads the numbers in the notebook as the same numbers to the last bit.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def _cells(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> I
     version = rattle.__version__
     made = TITLE.format(gear=gear, kind=type(gear).__name__, model=model_at(gear), package=PACKAGE, version=version)
     yield "title", "markdown", made
-    yield "point", "code", _point(gear, machine)
+    yield "point", "code", _point_code(gear, machine)
     yield "fineness", "code", FINENESS.format(starts=STARTS, side=SIDE, steps=STEPS, count=COUNT)
     region = "" if gear.parameters.harmonics else "print('region', rattle.REGIONS[gear.region()])\n"
     yield "orbits", "code", f"{region}gear.orbits()"
@@ -72,7 +72,7 @@ def _cells(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> I
         yield "events", "code", "diagram.events"
 
 
-def _point(gear: AnyGear, machine: Machine | None) -> str:
+def _point_code(gear: AnyGear, machine: Machine | None) -> str:
     if machine is not None:
         numbers = ", ".join(f"{each.name}={getattr(machine, each.name)!r}" for each in fields(machine))
         return (

@@ -27,7 +27,7 @@ async def compute_in_process(
 
     A process of its own is needed because a compiled loop cannot be interrupted, keeps other threads waiting, and may
     take minutes at extreme parameters. The time limit begins when the kernels of `model` are compiled. what: name of
-    the result in the plural, for the message "… were not found". advice: sentence that says how to need less time.
+    the result for the message "… could not be computed". advice: sentence that says how to need less time.
 
     Returns
     -------
@@ -50,6 +50,8 @@ async def compute_in_process(
         with front.interruptible(), anyio.fail_after(limits.max_point_seconds):
             return await to_process.run_sync(compute, *arguments, cancellable=True, limiter=front.points)
     except TimeoutError as error:
-        raise UnavailableError(f"{what} were not found within {limits.max_point_seconds:g} s. {advice}") from error
+        raise UnavailableError(
+            f"{what} could not be computed within {limits.max_point_seconds:g} s. {advice}"
+        ) from error
     except BrokenWorkerProcess as error:
         raise UnavailableError("The process that computed this answer has died. Try again.") from error

@@ -18,14 +18,14 @@ from gear_rattle.workers.survey.axes import Name, Strict, require_visible
 
 MOST_NOTES = 10_000  # notes have at most this many characters
 LINES = "\t\n\r"
-JOINERS = "\u200c\u200d"  # invisible characters that some scripts and emoji need; all others could only hide something
+JOINERS = "\u200c\u200d"  # invisible characters that some scripts and emoji need; other invisible ones are refused
 
 
-def _legible(text: str) -> str:
+def _require_visible_notes(text: str) -> str:
     return require_visible("text of the notes", text, besides=LINES + JOINERS)
 
 
-Notes = Annotated[str, Field(max_length=MOST_NOTES), AfterValidator(_legible)]
+Notes = Annotated[str, Field(max_length=MOST_NOTES), AfterValidator(_require_visible_notes)]
 
 
 class Description(Strict):
@@ -38,7 +38,7 @@ class Description(Strict):
 def submit_survey(
     front: Front, caller: Caller, request: AnyRequest, idempotency_key: str | None = None, force: bool = False
 ) -> JobRow:
-    """Accept a survey or a population, or return an identical one that exists.
+    """Accept a survey or a population, or return an identical one that exists. force: always accept a new one.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def describe_survey(front: Front, caller: Caller, survey_id: str, given: Descrip
 
 
 def verify_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> JobRow:
-    """Queue again a survey that has ended or was dismissed, to compute its damaged or missing tiles.
+    """Queue an ended survey again, to check all its tiles and compute damaged or missing ones.
 
     Returns
     -------

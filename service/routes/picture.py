@@ -18,7 +18,7 @@ import rattle
 from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.errors import LimitError, UnavailableError
 from gear_rattle.service.operations.notebook import PACKAGE
-from gear_rattle.service.operations.overlaid import Asked, Overlaid
+from gear_rattle.service.operations.overlaid import Overlays, PictureOptions
 from gear_rattle.service.routes.documents import SurveyId
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, weak_etag
@@ -138,7 +138,7 @@ async def asked_for(
     pixels_delta: Pixels = None,
     pixels_epsilon: Pixels = None,
     caption: Annotated[bool, Query(description="name the survey, its address and the version below the map")] = False,
-) -> Asked:
+) -> PictureOptions:
     """Return the picture that the query asks for. Raises LimitError."""
     pixels = _both("pixels_delta", pixels_delta, "pixels_epsilon", pixels_epsilon)
     if pixels and math.prod(pixels) > MOST_CELLS:
@@ -146,10 +146,10 @@ async def asked_for(
             "query.pixels_delta",
             f"a window may have at most {MOST_CELLS:,} pixels: lower pixels_delta or pixels_epsilon.",
         )
-    return Asked(variable, index, slice_, look, share, pixels, caption)
+    return PictureOptions(variable, index, slice_, look, share, pixels, caption)
 
 
-AskedFor = Annotated[Asked, Depends(asked_for)]
+AskedFor = Annotated[PictureOptions, Depends(asked_for)]
 
 
 def _answers(media: str, schema: dict[str, str]) -> dict[int | str, dict[str, Any]]:
@@ -189,7 +189,9 @@ async def sheet(request: Request, front: FrontState, survey_id: SurveyId, asked:
     return await _answer(request, front, survey_id, asked, "pdf", PDF)
 
 
-async def _answer(request: Request, front: Front, survey_id: str, asked: Asked, form: Form, media: str) -> Response:
+async def _answer(
+    request: Request, front: Front, survey_id: str, asked: PictureOptions, form: Form, media: str
+) -> Response:
     job, place = await run_in_threadpool(front.job_with_results, survey_id)
     if asked.has_caption:
         asked = replace(asked, look=asked.look.with_caption(_caption(job, str(request.url))))
@@ -207,13 +209,13 @@ async def _answer(request: Request, front: Front, survey_id: str, asked: Asked, 
     return Response(drawn, media_type=media, headers=headers)
 
 
-async def _over(front: Front, overlaid: Overlaid, job: JobRow, asked: Asked) -> Over:
+async def _over(front: Front, overlaid: Overlays, job: JobRow, asked: PictureOptions) -> Over:
     """Compute the overlays of a map before it is drawn. Raises SurveyError and UnavailableError."""
     whole = SurveyRequest.model_validate(job.request)
     require_slice({name: axis.num for name, axis in whole.third_axis.items()}, asked.slice)
     survey = whole.at(whole.along(asked.slice or 0))
     await front.kernels.require(survey.gear_model.name, patience=math.inf)
-    return await overlaid.over(survey, asked)
+    return await overlaid.overlays_of(survey, asked)
 
 
 async def _while_connected(request: Request, finding: Coroutine[Any, Any, Over]) -> Over:
@@ -232,7 +234,7 @@ def _caption(job: JobRow, address: str) -> str:
     return f"{job.name or job.id}, {address}, {PACKAGE} {rattle.__version__}"
 
 
-def _draw(place: Path | Bucket, asked: Asked, form: Form, over: Over) -> bytes:
+def _draw(place: Path | Bucket, asked: PictureOptions, form: Form, over: Over) -> bytes:
     from gear_rattle.workers.pictures.largest import open_maps
     from gear_rattle.workers.pictures.levels import levels_in_groups
     from gear_rattle.workers.pictures.maps import (

@@ -14,7 +14,7 @@ from starlette.types import Scope
 
 from gear_rattle.service.database.tables import JobKind, State
 from gear_rattle.service.errors import MissingError
-from gear_rattle.service.operations.chunks import is_owed
+from gear_rattle.service.operations.chunks import is_expected
 from gear_rattle.service.routes.documents import SurveyId, path_of
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web.conditional import HOUR, NOT_MODIFIED, REVALIDATE
@@ -79,7 +79,7 @@ async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, req
     except (HTTPException, OSError) as error:  # a circular link is an OSError
         if getattr(error, "status_code", 404) not in NOT_THERE:
             raise
-        if not await run_in_threadpool(is_owed, front, survey_id, key):
+        if not await run_in_threadpool(is_expected, front, survey_id, key):
             raise HTTPException(404) from error
         try:
             response = await file_at(store, key, request, unchanging)  # the file may have been written just now

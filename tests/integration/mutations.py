@@ -544,7 +544,7 @@ PROTECTIONS = (
         "a lost chunk is no fill value",
         f"{DAMAGE}::test_a_chunk_that_was_computed_and_is_lost_is_no_fill_value",
         "service/routes/store.py",
-        "if not await run_in_threadpool(is_owed, front, survey_id, key):",
+        "if not await run_in_threadpool(is_expected, front, survey_id, key):",
         "if True:",
     ),
     _one(

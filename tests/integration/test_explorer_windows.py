@@ -272,7 +272,7 @@ def test_a_picture_of_a_window_has_its_finer_cells_computed_once(
         assert (await http.get(f"{here}/map.png", params=beyond)).status_code == 200
         monkeypatch.setattr(service_windows, "refine_window", None)  # a window that is kept is not computed again
         again = await http.get(f"{here}/map.png", params=fine)
-        kept = await windows.finest(REQUEST, "quiet_fraction", 0, WINDOW, PIXELS)
+        kept = await windows.last_frame(REQUEST, "quiet_fraction", 0, WINDOW, PIXELS)
         np.testing.assert_array_equal(kept.values, expected.values)
         assert coarse != first == again.content
         for variable in ("attractor_phase", "region"):  # no window has it; the cells are fine enough

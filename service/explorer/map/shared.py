@@ -19,7 +19,7 @@ from gear_rattle.service.explorer.map.colouring import Colouring, colouring
 from gear_rattle.service.explorer.map.overlays import usual_lines
 from gear_rattle.service.explorer.map.planes import UNSEEN, Atlas, MapBlock, MapPlane, Room, maps_of
 from gear_rattle.service.explorer.state.store import Store, window_of
-from gear_rattle.service.operations.overlaid import Overlaid
+from gear_rattle.service.operations.overlaid import Overlays
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest, map_quantity
 from gear_rattle.workers.cluster.window import CLOSED_FORM
@@ -120,7 +120,7 @@ class Shared:
     front: Front
     news: News
     atlas: Atlas
-    overlaid: Overlaid
+    overlaid: Overlays
     exact: WithoutSurvey
     looked: Callable[[], None] = lambda: None
 

@@ -23,7 +23,7 @@ from gear_rattle.service.explorer.page.assets_route import Assets
 from gear_rattle.service.explorer.page.head import SCHEME, body_of, head_of
 from gear_rattle.service.jobs.manager import STARTING
 from gear_rattle.service.observability.logs import adopt_handlers
-from gear_rattle.service.operations.overlaid import Overlaid
+from gear_rattle.service.operations.overlaid import Overlays
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
 from gear_rattle.service.web.prefix import public_path
@@ -65,7 +65,7 @@ class Explorer:
         self._settings = settings
         self._front: Front | None = None
         self.news: News | None = None
-        self._overlaid: Overlaid | None = None
+        self._overlaid: Overlays | None = None
         self._shared: Shared | None = None
         self._loading: asyncio.Future[Pages] | None = None
         self._running = AsyncExitStack()
@@ -82,7 +82,7 @@ class Explorer:
         ]
 
     @asynccontextmanager
-    async def running(self, front: Front, overlaid: Overlaid) -> AsyncIterator[None]:
+    async def running(self, front: Front, overlaid: Overlays) -> AsyncIterator[None]:
         """Return the context in which the application runs: open pages get job status, and closed pages are dropped."""
         self._front, self._overlaid = front, overlaid
         self.news = News(front)

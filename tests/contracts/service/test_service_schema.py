@@ -146,8 +146,8 @@ def serving(finished: Path, data: Path, **changes: Any) -> Iterator[tuple[str, F
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(manager.JobManager, "_compute", compute)
         for kind, name in (
-            (Crises, "of"),
-            (DesignLimits, "along"),
+            (Crises, "crisis_of"),
+            (DesignLimits, "limits_over"),
             (windows, "refine_window"),
         ):
             patch.setattr(kind, name, too_long)
