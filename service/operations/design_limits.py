@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 def limit_at(model: Model, delta: float, share: float) -> Limit:
     """Return the largest ε at which a gear runs quietly with probability `share`, and the ends of its 95 % interval.
 
-    All three are NaN if there is no limit.
+    Each of these three numbers is NaN if it lies outside the searched range.
 
     Returns
     -------

@@ -59,19 +59,19 @@ async def follow(
     ] = 0,
 ) -> Response:
     """Stream the events `state` and `tile`, numbered from 1, until the event of the final state."""
-    return await stream(front, caller, survey_id, JobKind.SURVEY, last_event_id)
+    return await event_stream(front, caller, survey_id, JobKind.SURVEY, last_event_id)
 
 
-async def stream(front: Front, caller: Caller, survey_id: str, kind: JobKind, last_event_id: int) -> Response:
-    """Return the event stream of a survey or a population, after the event `last_event_id`."""
+async def event_stream(front: Front, caller: Caller, survey_id: str, kind: JobKind, last_event_id: int) -> Response:
+    """Return the stream of a job's events after `last_event_id`; status 204 if the job has ended and all were seen."""
     job = await run_in_threadpool(front.database.job, survey_id, kind)
     if State(job.state).is_final and last_event_id >= job.last_event:
         return Response(status_code=204)
     closing = anyio.Event()
-    return _Stream(
+    return _RevocableStream(
         front.revocations,
         caller,
-        _events(front, survey_id, min(last_event_id, job.last_event), job.last_event, closing),
+        _encoded_events(front, survey_id, min(last_event_id, job.last_event), job.last_event, closing),
         shutdown_event=closing,
         shutdown_grace_period=GRACE_SECONDS,
         ping=front.settings.heartbeat_seconds,
@@ -79,7 +79,7 @@ async def stream(front: Front, caller: Caller, survey_id: str, kind: JobKind, la
     )
 
 
-class _Stream(EventSourceResponse):
+class _RevocableStream(EventSourceResponse):
     """A stream that ends when its caller is no longer authorised, even if the client does not read it."""
 
     def __init__(self, revocations: Revocations, caller: Caller, *arguments: Any, **named: Any) -> None:
@@ -93,10 +93,12 @@ class _Stream(EventSourceResponse):
             await send({"type": "http.response.body", "body": b"", "more_body": False})
 
 
-async def _events(front: Front, survey_id: str, seen: int, last: int, closing: anyio.Event) -> AsyncIterator[bytes]:
+async def _encoded_events(
+    front: Front, survey_id: str, seen: int, last: int, closing: anyio.Event
+) -> AsyncIterator[bytes]:
     read = front.database.events
     with front.broadcast.listen(survey_id, read, last) as (feed, grown):
-        waker = asyncio.create_task(_wake_at(closing, grown))
+        waker = asyncio.create_task(_wake_on_closing(closing, grown))
         try:
             while not closing.is_set():
                 grown.clear()
@@ -118,6 +120,6 @@ async def _events(front: Front, survey_id: str, seen: int, last: int, closing: a
             waker.cancel()
 
 
-async def _wake_at(closing: anyio.Event, grown: asyncio.Event) -> None:
+async def _wake_on_closing(closing: anyio.Event, grown: asyncio.Event) -> None:
     await closing.wait()
     grown.set()

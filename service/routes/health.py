@@ -16,7 +16,7 @@ WARMING = "warming"
 
 
 class Health(BaseModel):
-    """The state of the service."""
+    """The state of the service, of its cluster and of its storage."""
 
     status: str = Field(description="ok; warming: kernels are being compiled; degraded: surveys are accepted, but wait")
     version: str
@@ -32,7 +32,7 @@ class Ready(BaseModel):
     status: str = Field(description="ready")
 
 
-def _storage(front: Front) -> str:
+def _storage_state(front: Front) -> str:
     try:
         front.directory.require_present()
     except DirectoryAwayError as error:
@@ -40,7 +40,7 @@ def _storage(front: Front) -> str:
     return front.manager.storage_state
 
 
-def _count(front: Front, state: State) -> int | None:
+def _count_or_none(front: Front, state: State) -> int | None:
     try:
         return front.database.count(state)
     except DirectoryAwayError:
@@ -62,8 +62,8 @@ def health(front: FrontState, request: Request) -> Health:
 
     The status is 503 if the job database does not answer.
     """
-    cluster, storage = front.manager.cluster_state, _storage(front)
-    accepted, running = (_count(front, state) for state in ACTIVE)
+    cluster, storage = front.manager.cluster_state, _storage_state(front)
+    accepted, running = (_count_or_none(front, state) for state in ACTIVE)
     status = _status(front, storage)
     if request.state.caller is None:
         return Health(
@@ -88,6 +88,6 @@ def ready(front: FrontState) -> Ready:
     """
     if front.kernels.is_compiling:
         raise KernelsError
-    if (front.manager.cluster_state, _storage(front)) != (READY, OK):
+    if (front.manager.cluster_state, _storage_state(front)) != (READY, OK):
         raise UnavailableError("The service is not ready: GET /v1/health says why. Try again in a few seconds.")
     return Ready(status=READY)

@@ -16,7 +16,7 @@ from gear_rattle.service.errors import MissingError
 from gear_rattle.service.operations.estimate import estimate
 from gear_rattle.service.operations.surveys import remove_survey, submit_survey, verify_survey
 from gear_rattle.service.routes.documents import path_of
-from gear_rattle.service.routes.events import LARGEST_ID, stream
+from gear_rattle.service.routes.events import LARGEST_ID, event_stream
 from gear_rattle.service.routes.population_documents import (
     Answers,
     EstimateDocument,
@@ -105,7 +105,7 @@ def list_populations(
 ) -> Response:
     """List populations, newest first."""
     page, count, following = page_of(front, KIND, limit, cursor)
-    shown = [PopulationDocument.of(job) for job in page]
+    shown = [PopulationDocument.from_job(job) for job in page]
     return json_answer(request, PopulationList(populations=shown, count=count, next=following))
 
 
@@ -166,7 +166,7 @@ async def follow_population(
     ] = 0,
 ) -> Response:
     """Stream the events of a population, as `GET /v1/surveys/{survey_id}/events` does for a survey."""
-    return await stream(front, caller, population_id, KIND, last_event_id)
+    return await event_stream(front, caller, population_id, KIND, last_event_id)
 
 
 @router.get(
@@ -203,11 +203,11 @@ async def answers(request: Request, front: FrontState, population_id: Population
     if is_known(request, headers):
         return Response(status_code=304, headers=headers)
     with front.interruptible():
-        body = await anyio.to_thread.run_sync(_answered, place, limiter=front.exports, abandon_on_cancel=True)
+        body = await anyio.to_thread.run_sync(_read_answers, place, limiter=front.exports, abandon_on_cancel=True)
     return Response(body, media_type="application/json", headers=headers)
 
 
-def _answered(place: FilePath | Bucket) -> str:
+def _read_answers(place: FilePath | Bucket) -> str:
     from gear_rattle.workers.answers import population_of  # loads zarr
 
     return answers_document(population_of(place)).model_dump_json()

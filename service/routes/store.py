@@ -25,9 +25,9 @@ from gear_rattle.workers.errors import DamageError
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
-# Pattern of a segment of a key: names of groups, arrays and chunks, but no dot files and no "..".
+#: Pattern of a segment of a key: a name of a group, array or chunk, but no name that begins with a dot.
 NAME = r"[A-Za-z0-9_][A-Za-z0-9_.\-]*"
-NOT_THERE = (401, 404)  # statuses of StaticFiles for a file that does not exist, or that it may not read
+NOT_THERE = (401, 404)  # statuses of StaticFiles for a file that does not exist or that it has no permission to read
 KEY = re.compile(rf"{NAME}(/{NAME})*")
 
 
@@ -103,5 +103,5 @@ async def file_at(store: pathlib.Path | Bucket, key: str, request: Request, unch
 
 
 def _by_tag_only(scope: Scope) -> Scope:
-    """Return the scope without If-Modified-Since, because a file may change twice within a second, its resolution."""
+    """Return the scope without If-Modified-Since, which counts seconds: a file may change twice within one."""
     return {**scope, "headers": [each for each in scope["headers"] if each[0] != b"if-modified-since"]}

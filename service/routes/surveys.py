@@ -38,7 +38,7 @@ Cursor = Annotated[
 
 
 def tell_of_acceptance(response: Response, job: JobRow, kind: JobKind) -> None:
-    """Set the Location of a submitted job in the response, and status 200 if the job has ended, else Retry-After."""
+    """Set the header Location of a submitted job; and status 200 if the job has ended, else the header Retry-After."""
     response.headers["Location"] = path_of(job.id, kind)
     if State(job.state).is_final:
         response.status_code = 200
@@ -117,7 +117,7 @@ def list_surveys(
 ) -> Response:
     """List surveys, newest first."""
     page, count, following = page_of(front, JobKind.SURVEY, limit, cursor)
-    document = SurveyList(surveys=[Survey.of(job) for job in page], count=count, next=following)
+    document = SurveyList(surveys=[Survey.from_job(job) for job in page], count=count, next=following)
     return json_answer(request, document)
 
 
@@ -130,7 +130,7 @@ def list_surveys(
 def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     """Return the status and the request of a survey."""
     job = front.database.job(survey_id, JobKind.SURVEY)
-    # Last-Modified is only known if nobody has changed the name or the notes.
+    # The time of the last change is known only if nobody has changed the name or the notes.
     is_as_submitted = not job.notes and job.name == request_shown(job).get("name")
     return json_answer(request, _detail(front, job), job.finished if is_as_submitted else None)
 

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from gear_rattle.service.errors import LimitError
 from gear_rattle.service.operations.processes import compute_in_process
-from gear_rattle.service.routes.model.machine import PlaceQuery
+from gear_rattle.service.routes.model.machine import PointQuery
 from gear_rattle.service.routes.model.points import AttractorDocument, PointDocument, attractor_document, point_document
 from gear_rattle.service.state import FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
@@ -42,7 +42,7 @@ class ReachedDocument(PointDocument):
 )
 async def reached(
     front: FrontState,
-    place: PlaceQuery,
+    point: PointQuery,
     tau: Annotated[
         list[Phase],
         Query(min_length=1, max_length=MOST_STATES, description="phases of departures", examples=[[0.2, 0.79]]),
@@ -61,7 +61,7 @@ async def reached(
     limit = front.settings.max_point_count
     if max(len(tau), len(v)) > limit:
         raise LimitError("query.tau", f"there may be at most {limit:,} states. For more, use the library.")
-    gear = place.gear
+    gear = point.gear
     found = await compute_in_process(
         front,
         gear.reached,

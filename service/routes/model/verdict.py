@@ -72,7 +72,7 @@ async def verdict(
     front: FrontState, machine: MachineQuery, count: SampleCount = 256, seed: SampleSeed = 0
 ) -> VerdictDocument:
     """Return the verdict on a machine: quiet, quiet unless knocked, rattles from some starts, or always rattles."""
-    return await _answer(front, machine, None, count, seed)
+    return await _verdict_document(front, machine, None, count, seed)
 
 
 @router.post(
@@ -100,12 +100,12 @@ async def verdict_of_measured(
 
     `machine` in the answer has the model's numbers, restitution and harmonics, which all other routes take.
     """
-    measured = await run_in_threadpool(_read, curve, orders)
-    return await _answer(front, replace(machine, errors=measured.harmonics), measured, count, seed)
+    measured = await run_in_threadpool(_read_curve, curve, orders)
+    return await _verdict_document(front, replace(machine, errors=measured.harmonics), measured, count, seed)
 
 
-def _read(text: str, orders: int) -> TransmissionError:
-    """Read a transmission error from the text of a table. Raises RattleError without the temporary file's name."""
+def _read_curve(text: str, orders: int) -> TransmissionError:
+    """Read a transmission error from a CSV text. Raises RattleError whose message says "the body" for the file."""
     with TemporaryDirectory() as directory:
         table = Path(directory, "curve.csv")
         table.write_text(text, encoding="utf-8")
@@ -115,7 +115,7 @@ def _read(text: str, orders: int) -> TransmissionError:
             raise type(error)(f"{error}".replace(f"{table}", "the body")) from None
 
 
-async def _answer(
+async def _verdict_document(
     front: Front, machine: Machine, measured: TransmissionError | None, count: int, seed: int
 ) -> VerdictDocument:
     require_few(front, count)
