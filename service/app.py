@@ -34,7 +34,7 @@ from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
 from gear_rattle.service.web import problems
 from gear_rattle.service.web.conditional import AnyTagMiddleware
-from gear_rattle.service.web.documents import documents_of
+from gear_rattle.service.web.documents import documents_app
 from gear_rattle.service.web.head import HeadMiddleware
 from gear_rattle.service.web.prefix import PrefixMiddleware, public_path
 from gear_rattle.service.web.queries import refuse_unknown
@@ -105,7 +105,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         app.include_router(
             router, dependencies=[Depends(caller_of), Depends(refuse_unknown)], responses=problems.declare_problems(401)
         )
-    if (documents := documents_of(DOCUMENTS, SOURCES)) is not None:
+    if (documents := documents_app(DOCUMENTS, SOURCES)) is not None:
         app.add_route("/help", lambda _: RedirectResponse(public_path("/help/")), include_in_schema=False)
         app.mount("/help", documents, name="help")
     app.state.explorer = Explorer(app, settings) if settings.explorer else None
@@ -141,9 +141,9 @@ def _lifespan(
                 manager=manager,
                 broadcast=broadcast,
                 metrics=metrics,
-                pictures=CapacityLimiter(1),
-                exports=CapacityLimiter(1),
-                points=CapacityLimiter(settings.max_points),
+                picture_limiter=CapacityLimiter(1),
+                export_limiter=CapacityLimiter(1),
+                point_limiter=CapacityLimiter(settings.max_points),
                 kernels=Kernels(settings),
                 revocations=Revocations(database),
             )

@@ -9,7 +9,7 @@ from rattle.parameters import Harmonic
 
 SHAPE = "ORDER:AMPLITUDE:PHASE"
 EXAMPLE = "20:0.0033:0"
-TEXT = (
+HARMONIC_HELP = (
     f"a harmonic of the forcing beside the first, {SHAPE}: its amplitude over that of the first, its phase in turns, "
     f"such as {EXAMPLE}; repeatable; needs restitution, 1 of which is an elastic impact"
 )

@@ -49,7 +49,7 @@ class Kernels:
                 compiled.cancel()
             await asyncio.gather(*self._compiled.values(), return_exceptions=True)
 
-    def begin(self, model: str = DEFAULT_MODEL) -> None:
+    def start_compiling(self, model: str = DEFAULT_MODEL) -> None:
         """Begin to compile the kernels of a model, unless this has begun before or an earlier process compiled them."""
         if model in self._compiled:
             return
@@ -69,7 +69,7 @@ class Kernels:
         """Return whether the compilation of a model's kernels has begun and ended."""
         return model in self._compiled and self._compiled[model].done()
 
-    async def require(self, model: str, patience: float | None = None) -> None:
+    async def wait_until_compiled(self, model: str, patience: float | None = None) -> None:
         """Wait until all kernels of a model are compiled.
 
         Parameters
@@ -84,7 +84,7 @@ class Kernels:
         KernelsError
             The kernels are still being compiled, or too many requests wait for kernels.
         """
-        self.begin(model)
+        self.start_compiling(model)
         if self.is_compiled(model):
             return
         if self.waiting >= self._settings.max_points_waiting:

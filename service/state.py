@@ -34,8 +34,8 @@ from gear_rattle.workers import Bucket
 class Front:
     """The state of an application that its routes need. It exists during the application's lifespan.
 
-    pictures, exports, points: limiters of pictures that are drawn, of files that are written and of parameter points
-    that are computed at the same time.
+    picture_limiter, export_limiter, point_limiter: limits of the pictures that are drawn, the files that are written
+    and the parameter points that are computed at the same time.
     """
 
     settings: Settings
@@ -44,9 +44,9 @@ class Front:
     manager: JobManager
     broadcast: Broadcast
     metrics: Metrics
-    pictures: CapacityLimiter
-    exports: CapacityLimiter
-    points: CapacityLimiter
+    picture_limiter: CapacityLimiter
+    export_limiter: CapacityLimiter
+    point_limiter: CapacityLimiter
     kernels: Kernels
     revocations: Revocations
     _interruptible: set[CancelScope] = field(default_factory=set)
@@ -94,18 +94,18 @@ class Front:
         raise MissingError(f"Survey {survey_id} is {job.state} and has no numbers yet. Try again once it runs.")
 
     @cached_property
-    def windows(self) -> CapacityLimiter:
+    def window_limiter(self) -> CapacityLimiter:
         """The limiter of windows of maps that are computed at the same time."""
         return CapacityLimiter(self.settings.max_windows)
 
     @cached_property
-    def slow_points(self) -> PriorityLimiter:
+    def slow_point_limiter(self) -> PriorityLimiter:
         """The limiter of slow computations for points of all pages. It leaves a process free for quick computations."""
         return PriorityLimiter(max(1, self.settings.max_points - 1))
 
     @contextmanager
-    def interruptible(self) -> Iterator[None]:
-        """Run work that the end of the service cancels; raise UnavailableError if it was cancelled."""
+    def interruptible_work(self) -> Iterator[None]:
+        """Run the work of this context so that `end` can cancel it. Raises UnavailableError if it was cancelled."""
         with CancelScope() as scope:
             self._interruptible.add(scope)
             try:

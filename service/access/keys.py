@@ -24,7 +24,7 @@ COOKIE = "rattle_session"
 OLD_COOKIE = "rattle_key"
 
 #: Scopes that a new key gets, by the requested scope. A key that may submit may also read.
-ALLOWS = {Scope.READ: (Scope.READ,), Scope.SUBMIT: (Scope.READ, Scope.SUBMIT)}
+GRANTED_SCOPES = {Scope.READ: (Scope.READ,), Scope.SUBMIT: (Scope.READ, Scope.SUBMIT)}
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def add_key(
 ) -> tuple[KeyRow, str]:
     """Add a key. Return its row and the token that its owner sends; the token is not stored, so show it now."""
     secret = secrets.token_urlsafe(SECRET_BYTES)
-    key = database.add_key(name, hash_of(secret), ALLOWS[scope], max_cells, max_running)
+    key = database.add_key(name, hash_of(secret), GRANTED_SCOPES[scope], max_cells, max_running)
     return key, f"rattle_{key.id}_{secret}"
 
 

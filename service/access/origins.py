@@ -86,7 +86,7 @@ def require_same_origin(headers: Headers) -> None:
         raise ForbiddenError(f"{said} {_host_advice(origin, headers)}" if site is None and origin else said)
 
 
-def require_root(headers: Headers, root: str) -> None:
+def require_browser_address(headers: Headers, root: str) -> None:
     """Refuse to serve the page if it could not work at the address that the browser shows, and log what to correct.
 
     Parameters

@@ -55,7 +55,7 @@ def url_without_password(url: URL) -> str:
     return url.render_as_string(hide_password=True)
 
 
-def _json_of(text: Any) -> Any:
+def _decode_json(text: Any) -> Any:
     """Decode a JSON value, or return None if it is damaged, so that one row does not prevent reading the others."""
     try:
         return json.loads(text)
@@ -63,17 +63,17 @@ def _json_of(text: Any) -> Any:
         return None
 
 
-def _text_of(stored: bytes) -> str:
+def _decode_text(stored: bytes) -> str:
     return stored.decode("utf-8", "replace")  # one damaged row must not prevent reading the others
 
 
 def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
-    engine = create_engine(url, json_deserializer=_json_of, **pool)
+    engine = create_engine(url, json_deserializer=_decode_json, **pool)
 
     @event.listens_for(engine, "connect")
     def set_pragmas(connection: Any, record: Any) -> None:
         record.info[FILE] = _file_identity(url)
-        connection.text_factory = _text_of
+        connection.text_factory = _decode_text
         connection.isolation_level = None  # SQLAlchemy starts transactions, not sqlite3
         # synchronous=FULL: with NORMAL, SQLite in WAL mode loses commits that clients know of when the power fails.
         for pragma in ("synchronous=FULL", "foreign_keys=ON", f"busy_timeout={BUSY_SECONDS}000"):

@@ -9,7 +9,7 @@ from typing import Any
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
-from gear_rattle.service.database.tables import ACTIVE, AnsweredRow, JobKind, JobRow, State
+from gear_rattle.service.database.tables import ACTIVE, JobKind, JobRow, RepeatedKeyRow, State
 from gear_rattle.service.errors import ConflictError
 
 #: The most idempotency keys that are stored for one survey, besides the key of its first submission.
@@ -48,7 +48,7 @@ def find_by_key(session: Session, new: NewJob) -> JobRow | None:
         return None
     job = session.scalars(select(JobRow).where(JobRow.idempotency_key == new.stored_key)).one_or_none()
     body_hash = job.body_hash if job else ""
-    if job is None and (answered := session.get(AnsweredRow, new.stored_key)):
+    if job is None and (answered := session.get(RepeatedKeyRow, new.stored_key)):
         job, body_hash = session.get_one(JobRow, answered.job), answered.body_hash
     if job is not None and body_hash != new.body_hash:
         raise ConflictError(
@@ -78,10 +78,10 @@ def find_identical(session: Session, new: NewJob, has_results: Callable[[str], b
         active = session.scalars(same.where(JobRow.state.in_(ACTIVE), own))
         job = next((job for job in active if job.is_readable), None)
     if job is not None and new.stored_key is not None:
-        session.add(AnsweredRow(idempotency_key=new.stored_key, body_hash=new.body_hash, job=job.number))
+        session.add(RepeatedKeyRow(idempotency_key=new.stored_key, body_hash=new.body_hash, job=job.number))
         session.flush()
-        of_it = select(AnsweredRow.idempotency_key).where(AnsweredRow.job == job.number)
-        latest = of_it.order_by(AnsweredRow.at.desc()).limit(MOST_REPEATED_KEYS)
-        forgotten = AnsweredRow.job == job.number, AnsweredRow.idempotency_key.not_in(latest)
-        session.execute(delete(AnsweredRow).where(*forgotten), execution_options={"synchronize_session": False})
+        of_it = select(RepeatedKeyRow.idempotency_key).where(RepeatedKeyRow.job == job.number)
+        latest = of_it.order_by(RepeatedKeyRow.at.desc()).limit(MOST_REPEATED_KEYS)
+        forgotten = RepeatedKeyRow.job == job.number, RepeatedKeyRow.idempotency_key.not_in(latest)
+        session.execute(delete(RepeatedKeyRow).where(*forgotten), execution_options={"synchronize_session": False})
     return job

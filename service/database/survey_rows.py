@@ -192,7 +192,7 @@ class Surveys(Transactions):
             found = session.execute(select(JobRow.state, *numbers).group_by(JobRow.state))
             return {State(state): (count, int(tiles), int(done)) for state, count, tiles, done in found}
 
-    def count(self, state: State) -> int:
+    def count_jobs(self, state: State) -> int:
         """Return the number of jobs in a state."""
         with self._read() as session:
             return session.scalar(select(func.count()).select_from(JobRow).where(JobRow.state == state)) or 0

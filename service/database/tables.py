@@ -95,7 +95,7 @@ class JobRow(Table):
         return self.name or f"survey {self.id[:6]}"
 
     @property
-    def shown(self) -> tuple[State, str]:
+    def shown_status(self) -> tuple[State, str]:
         """The state and message to show to people. A survey with a damaged row counts as failed."""
         return (State(self.state), self.message) if self.is_readable else (State.FAILED, UNREADABLE)
 
@@ -140,7 +140,7 @@ class EventRow(Table):
     at: Mapped[str] = mapped_column(default=timestamp)
 
 
-class AnsweredRow(Table):
+class RepeatedKeyRow(Table):
     """An idempotency key with which an existing survey was submitted again.
 
     The key of the first submission is in the survey's own row. Of the later keys, the latest

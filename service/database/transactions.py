@@ -87,7 +87,7 @@ class Transactions:
         finally:
             self._writing.release()
 
-    def directory(self) -> str | None:
+    def directory_identity(self) -> str | None:
         """Return the recorded identity of the data directory that has the stores; None if none is recorded."""
         with self._read() as session:
             return session.scalar(select(ServiceRow.directory))

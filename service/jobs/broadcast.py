@@ -58,7 +58,7 @@ class Feed:
         self._loop = asyncio.get_running_loop()
         self.listeners: set[asyncio.Event] = set()
         self.deleted = False
-        self._task = self._loop.create_task(self._keep_up())
+        self._task = self._loop.create_task(self._read_new_events())
         self._stale.set()  # there may be events after `last`
 
     def notify(self) -> None:
@@ -77,7 +77,7 @@ class Feed:
         """Stop reading events."""
         self._task.cancel()
 
-    async def _keep_up(self) -> None:
+    async def _read_new_events(self) -> None:
         while not self.deleted:
             await self._stale.wait()
             self._stale.clear()

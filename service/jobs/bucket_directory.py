@@ -25,9 +25,9 @@ class BucketDirectory(DataDirectory):
     def __init__(self, path: Path, url: str) -> None:
         super().__init__(path)
         self._root = Bucket(url)
-        self._bucket = lru_cache(maxsize=256)(self._open)
+        self._bucket = lru_cache(maxsize=256)(self._open_bucket)
 
-    def _open(self, survey_id: str) -> Bucket:
+    def _open_bucket(self, survey_id: str) -> Bucket:
         # The service has locked its job database, so it is the only writer of the stores of its surveys.
         return Bucket(f"{self._root}/{survey_id}.zarr", owned=True)
 

@@ -22,17 +22,17 @@ from gear_rattle.workers.storage.location import CERTIFICATES, certificates_of
 if TYPE_CHECKING:
     from gear_rattle.workers import Bucket
 
-TRASH = ".trash-"
-IDENTITY = "identity"
-SURVEY = r"(?P<survey>[0-9a-f]{16})"
+TRASH_PREFIX = ".trash-"
+IDENTITY_FILE = "identity"
+SURVEY_ID = r"(?P<survey>[0-9a-f]{16})"
 #: Patterns of the names of a store during its deletion, a store during its creation, a store, and its certificates.
 DELETION, TEMPORARY, SURVEY_STORE, CERTIFICATE_STORE = (
     re.compile(pattern)
     for pattern in (
-        rf"\.trash-{SURVEY}",
-        rf"\.{SURVEY}\.zarr\.[0-9a-f]{{32}}",
-        rf"{SURVEY}\.zarr",
-        SURVEY + re.escape(CERTIFICATES),
+        rf"\.trash-{SURVEY_ID}",
+        rf"\.{SURVEY_ID}\.zarr\.[0-9a-f]{{32}}",
+        rf"{SURVEY_ID}\.zarr",
+        SURVEY_ID + re.escape(CERTIFICATES),
     )
 )
 
@@ -148,14 +148,15 @@ class DataDirectory:
             self.identity = self._read_identity()
             if known and self.identity != known and (self.identity or not any(self._stores.iterdir())):
                 raise DataDirectoryError(
-                    f"{self.path} is not the data directory of this job database: is the right disk mounted? To "
-                    f"use this directory anyway, without the stores of the other: echo {known} > {self.path / IDENTITY}"
+                    f"{self.path} is not the data directory of this job database: is the right disk mounted? To use "
+                    "this directory anyway, without the stores of the other: "
+                    f"echo {known} > {self.path / IDENTITY_FILE}"
                 )
             if not self.identity:  # a new directory, or a directory of an older version, which wrote no identity
                 self.identity = known or secrets.token_hex(16)
-                new = self.path / f".{IDENTITY}"
+                new = self.path / f".{IDENTITY_FILE}"
                 new.write_text(f"{self.identity}\n")
-                os.replace(new, self.path / IDENTITY)
+                os.replace(new, self.path / IDENTITY_FILE)
         except OSError as error:
             raise DataDirectoryError(f"The data directory {self.path} cannot be used: {error}") from error
 
@@ -170,7 +171,7 @@ class DataDirectory:
 
     def _read_identity(self) -> str:
         try:
-            return (self.path / IDENTITY).read_text(errors="replace").strip()
+            return (self.path / IDENTITY_FILE).read_text(errors="replace").strip()
         except (FileNotFoundError, NotADirectoryError):
             return ""
 
@@ -180,7 +181,7 @@ class DataDirectory:
         The store is renamed first, so that a crash never leaves half of a store under the store's name.
         """
         shutil.rmtree(certificates_of(self._path_of(survey_id)), ignore_errors=True)
-        trash = self._stores / f"{TRASH}{survey_id}"
+        trash = self._stores / f"{TRASH_PREFIX}{survey_id}"
         try:
             os.rename(self._path_of(survey_id), trash)
         except FileNotFoundError:

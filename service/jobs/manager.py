@@ -231,10 +231,10 @@ class JobManager:
     def _run_next(self, client: Client) -> bool:
         """Compute the survey that has the next turn. Return False if no survey waits."""
         active = self._database.active_surveys()
-        job = self._turns.next(active)
+        job = self._turns.next_survey(active)
         if job is None:
             return False
-        self._turns.begin(job)
+        self._turns.begin_turn(job)
         self._left = {each.id: self._left[each.id] for each in active if each.id in self._left}
         self._begun = {each: begun for each, begun in self._begun.items() if each in self._left}
         self._database.set_turn_messages(job.id)
@@ -253,7 +253,7 @@ class JobManager:
 
     def _run(self, survey_id: str, client: Client) -> None:
         try:
-            with self._detecting_missing_directory():
+            with self._report_missing_directory():
                 self._compute(survey_id, client)
         except StoppedError:
             return
@@ -273,7 +273,7 @@ class JobManager:
             self._database.set_state(survey_id, State.FAILED, str(error) or type(error).__name__)
 
     @contextmanager
-    def _detecting_missing_directory(self) -> Iterator[None]:
+    def _report_missing_directory(self) -> Iterator[None]:
         """Raise DirectoryAwayError in place of any error, such as a missing store, if the data directory is missing."""
         try:
             yield
@@ -304,7 +304,7 @@ class JobManager:
 
         def on_tile(tile: TileRecord) -> None:
             nonlocal has_message
-            self._record(survey_id, request, tile)
+            self._record_tile(survey_id, request, tile)
             left.pop(tile.index, None)
             if has_message:
                 self._database.set_state(survey_id, State.RUNNING)  # removes the message
@@ -318,12 +318,12 @@ class JobManager:
             is_paused = is_paused or self._is_turn_over(survey_id)
             return is_paused
 
-        def on_left(seconds: float) -> None:
+        def on_forecast(seconds: float) -> None:
             self._ends = {survey_id: time.monotonic() + seconds}
 
         begun = self._begun.setdefault(survey_id, Begun())
         tiles, asked = list(left.values()), (self._is_interrupted, self._dismissed.is_set, is_over)
-        run_tiles(request, path, tiles, client, on_tile, *asked, begun, on_left)
+        run_tiles(request, path, tiles, client, on_tile, *asked, begun, on_forecast)
         self._ends = {}
         if self._is_interrupted():
             return
@@ -347,10 +347,10 @@ class JobManager:
         """Create the store. Return the missing tiles of the survey, by index, and whether recorded tiles are lost."""
 
         # The cluster computes the template, because curves take minutes in some windows.
-        def template(request: AnyRequest, created: str | None) -> Template:
+        def compute_template(request: AnyRequest, created: str | None) -> Template:
             return template_on(client, request, created, self._is_interrupted)
 
-        create_store(request, path, template)
+        create_store(request, path, compute_template)
         if job.content_hash != request.content_hash():
             self._database.set_content_hash(job.id, request.content_hash())
         # A tile counts as done only if the database has its failures and the store has its values.
@@ -362,11 +362,11 @@ class JobManager:
         """Return whether the turn of the running survey is over. If the same survey is next, begin its next turn."""
         if not self._turns.is_turn_over:
             return False
-        following = self._turns.next(self._database.active_surveys())
+        following = self._turns.next_survey(self._database.active_surveys())
         if following is None:
             return False
         if following.id == survey_id:
-            self._turns.begin(following)
+            self._turns.begin_turn(following)
             return False
         return True
 
@@ -374,7 +374,7 @@ class JobManager:
         """Return a function that writes the progress of proofs into a survey's message when it grows by a per cent."""
         shown = -1
 
-        def tell(done: int, number: int) -> None:
+        def write_progress(done: int, number: int) -> None:
             nonlocal shown
             percent = 100 * done // max(number, 1)
             if percent > shown:
@@ -382,7 +382,7 @@ class JobManager:
                 message = f"proves its periodic attractors: {done} of {number} have been tried"
                 self._database.set_state(survey_id, State.RUNNING, message)
 
-        return tell
+        return write_progress
 
     def seconds_left(self, survey_id: str) -> float | None:
         """Return the predicted seconds until a survey's tiles end; None if it does not run or no time is predicted."""
@@ -425,7 +425,7 @@ class JobManager:
     def _is_interrupted(self) -> bool:
         return self._stopping.is_set() or self._dismissed.is_set()
 
-    def _record(self, survey_id: str, request: AnyRequest, tile: TileRecord) -> None:
+    def _record_tile(self, survey_id: str, request: AnyRequest, tile: TileRecord) -> None:
         self._on_tile(tile)
         first = tile.failed_cells[:MAX_FAILURES]
         failures = [{**place_of_cell(request, i, j), "message": message} for i, j, message in first]

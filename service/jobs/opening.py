@@ -43,6 +43,6 @@ def open_data(
         if inside or settings.store:  # the database is in the directory, or the stores are in a bucket
             directory.identify()
         else:
-            directory.identify(database.directory())
+            directory.identify(database.directory_identity())
             database.remember_directory(directory.identity)
         yield directory, database

@@ -42,7 +42,7 @@ class Turns:
         self._waits_since: dict[str, int] = {}
         self._began = 0.0
 
-    def next(self, active: Sequence[ActiveSurvey]) -> ActiveSurvey | None:
+    def next_survey(self, active: Sequence[ActiveSurvey]) -> ActiveSurvey | None:
         """Return the survey that gets the next turn, or None without surveys. active: all active ones, oldest first."""
         since = self._waits_since
         self._waits_since = {each.id: since.get(each.id, self._count) for each in active}
@@ -54,7 +54,7 @@ class Turns:
             return min(mine, key=lambda each: each.left or math.inf)
         return min(mine, key=lambda each: self._waits_since[each.id])
 
-    def begin(self, survey: ActiveSurvey) -> None:
+    def begin_turn(self, survey: ActiveSurvey) -> None:
         """Record that a turn of a survey begins now."""
         self._count += 1
         key = self._turns_of(survey.owner)

@@ -13,7 +13,7 @@ from gear_rattle.workers.storage.manifest import manifest_of
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest
 
 
-def is_expected(front: Front, survey_id: str, key: str) -> bool:
+def is_expected_file(front: Front, survey_id: str, key: str) -> bool:
     """Return whether the store of a survey must already have the file with this key. This blocks: use a thread."""
     try:
         ended = front.database.job(survey_id).state == State.SUCCESSFUL

@@ -49,7 +49,7 @@ class Crises:
 
     async def _compute(self, beta: float) -> np.ndarray:
         try:
-            with self._front.interruptible():
+            with self._front.interruptible_work():
                 work = partial(_crisis_points, beta)
                 return await to_process.run_sync(work, cancellable=True, limiter=self._limiter)
         except BrokenWorkerProcess as error:

@@ -15,7 +15,7 @@ from gear_rattle.workers.pictures.look import Pair
 from rattle import Limit, design_limit
 from rattle.models import Model
 
-VALUES = 17  # number of dampings across a survey
+DAMPINGS = 17  # number of dampings across a survey
 COUNT = 512  # least number of initial conditions for each limit
 KEPT = 16  # at most this many limits are kept
 
@@ -65,7 +65,7 @@ class DesignLimits:
             self._known.pop(next(iter(self._known)))
         for value in dampings_coarse_first(delta):
             if value not in known:
-                known[value] = await self._front.slow_points.run_in_background(
+                known[value] = await self._front.slow_point_limiter.run_in_background(
                     partial(self._find_limit, model, value, share)
                 )
                 yield _sorted_arrays(known)
@@ -84,11 +84,11 @@ class DesignLimits:
 
 def dampings_coarse_first(delta: Pair) -> list[float]:
     """Return evenly spaced dampings across a window, ordered such that each further damping halves a gap."""
-    values = np.linspace(*delta, VALUES)
-    order = [0, VALUES - 1]
-    step = VALUES - 1
+    values = np.linspace(*delta, DAMPINGS)
+    order = [0, DAMPINGS - 1]
+    step = DAMPINGS - 1
     while step > 1:
-        order += range(step // 2, VALUES, step)
+        order += range(step // 2, DAMPINGS, step)
         step //= 2
     return [float(values[i]) for i in order]
 

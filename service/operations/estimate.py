@@ -19,9 +19,10 @@ from rattle.attractors import PERIODS, WATCH
 
 COMPARED_SURVEYS = 100  # the request is compared with this many newest surveys
 LEAST_CELLS = 16  # a survey is used for comparison if at least this many of its cells are computed
-SIMILAR = 4.0  # similar surveys differ at most by this factor in their initial conditions per cell and parameters
+#: Similar surveys differ at most by this factor in their initial conditions per cell and in each parameter.
+SIMILAR_FACTOR = 4.0
 MEASURED_SIDE = 3  # a measurement computes this many cells along each axis
-IF_ALL = ", if all cells were computed"
+IF_ALL_COMPUTED = ", if all cells were computed"
 STRONG_DAMPING = WATCH / PERIODS  # above this damping the observation time does not depend on damping
 
 
@@ -74,7 +75,9 @@ async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
         )
         few = "gears of the population" if isinstance(request, PopulationRequest) else "cells of the survey"
         basis = f"measured now on {MEASURED_SIDE * MEASURED_SIDE} {few}"
-    return CostEstimate(seconds * request.n_cells / workers, workers, f"{basis}{IF_ALL if is_most else ''}", is_most)
+    return CostEstimate(
+        seconds * request.n_cells / workers, workers, f"{basis}{IF_ALL_COMPUTED if is_most else ''}", is_most
+    )
 
 
 def _seconds_by_similar_survey(front: Front, request: AnyRequest) -> tuple[float, str] | None:
@@ -102,7 +105,7 @@ def most_similar_survey(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRo
         and (other := SurveyRequest.model_validate(job.request))
         and _is_similar_model(request, other)
         and _is_similar_sample(request, other)
-        and 1.0 / SIMILAR <= _count_ratio(request, job) <= SIMILAR
+        and 1.0 / SIMILAR_FACTOR <= _count_ratio(request, job) <= SIMILAR_FACTOR
     ]
     return min(like, key=lambda job: abs(math.log(_count_ratio(request, job))), default=None)
 
@@ -119,7 +122,7 @@ def _is_similar_model(request: SurveyRequest, other: SurveyRequest) -> bool:
     ours, theirs = request.added_numbers, other.added_numbers
     if ours.keys() != theirs.keys() or request.model != other.model:
         return False
-    return all(1.0 / SIMILAR <= ours[name] / theirs[name] <= SIMILAR for name in ours)
+    return all(1.0 / SIMILAR_FACTOR <= ours[name] / theirs[name] <= SIMILAR_FACTOR for name in ours)
 
 
 def _is_similar_sample(request: SurveyRequest, other: SurveyRequest) -> bool:
@@ -127,7 +130,7 @@ def _is_similar_sample(request: SurveyRequest, other: SurveyRequest) -> bool:
     ratio = max(request.delta.start, STRONG_DAMPING) / max(other.delta.start, STRONG_DAMPING)
     sample, its = request.initial_conditions, other.initial_conditions
     same = (sample.budget, sample.tau, sample.v_min, request.v_max) == (its.budget, its.tau, its.v_min, other.v_max)
-    return same and 1.0 / SIMILAR <= ratio <= SIMILAR
+    return same and 1.0 / SIMILAR_FACTOR <= ratio <= SIMILAR_FACTOR
 
 
 def cell_seconds(request: AnyRequest) -> float:

@@ -50,13 +50,13 @@ def notebook_of(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair])
     cells: list[dict[str, Any]] = [
         {"id": name, "cell_type": kind, "metadata": {}, "source": source.splitlines(keepends=True)}
         | ({"execution_count": None, "outputs": []} if kind == "code" else {})
-        for name, kind, source in _cells(gear, machine, ends)
+        for name, kind, source in _notebook_cells(gear, machine, ends)
     ]
     kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
     return {"cells": cells, "metadata": {"kernelspec": kernel}, "nbformat": 4, "nbformat_minor": 5}
 
 
-def _cells(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> Iterator[tuple[str, str, str]]:
+def _notebook_cells(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> Iterator[tuple[str, str, str]]:
     """Yield the name, the kind and the text of each cell of the notebook."""
     version = rattle.__version__
     made = TITLE.format(gear=gear, kind=type(gear).__name__, model=model_at(gear), package=PACKAGE, version=version)

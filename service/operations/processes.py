@@ -42,13 +42,13 @@ async def compute_in_process(
         Too many requests wait, the computation takes too long, or the process died.
     """
     limits = front.settings
-    with front.interruptible():
-        await front.kernels.require(model)
-    if front.points.statistics().tasks_waiting >= limits.max_points_waiting:
+    with front.interruptible_work():
+        await front.kernels.wait_until_compiled(model)
+    if front.point_limiter.statistics().tasks_waiting >= limits.max_points_waiting:
         raise UnavailableError("Too many parameter points wait to be computed. Try again in a few seconds.")
     try:
-        with front.interruptible(), anyio.fail_after(limits.max_point_seconds):
-            return await to_process.run_sync(compute, *arguments, cancellable=True, limiter=front.points)
+        with front.interruptible_work(), anyio.fail_after(limits.max_point_seconds):
+            return await to_process.run_sync(compute, *arguments, cancellable=True, limiter=front.point_limiter)
     except TimeoutError as error:
         raise UnavailableError(
             f"{what} could not be computed within {limits.max_point_seconds:g} s. {advice}"

@@ -17,12 +17,12 @@ from gear_rattle.workers import AnyRequest, PopulationRequest
 from gear_rattle.workers.survey.axes import Name, Strict, require_visible
 
 MOST_NOTES = 10_000  # notes have at most this many characters
-LINES = "\t\n\r"
+WHITE_SPACE = "\t\n\r"
 JOINERS = "\u200c\u200d"  # invisible characters that some scripts and emoji need; other invisible ones are refused
 
 
 def _require_visible_notes(text: str) -> str:
-    return require_visible("text of the notes", text, besides=LINES + JOINERS)
+    return require_visible("text of the notes", text, besides=WHITE_SPACE + JOINERS)
 
 
 Notes = Annotated[str, Field(max_length=MOST_NOTES), AfterValidator(_require_visible_notes)]

@@ -56,14 +56,14 @@ class Windows:
         async with aclosing(refine_window(self._front, request, variable, index, window, pixels)) as frames:
             async for frame in frames:
                 if frame.done >= 1:
-                    self._keep(self._key(request, variable, index, window, pixels), frame)
+                    self._keep(self._window_key(request, variable, index, window, pixels), frame)
                 yield frame
 
     async def last_frame(
         self, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
     ) -> Frame:
         """Return the complete frame of a window, kept or computed now. Raises the errors of `refine_window`."""
-        found = self._kept.get(self._key(request, variable, index, window, pixels))
+        found = self._kept.get(self._window_key(request, variable, index, window, pixels))
         if found is None:
             async with aclosing(self.frames(request, variable, index, window, pixels)) as frames:
                 async for frame in frames:
@@ -72,7 +72,7 @@ class Windows:
         return found
 
     @staticmethod
-    def _key(request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]) -> Key:
+    def _window_key(request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]) -> Key:
         return request.model_dump_json(), variable, index, window, pixels
 
     def _keep(self, key: Key, frame: Frame) -> None:
@@ -110,19 +110,19 @@ async def refine_window(
     survey = await asyncio.to_thread(window_survey, request, window, pixels)
     while front.manager.cluster_state == STARTING:  # if the cluster does not start, `borrow_client` raises an error
         await asyncio.sleep(LOOK_SECONDS)
-    if front.windows.statistics().tasks_waiting >= front.settings.max_points_waiting:
+    if front.window_limiter.statistics().tasks_waiting >= front.settings.max_points_waiting:
         raise UnavailableError("Too many windows wait to be computed. Try again in a few seconds.")
     turn = object()
-    await front.windows.acquire_on_behalf_of(turn)
+    await front.window_limiter.acquire_on_behalf_of(turn)
     try:
         refinement = _Refinement(front, survey, variable, index)
         try:
-            while (frame := await refinement.newest()) is not None:
+            while (frame := await refinement.newest_frame()) is not None:
                 yield frame
         finally:
             refinement.stop()
     finally:
-        front.windows.release_on_behalf_of(turn)
+        front.window_limiter.release_on_behalf_of(turn)
 
 
 class _Refinement:
@@ -139,7 +139,7 @@ class _Refinement:
         """Ask the thread to end soon, without waiting for it."""
         self._stopping.set()
 
-    async def newest(self) -> Frame | None:
+    async def newest_frame(self) -> Frame | None:
         """Wait for a frame, and return the newest one; None after the last frame. Raises the errors of the thread."""
         found = await self._found.get()
         while isinstance(found, Frame) and not self._found.empty():

@@ -16,7 +16,7 @@ from starlette.concurrency import run_in_threadpool
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.routes.documents import SurveyId
 from gear_rattle.service.state import Front, FrontState
-from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, weak_etag
+from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_not_modified, weak_etag
 from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers import Bucket, open_survey
 from gear_rattle.workers.survey.values.schema import RowForm
@@ -73,7 +73,7 @@ async def parquet(
 async def csv(request: Request, front: FrontState, survey_id: SurveyId, form: RowFormQuery = RowForm.CELLS) -> Response:
     """Return a table. Codes, such as those of regions, are numbers. A cell with `status` 0 is not computed yet."""
     place, headers = await _store_and_headers(front, survey_id, "csv" if form is RowForm.CELLS else f"{form}.csv")
-    if is_known(request, headers):
+    if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)
     lines = await run_in_threadpool(_open_csv_lines, place, form)
     return StreamingResponse(lines, media_type=CSV, headers=headers)
@@ -88,10 +88,10 @@ async def _file_response(
     write: Callable[[Path | Bucket], IO[bytes]],
 ) -> Response:
     place, headers = await _store_and_headers(front, survey_id, ending)
-    if is_known(request, headers):
+    if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)
-    with front.interruptible():
-        file = await anyio.to_thread.run_sync(write, place, limiter=front.exports, abandon_on_cancel=True)
+    with front.interruptible_work():
+        file = await anyio.to_thread.run_sync(write, place, limiter=front.export_limiter, abandon_on_cancel=True)
     size = await run_in_threadpool(file.seek, 0, 2)
     file.seek(0)
     return StreamingResponse(

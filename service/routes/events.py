@@ -29,7 +29,7 @@ LARGEST_ID = 2**53  # largest accepted id of an event
 SEND_SECONDS = 30  # a stream ends if its client takes longer to accept an event
 GRACE_SECONDS = 2.0  # seconds that a stream has to end when the service stops
 #: Schema of an event of the stream.
-EVENT = {
+EVENT_SCHEMA = {
     "type": "object",
     "properties": {
         "id": {"type": "string", "pattern": "^[1-9][0-9]*$"},
@@ -45,7 +45,7 @@ EVENT = {
     summary="Follow a survey",
     response_class=EventSourceResponse,
     responses={
-        200: {"content": {"text/event-stream": {"schema": EVENT, "example": examples.EVENTS[0]}}},
+        200: {"content": {"text/event-stream": {"schema": EVENT_SCHEMA, "example": examples.EVENTS[0]}}},
         204: {"description": "the survey has ended and every event was seen: no need to connect again"},
         **declare_problems(404, 422),
     },

@@ -42,7 +42,7 @@ def _storage_state(front: Front) -> str:
 
 def _count_or_none(front: Front, state: State) -> int | None:
     try:
-        return front.database.count(state)
+        return front.database.count_jobs(state)
     except DirectoryAwayError:
         return None
 

@@ -21,7 +21,7 @@ from gear_rattle.service.operations.notebook import PACKAGE
 from gear_rattle.service.operations.overlaid import Overlays, PictureOptions
 from gear_rattle.service.routes.documents import SurveyId
 from gear_rattle.service.state import Front, FrontState
-from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, weak_etag
+from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_not_modified, weak_etag
 from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers import QUANTITIES, Bucket, SurveyRequest, open_survey
 from gear_rattle.workers.cluster.window import MOST_PIXELS
@@ -199,12 +199,12 @@ async def _picture_response(
         "ETag": weak_etag(survey_id, job.last_event, asked, form),
         "Cache-Control": REVALIDATE,  # another version may draw differently, and lost tiles may have been repaired
     }
-    if is_known(request, headers):
+    if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)
-    with front.interruptible():
+    with front.interruptible_work():
         over = await _await_while_connected(request, _compute_overlays(front, request.app.state.overlaid, job, asked))
         drawn = await anyio.to_thread.run_sync(
-            _draw, place, asked, form, over, limiter=front.pictures, abandon_on_cancel=True
+            _draw, place, asked, form, over, limiter=front.picture_limiter, abandon_on_cancel=True
         )
     return Response(drawn, media_type=media, headers=headers)
 
@@ -214,7 +214,7 @@ async def _compute_overlays(front: Front, overlaid: Overlays, job: JobRow, asked
     whole = SurveyRequest.model_validate(job.request)
     require_slice({name: axis.num for name, axis in whole.third_axis.items()}, asked.slice)
     survey = whole.at(whole.along(asked.slice or 0))
-    await front.kernels.require(survey.gear_model.name, patience=math.inf)
+    await front.kernels.wait_until_compiled(survey.gear_model.name, patience=math.inf)
     return await overlaid.overlays_of(survey, asked)
 
 

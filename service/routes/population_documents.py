@@ -8,7 +8,7 @@ from pydantic import BaseModel, Field
 
 from gear_rattle.service.database.tables import JobKind, JobRow
 from gear_rattle.service.operations.points import json_number
-from gear_rattle.service.routes.documents import JobDocument, path_of, request_shown, status_fields
+from gear_rattle.service.routes.documents import JobDocument, path_of, readable_request, status_fields
 from rattle import Estimate, Population, RattleError
 
 
@@ -41,7 +41,7 @@ class PopulationDetail(PopulationDocument):
     @classmethod
     def with_failures(cls, job: JobRow, failures: list[dict[str, Any]]) -> PopulationDetail:
         """Return the document of a job with its failed gears."""
-        return cls(**status_fields(job), links=_links(job), request=request_shown(job), failures=failures)
+        return cls(**status_fields(job), links=_links(job), request=readable_request(job), failures=failures)
 
 
 class PopulationList(BaseModel):

@@ -37,7 +37,7 @@ from gear_rattle.service.routes.surveys import (
 )
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web import examples
-from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, json_answer, weak_etag
+from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_not_modified, json_answer, weak_etag
 from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers import Bucket, PopulationRequest
 
@@ -200,10 +200,12 @@ async def answers(request: Request, front: FrontState, population_id: Population
     if job.state != State.SUCCESSFUL:
         raise MissingError(f"Population {population_id} is {job.state}: its answers can be read once it has completed.")
     headers = {"ETag": weak_etag(job.id, job.last_event, "answers"), "Cache-Control": REVALIDATE}
-    if is_known(request, headers):
+    if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)
-    with front.interruptible():
-        body = await anyio.to_thread.run_sync(_read_answers, place, limiter=front.exports, abandon_on_cancel=True)
+    with front.interruptible_work():
+        body = await anyio.to_thread.run_sync(
+            _read_answers, place, limiter=front.export_limiter, abandon_on_cancel=True
+        )
     return Response(body, media_type="application/json", headers=headers)
 
 

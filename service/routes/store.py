@@ -14,7 +14,7 @@ from starlette.types import Scope
 
 from gear_rattle.service.database.tables import JobKind, State
 from gear_rattle.service.errors import MissingError
-from gear_rattle.service.operations.chunks import is_expected
+from gear_rattle.service.operations.chunks import is_expected_file
 from gear_rattle.service.routes.documents import SurveyId, path_of
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web.conditional import HOUR, NOT_MODIFIED, REVALIDATE
@@ -27,7 +27,8 @@ router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
 #: Pattern of a segment of a key: a name of a group, array or chunk, but no name that begins with a dot.
 NAME = r"[A-Za-z0-9_][A-Za-z0-9_.\-]*"
-NOT_THERE = (401, 404)  # statuses of StaticFiles for a file that does not exist or that it has no permission to read
+#: Statuses of StaticFiles for a file that does not exist, or that the service has no permission to read.
+MISSING_STATUSES = (401, 404)
 KEY = re.compile(rf"{NAME}(/{NAME})*")
 
 
@@ -77,9 +78,9 @@ async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, req
     try:
         response = await file_at(store, key, request, unchanging)
     except (HTTPException, OSError) as error:  # a circular link is an OSError
-        if getattr(error, "status_code", 404) not in NOT_THERE:
+        if getattr(error, "status_code", 404) not in MISSING_STATUSES:
             raise
-        if not await run_in_threadpool(is_expected, front, survey_id, key):
+        if not await run_in_threadpool(is_expected_file, front, survey_id, key):
             raise HTTPException(404) from error
         try:
             response = await file_at(store, key, request, unchanging)  # the file may have been written just now
@@ -99,9 +100,9 @@ async def file_at(store: pathlib.Path | Bucket, key: str, request: Request, unch
     if isinstance(store, Bucket):
         return await object_response(store, key, request)
     files = StaticFiles(directory=store, check_dir=False)
-    return await files.get_response(key, request.scope if unchanging else _by_tag_only(request.scope))
+    return await files.get_response(key, request.scope if unchanging else _without_modified_since(request.scope))
 
 
-def _by_tag_only(scope: Scope) -> Scope:
+def _without_modified_since(scope: Scope) -> Scope:
     """Return the scope without If-Modified-Since, which counts seconds: a file may change twice within one."""
     return {**scope, "headers": [each for each in scope["headers"] if each[0] != b"if-modified-since"]}

@@ -18,7 +18,7 @@ from gear_rattle.service.operations.surveys import (
     submit_survey,
     verify_survey,
 )
-from gear_rattle.service.routes.documents import Survey, SurveyDetail, SurveyId, SurveyList, path_of, request_shown
+from gear_rattle.service.routes.documents import Survey, SurveyDetail, SurveyId, SurveyList, path_of, readable_request
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web import examples
 from gear_rattle.service.web.conditional import NOT_MODIFIED, json_answer
@@ -131,7 +131,7 @@ def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     """Return the status and the request of a survey."""
     job = front.database.job(survey_id, JobKind.SURVEY)
     # The time of the last change is known only if nobody has changed the name or the notes.
-    is_as_submitted = not job.notes and job.name == request_shown(job).get("name")
+    is_as_submitted = not job.notes and job.name == readable_request(job).get("name")
     return json_answer(request, _detail(front, job), job.finished if is_as_submitted else None)
 
 

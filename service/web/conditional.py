@@ -80,7 +80,7 @@ def json_answer(request: Request, document: BaseModel, modified: str | None = No
     headers = {"ETag": f'"{_digest(body)}"', "Cache-Control": REVALIDATE}
     if modified is not None:
         headers["Last-Modified"] = format_datetime(datetime.fromisoformat(modified), usegmt=True)
-    if is_known(request, headers):
+    if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)
     return Response(body, media_type="application/json", headers=headers)
 
@@ -89,7 +89,7 @@ async def set_query_etag(request: Request, response: Response) -> None:
     """Set the ETag of an answer that depends only on the query and the code; raise HTTPException 304 if it is known."""
     query = str(sorted(request.query_params.multi_items()))
     headers = {"ETag": f'"{_digest(_answer_version().encode(), query.encode())}"', "Cache-Control": HOUR}
-    if is_known(request, headers):
+    if is_not_modified(request, headers):
         raise HTTPException(304, headers=headers)
     response.headers.update(headers)
 
@@ -99,7 +99,7 @@ def weak_etag(*parts: object) -> str:
     return f'W/"{_digest(_answer_version().encode(), repr(parts).encode())}"'
 
 
-def is_known(request: Request, headers: Mapping[str, str]) -> bool:
+def is_not_modified(request: Request, headers: Mapping[str, str]) -> bool:
     """Return whether the client already has the answer with these headers (ETag and perhaps Last-Modified)."""
     if (tags := request.headers.get("if-none-match")) is not None:
         return _tag_value(headers["ETag"]) in {_tag_value(tag) for tag in tags.split(",")}

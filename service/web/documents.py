@@ -36,14 +36,14 @@ img {{ max-width: 100% }} td, th {{ border: 1px solid #8888; padding: .2rem .5re
 <main>{body}</main></body></html>"""
 
 
-def documents_of(site: Path, sources: Path) -> ASGIApp | None:
+def documents_app(site: Path, sources: Path) -> ASGIApp | None:
     """Return an application that serves the site, or else the Markdown files; None if neither exists."""
     if (site / "index.html").is_file():
         return StaticFiles(directory=site, html=True)
-    return next((_pages_of(each.resolve()) for each in (site, sources) if (each / INDEX).is_file()), None)
+    return next((_markdown_app(each.resolve()) for each in (site, sources) if (each / INDEX).is_file()), None)
 
 
-def _pages_of(directory: Path) -> Router:
+def _markdown_app(directory: Path) -> Router:
     """Return an application that serves the Markdown files of a directory as HTML, and all other files unchanged."""
     documents = {f"/{each.relative_to(directory).as_posix()}": each for each in directory.rglob("*.md")}
 

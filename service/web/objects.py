@@ -8,7 +8,7 @@ from fastapi import Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 
-from gear_rattle.service.web.conditional import is_known
+from gear_rattle.service.web.conditional import is_not_modified
 from gear_rattle.workers import Bucket
 
 RANGE = re.compile(r"bytes=(\d*)-(\d*)")
@@ -38,7 +38,7 @@ def _respond(store: Bucket, key: str, request: Request) -> Response:
     except FileNotFoundError:
         raise HTTPException(404) from None
     headers = {"ETag": tag, "Accept-Ranges": "bytes"}
-    if "if-none-match" in request.headers and is_known(request, headers):
+    if "if-none-match" in request.headers and is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)
     asked = request.headers.get("range", "")
     if match := RANGE.fullmatch(asked.strip()) if request.headers.get("if-range", tag) == tag else None:

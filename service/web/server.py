@@ -26,7 +26,7 @@ STOP_SECONDS = 3.0
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 #: Module of a process of Python that removes the semaphores of dead processes.
 TRACKER = "multiprocessing.resource_tracker"
-OBJECTS = 50_000  # new objects between two garbage collections; a collection blocks for 15 ms
+GC_OBJECTS = 50_000  # new objects between two garbage collections; a collection blocks for 15 ms
 #: Blocks of memory of at least this many bytes are returned to the system when they are freed. By itself, glibc raises
 #: this limit up to 32 MiB; the arenas of threads then keep the memory of arrays, and the service grows for hours.
 LARGE_BLOCK = 1 << 18
@@ -88,10 +88,10 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
         for each in sockets:
             host, port = each.getsockname()[:2]
             log.info("listening at http://%s:%d", f"[{host}]" if ":" in host else host, port)
-        gc.set_threshold(OBJECTS)
+        gc.set_threshold(GC_OBJECTS)
         gc.freeze()  # otherwise every full collection scans all modules, and delays answers
         if settings.preload:
-            app.state.front.kernels.begin()  # so that kernels are compiled before the first request needs them
+            app.state.front.kernels.start_compiling()  # before the first request needs the kernels
         if explorer := app.state.explorer:  # prepare the explorer before somebody opens it
             app.state.preparing = asyncio.ensure_future(explorer.prepare())  # the reference keeps the task alive
 

@@ -264,7 +264,7 @@ PROTECTIONS = (
         "nothing is computed by the manager",
         f"{SERVICE}::test_a_survey_that_is_being_prepared_can_be_dismissed",
         "service/jobs/manager.py",
-        "create_store(request, path, template)",
+        "create_store(request, path, compute_template)",
         "create_store(request, path)",
     ),
     _one(
@@ -439,7 +439,7 @@ PROTECTIONS = (
         "a data directory that is away is not the survey's fault",
         f"{DIRECTORY}::test_a_survey_waits_for_its_directory",
         "service/jobs/manager.py",
-        "            with self._detecting_missing_directory():\n",
+        "            with self._report_missing_directory():\n",
         "            if True:\n",
     ),
     _one(
@@ -453,7 +453,7 @@ PROTECTIONS = (
         "a database elsewhere knows the data directory",
         f"{DIRECTORY}::test_a_database_elsewhere_knows_the_directory",
         "service/jobs/opening.py",
-        "directory.identify(database.directory())",
+        "directory.identify(database.directory_identity())",
         "directory.identify()",
     ),
     _one(
@@ -544,7 +544,7 @@ PROTECTIONS = (
         "a lost chunk is no fill value",
         f"{DAMAGE}::test_a_chunk_that_was_computed_and_is_lost_is_no_fill_value",
         "service/routes/store.py",
-        "if not await run_in_threadpool(is_expected, front, survey_id, key):",
+        "if not await run_in_threadpool(is_expected_file, front, survey_id, key):",
         "if True:",
     ),
     _one(

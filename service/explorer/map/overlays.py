@@ -82,7 +82,7 @@ class MapLines:
         self._figure.no_lines()
 
     async def _line(self, name: str, model: Model, window: Ranges) -> None:
-        await self._viewer.front.kernels.require(model.name, patience=math.inf)
+        await self._viewer.front.kernels.wait_until_compiled(model.name, patience=math.inf)
         if name == POINTS:
             points = await self._viewer.read(lambda: points_in(model, window))
             self._viewer.change(lambda: self._figure.points(points))
@@ -143,7 +143,7 @@ class KeyedLines(MapLines):
         self._listing = None if window is None else self._viewer.start(self._list_present(model, window))
 
     async def _list_present(self, model: Model, window: Ranges) -> None:
-        await self._viewer.front.kernels.require(model.name, patience=math.inf)
+        await self._viewer.front.kernels.wait_until_compiled(model.name, patience=math.inf)
         absent = await self._viewer.read(lambda: absent_lines(model, window))
         self._entries = found = [each for each in self._entries if each["name"] not in absent]
         self._viewer.change(lambda: self.key.param.update(overlays=found))
@@ -171,7 +171,7 @@ class KeyedLines(MapLines):
         if name not in WHOLE:
             await super()._line(name, model, window)
             return
-        await self._viewer.front.kernels.require(model.name, patience=math.inf)
+        await self._viewer.front.kernels.wait_until_compiled(model.name, patience=math.inf)
         self._note(name, "is being computed …")
         try:
             if name == CRISIS:

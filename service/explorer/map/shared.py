@@ -128,7 +128,7 @@ class Shared:
         """Compute the default map and its lines in advance, because the first page would have to wait for them."""
         try:
             model, window = await run_in_threadpool(self._first)
-            await self.front.kernels.require(model.name, patience=math.inf)
+            await self.front.kernels.wait_until_compiled(model.name, patience=math.inf)
             await run_in_threadpool(usual_lines, model, window)
         except (RattleError, ValueError, OSError) as error:  # a page that is opened shows the error
             log.info("the first map cannot be drawn beforehand: %s", error)

@@ -16,7 +16,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import Message, Receive, Scope, Send
 
 from gear_rattle.service.access import login
-from gear_rattle.service.access.origins import require_root
+from gear_rattle.service.access.origins import require_browser_address
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.explorer.common.news import News
 from gear_rattle.service.explorer.page.assets_route import Assets
@@ -161,7 +161,7 @@ class Explorer:
     async def _page(self, request: Request) -> Response:
         from gear_rattle.service.explorer.common.viewer import CALLER
 
-        require_root(request.headers, public_path("/"))
+        require_browser_address(request.headers, public_path("/"))
         pages = await self.load()
         if len(pages.sessions()) >= self._settings.max_pages:
             raise UnavailableError("Too many pages of the explorer are open. Close some, and try again in a minute.")

@@ -246,7 +246,7 @@ class Page:
     async def _remove(self, action: str, survey_id: str) -> None:
         def remove() -> None:
             front = self._shared.front
-            ended = front.database.job(survey_id).shown[0].is_final
+            ended = front.database.job(survey_id).shown_status[0].is_final
             if ended == (action == "delete"):  # "cancel" must not delete a survey that has just ended
                 remove_survey(front, self._viewer.require(Scope.SUBMIT), survey_id)
 

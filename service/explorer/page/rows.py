@@ -20,7 +20,7 @@ STORED = {LARGEST: FAMILY}  # maps that are not stored: the stored variable from
 def row_of(standing: JobStatus, view: View, owned: bool) -> dict[str, Any]:
     """Return a survey's row of the list, for this view. owned: whether the survey belongs to the caller."""
     job = standing.job
-    state, message = job.shown
+    state, message = job.shown_status
     submitted = ["submitted", job.created[:16].replace("T", " ") + " UTC"]
     size, facts = _asked(job.request) if job.is_readable else ("", [])
     chosen = job.id == view.survey and job.is_readable

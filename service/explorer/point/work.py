@@ -88,7 +88,7 @@ class Work:
 
     async def kernels(self) -> None:
         """Wait, as long as it takes, until the kernels of the model are compiled."""
-        await self._front.kernels.require(self._model, patience=math.inf)
+        await self._front.kernels.wait_until_compiled(self._model, patience=math.inf)
         self._require()
 
     async def compute(
@@ -104,7 +104,7 @@ class Work:
             The return value of the function.
         """
         await self.kernels()
-        async with self._front.slow_points.foreground_slot() if slow else nullcontext():
+        async with self._front.slow_point_limiter.foreground_slot() if slow else nullcontext():
             self._require()
             found = await compute_in_process(
                 self._front,

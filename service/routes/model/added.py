@@ -50,7 +50,7 @@ def with_queries(after: dict[str, dict[str, Any]]) -> Callable[[Route], Route]:
         A decorator of the route.
     """
 
-    def change(route: Route) -> Route:
+    def add_queries(route: Route) -> Route:
         signature = inspect.signature(route, eval_str=True)
         taken = []
         for own in signature.parameters.values():
@@ -62,7 +62,7 @@ def with_queries(after: dict[str, dict[str, Any]]) -> Callable[[Route], Route]:
         route.__signature__ = signature.replace(parameters=taken)  # type: ignore[attr-defined]
         return route
 
-    return change
+    return add_queries
 
 
 def with_fields(base: type[BaseModel]) -> Any:

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.harmonics import TEXT, read_harmonics
+from gear_rattle.service.harmonics import HARMONIC_HELP, read_harmonics
 from gear_rattle.service.operations.points import json_number
 from gear_rattle.service.routes.model.added import (
     added_document,
@@ -56,7 +56,7 @@ SECOND_GEAR = {
 }
 #: Optional numbers of a machine that must be positive.
 POSITIVE_NUMBERS = ("stiffness", "driven_inertia", "driven_drag", "driven_radius", "teeth", "driven_teeth")
-Harmonics = Annotated[Sequence[str], Query(description=TEXT, max_length=MOST_HARMONICS)]
+Harmonics = Annotated[Sequence[str], Query(description=HARMONIC_HELP, max_length=MOST_HARMONICS)]
 #: Query parameters to add after `beta` (parameters that models add) and after `drive` (further numbers of a machine).
 ADDED_QUERIES: dict[str, dict[str, Any]] = {
     "beta": {name: query_of(name) for name in ADDED},

@@ -161,7 +161,7 @@ async def orbits(front: FrontState, point: PointQuery) -> OrbitsDocument:
     gear = point.gear
     model = model_at(gear)
     if model.in_closed_form:
-        await front.kernels.require(model.name)
+        await front.kernels.wait_until_compiled(model.name)
         found = await run_in_threadpool(orbits_document, gear)
     else:
         found = await compute_in_process(

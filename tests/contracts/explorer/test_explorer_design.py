@@ -95,7 +95,7 @@ def test_a_design_limit_is_found_once_coarse_first(tmp_path: Path, monkeypatch: 
     async def body(front: Front) -> None:
         monkeypatch.setattr(design_limits, "compute_in_process", here)
         monkeypatch.setattr(design_limits, "COUNT", 64)
-        monkeypatch.setattr(design_limits, "VALUES", 5)
+        monkeypatch.setattr(design_limits, "DAMPINGS", 5)
         known = DesignLimits(front)
         drawn = [found async for found in known.limits_over(Impacting(0.6), (0.5, 0.9), 0.8)]
         assert [delta.size for delta, _ in drawn] == [1, 2, 3, 4, 5, 5]
@@ -112,8 +112,8 @@ def test_a_design_limit_is_found_once_coarse_first(tmp_path: Path, monkeypatch: 
 
 def test_every_value_of_a_limit_is_looked_at_once() -> None:
     found = dampings_coarse_first((0.4, 1.0))
-    assert len(found) == len(set(found)) == design_limits.VALUES
-    assert sorted(found) == np.linspace(0.4, 1.0, design_limits.VALUES).tolist()
+    assert len(found) == len(set(found)) == design_limits.DAMPINGS
+    assert sorted(found) == np.linspace(0.4, 1.0, design_limits.DAMPINGS).tolist()
 
 
 def test_intensities_are_told_in_both_units() -> None:

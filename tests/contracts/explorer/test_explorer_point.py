@@ -556,13 +556,13 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
 def test_a_view_that_is_put_away_computes_and_changes_nothing_more(tmp_path: Path) -> None:
     async def body(front: Front) -> None:
         view = new_view(front, 0.6, 0.1, Impacting(0.6))
-        await eventually(lambda: front.points.borrowed_tokens > 0)
+        await eventually(lambda: front.point_limiter.borrowed_tokens > 0)
         view.stop()
         said = view.panel.likely.html
         await eventually(lambda: not view.work.tasks)  # what was at work has ended, and nothing can follow
         assert view.panel.likely.html == said
-        assert front.points.borrowed_tokens == 0
-        assert front.points.statistics().tasks_waiting == 0
+        assert front.point_limiter.borrowed_tokens == 0
+        assert front.point_limiter.statistics().tasks_waiting == 0
 
     with_front(tmp_path, body)
 

@@ -63,7 +63,7 @@ async def watched(feeds: Broadcast, number: int) -> None:
 
 
 def test_every_stream_gets_every_event_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(broadcast, "KEPT", KEPT)
+    monkeypatch.setattr(broadcast, "KEPT_EVENTS", KEPT)
     monkeypatch.setattr(broadcast, "PAUSE", 0)
 
     async def run() -> None:

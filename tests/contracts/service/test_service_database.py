@@ -16,7 +16,7 @@ from gear_rattle.service.database import Database, DoneTile, NewJob
 from gear_rattle.service.database.database_lock import ADVISORY_LOCK
 from gear_rattle.service.database.engine import UNPOOLED, open_engine
 from gear_rattle.service.database.identity import MOST_REPEATED_KEYS
-from gear_rattle.service.database.tables import AnsweredRow, Scope, State
+from gear_rattle.service.database.tables import RepeatedKeyRow, Scope, State
 from gear_rattle.service.errors import (
     ConflictError,
     DataDirectoryError,
@@ -82,7 +82,7 @@ def test_the_latest_answers_are_remembered(database: Database) -> None:
     for number in range(MOST_REPEATED_KEYS + 10):
         assert database.accept(new(f"again {number}"), 100, lambda _: True).id == first.id
     with database._read() as session:
-        kept = set(session.scalars(select(AnsweredRow.idempotency_key)))
+        kept = set(session.scalars(select(RepeatedKeyRow.idempotency_key)))
     assert len(kept) == MOST_REPEATED_KEYS
     assert f"again {MOST_REPEATED_KEYS + 9}" in kept
     assert database.accept(new("first"), 100).id == first.id  # its own is in its row
@@ -93,7 +93,7 @@ def test_the_latest_answers_are_remembered(database: Database) -> None:
 def test_the_queue_never_holds_more_than_it_may(database: Database) -> None:
     found = outcomes(lambda _: database.accept(new(), 5), range(3 * THREADS))
     assert kinds(found) == {"JobRow": 5, "QueueFullError": 3 * THREADS - 5}
-    assert database.count(State.ACCEPTED) == database.jobs(10)[1] == 5
+    assert database.count_jobs(State.ACCEPTED) == database.jobs(10)[1] == 5
 
 
 def test_an_owner_has_its_own_quota_and_idempotency_keys(database: Database) -> None:

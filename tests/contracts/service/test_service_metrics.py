@@ -53,7 +53,7 @@ def test_surveys_and_tiles(client: TestClient) -> None:
     front, tile = front_of(client), tiles_of(REQUEST)[1]
     front.database.set_state(survey_id, State.RUNNING)
     record = compute_tile(REQUEST, tile)[1]
-    front.manager._record(survey_id, REQUEST, record)
+    front.manager._record_tile(survey_id, REQUEST, record)
     after = scrape(client)
     assert after["rattle_surveys"][(("state", "running"),)] == 1
     assert after["rattle_queue_length"][()] == after["rattle_surveys"][(("state", "accepted"),)] == 1
@@ -113,7 +113,7 @@ def test_errors_before_any_route_count_as_such(client: TestClient, monkeypatch: 
     def fail(*_: object) -> None:
         raise RuntimeError("a bug")
 
-    monkeypatch.setattr(AccessMiddleware, "_require_moderate", fail)
+    monkeypatch.setattr(AccessMiddleware, "_require_moderate_size", fail)
     assert client.get("/v1/health").status_code == 500
     monkeypatch.undo()
     counts = scrape(client)["rattle_http_request_seconds_count"]

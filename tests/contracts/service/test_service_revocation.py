@@ -108,7 +108,7 @@ def test_one_question_is_for_all_of_them_and_none_for_none(client: TestClient, m
         del asked[:]
         assert twice.wait(HANG)
         assert set(asked) == {4}
-    wait_until(lambda: not front_of(client).revocations._some.is_set())
+    wait_until(lambda: not front_of(client).revocations._has_open.is_set())
     del asked[:]
     assert client.get("/v1/health").status_code == 200
     assert asked == []

@@ -224,7 +224,7 @@ def test_schemathesis_finds_nothing(finished: Path, tmp_path: Path, monkeypatch:
     if not DEEP:  # whose file it is makes no difference to these requests, and to write each took a third of all
         with open_survey(finished / JobKind.SURVEY, as_stored=True) as survey, write_netcdf(survey) as file:
             content = file.read()
-        monkeypatch.setattr(download, "_netcdf", lambda _: BytesIO(content))
+        monkeypatch.setattr(download, "_write_netcdf", lambda _: BytesIO(content))
     # Requests without a key, or with a wrong one, are in test_service_access.py.
     left_out = either(f"{LEFT_OUT},ignored_auth", LEFT_OUT)
     options = ["--max-examples", either("1", "6"), "--exclude-checks", left_out]

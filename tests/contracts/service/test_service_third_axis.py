@@ -14,7 +14,7 @@ from gear_rattle.service.cli import app
 from gear_rattle.service.client import Client
 from gear_rattle.service.commands.survey_options import survey_request
 from gear_rattle.service.database.tables import State
-from gear_rattle.service.operations.chunks import is_expected
+from gear_rattle.service.operations.chunks import is_expected_file
 from gear_rattle.service.operations.estimate import _few_cells, most_similar_survey
 from gear_rattle.workers import Axis, SurveyRequest, create_store, examine
 
@@ -83,7 +83,7 @@ def test_downloads_have_all_slices(client: TestClient, running: str, tmp_path: P
 def test_only_chunks_that_are_computed_are_owed(client: TestClient, running: str) -> None:
     front = front_of(client)
     keys = ["region/c/0/0/0", "region/c/2/1/0", "region/c/2/1/1", "region/c/3/0/0"]
-    assert [is_expected(front, running, key) for key in keys] == [True, True, False, False]
+    assert [is_expected_file(front, running, key) for key in keys] == [True, True, False, False]
     assert client.get(f"/v1/surveys/{running}/store/region/c/2/1/0").status_code == 200
     assert len(examine(front.directory.store(running)).done) == 11
 

@@ -20,9 +20,9 @@ def served(turns: Turns, cells: dict[str, int], owners: dict[str, str] | None = 
     """The surveys that have turns, each of so many cells, until all are computed; others may be added meanwhile."""
     while cells:
         active = [ActiveSurvey(name, (owners or {}).get(name), left) for name, left in cells.items()]
-        following = turns.next(active)
+        following = turns.next_survey(active)
         assert following is not None
-        turns.begin(following)
+        turns.begin_turn(following)
         cells[following.id] -= each
         if cells[following.id] <= 0:
             del cells[following.id]
@@ -71,20 +71,20 @@ def test_one_without_cells_left_counts_as_the_largest() -> None:
 
 def _kept(turns: Turns, cells: dict[str, int]) -> Iterator[str]:
     """The surveys that have turns, of which none gets further."""
-    while following := turns.next([ActiveSurvey(name, None, left) for name, left in cells.items()]):
-        turns.begin(following)
+    while following := turns.next_survey([ActiveSurvey(name, None, left) for name, left in cells.items()]):
+        turns.begin_turn(following)
         yield following.id
 
 
 def test_a_turn_is_bounded_in_seconds_whatever_a_tile_takes() -> None:
     now = 0.0
     turns = Turns(lambda: now)
-    turns.begin(ActiveSurvey("A", None, 9))
+    turns.begin_turn(ActiveSurvey("A", None, 9))
     now = TURN_SECONDS - 0.01
     assert not turns.is_turn_over
     now += 0.02
     assert turns.is_turn_over
-    turns.begin(ActiveSurvey("B", None, 9))
+    turns.begin_turn(ActiveSurvey("B", None, 9))
     assert not turns.is_turn_over
 
 
