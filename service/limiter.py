@@ -23,7 +23,7 @@ class PriorityLimiter:
 
     @asynccontextmanager
     async def foreground_slot(self) -> AsyncIterator[None]:
-        """Enter this context as soon as the limit allows another computation, and count it until the context ends.
+        """Wait until the limit allows another computation, and count this context as a foreground computation.
 
         If the limit is reached, the newest background computation is cancelled, and begins again later.
         """
@@ -44,7 +44,7 @@ class PriorityLimiter:
             self._limiter.release_on_behalf_of(slot)
 
     async def run_in_background(self, compute: Callable[[], Awaitable[Result]]) -> Result:
-        """Run a computation when no foreground one waits, again after each pre-emption, and return its result."""
+        """Return the result of `compute`. It runs when no foreground one waits, and again after each pre-emption."""
         while True:
             await self._nobody_waits.wait()
             async with self._limiter:

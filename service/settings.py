@@ -90,7 +90,7 @@ class Settings(BaseSettings):
     def _check_root_path(cls, given: str) -> str:
         path = given.rstrip("/")
         if not ROOT_PATH.fullmatch(path):
-            raise ValueError(f"{given!r} is not a path of plain segments: write it like /rattle or /apps/rattle")
+            raise ValueError(f"{given!r} is not a path of plain segments: write the path like /rattle or /apps/rattle")
         return path
 
     @field_validator("cors_origins")

@@ -79,7 +79,7 @@ class Front:
         Raises
         ------
         UnknownSurveyError, DirectoryAwayError
-            See `stored`.
+            See `job_and_store`.
         MissingError
             The survey has no numbers yet, or its store is gone.
         """
@@ -116,7 +116,7 @@ class Front:
             raise UnavailableError("The service is ending. Try again when it is back.")
 
     def end(self) -> None:
-        """Cancel all interruptible work, and let the job manager end. It must be called in the event loop."""
+        """Cancel all interruptible work, and ask the job manager to end. This must be called in the event loop."""
         self.manager.ask_to_stop()
         for scope in tuple(self._interruptible):
             scope.cancel()

@@ -33,7 +33,7 @@ class Revocations:
 
     @contextmanager
     def cancel_when_revoked(self, caller: Caller | None) -> Iterator[CancelScope]:
-        """Yield a cancel scope, and cancel it when the caller is no longer authorised. None: it is never cancelled."""
+        """Yield a scope that is cancelled when the caller is no longer authorised; never, if the caller is None."""
         with CancelScope() as scope:
             if caller is not None and (identity := caller.identity) is not None:
                 self._open[scope] = identity

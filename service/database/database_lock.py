@@ -65,7 +65,7 @@ class _FileLock:
         except Timeout as error:
             raise _locked_elsewhere_error(engine) from error
         except OSError as error:
-            raise DataDirectoryError(f"The lock {path} of the job database cannot be used: {error}") from error
+            raise DataDirectoryError(f"The lock file {path} of the job database cannot be used: {error}") from error
 
     def release(self) -> None:
         self._lock.release()

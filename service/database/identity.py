@@ -52,8 +52,8 @@ def find_by_key(session: Session, new: NewJob) -> JobRow | None:
         job, body_hash = session.get_one(JobRow, answered.job), answered.body_hash
     if job is not None and body_hash != new.body_hash:
         raise ConflictError(
-            f"Idempotency-Key {new.idempotency_key!r} was used for survey {job.id}, which has another body. "
-            "Repeat that body, or send a new key."
+            f"Idempotency-Key {new.idempotency_key!r} was sent before, for survey {job.id}, with another request body. "
+            "Send that body again, or use a new key."
         )
     return job
 

@@ -45,7 +45,7 @@ def timestamp(later: float = 0.0) -> str:
 
 
 class Table(DeclarativeBase):
-    """Base of every table."""
+    """Base class of all tables."""
 
 
 class JobRow(Table):
@@ -192,7 +192,8 @@ class ServiceRow(Table):
     """The single row that every writer locks first, so that a database has one writer at a time.
 
     epoch: a number that grows when a service opens the database. surveys, populations: numbers of surveys and of
-    populations. directory: identity of the data directory that has the stores; None if the database is inside it.
+    populations. directory: identity of the data directory that has the stores; None if the database is inside this
+    directory, or the stores are in a bucket.
     """
 
     __tablename__ = "service"

@@ -123,8 +123,8 @@ class DataDirectory:
             lock.acquire()
         except Timeout as error:
             raise DataDirectoryError(
-                f"Another service uses the data directory {self.path}. Stop it, or give this one another directory. "
-                "A service is one process: start uvicorn without --workers."
+                f"Another service uses the data directory {self.path}. Stop that service, or give this service another "
+                "directory. A service is one process: start uvicorn without --workers."
             ) from error
         except OSError as error:
             raise DataDirectoryError(f"The data directory {self.path} cannot be used: {error}") from error
@@ -149,7 +149,7 @@ class DataDirectory:
             if known and self.identity != known and (self.identity or not any(self._stores.iterdir())):
                 raise DataDirectoryError(
                     f"{self.path} is not the data directory of this job database: is the right disk mounted? To use "
-                    "this directory anyway, without the stores of the other: "
+                    "this directory anyway, without the stores of the other directory: "
                     f"echo {known} > {self.path / IDENTITY_FILE}"
                 )
             if not self.identity:  # a new directory, or a directory of an older version, which wrote no identity

@@ -112,7 +112,7 @@ class JobManager:
         self._wake.set()
 
     def stop(self) -> None:
-        """Wait until the thread has ended and closed the cluster."""
+        """Ask the thread to end, and wait until it has ended and closed the cluster."""
         self.ask_to_stop()
         self._thread.join()
 
@@ -447,5 +447,6 @@ def _request_of(job: JobRow) -> AnyRequest:
         return request_of(job.request)
     except ValidationError as error:
         raise ServiceError(
-            f"The request is no longer valid in this version ({place_and_reason(error)}). Submit a corrected request."
+            f"The request of this survey is no longer valid in this version ({place_and_reason(error)}). Submit a "
+            "corrected request."
         ) from error

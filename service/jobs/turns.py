@@ -26,7 +26,7 @@ class Turns:
     Keys take turns one after the other. A key alternates between its survey with the fewest remaining cells and its
     survey that has waited for the most turns. So its smallest survey waits for at most two turns of the key, and every
     survey gets a turn, whatever else is submitted. A survey without remaining cells counts as the largest, because the
-    time for its bound or certificates does not follow from cells.
+    time for its last steps, such as its certificates, does not follow from a number of cells.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ from gear_rattle.workers import Frame, SurveyRequest, Window, map_quantity, refi
 from gear_rattle.workers.pictures.look import Pair
 
 LOOK_SECONDS = 0.2  # seconds between two checks whether the cluster has started
-LEAST_DELTA = 1e-3  # least damping of a window, as a share of its upper end
+LEAST_DELTA = 1e-3  # least damping of a window, as a share of the window's largest damping
 COARSEST = 3.0  # a finer window is computed if a cell of the survey is larger than this many pixels
 KEPT, KEPT_CELLS = 8, 4_000_000  # at most this many windows are kept, and at most this many cells in all of them
 

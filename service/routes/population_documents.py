@@ -74,7 +74,7 @@ class Interval(BaseModel):
 
 
 class IndexDocument(BaseModel):
-    """Sobol indices of one number: its share of the variance alone, and with its interactions with other numbers."""
+    """Sobol indices of one number: the share of the variance that it explains alone, and with its interactions."""
 
     first: Interval
     total: Interval

@@ -96,7 +96,7 @@ async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, req
 
 
 async def file_at(store: pathlib.Path | Bucket, key: str, request: Request, unchanging: bool) -> Response:
-    """Return the file with this key. Raises HTTPException or OSError if there is no such file."""
+    """Return the file with this key in a store. Raises HTTPException or OSError if there is no such file."""
     if isinstance(store, Bucket):
         return await object_response(store, key, request)
     files = StaticFiles(directory=store, check_dir=False)
@@ -104,5 +104,5 @@ async def file_at(store: pathlib.Path | Bucket, key: str, request: Request, unch
 
 
 def _without_modified_since(scope: Scope) -> Scope:
-    """Return the scope without If-Modified-Since, which counts seconds: a file may change twice within one."""
+    """Return a request's scope without If-Modified-Since, because a file may change twice within one second."""
     return {**scope, "headers": [each for each in scope["headers"] if each[0] != b"if-modified-since"]}

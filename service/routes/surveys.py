@@ -38,7 +38,7 @@ Cursor = Annotated[
 
 
 def tell_of_acceptance(response: Response, job: JobRow, kind: JobKind) -> None:
-    """Set the header Location of a submitted job; and status 200 if the job has ended, else the header Retry-After."""
+    """Set the header Location of a submitted job, and status 200 if the job has ended, else the header Retry-After."""
     response.headers["Location"] = path_of(job.id, kind)
     if State(job.state).is_final:
         response.status_code = 200

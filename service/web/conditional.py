@@ -95,7 +95,7 @@ async def set_query_etag(request: Request, response: Response) -> None:
 
 
 def weak_etag(*parts: object) -> str:
-    """Return a weak ETag made of `parts`. Answers with the same ETag are equal, but one may have a further tile."""
+    """Return a weak ETag made of `parts`. Equal ETags mean equal answers, except that one may show a further tile."""
     return f'W/"{_digest(_answer_version().encode(), repr(parts).encode())}"'
 
 

@@ -24,7 +24,7 @@ from gear_rattle.service.settings import Settings
 #: Longest time in seconds from a signal to the end of all work.
 STOP_SECONDS = 3.0
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-#: Module of a process of Python that removes the semaphores of dead processes.
+#: Python module of the process that removes the semaphores of dead processes.
 TRACKER = "multiprocessing.resource_tracker"
 GC_OBJECTS = 50_000  # new objects between two garbage collections; a collection blocks for 15 ms
 #: Blocks of memory of at least this many bytes are returned to the system when they are freed. By itself, glibc raises

@@ -28,7 +28,7 @@ Eccentricity = Annotated[float, Query(ge=0, le=FARTHEST, allow_inf_nan=False)]
 
 
 class RectangleDocument(BaseModel):
-    """A window of the plane."""
+    """A window of the (δ, ε) plane."""
 
     delta: tuple[float, float]
     epsilon: tuple[float, float]
@@ -61,7 +61,7 @@ class CurveDocument(BaseModel):
 
 
 class Tangency(BaseModel):
-    """How two curves meet at a point."""
+    """The way in which two curves meet at a point."""
 
     curves: tuple[str, str]
     order: float | None = Field(

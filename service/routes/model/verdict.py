@@ -36,7 +36,7 @@ EXAMPLE = "angle_deg,error_um\n" + "".join(f"{4 * i},{15 * math.cos(math.radians
 
 
 class MeasuredDocument(BaseModel):
-    """A measured transmission error by order."""
+    """A measured transmission error as a sum of harmonics."""
 
     harmonics: list[tuple[int, float, float]] = Field(description="order of the revolution, amplitude in m, phase")
     left_out: float = Field(description="root mean square of the part of the curve that these orders leave out, m")
