@@ -48,7 +48,7 @@ class Caller:
         """Return whether the caller has a scope. Without keys every caller has all scopes."""
         return self.key is None or scope in self.key.scopes
 
-    def owns(self, job: JobRow) -> bool:
+    def is_owner_of(self, job: JobRow) -> bool:
         """Return whether the caller owns a job. Without keys every caller owns all jobs."""
         return self.key is None or job.owner == self.key.id
 

@@ -185,7 +185,7 @@ class Surveys(Transactions):
             if job := _find_active(session, survey_id):
                 job.content_hash = content_hash
 
-    def totals(self) -> dict[State, tuple[int, int, int]]:
+    def job_totals(self) -> dict[State, tuple[int, int, int]]:
         """Return {state: (number of jobs, number of their tiles, number of their finished tiles)}."""
         numbers = func.count(), func.sum(JobRow.n_tiles), func.sum(JobRow.tiles_done)
         with self._read() as session:

@@ -29,11 +29,11 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class EncodedEvent:
-    """An event as the bytes of an event stream. last: True if no event can follow."""
+    """An event as the bytes of an event stream. is_last: True if no event can follow."""
 
     id: int
     text: bytes
-    last: bool
+    is_last: bool
 
 
 def encode_events(rows: Sequence[EventRow]) -> list[EncodedEvent]:
@@ -57,7 +57,7 @@ class Feed:
         self._stale = asyncio.Event()
         self._loop = asyncio.get_running_loop()
         self.listeners: set[asyncio.Event] = set()
-        self.deleted = False
+        self.is_deleted = False
         self._task = self._loop.create_task(self._read_new_events())
         self._stale.set()  # there may be events after `last`
 
@@ -78,13 +78,13 @@ class Feed:
         self._task.cancel()
 
     async def _read_new_events(self) -> None:
-        while not self.deleted:
+        while not self.is_deleted:
             await self._stale.wait()
             self._stale.clear()
             try:
                 rows = await run_in_threadpool(self._read, self._survey_id, self._last)
             except UnknownSurveyError:
-                self.deleted = True
+                self.is_deleted = True
             except (SQLAlchemyError, UnavailableError) as error:
                 log.warning("the events of survey %s cannot be read: %s", self._survey_id, error)
                 self._stale.set()
@@ -95,7 +95,7 @@ class Feed:
                     self._stale.set()  # there may be more events, because one read returns a limited number of them
                     self._last = rows[-1].id
                     self._recent = (self._recent + encode_events(rows))[-KEPT_EVENTS:]
-            if self.deleted or rows:
+            if self.is_deleted or rows:
                 # Listeners are notified in groups, so that the event loop can answer requests in between.
                 listeners = tuple(self.listeners)
                 for first in range(0, len(listeners), WOKEN_TOGETHER):

@@ -77,7 +77,7 @@ class _ScrapedValues(Collector):
         return []  # registering must not read the database
 
     def collect(self) -> Iterator[Metric]:
-        totals = self._database.totals()
+        totals = self._database.job_totals()
         surveys = GaugeMetricFamily("rattle_surveys", "Surveys by state.", labels=["state"])
         tiles = GaugeMetricFamily("rattle_survey_tiles", "Tiles of all surveys by state.", labels=["state"])
         waiting = 0

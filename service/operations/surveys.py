@@ -140,5 +140,5 @@ def verify_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = 
 
 def require_owner(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> None:
     """Raise ForbiddenError if the survey was submitted with another key than the caller's."""
-    if not caller.owns(front.database.job(survey_id, kind)):
+    if not caller.is_owner_of(front.database.job(survey_id, kind)):
         raise ForbiddenError(f"Survey {survey_id} was not submitted with this API key. Use the key that submitted it.")

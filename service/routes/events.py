@@ -108,9 +108,9 @@ async def _encoded_events(
                 if later:
                     seen = later[-1].id
                     yield b"".join(event.text for event in later)
-                    if later[-1].last:
+                    if later[-1].is_last:
                         return
-                elif feed.deleted:
+                elif feed.is_deleted:
                     return
                 else:
                     await grown.wait()

@@ -163,7 +163,7 @@ class Page:
 
     def _show_rows(self) -> None:
         """Show the surveys in the list."""
-        view, jobs, owns = self.store.view, self.store.jobs, self._viewer.caller.owns
+        view, jobs, owns = self.store.view, self.store.jobs, self._viewer.caller.is_owner_of
         if self.store.is_told:
             rows = [row_of(each, view, owns(each.job)) for each in jobs.values()]
             with self._watch.paused():

@@ -47,7 +47,7 @@ def require_few(front: Front, count: int) -> None:
         )
 
 
-class _Plain(BaseModel):
+class _PlainPoint(BaseModel):
     delta: float = Field(description="damping")
     epsilon: float = Field(description="eccentricity")
     beta: float = Field(description="half-backlash")
@@ -58,9 +58,9 @@ class _Plain(BaseModel):
 
 
 if TYPE_CHECKING:
-    _Numbers = _Plain
+    _Numbers = _PlainPoint
 else:
-    _Numbers = with_fields(_Plain)
+    _Numbers = with_fields(_PlainPoint)
 
 
 class PointDocument(_Numbers):

@@ -44,7 +44,7 @@ async def follow(feeds: Broadcast, survey: Survey, seen: int, until: int, lag: i
     """Ids of the events from `seen` to `until`, by a stream that looks again when `lag` more have happened."""
     found: list[int] = []
     with feeds.listen("x", survey.read, len(survey.rows)) as (feed, grown):
-        while not feed.deleted and (not found or found[-1] < until):
+        while not feed.is_deleted and (not found or found[-1] < until):
             grown.clear()
             later = feed.events_after(found[-1] if found else seen)
             if later is None:
