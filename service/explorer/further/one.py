@@ -204,7 +204,7 @@ def _titled(plane: MapPlane, colours: Colouring, job: JobRow, first: JobRow | No
     if not plane.is_same_grid:
         size = " × ".join(str(axis.num) for axis in (request.delta, request.epsilon))
         cells = f"each cell of the first with the nearest of {size}, which has other ones"
-    return f"{first.called} less {job.called}, {cells}: {colours.title}"
+    return f"{first.display_name} less {job.display_name}, {cells}: {colours.title}"
 
 
 def key_of(shades: Sequence[Shade]) -> str:

@@ -163,7 +163,7 @@ class Page:
 
     def _show_rows(self) -> None:
         """Show the surveys in the list."""
-        view, jobs, owns = self.store.view, self.store.jobs, self._viewer.caller.owns
+        view, jobs, owns = self.store.view, self.store.jobs, self._viewer.caller.is_owner_of
         if self.store.is_told:
             rows = [row_of(each, view, owns(each.job)) for each in jobs.values()]
             with self._watch.paused():
@@ -246,7 +246,7 @@ class Page:
     async def _remove(self, action: str, survey_id: str) -> None:
         def remove() -> None:
             front = self._shared.front
-            ended = find_job(front, survey_id).shown[0].final
+            ended = find_job(front, survey_id).shown_status[0].is_final
             if ended == (action == "delete"):  # "cancel" must not delete a survey that has just ended
                 remove_survey(front, self._viewer.require(Scope.SUBMIT), survey_id)
 
