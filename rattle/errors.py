@@ -84,7 +84,7 @@ def require_one_of(what: str, name: object, known: Iterable[str]) -> None:
     names = list(known)
     if not (isinstance(name, str) and name in names):
         raise ParameterError(
-            f"{what} must be one of {', '.join(names)}, got {_shortened(name)}{did_you_mean(name, names)}"
+            f"{what} must be one of {', '.join(names)}, got {_short_repr(name)}{did_you_mean(name, names)}"
         )
 
 
@@ -97,11 +97,11 @@ def real_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
     except (TypeError, ValueError) as error:
         raise ParameterError(f"{name} must be a number or an array of numbers: {error}") from None
     if array.dtype.kind not in "iuf":  # test the type first, because printing a large array for the message is slow
-        raise ParameterError(f"{name} must be real numbers in double precision, got {_shortened(value)}")
+        raise ParameterError(f"{name} must be real numbers in double precision, got {_short_repr(value)}")
     return array.astype(np.float64)
 
 
-def _shortened(value: object) -> str:
+def _short_repr(value: object) -> str:
     """Return the value as text of at most 80 characters, or a description if it is an integer too large to print."""
     try:
         return repr(value)[:80]
@@ -113,7 +113,7 @@ def require_integer(name: str, value: int, low: int, high: int) -> int:
     """Return value as an int; raise ParameterError unless it is an integer (no bool) from low to high."""
     integral = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not (integral and low <= value <= high):
-        raise ParameterError(f"{name} must be an integer from {low} to {high}, got {_shortened(value)}")
+        raise ParameterError(f"{name} must be an integer from {low} to {high}, got {_short_repr(value)}")
     return int(value)
 
 
@@ -143,7 +143,9 @@ def require_pair(name: str, value: ArrayLike) -> tuple[float, float]:
     return float(array[0]), float(array[1])
 
 
-def parameters(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **others: ArrayLike) -> list[NDArray[np.float64]]:
+def broadcast_parameters(
+    delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **others: ArrayLike
+) -> list[NDArray[np.float64]]:
     """Broadcast parameters to one shape, and check that they are finite and inside their domains.
 
     A parameter must be > 0, or ≥ 0 if `MAY_BE_ZERO` has its name, and at most the value of its name in `AT_MOST`.

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.chaos import group_numbers, pooled
-from rattle.attractors.classify import nothing_seen
+from rattle.attractors.chaos import pooled_exponents, write_group_numbers
+from rattle.attractors.classify import empty_record
 from rattle.attractors.recurrence import mark_footprints, resolve
 from rattle.attractors.speeds import SampleSpec
 from rattle.families.join import joined
@@ -19,7 +19,7 @@ from rattle.numerics.compile import compile_apart
 DELTA, EPSILON = 0.6, 0.1
 HIGHEST = 0.25  # largest ε of the example curve
 COUNT = 16  # samples of an example cell
-SURVEY, BY_REQUEST = f"{__name__}:survey", f"{__name__}:by_request"
+SURVEY, OPTIONAL_QUANTITIES = f"{__name__}:survey", f"{__name__}:optional_quantities"
 Steps = dict[str, Callable[[], object]]
 
 
@@ -45,7 +45,7 @@ def precompile(*, preload: bool = False, optional: bool = False, **added: float 
         If the kernels cannot be compiled; the message says why.
     """
     model = model_adding(name for name, value in added.items() if value is not None).name
-    compile_apart(model, SURVEY, *([BY_REQUEST] if optional else []))
+    compile_apart(model, SURVEY, *([OPTIONAL_QUANTITIES] if optional else []))
     if preload:
         survey(model)["attractors"]()
 
@@ -57,7 +57,7 @@ def example_of(name: str) -> Model:
 
 def survey(name: str) -> Steps:
     """Return functions, by name, that run the kernels that every survey of this model needs, and so compile them."""
-    model, delta, epsilon, few = _cells(name)
+    model, delta, epsilon, few = _example_cells(name)
 
     def orbits() -> None:
         model.period_one(delta, epsilon)
@@ -71,23 +71,23 @@ def survey(name: str) -> Steps:
         if Capability.BALANCE in model.has:
             model.impulse_balance_errors(delta, epsilon, table)
 
-    def rare() -> None:  # kernels that only some samples need
-        none, nothing, seen = np.zeros(0, np.int64), np.zeros(0), nothing_seen(0)
+    def rare_cases() -> None:  # kernels that only some samples need
+        none, nothing, seen = np.zeros(0, np.int64), np.zeros(0), empty_record(0)
         states = np.zeros((delta.size, 1)), np.full((delta.size, 1), 5.0)
         of = model.classified(model.at(delta, epsilon), *states)
         resolve(none, of.cells, of.samples, of.orbits, of.balls, of.grown)
         mark_footprints(none, 1, of.cells, of.samples, seen.prints)
-        group_numbers(seen.prints, none, none)
-        of.watch(none, nothing, nothing, seen)
-        pooled([seen.sums])
+        write_group_numbers(seen.prints, none, none)
+        of.follow_with_tangent(none, nothing, nothing, seen)
+        pooled_exponents([seen.sums])
 
     first: Steps = {"orbits": orbits} if Capability.PERIOD_ONE in model.has else {}
-    return first | {"attractors": attractors, "rare cases": rare}
+    return first | {"attractors": attractors, "rare cases": rare_cases}
 
 
-def by_request(name: str) -> Steps:
+def optional_quantities(name: str) -> Steps:
     """Return functions, by name, that run the kernels of optional quantities of a survey, and so compile them."""
-    model, delta, epsilon, few = _cells(name)
+    model, delta, epsilon, few = _example_cells(name)
 
     def families() -> None:
         table = model.attractors_of(delta[:1], epsilon[:, None], few)
@@ -100,7 +100,7 @@ def by_request(name: str) -> Steps:
     return {"families": families, **more}
 
 
-def _cells(name: str) -> tuple[Model, NDArray[np.float64], NDArray[np.float64], SampleSpec]:
+def _example_cells(name: str) -> tuple[Model, NDArray[np.float64], NDArray[np.float64], SampleSpec]:
     """Return the model of this name, δ (n,) and ε (n,) of the example cells, and the specification of their samples."""
     model = example_of(name)
     epsilon = np.array(model.compiled_at)

@@ -86,7 +86,7 @@ def contracting_norm(a, b, c, d, q):
 
 
 @inline
-def shrinks(a, b, c, d, m00, m01, m11):
+def is_contraction(a, b, c, d, m00, m01, m11):
     """Return whether [[a, b], [c, d]] contracts in the norm M."""
     n00 = a * (m00 * a + m01 * c) + c * (m01 * a + m11 * c)
     n01 = a * (m00 * b + m01 * d) + c * (m01 * b + m11 * d)
@@ -98,7 +98,7 @@ def shrinks(a, b, c, d, m00, m01, m11):
 
 
 @inline
-def placed(centres, i, direction, radius):
+def state_on_ellipse(centres, i, direction, radius):
     """Return the state in a given direction from centre i, on the ellipse zᵀMz = size².
 
     The size is the radius, or half the radius in every other direction. The state follows from the Cholesky factor of
@@ -118,7 +118,7 @@ def placed(centres, i, direction, radius):
 
 
 @kernel
-def contracts(tau, v, i, centres, point):
+def is_contracting_at(tau, v, i, centres, point):
     """Return whether Π^k at this state has as many impacts on Σ⁻ as the orbit of centre i, and its tangent contracts.
 
     Returns
@@ -130,24 +130,24 @@ def contracts(tau, v, i, centres, point):
         return False
     status, _t, _v, _time, below, a, b, c, d, _ln = power_map(tau, v, centres.n_plus[i], point)
     same = status == OK and below == centres.n_minus[i]
-    return same and shrinks(a, b, c, d, centres.m00[i], centres.m01[i], centres.m11[i])
+    return same and is_contraction(a, b, c, d, centres.m00[i], centres.m01[i], centres.m11[i])
 
 
 @kernel
-def enlarge_one_by_one(centres, cells):
+def find_radii_one_by_one(centres, cells):
     """Find the radii of capture regions one flight at a time, for gears whose flights have no vector lanes."""
     for i in range(centres.radius.size):
         point = point_of(centres.cell[i], cells)
         direction = 0
         while centres.radius[i] > 0.0 and direction < 2 * DIRECTIONS:
-            tau, v = placed(centres, i, direction, centres.radius[i])
+            tau, v = state_on_ellipse(centres, i, direction, centres.radius[i])
             direction += 1
-            if not contracts(tau, v, i, centres, point):
-                centres.radius[i], direction = halved(centres.radius[i]), 0
+            if not is_contracting_at(tau, v, i, centres, point):
+                centres.radius[i], direction = next_radius(centres.radius[i]), 0
 
 
 @inline
-def halved(radius):
+def next_radius(radius):
     """Return half the radius, or 0 below the smallest radius to try."""
     return 0.5 * radius if 0.5 * radius > SMALLEST else 0.0
 

@@ -30,7 +30,7 @@ ONE, TWO, FOUR, TOP = (np.uint64(x) for x in (1, 2, 4, 56))
 
 
 @inline
-def boxes_in(bits):
+def count_bits(bits):
     """Return the number of ones in a 64-bit word by sums over growing groups of bits, without branches."""
     bits = bits - ((bits >> ONE) & PAIRS)
     bits = (bits & FOURS) + ((bits >> TWO) & FOURS)
@@ -38,18 +38,18 @@ def boxes_in(bits):
 
 
 @inline
-def same_attractor(boxes, i, j):
+def is_same_attractor(boxes, i, j):
     """Return whether visited-cell bitmaps i and j share SAME_FOOTPRINT of the smaller one."""
     in_i, in_j, shared = 0, 0, 0
     for k in range(boxes.shape[1]):
-        in_i += boxes_in(boxes[i, k])
-        in_j += boxes_in(boxes[j, k])
-        shared += boxes_in(boxes[i, k] & boxes[j, k])
+        in_i += count_bits(boxes[i, k])
+        in_j += count_bits(boxes[j, k])
+        shared += count_bits(boxes[i, k] & boxes[j, k])
     return shared > SAME_FOOTPRINT * min(in_i, in_j)
 
 
 @kernel
-def group_numbers(boxes, size, group):
+def write_group_numbers(boxes, size, group):
     """Write the number of the attractor of each visited-cell bitmap to group (k,).
 
     Bitmaps of one cell whose visited cells share SAME_FOOTPRINT of the smaller set are joined, until no two can be
@@ -66,7 +66,7 @@ def group_numbers(boxes, size, group):
             joined = False
             for i in range(begin, end):
                 for j in range(begin, i):
-                    if group[i] != i - begin or group[j] != j - begin or not same_attractor(boxes, i, j):
+                    if group[i] != i - begin or group[j] != j - begin or not is_same_attractor(boxes, i, j):
                         continue
                     for k in range(boxes.shape[1]):
                         boxes[j, k] |= boxes[i, k]
@@ -145,7 +145,7 @@ def fill_exponents(sums, size, found):
         begin += size[i]
 
 
-def pooled(sums: Sequence[Array]) -> Array:
+def pooled_exponents(sums: Sequence[Array]) -> Array:
     """Return the Lyapunov exponents of n attractors, pooled over several trajectories on each attractor.
 
     Parameters
@@ -165,8 +165,8 @@ def pooled(sums: Sequence[Array]) -> Array:
 
 
 @kernel
-def fill_standing(cells, status, impacts, first, left, leaks):
-    """Fill the results of `standing` in a compiled loop; `left` must be zero before."""
+def fill_unresolved_counts(cells, status, impacts, first, left, leaks):
+    """Fill the results of `count_unresolved` in a compiled loop; `left` must be zero before."""
     for i in range(cells.size):
         cell, leaked, last, since, before = cells[i], 0, 0, 0, 0
         for k in range(status.shape[1]):
@@ -182,7 +182,7 @@ def fill_standing(cells, status, impacts, first, left, leaks):
         leaks[i] = leaked > 0 and leaked * since < LEAKS_MISSED * before
 
 
-def standing(cells: Counts, status: Counts, impacts: Counts, first: Counts) -> tuple[Counts, NDArray[np.bool_]]:
+def count_unresolved(cells: Counts, status: Counts, impacts: Counts, first: Counts) -> tuple[Counts, NDArray[np.bool_]]:
     """Return the number of unresolved samples in each of these cells (k,), and whether more of them may still settle.
 
     More samples may settle if others settled after the first stage, and the unresolved samples have not been followed
@@ -204,5 +204,5 @@ def standing(cells: Counts, status: Counts, impacts: Counts, first: Counts) -> t
         Numbers of unresolved samples, and flags of cells where more may settle.
     """
     left, leaks = np.zeros(cells.size, np.int64), np.zeros(cells.size, np.bool_)
-    fill_standing(cells, status, impacts, first, left, leaks)
+    fill_unresolved_counts(cells, status, impacts, first, left, leaks)
     return left, leaks

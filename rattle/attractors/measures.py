@@ -121,7 +121,7 @@ def basin_entropy(basins: Basins, box: int = 5) -> BasinEntropy:
     return BasinEntropy(float(entropy.mean()), at_boundary, side * side, int(mixed.sum()))
 
 
-def _pairs(
+def _random_pairs(
     sizes: NDArray[np.float64], pairs: int, v_max: float, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return phases and speeds (sizes, 2, pairs) of random pairs: a uniform state, and a state at a given distance."""
@@ -137,7 +137,7 @@ def _pairs(
     return np.stack([tau, other_tau], axis=1), v_max * np.stack([v, v + step_v], axis=1)
 
 
-def power_law(
+def fit_power_law(
     sizes: NDArray[np.float64], uncertain: NDArray[np.int64], pairs: NDArray[np.int64]
 ) -> tuple[float, float]:
     """Return α of uncertain/pairs ∝ size^α and its 95 % half-width, by weighted least squares of logarithms.
@@ -170,11 +170,11 @@ def uncertainty(plane: StatePlane, pairs: int, v_max: float, seed: int) -> Uncer
     v_max = require_number("v_max", v_max, positive=True)
     seed = require_integer("seed", seed, 0, (1 << 128) - 1)
     sizes = np.asarray(LARGEST_SIZE / 2.0 ** np.arange(SIZES), np.float64)
-    tau, v = _pairs(sizes, pairs, v_max, seed)
+    tau, v = _random_pairs(sizes, pairs, v_max, seed)
     table, rows, _impacts = classified(plane, tau.ravel(), v.ravel())
     one, other = np.moveaxis(rows.reshape(tau.shape), 1, 0)
     decided = (table.kind[one] != Outcome.UNDECIDED) & (table.kind[other] != Outcome.UNDECIDED)
     uncertain, count = ((one != other) & decided).sum(axis=1), decided.sum(axis=1)
-    exponent, error = power_law(sizes, uncertain, count)
+    exponent, error = fit_power_law(sizes, uncertain, count)
     low, high = wilson_interval(uncertain, np.maximum(count, 1))
     return Uncertainty(exponent, error, sizes, uncertain / np.maximum(count, 1), low, high, count)

@@ -13,7 +13,7 @@ from rattle.attractors.classify import BUDGET, Classifier
 from rattle.attractors.measures import Uncertainty, uncertainty
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec, SpeedLimit
-from rattle.attractors.table import Attractor, attractors_of_cell, of_samples
+from rattle.attractors.table import Attractor, attractors_of_cell, attractors_of_samples
 from rattle.errors import ParameterError, real_array, require, require_number
 from rattle.orbits.iterates import fold
 from rattle.orbits.period_one import HasOrbits, html_of_point
@@ -67,7 +67,7 @@ def reached(plane: StatePlane, tau: ArrayLike, v: ArrayLike) -> Reached:
     return Reached(found, number[rows].reshape(shape), impacts.reshape(shape))
 
 
-class Sampled:
+class SampledGear:
     """A gear at one parameter point: a frozen dataclass of δ, ε, β and the model's other parameters."""
 
     _classifier: ClassVar[type[Classifier]]
@@ -125,7 +125,7 @@ class Sampled:
         For the stiff gear quiet means permanent contact, and labels P(m, n₊, n₋) count contacts. Above a stiffness of
         about 1e8 a motion that becomes quiet needs some 10,000 returns and may remain undecided.
         """
-        table = of_samples(self._classifier, self.parameters, SampleSpec(count, v_max, seed, budget))
+        table = attractors_of_samples(self._classifier, self.parameters, SampleSpec(count, v_max, seed, budget))
         return attractors_of_cell(table, table.samples)
 
     def basins(
@@ -168,7 +168,7 @@ class Sampled:
             If an argument is outside its domain.
         """
         resolution = self._resolution if resolution is None else resolution
-        return basins(self.states, resolution, self._speed(v_max), method, impacts, tau, v)
+        return basins(self.states, resolution, self._highest_speed(v_max), method, impacts, tau, v)
 
     def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached:
         """Return the attractors that given states go to. Attractors are distinguished as in `attractors`.
@@ -222,7 +222,7 @@ class Sampled:
         ----------
         Grebogi, McDonald, Ott and Yorke, Physics Letters A 99 (1983) 415–418.
         """
-        return uncertainty(self.states, self._pairs if pairs is None else pairs, self._speed(v_max), seed)
+        return uncertainty(self.states, self._pairs if pairs is None else pairs, self._highest_speed(v_max), seed)
 
     @property
     def states(self) -> StatePlane:
@@ -238,5 +238,5 @@ class Sampled:
     def _numbers(self) -> dict[str, Any]:
         return asdict(self)  # type: ignore[call-overload]
 
-    def _speed(self, v_max: SpeedLimit) -> float:
-        return float(SampleSpec(v_max=v_max).highest(self.parameters)[0])
+    def _highest_speed(self, v_max: SpeedLimit) -> float:
+        return float(SampleSpec(v_max=v_max).highest_speeds(self.parameters)[0])

@@ -41,7 +41,7 @@ class Rows(NamedTuple):
 
 
 @inline
-def row_of_outcome(kind, which, orbits):
+def place_of_attractor(kind, which, orbits):
     """Return the position of an attractor in its cell: quiet motion first, then `orbits` orbits, then chaotic sets."""
     if kind == Outcome.QUIET:
         return 0
@@ -65,7 +65,7 @@ def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, r
     for c in range(cells):
         seen[:] = -1
         for i in range(c * count, (c + 1) * count):
-            p = row_of_outcome(kind[i], which[i], orbits) if kind[i] != Outcome.UNDECIDED else places - 1
+            p = place_of_attractor(kind[i], which[i], orbits) if kind[i] != Outcome.UNDECIDED else places - 1
             if seen[p] < 0:
                 seen[p] = i
             row[i] = p

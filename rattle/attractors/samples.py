@@ -73,7 +73,7 @@ class Trajectories(StructOfArrays):
     time: Any
 
 
-class Sets(NamedTuple):
+class SampleSets(NamedTuple):
     """Numbers (k,) of samples of several cells (n,), ordered by cell, and how many each cell has (`size`)."""
 
     which: NDArray[np.int64]
@@ -84,31 +84,31 @@ class Sets(NamedTuple):
         """Index (n,) of the first sample of each cell."""
         return np.asarray(np.cumsum(self.size) - self.size)
 
-    def each(self) -> list[NDArray[np.int64]]:
+    def split_by_cell(self) -> list[NDArray[np.int64]]:
         """Return one array of samples for each cell."""
         return np.split(self.which, self.starts[1:]) if self.size.size else []
 
-    def only(self, chosen: NDArray[np.bool_]) -> Sets:
+    def select_cells(self, chosen: NDArray[np.bool_]) -> SampleSets:
         """Return the samples of the cells chosen by the flags `chosen` (n,)."""
-        return Sets(self.which[np.repeat(chosen, self.size)], self.size[chosen])
+        return SampleSets(self.which[np.repeat(chosen, self.size)], self.size[chosen])
 
-    def evenly(self, most: int) -> Sets:
+    def evenly_spaced(self, most: int) -> SampleSets:
         """Return at most `most` samples of each cell, evenly spaced among them."""
         size = np.minimum(most, self.size)
         number = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
         first, among, of = (np.repeat(x, size) for x in (self.starts, self.size, size))
-        return Sets(self.which[first + number * among // of], size)
+        return SampleSets(self.which[first + number * among // of], size)
 
-    def all_of(self, holds: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def cells_where_all(self, holds: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return flags (n,) of the cells where `holds` (k,) is true for all samples."""
         cell = np.repeat(np.arange(self.size.size), self.size)
         return np.asarray(np.bincount(cell[~holds], minlength=self.size.size) == 0)
 
-    def largest(self, values: NDArray[np.int64]) -> NDArray[np.int64]:
+    def largest_by_cell(self, values: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the largest value in each cell, from the values of all samples. Every cell must have a sample."""
         return np.asarray(np.maximum.reduceat(values[self.which], self.starts))
 
-    def smallest(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def smallest_by_cell(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the smallest value in each cell, from the values of all samples. Every cell must have a sample."""
         return np.asarray(np.minimum.reduceat(values[self.which], self.starts)) if self.size.size else np.zeros(0)
 
@@ -214,13 +214,13 @@ class Reference(NamedTuple):
 
 
 @inline
-def begun(tau, v):
+def first_reference(tau, v):
     """Return the first reference of a trajectory."""
     return Reference(tau, v, 0, 1)
 
 
 @inline
-def looked(tau, v, n, k, reference, samples, balls, unit):
+def check_sample(tau, v, n, k, reference, samples, balls, unit):
     """Check sample k after n returns for capture and recurrence.
 
     Returns
@@ -242,7 +242,7 @@ def looked(tau, v, n, k, reference, samples, balls, unit):
 
 
 @inline
-def finish(tau, v, n, total, k, status, orbit, samples):
+def store_sample(tau, v, n, total, k, status, orbit, samples):
     """Write the state of sample k after n more returns, which took `total` forcing periods, and its outcome."""
     samples.tau[k], samples.v[k], samples.status[k], samples.orbit[k] = tau, v, status, orbit
     samples.impacts[k] += n

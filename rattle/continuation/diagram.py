@@ -212,7 +212,7 @@ def diagram_of(
     most = require_integer("most", most, 1, MOST_BRANCHES)
     position = np.linspace(0.0, 1.0, steps + 1)
     parameters = model.steps(position)
-    unit = float(replace(sample, v_max=None).highest(parameters).max()) / PAPER_SPEED
+    unit = float(replace(sample, v_max=None).highest_speeds(parameters).max()) / PAPER_SPEED
     sampled = model.sampled(parameters, sample)
     sweeps, search = Sweeps(model, parameters, sampled), Search(model, impacts, most)
     for motion in model.period_one(parameters):

@@ -11,17 +11,25 @@ from numba.core.types import NamedUniTuple, Tuple, float64, int64
 from numpy import float32 as f32
 
 from rattle.flight.forcing import later_phase, negative_arc, short_step
-from rattle.flight.guess import depth, first_guess, in_single, level_of, local_root, refined, taylor
+from rattle.flight.guess import (
+    estimated_minimum,
+    first_guess,
+    flight_in_single,
+    local_root,
+    refine_time,
+    taylor_coefficients,
+    wall_level,
+)
 from rattle.flight.law import (
     Flight,
     evaluate,
     evaluate_short,
+    flight_from_phase,
     fourth_derivative,
-    leaving,
     second_derivative,
     third_derivative,
 )
-from rattle.flight.proof import arc_in_single, clears_the_gap, is_located, single_turn
+from rattle.flight.proof import arc_in_single, clears_the_gap, has_single_turn, is_located
 from rattle.numerics.compile import inline, kernel
 
 OK = 0
@@ -69,7 +77,7 @@ def last_step(s, f0, f1, lost, sin1, cos1, flight):
 
 
 @inline
-def stepped(u, f1, lost, sin1, cos1, flight):
+def state_after_step(u, f1, lost, sin1, cos1, flight):
     """Return F', F'', 1 − e^(−δs), sine and cosine after a step u, by Taylor series with errors below 1e-15 of each."""
     f2 = second_derivative(lost, sin1, cos1, flight)
     f3 = third_derivative(lost, sin1, cos1, flight)
@@ -91,25 +99,25 @@ def proven_impact(wall, tau, flight, beta):
         (proved, next wall, s, F', 1 − e^(−δs), sin, cos), with the sine and cosine of 2π times the phase of arrival.
         Where `proved` is False, the impact may not be the first.
     """
-    wall_, gap, short = f32(wall), f32(2.0 * beta), in_single(flight)
+    wall_, gap, short = f32(wall), f32(2.0 * beta), flight_in_single(flight)
     s = first_guess(wall_, gap, f32(1.0 / flight.delta), short)
-    series = taylor(s, short)
-    lowest, minimum = depth(s, series, short)
+    series = taylor_coefficients(s, short)
+    lowest, minimum = estimated_minimum(s, series, short)
     falls = wall > 0 and lowest < -gap
-    level_ = level_of(wall_, falls, gap)
+    level_ = wall_level(wall_, falls, gap)
     s += local_root(not falls, level_, series)
-    s += local_root(not falls, level_, taylor(s, short))
-    s, step, speed = refined(s, level_, short)
+    s += local_root(not falls, level_, taylor_coefficients(s, short))
+    s, step, speed = refine_time(s, level_, short)
     proved = is_located(s, step, speed, short)
     proved &= clears_the_gap(wall_, not falls, s, minimum, gap, short)
     arc = arc_in_single(negative_arc(flight.delta, flight.epsilon))
-    proved &= single_turn(wall_, not falls, f32(tau), s, minimum.time, short, arc)
+    proved &= has_single_turn(wall_, not falls, f32(tau), s, minimum.time, short, arc)
     level = -2.0 * beta if falls else (0.0 if wall > 0 else 2.0 * beta)
     close = np.float64(s)
     f0, f1, _f2, lost, sin1, cos1 = evaluate_short(close, flight)
     u, exact = last_step(close, f0 - level, f1, lost, sin1, cos1, flight)
     end = close + u
-    w1, _bend, lost, sin1, cos1 = stepped(u, f1, lost, sin1, cos1, flight)
+    w1, _bend, lost, sin1, cos1 = state_after_step(u, f1, lost, sin1, cos1, flight)
     proved &= exact
     target = -1 if falls else 1
     return proved and end > 0.0 and target * w1 > 0.0, target, end, w1, lost, sin1, cos1
@@ -259,7 +267,7 @@ def first_impact(wall, tau, w, delta, epsilon, beta, drift):
     tuple
         (status, time, wall, velocity before reflection, 1 − e^(−δ time), the flight, sin, cos of 2π phase at arrival).
     """
-    flight = leaving(tau, w, delta, epsilon, drift)
+    flight = flight_from_phase(tau, w, delta, epsilon, drift)
     if delta > 0.0:
         proved, target, s, w1, lost, sin1, cos1 = proven_impact(wall, tau, flight, beta)
         if proved:

@@ -5,7 +5,7 @@
 Kernels hold a phase as its sine and cosine, from which any harmonic follows. They take the forcing as the argument
 `epsilon`: a number, the amplitude of one cosine. Another forcing is another type of this argument. For this type numba
 compiles these functions again, and all kernels that call them, so that one cosine keeps its own fast code. Functions
-take both sine and cosine of a phase, because a sum of harmonics needs both. `plus_slope` and `plus_acceleration` add to
+take both sine and cosine of a phase, because a sum of harmonics needs both. `add_slope` and `add_acceleration` add to
 a number, because the order of operations decides the stored bits. Code outside kernels uses `Forcing`.
 
 These modules hold for one cosine only, and say so: A to D in closed form and their limits
@@ -35,7 +35,7 @@ SIXTH = f32(TWO_PI**6 / 720)
 Real = float | np.float32
 
 
-class Arc(NamedTuple):
+class NegativeArc(NamedTuple):
     """The arc of phases where the contact force is negative, if it exists."""
 
     exists: bool
@@ -73,15 +73,15 @@ class FlightFunctions(NamedTuple):
     """The functions of the forcing that a flight needs, as inline kernels of one precision."""
 
     versines: Inline
-    turned: Inline
-    drop: Inline
-    slowing: Inline
-    plus_slope: Inline
-    plus_acceleration: Inline
-    plus_acceleration_after: Inline
+    phase_changes: Inline
+    tangent_drop: Inline
+    slope_loss_of_change: Inline
+    add_slope: Inline
+    add_acceleration: Inline
+    add_acceleration_after: Inline
 
 
-def _forcing(real, versine, sine_defect):
+def _build_functions(real, versine, sine_defect):
     """Build the functions of a flight in one precision, as straight-line code that a loop over flights vectorises."""
     two_pi = real(TWO_PI)
     rounder = real(1.5 * 2.0 ** (52 if real is np.float64 else 23))  # x + rounder − rounder is the nearest integer
@@ -96,43 +96,49 @@ def _forcing(real, versine, sine_defect):
         return q * versine(q), z - defect, two_pi * turns + defect
 
     @inline
-    def turned(step, sin0, cos0):
+    def phase_changes(step, sin0, cos0):
         """Return the change of the sine, and the new cosine, when time s has passed; `step` is versines(s)."""
         omc, siny, _defect = step
         return cos0 * siny - sin0 * omc, cos0 - (cos0 * omc + sin0 * siny)
 
     @inline
-    def drop(step, sin0, cos0, epsilon):
+    def tangent_drop(step, sin0, cos0, epsilon):
         """Return e(t₀) + s e'(t₀) − e(t₁), without cancellation."""
         omc, _siny, defect = step
         return epsilon * (cos0 * omc - sin0 * defect)
 
     @inline
-    def slowing(dsin, epsilon):
-        """Return e'(t₀) − e'(t₁) from the change of the sine that `turned` returns."""
+    def slope_loss_of_change(dsin, epsilon):
+        """Return e'(t₀) − e'(t₁) from the change of the sine that `phase_changes` returns."""
         return (two_pi * epsilon) * dsin
 
     @inline
-    def plus_slope(x, sine, cosine, epsilon):
+    def add_slope(x, sine, cosine, epsilon):
         """Return x + e'."""
         return x - two_pi * epsilon * sine
 
     @inline
-    def plus_acceleration(x, sine, cosine, epsilon):
+    def add_acceleration(x, sine, cosine, epsilon):
         """Return x + e''."""
         return x - two_pi * two_pi * epsilon * cosine
 
     @inline
-    def plus_acceleration_after(x, sin0, dsin, cos1, epsilon):
-        """Return x + e'' after `turned`. The sine is given as sin0 and dsin, because adding them loses digits."""
+    def add_acceleration_after(x, sin0, dsin, cos1, epsilon):
+        """Return x + e'' at the later phase. Its sine is given as sin0 and dsin, because adding them loses digits."""
         return x - two_pi * two_pi * epsilon * cos1
 
-    return FlightFunctions(versines, turned, drop, slowing, plus_slope, plus_acceleration, plus_acceleration_after)
+    return FlightFunctions(
+        versines, phase_changes, tangent_drop, slope_loss_of_change, add_slope, add_acceleration, add_acceleration_after
+    )
 
 
-IN_DOUBLE, IN_SINGLE = _forcing(np.float64, versine64, sine_defect64), _forcing(np.float32, versine32, sine_defect32)
-versines, turned, drop, slowing = IN_DOUBLE.versines, IN_DOUBLE.turned, IN_DOUBLE.drop, IN_DOUBLE.slowing
-plus_slope, plus_acceleration, plus_slope32 = IN_DOUBLE.plus_slope, IN_DOUBLE.plus_acceleration, IN_SINGLE.plus_slope
+IN_DOUBLE, IN_SINGLE = (
+    _build_functions(np.float64, versine64, sine_defect64),
+    _build_functions(np.float32, versine32, sine_defect32),
+)
+versines, phase_changes = IN_DOUBLE.versines, IN_DOUBLE.phase_changes
+tangent_drop, slope_loss_of_change = IN_DOUBLE.tangent_drop, IN_DOUBLE.slope_loss_of_change
+add_slope, add_acceleration, add_slope32 = IN_DOUBLE.add_slope, IN_DOUBLE.add_acceleration, IN_SINGLE.add_slope
 
 
 @inline
@@ -237,7 +243,7 @@ def relative_swing(delta, epsilon):
 
 
 @inline
-def swings_beyond(share, delta, epsilon):
+def has_swing_beyond(share, delta, epsilon):
     """Return whether the amplitude of the contact force exceeds this share of its mean."""
     return epsilon * math.hypot(TWO_PI, delta) > share * 2.0 * delta
 
@@ -285,16 +291,18 @@ def negative_arc(delta, epsilon):
 
     Returns
     -------
-    Arc
+    NegativeArc
         Its field `exists` is False, and the others are 0, if the force keeps its sign.
     """
     largest = contact_force_swing(delta, epsilon)
     mean = abs(delta) * DRIFT
     if not largest > mean:
-        return Arc(False, 0.0, 0.0, 0.0, 0.0)
+        return NegativeArc(False, 0.0, 0.0, 0.0, 0.0)
     middle, half = math.atan2(delta, TWO_PI), math.acos(mean / largest)
     leave = (middle + half) / TWO_PI
-    return Arc(True, leave - math.floor(leave), half / math.pi, math.sin(middle - half), math.sin(middle + half))
+    return NegativeArc(
+        True, leave - math.floor(leave), half / math.pi, math.sin(middle - half), math.sin(middle + half)
+    )
 
 
 # ---- guesses and proofs in single precision
@@ -311,7 +319,7 @@ def mean_cosine32(angle, sin0, cos0):
 
 
 @inline
-def plus_mean_acceleration32(x, mean_cosine, epsilon):
+def add_mean_acceleration32(x, mean_cosine, epsilon):
     """Return x + the mean of e'', from what `mean_cosine32` returns."""
     return x - W2 * epsilon * mean_cosine
 
@@ -378,7 +386,7 @@ def sine_changes_to_arc32(inside, sin0, arc):
 
 
 @inline
-def plus_slope_change32(x, dsin, epsilon):
+def add_slope_change32(x, dsin, epsilon):
     """Return x plus the change of e' for a given change of the sine."""
     return x - W1 * epsilon * dsin
 
@@ -387,7 +395,7 @@ def plus_slope_change32(x, dsin, epsilon):
 
 
 @inline
-def turn(z):
+def complex_sine_cosine(z):
     """Return sin z and cos z of a complex number."""
     sine, cosine, cosh, sinh = math.sin(z.real), math.cos(z.real), math.cosh(z.imag), math.sinh(z.imag)
     return complex(sine * cosh, cosine * sinh), complex(cosine * cosh, -sine * sinh)
@@ -396,17 +404,17 @@ def turn(z):
 @inline
 def analytic_phase(t):
     """Return the sine and cosine of the phase at a complex time."""
-    return turn(TWO_PI * t)
+    return complex_sine_cosine(TWO_PI * t)
 
 
 @inline
 def analytic_change(t0, t1, s, epsilon):
     """Return e(t₁) − e(t₀) at complex times with s = t₁ − t₀, without cancellation."""
-    return epsilon * (-2.0 * turn(math.pi * (t0 + t1))[0] * turn(math.pi * s)[0])
+    return epsilon * (-2.0 * complex_sine_cosine(math.pi * (t0 + t1))[0] * complex_sine_cosine(math.pi * s)[0])
 
 
 @inline
-def plus_analytic_acceleration(x, sine, cosine, epsilon):
+def add_analytic_acceleration(x, sine, cosine, epsilon):
     """Return x + e''. The order of the products decides the stored bits of curves."""
     return x - TWO_PI * (TWO_PI * epsilon) * cosine
 
@@ -420,13 +428,13 @@ def analytic_force_ahead(sign, sin0, cos0, delta, epsilon):
 
 
 @inline
-def change_shape(t0, t1, s):
+def change_by_epsilon(t0, t1, s):
     """Return (e(t₁) − e(t₀))/ε at real times, which is the derivative by ε because e is linear in ε."""
     return -2.0 * math.sin(math.pi * (t0 + t1)) * math.sin(math.pi * s)
 
 
 @inline
-def slope_shape(sine, cosine):
+def slope_by_epsilon(sine, cosine):
     """Return e'/ε at real times, which is the derivative of e' by ε."""
     return -TWO_PI * sine
 
@@ -450,12 +458,12 @@ class Forcing:
         """Return the smallest contact force of a period."""
         return np.asarray(2 * TWO_PI * delta - TWO_PI * self.epsilon * np.hypot(TWO_PI, delta))
 
-    def lines(self, delta: float) -> list[tuple[float, complex]]:
+    def spectral_lines(self, delta: float) -> list[tuple[float, complex]]:
         """Return the contact force Σ size e^(i frequency t) as a list of (frequency, size); the mean is first."""
         size = self.epsilon * complex(-0.5 * TWO_PI**2, 0.5 * TWO_PI * delta)
         return [(0.0, complex(mean_force(delta))), (TWO_PI, size), (-TWO_PI, size.conjugate())]
 
-    def touch(self, time: NDArray, delta: NDArray) -> NDArray:
+    def force_and_rate(self, time: NDArray, delta: NDArray) -> NDArray:
         """Return g/2π and g'/4π²ε (…, 2) at real or complex times (…). Both are 0 where a least force of 0 occurs."""
         sine, cosine = np.sin(TWO_PI * time), np.cos(TWO_PI * time)
         force = 2 * delta - self.epsilon * (TWO_PI * cosine + delta * sine)
@@ -468,13 +476,13 @@ def mean_force(delta: Any) -> Any:
     return delta * DRIFT
 
 
-def quiet_size(delta: NDArray[np.float64]) -> NDArray[np.float64]:
+def quiet_eccentricity(delta: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the largest ε at which the contact force is nowhere negative, 2δ/√(4π² + δ²)."""
     return np.asarray(2 * delta / np.hypot(2 * np.pi, delta))
 
 
 def least_damping(epsilon: float) -> float:
-    """Return the δ at which the minimum of the contact force is 0, the inverse of `quiet_size`."""
+    """Return the δ at which the minimum of the contact force is 0, the inverse of `quiet_eccentricity`."""
     return TWO_PI * epsilon / math.sqrt(4.0 - epsilon * epsilon) if epsilon < 2.0 else math.inf
 
 

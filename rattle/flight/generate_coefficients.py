@@ -72,7 +72,7 @@ def coefficients(p: Polynomial) -> list[np.floating]:
     return [p.real(str(mp.nstr(c, 25))) for c in mp.lu_solve(matrix, values)]
 
 
-def error(p: Polynomial, found: list[np.floating]) -> Any:
+def largest_error(p: Polynomial, found: list[np.floating]) -> Any:
     """Return the largest relative error on the grid, or the largest absolute error if the function has a zero."""
     worst, powers = mp.mpf(0), [mp.mpf(float(c)) for c in reversed(found)]
     for i in range(GRID + 1):
@@ -86,7 +86,7 @@ def error(p: Polynomial, found: list[np.floating]) -> Any:
     return worst
 
 
-def module() -> str:
+def module_text() -> str:
     """Return the text of rattle/flight/coefficients.py."""
     lines = [HEADER]
     with mp.workdps(60):
@@ -94,11 +94,11 @@ def module() -> str:
             found = coefficients(p)
             kind = "absolute" if p.name.startswith("MEAN") else "relative"
             interval = f"[{mp.nstr(mp.mpf(p.low), 5)}, {mp.nstr(mp.mpf(p.high), 5)}]"
-            lines.append(f"# {p.says}, on {interval}: {kind} error below {mp.nstr(error(p, found) * 1.01, 2)}")
+            lines.append(f"# {p.says}, on {interval}: {kind} error below {mp.nstr(largest_error(p, found) * 1.01, 2)}")
             rows = [f"    {float(c)!r}," if p.real is np.float64 else f"    np.float32({c!s})," for c in found]
             lines.append("\n".join([f"{p.name} = (", *rows, ")"]))
     return "\n".join(lines) + "\n"
 
 
 if __name__ == "__main__":
-    print(module(), end="")
+    print(module_text(), end="")

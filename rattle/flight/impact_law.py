@@ -17,13 +17,13 @@ from rattle.numerics.compile import inline
 
 
 @inline
-def reflected(w):
+def velocity_after_impact(w):
     """Return the velocity after an impact from the velocity before it."""
     return -w
 
 
 @inline
-def before_reflection(w):
+def velocity_before_impact(w):
     """Return the velocity before an impact from the velocity after it."""
     return -w
 
@@ -35,7 +35,7 @@ def reflected_change(change):
 
 
 @inline
-def arrival_part(w):
+def arrival_term(w):
     """Return the term that the arrival velocity w, or a derivative of w, contributes to `impact_mismatch`."""
     return w
 
@@ -43,7 +43,7 @@ def arrival_part(w):
 @inline
 def impact_mismatch(before, after):
     """Return the departure velocity minus the velocity that the law requires after this arrival; 0 at a true impact."""
-    return after + arrival_part(before)
+    return after + arrival_term(before)
 
 
 @inline
@@ -90,7 +90,7 @@ class ImpactLaw:
         """Return the change of w²/2 after an impact that a change of the arrival velocity w causes."""
         return change * w
 
-    def energy_lost(self, speed: Any) -> Any:
+    def energy_loss(self, speed: Any) -> Any:
         """Return the energy that an impact dissipates, relative to the wall; 0 for elastic impacts."""
         return 0.0 * speed
 
@@ -116,6 +116,6 @@ class Restitution(ImpactLaw):
         """Return the change of w²/2 after an impact that a change of the arrival velocity w causes."""
         return self.restitution**2 * (change * w)
 
-    def energy_lost(self, speed: Any) -> Any:
+    def energy_loss(self, speed: Any) -> Any:
         """Return the energy that an impact dissipates, relative to the wall."""
         return 0.5 * (1.0 - self.restitution**2) * speed * speed

@@ -18,12 +18,12 @@ import numpy as np
 from rattle.flight import coefficients, forcing
 from rattle.flight.forcing import (
     Real,
-    drop,
+    add_acceleration,
+    add_slope,
     largest_slope,
     phase_at,
-    plus_acceleration,
-    plus_slope,
     slope_loss,
+    tangent_drop,
     versines,
 )
 from rattle.numerics.compile import inline, kernel
@@ -91,10 +91,11 @@ def decay32(x):
     return degree_6(coefficients.DECAY_32, x)
 
 
-def _law(real, decay, forced):
+def _build_evaluate(real, decay, forced):
     """Build the flight law in one precision, as an inline kernel of straight-line code for vectorised loops."""
-    one, versines, turned, drop = real(1.0), forced.versines, forced.turned, forced.drop
-    slowing, plus_acceleration_after = forced.slowing, forced.plus_acceleration_after
+    one, versines, phase_changes = real(1.0), forced.versines, forced.phase_changes
+    tangent_drop, slope_loss_of_change = forced.tangent_drop, forced.slope_loss_of_change
+    add_acceleration_after = forced.add_acceleration_after
 
     @inline
     def evaluate(s, flight):
@@ -104,30 +105,30 @@ def _law(real, decay, forced):
         x = delta * s
         k = x * decay(x)  # k(δs)/(δs)
         lost = x * (one - k)  # 1 − e^(−δs)
-        dsin, cos1 = turned(step, sin0, cos0)
-        f0 = s * (w + a * k) - drop(step, sin0, cos0, epsilon)
-        f1 = w + a * lost - slowing(dsin, epsilon)
-        f2 = plus_acceleration_after(delta * a * (one - lost), sin0, dsin, cos1, epsilon)
+        dsin, cos1 = phase_changes(step, sin0, cos0)
+        f0 = s * (w + a * k) - tangent_drop(step, sin0, cos0, epsilon)
+        f1 = w + a * lost - slope_loss_of_change(dsin, epsilon)
+        f2 = add_acceleration_after(delta * a * (one - lost), sin0, dsin, cos1, epsilon)
         return f0, f1, f2, lost, sin0 + dsin, cos1
 
     return evaluate
 
 
-evaluate_short = _law(np.float64, decay64, forcing.IN_DOUBLE)
-evaluate32 = _law(np.float32, decay32, forcing.IN_SINGLE)
+evaluate_short = _build_evaluate(np.float64, decay64, forcing.IN_DOUBLE)
+evaluate32 = _build_evaluate(np.float32, decay32, forcing.IN_SINGLE)
 
 
 @inline
-def departing(w, sin0, cos0, delta, epsilon, drift):
+def flight_from_sine_cosine(w, sin0, cos0, delta, epsilon, drift):
     """Return the flight that leaves a wall with this velocity, at the phase of this sine and cosine."""
-    return Flight(w, plus_slope(drift, sin0, cos0, epsilon) - w, sin0, cos0, delta, epsilon)
+    return Flight(w, add_slope(drift, sin0, cos0, epsilon) - w, sin0, cos0, delta, epsilon)
 
 
 @inline
-def leaving(tau, w, delta, epsilon, drift):
+def flight_from_phase(tau, w, delta, epsilon, drift):
     """Return the flight that leaves a wall at this phase with this velocity."""
     sin0, cos0 = phase_at(tau)
-    return departing(w, sin0, cos0, delta, epsilon, drift)
+    return flight_from_sine_cosine(w, sin0, cos0, delta, epsilon, drift)
 
 
 @kernel
@@ -139,7 +140,7 @@ def evaluate(s, flight):
     if -0.05 <= x <= LONGEST_DECAY:
         return f0, f1, f2, lost, sin1, cos1
     lost = -math.expm1(-x)
-    f0 = w * s + a * ((x - lost) / delta) - drop(versines(s), sin0, cos0, epsilon)
+    f0 = w * s + a * ((x - lost) / delta) - tangent_drop(versines(s), sin0, cos0, epsilon)
     f1 = w + a * lost - slope_loss(sin0, cos0, sin1, cos1, epsilon)
     return f0, f1, second_derivative(lost, sin1, cos1, flight), lost, sin1, cos1
 
@@ -147,7 +148,7 @@ def evaluate(s, flight):
 @inline
 def second_derivative(lost, sin1, cos1, flight):
     """Return F'' from 1 − e^(−δs) and the forcing's sine and cosine at s."""
-    return plus_acceleration(flight.delta * flight.a * (1.0 - lost), sin1, cos1, flight.epsilon)
+    return add_acceleration(flight.delta * flight.a * (1.0 - lost), sin1, cos1, flight.epsilon)
 
 
 @inline

@@ -34,7 +34,7 @@ def flight_tangent(w1, lost, sin1, cos1, flight):
 
 
 @inline
-def carried(t, w, w1, bend, lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
+def carried_tangent(t, w, w1, bend, lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
     """Return a tangent vector (dt, dw) carried over one flight and its impact, and the flight's determinant.
 
     The determinant is e^(−δs) w₀/w₁ in absolute value:

@@ -46,7 +46,7 @@ FASTEST = 100.0
 IMPOSSIBLE = 1000.0
 
 
-def in_si(name: str, value: Any) -> float:
+def si_number(name: str, value: Any) -> float:
     """Return a number of a machine in SI, from a number in SI or from a quantity of `pint`.
 
     Returns
@@ -109,7 +109,7 @@ def teeth_of(name: str, value: Any) -> int | None:
     return int(number)
 
 
-def require_two(given: Mapping[str, Any], radius: Any, teeth: int | None, driven_teeth: int | None) -> Any:
+def require_matching_gears(given: Mapping[str, Any], radius: Any, teeth: int | None, driven_teeth: int | None) -> Any:
     """Check that the numbers of both gears agree, and return the base radius of the second gear.
 
     Returns
@@ -142,7 +142,7 @@ def require_two(given: Mapping[str, Any], radius: Any, teeth: int | None, driven
     return driven
 
 
-def require_slow(speed: float, radius: float, sure: bool) -> None:
+def require_plausible_speed(speed: float, radius: float, sure: bool) -> None:
     """Raise ParameterError if a speed in rad/s is impossible, or, unless `sure`, so high that it seems to be in rpm."""
     rpm, velocity = speed / RPM, speed * radius
     require(velocity <= IMPOSSIBLE, f"no gear turns at {rpm:.6g} rpm with a base radius of {radius:g} m: check both")

@@ -106,7 +106,7 @@ def transmission_error(angle: ArrayLike, error: ArrayLike, orders: int = 40) -> 
         f"angles must rise, and point {back[:1] + 2} does not: sort the table by angle, go on after a revolution with "
         "361° after 360°, and leave out one of two points at the same angle",
     )
-    turn, e, revolutions = _closed(turn, e)
+    turn, e, revolutions = _whole_revolutions(turn, e)
     needed = 2 * orders + 1
     require(turn.size >= needed, f"{turn.size} points are too few for {orders} orders: give {needed}, or fewer orders")
     gap = _largest_gap(turn, revolutions)
@@ -115,7 +115,7 @@ def transmission_error(angle: ArrayLike, error: ArrayLike, orders: int = 40) -> 
         f"there is a gap of {gap:.3g} revolutions between two angles, and order {orders} needs a point every "
         f"{0.5 / orders:.3g}: measure there, or lower orders to {max(1, int(0.5 / gap))}",
     )
-    return _orders_of(turn, e, orders, revolutions)
+    return _fit_orders(turn, e, orders, revolutions)
 
 
 def read_transmission_error(path: str | Path, orders: int = 40) -> TransmissionError:
@@ -155,7 +155,7 @@ def read_transmission_error(path: str | Path, orders: int = 40) -> TransmissionE
     return transmission_error(angle, error, orders)
 
 
-def _closed(turn: Array, e: Array) -> tuple[Array, Array, int]:
+def _whole_revolutions(turn: Array, e: Array) -> tuple[Array, Array, int]:
     """Return angles and errors without a last point that repeats the first, and the number of whole revolutions.
 
     Returns
@@ -205,7 +205,7 @@ def _largest_gap(turn: Array, revolutions: int) -> float:
     return float(max(np.max(np.diff(angle), initial=0.0), 1.0 - angle[-1] + angle[0]))
 
 
-def _orders_of(turn: Array, e: Array, orders: int, revolutions: int) -> TransmissionError:
+def _fit_orders(turn: Array, e: Array, orders: int, revolutions: int) -> TransmissionError:
     """Fit orders 1 to `orders` by least squares, and keep the largest ones."""
     order = np.arange(1, orders + 1)
     basis = np.exp(-2j * np.pi * turn[:, None] * order)

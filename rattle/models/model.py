@@ -16,7 +16,7 @@ from rattle.attractors.classify import BUDGET, Classifier
 from rattle.attractors.measures import Uncertainty
 from rattle.attractors.reached import Reached
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
-from rattle.attractors.table import Attractor, Attractors, of_samples
+from rattle.attractors.table import Attractor, Attractors, attractors_of_samples
 from rattle.continuation.curves import Curve
 from rattle.continuation.diagram import Diagram
 from rattle.errors import RattleError, require_number
@@ -313,7 +313,7 @@ class Model(ABC):
 
     def attractors_of(self, delta: ArrayLike, epsilon: ArrayLike, sample: SampleSpec = SAMPLE) -> Attractors:
         """Return the attractors of all cells, as `rattle.attractors_of` does."""
-        return of_samples(self.classifier, self.at(delta, epsilon), sample)
+        return attractors_of_samples(self.classifier, self.at(delta, epsilon), sample)
 
     def cells(self, delta: Array, epsilon: Array) -> Any:
         """Return the cells epsilon (m,) × delta (n,), row by row, as the constants that the kernels take."""

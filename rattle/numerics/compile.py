@@ -80,7 +80,7 @@ def toolchain() -> dict[str, str]:
     }
 
 
-def _root() -> str:
+def _cache_root() -> str:
     """Return RATTLE_CACHE_DIR, else the user's cache directory, or if that is not writable a private temporary one."""
     if named := os.environ.get("RATTLE_CACHE_DIR"):
         return named
@@ -100,11 +100,11 @@ def cache_directory() -> Path:
     """Return the directory of compiled kernels: its name is a hash of sources, their path, compiler and processor."""
     target: Any = numba.config
     key = (_hash_without(COMPILE_NOTHING), __file__, sys.version, toolchain(), target.CPU_NAME, target.CPU_FEATURES)
-    return Path(_root(), hashlib.sha256(repr(key).encode()).hexdigest()[:24])
+    return Path(_cache_root(), hashlib.sha256(repr(key).encode()).hexdigest()[:24])
 
 
 @cache
-def can_be_kept() -> bool:
+def is_cache_writable() -> bool:
     """Return whether the cache can be written, and warn if not: numba's own cache, which may be stale, is not used."""
     try:
         cache_directory().mkdir(parents=True, exist_ok=True)
@@ -174,7 +174,7 @@ class Kernel(Inline):
             if self._entry is None:
                 before, config.CACHE_DIR = config.CACHE_DIR, str(cache_directory())  # numba reads it when it decorates
                 try:
-                    self._entry = numba.njit(cache=can_be_kept(), **_ENTRY)(self._run)
+                    self._entry = numba.njit(cache=is_cache_writable(), **_ENTRY)(self._run)
                 finally:
                     config.CACHE_DIR = before
         return self._entry
@@ -184,11 +184,11 @@ class Kernel(Inline):
         if self._entry is None and self.__module__.startswith("rattle."):
             wanted = self.__module__, self.name, *map(numba.typeof, arguments)
             name = hashlib.sha256(repr(wanted).encode()).hexdigest()[:24]  # pickles of equal types may differ
-            compile_apart(f"{name} {base64.b64encode(pickle.dumps(wanted)).decode()}", f"{__name__}:one")
+            compile_apart(f"{name} {base64.b64encode(pickle.dumps(wanted)).decode()}", f"{__name__}:compile_one")
         return (self._entry or self.entry)(*arguments)
 
 
-def one(about: str) -> dict[str, Callable[[], Any]]:
+def compile_one(about: str) -> dict[str, Callable[[], Any]]:
     """Return {name: function}, where the function compiles the kernel of this name for the types in `about`."""
     module, name, *arguments = pickle.loads(base64.b64decode(about.split()[1]))
     return {name: lambda: getattr(import_module(module), name).entry.compile(tuple(arguments))}
@@ -257,15 +257,15 @@ def compile_apart(about: str, *works: str) -> None:
     notes = [note_of(about, work) for work in works]
     if _HERE:  # this process compiles for others
         _HERE.extend(notes)
-    elif sys.executable and not all(note.exists() for note in notes) and can_be_kept():
+    elif sys.executable and not all(note.exists() for note in notes) and is_cache_writable():
         with open(cache_directory() / "lock", "w") as lock:
-            while not locks(lock) and not all(note.exists() for note in notes):
+            while not try_to_lock(lock) and not all(note.exists() for note in notes):
                 time.sleep(POLL_SECONDS)
             if missing := [work for work, note in zip(works, notes, strict=True) if not note.exists()]:
                 _compile(about, *missing)
 
 
-def locks(file: IO[str]) -> bool:
+def try_to_lock(file: IO[str]) -> bool:
     """Lock a file. Return False if another process has locked it, and True also if the file system has no locks."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

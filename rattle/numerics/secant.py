@@ -4,7 +4,7 @@ from rattle.numerics.compile import inline
 
 
 @inline
-def narrowed(lo, f_lo, hi, f_hi, side, at, f):
+def narrow_bracket(lo, f_lo, hi, f_hi, side, at, f):
     """Return the bracket of a sign change after a step to `at`, and the side (±1) that was replaced.
 
     lo, hi: ends of the bracket, with the function values f_lo and f_hi. f: the function value at `at`. side: the end

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.attractors.reached import states_of
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec, SpeedLimit
-from rattle.attractors.table import KINDS, Attractor, AttractorTable, tabulated
+from rattle.attractors.table import KINDS, Attractor, AttractorTable, tabulate_attractors
 from rattle.errors import require
 from rattle.flight.law import wrapped
 from rattle.models import MODELS, AnyGear, gear_at, model_at
@@ -186,7 +186,7 @@ def global_continuation(
     )
     tau, v = sample.states(points) if given is None else (np.tile(x, (points.size, 1)) for x in given[:2])
     model = MODELS[points.model]
-    table, row = tabulated(model.classified(points, tau.copy(), v.copy()), missed=True)
+    table, row = tabulate_attractors(model.classified(points, tau.copy(), v.copy()), missed=True)
     attractors, entered, family = model.joined_rows(points, table)
     which = np.flatnonzero(~entered)[row].reshape(-1, count)
     every = points.repeat(count)

@@ -23,7 +23,7 @@ import numpy as np
 
 import rattle
 from rattle.attractors.samples import Outcome
-from rattle.attractors.table import tabulated
+from rattle.attractors.table import tabulate_attractors
 from rattle.flight.forcing import DRIFT, contact_force
 from rattle.flight.law import natural_speed
 from rattle.impacting.attractors.classifier import ImpactingClassifier
@@ -135,7 +135,7 @@ def watched(point, count=COUNT):
         else ImpactingClassifier.classify(Parameters.of("impacting", *arrays), *states)
     )
     seconds = time.process_time() - began
-    table, row = tabulated(found)
+    table, row = tabulate_attractors(found)
     kind, samples = table.kind[row], found.samples
     chaotic = np.flatnonzero(kind == Outcome.CHAOTIC)
     most = TIMES * int(samples.impacts[chaotic].max(initial=0))

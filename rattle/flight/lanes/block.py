@@ -7,7 +7,7 @@ import numpy as np
 from numpy import float32 as f32
 
 from rattle.flight.contact_phase import ENDLESS, MOST_BOUNCES
-from rattle.flight.forcing import DRIFT, Arc, negative_arc, phase_at, plus_slope, swings_beyond
+from rattle.flight.forcing import DRIFT, NegativeArc, add_slope, has_swing_beyond, negative_arc, phase_at
 from rattle.flight.law import Flight
 from rattle.numerics.compile import inline, kernel
 
@@ -96,7 +96,7 @@ def flight32(b, i):
 def flight64(b, i):
     """Return the flight of lane i in double precision."""
     k = np.uint64(i)
-    a = plus_slope(DRIFT, b.sin0[k], b.cos0[k], b.epsilon[k]) - b.w[k]
+    a = add_slope(DRIFT, b.sin0[k], b.cos0[k], b.epsilon[k]) - b.w[k]
     return Flight(b.w[k], a, b.sin0[k], b.cos0[k], b.delta[k], b.epsilon[k])
 
 
@@ -104,7 +104,7 @@ def flight64(b, i):
 def arc32(b, i):
     """Return the arc of negative contact force of lane i."""
     k = np.uint64(i)
-    return Arc(not b.no_arc[k] > ZERO, b.arc_exit[k], b.arc_length[k], b.sin_entry[k], b.sin_exit[k])
+    return NegativeArc(not b.no_arc[k] > ZERO, b.arc_exit[k], b.arc_length[k], b.sin_entry[k], b.sin_exit[k])
 
 
 @kernel
@@ -121,7 +121,7 @@ def load(b, i, tau, v, delta, epsilon, beta, limit):
     arc = negative_arc(delta, epsilon)
     b.arc_exit[i], b.arc_length[i], b.sin_entry[i], b.sin_exit[i] = arc.leave, arc.length, arc.sin_entry, arc.sin_exit
     b.no_arc[i] = ZERO if arc.exists else ONE
-    b.rough[i] = flag(swings_beyond(ROUGHNESS, delta, epsilon))
+    b.rough[i] = flag(has_swing_beyond(ROUGHNESS, delta, epsilon))
     b.at_v[i], b.next_look[i], b.batch[i] = -1.0, 1.0, -1.0  # a reference state that no state is close to
 
 
@@ -137,7 +137,7 @@ def move(b, i, j):
 
 
 @kernel
-def close_ranks(b):
+def move_to_front(b):
     """Move the trajectories to the first lanes, and return the number of groups in use."""
     i, j = 0, LANES - 1
     while True:
@@ -151,7 +151,7 @@ def close_ranks(b):
 
 
 @inline
-def stretched(b, i):
+def normalise_tangent(b, i):
     """Return ln stretch and ln|det| of lane i in (t, w²/2) since the last call, and normalise its tangent vector.
 
     In these coordinates a flight has the determinant e^(−δs), because dw²/2 = w dw at both ends.
@@ -170,7 +170,7 @@ def stretched(b, i):
 
 
 @inline
-def overflows(b, i):
+def is_near_overflow(b, i):
     """Return whether the tangent vector or determinant of lane i must be reset to stay within double precision."""
     size, determinant = abs(b.t_tangent[i]) + abs(b.w_tangent[i]), abs(b.determinant[i])
     inside = (size > 1.0 / HUGE) & (size < HUGE) & (determinant > 1.0 / HUGE) & (determinant < HUGE)
@@ -178,7 +178,7 @@ def overflows(b, i):
 
 
 @kernel
-def empty(b):
+def clear_block(b):
     """Clear a block: no lane has a trajectory, and every lane has reached its limit."""
     for i in range(LANES):
         load(b, i, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0)
@@ -186,7 +186,7 @@ def empty(b):
 
 
 @inline
-def ended(b, i):
+def has_ended(b, i):
     """Return whether lane i has made its impacts, or cannot go on because it only bounces on Σ⁻."""
     if b.n_minus[i] > MOST_BOUNCES * (b.n_plus[i] + 1.0):
         b.stuck[i], b.limit[i] = ENDLESS, -1.0
@@ -201,7 +201,7 @@ def synchronise(b, groups):
 
 
 @inline
-def made_ready(b, groups, none_waits):
+def prepare_flights(b, groups, none_waits):
     """Prepare the block for flights, and return the number of groups in use.
 
     If no trajectory waits for a lane, the trajectories are moved to the first lanes. Then sines and cosines are
@@ -213,13 +213,13 @@ def made_ready(b, groups, none_waits):
         Number of groups in use.
     """
     if none_waits:
-        groups = close_ranks(b)
+        groups = move_to_front(b)
     synchronise(b, groups)
     return groups
 
 
 @inline
-def roughest(b, groups):
+def needed_stage(b, groups):
     """Return the most demanding stage that any lane needs.
 
     Returns
@@ -233,7 +233,7 @@ def roughest(b, groups):
     return found
 
 
-def block() -> np.ndarray:
+def new_block() -> np.ndarray:
     """Return memory for one block (1,), aligned to cache lines.
 
     Kernels take this array, because numba does not accept a record with overlapping fields from Python.

@@ -23,7 +23,7 @@ from rattle.parameters import Harmonic, Parameters, parameters_in
 RESTITUTION, LOAD = parameters_in(__file__)
 
 
-def _of_machine(load_torque: Any, pair: Any) -> Any:
+def _load_of_machine(load_torque: Any, pair: Any) -> Any:
     """Return the load: load torque on the second gear divided by drag torque, both referred to the first gear."""
     return np.divide(load_torque * pair.ratio, pair.drag * pair.speed)  # infinite at speed 0
 
@@ -42,7 +42,7 @@ class Inelastic(Model):
 
     name = "inelastic"
     title = "inelastic impacts"
-    added = (RESTITUTION, replace(LOAD, of_machine=_of_machine))
+    added = (RESTITUTION, replace(LOAD, of_machine=_load_of_machine))
     has = frozenset({Capability.BALANCE, Capability.INTENSITY, Capability.PERIOD_ONE, Capability.CONTACT_PHASES})
     functions: ClassVar[Functions] = inelastic
     classifier: ClassVar[type[Classifier]] = InelasticClassifier
