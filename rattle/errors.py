@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 LONGEST_NAME = 80  # no known name is longer; a longer text is not compared, as the time grows as its length squared
-LEAST_PART = 3  # a known name is suggested if it contains the given text of at least this length
-MOST_MEANT = 3  # most names that a message suggests
+LEAST_PART = 3  # a known name is suggested if it contains the given text, which must be at least this long
+MOST_MEANT = 3  # a message suggests at most this many names
 MAY_BE_ZERO = ("epsilon", "load")  # parameters that may be 0; all others must be greater than 0
 AT_MOST = {"restitution": (1.0, "1 is an elastic impact")}
 
@@ -48,7 +48,7 @@ class MissingExtraError(RattleError, ImportError):
 
 
 def require(ok: bool, message: str) -> None:
-    """Raise ParameterError with this message unless ok."""
+    """Raise ParameterError with this message unless `ok` is true."""
     if not ok:
         raise ParameterError(message)
 
@@ -106,7 +106,7 @@ def _short_repr(value: object) -> str:
     try:
         return repr(value)[:80]
     except ValueError:
-        return f"an integer of {type(value).__name__} beyond printing"
+        return "an integer that is too large to print"
 
 
 def require_integer(name: str, value: int, low: int, high: int) -> int:

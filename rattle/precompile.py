@@ -18,7 +18,7 @@ from rattle.numerics.compile import compile_apart
 
 DELTA, EPSILON = 0.6, 0.1
 HIGHEST = 0.25  # largest ε of the example curve
-COUNT = 16  # samples of an example cell
+COUNT = 16  # number of samples of an example cell
 SURVEY, OPTIONAL_QUANTITIES = f"{__name__}:survey", f"{__name__}:optional_quantities"
 Steps = dict[str, Callable[[], object]]
 

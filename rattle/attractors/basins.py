@@ -36,11 +36,11 @@ Range = tuple[float, float] | None
 
 METHODS = ("cells", "direct", "refined")
 FINEST = 4096  # most cells along each axis; 4096² cells need 16 million trajectories and some gigabytes of memory
-SAMPLE = 256  # initial conditions, besides the cells, that search for attractors
+SAMPLE = 256  # number of initial conditions that are followed besides the cells, to find all attractors
 LATTICE = 8  # method "refined": one cell in 8 along τ and v is followed exactly, whatever the map of cells says
-RETURNS = 8  # steps of the cell map in which a state above v_max may return to the box before it is followed exactly
-MOST_IMPACTS = 1000
-# at weak damping: most impacts of all states together, and least budget of one state
+RETURNS = 8  # a state above v_max is followed exactly if it does not return to the box in this many steps of the map
+MOST_IMPACTS = 1000  # in one step of the cell map
+# at weak damping all states together may make MOST_IN_ALL impacts, but each state at least LEAST_BUDGET
 MOST_IN_ALL, LEAST_BUDGET = 1 << 33, 1 << 13
 
 
@@ -66,17 +66,17 @@ class StatePlane:
 
     @property
     def unit(self) -> float:
-        """Scale of speeds (`rattle.flight.law.speed_unit`)."""
+        """The unit of speed differences (`rattle.flight.law.speed_unit`), which depends on δ, ε and β."""
         point = self.parameters.point()
         return float(speed_unit(point["delta"], point["epsilon"], point["beta"]))
 
     def classify(self, tau: Array, v: Array) -> Classifier:
-        """Follow the states to their attractors as the samples of one cell, and return their classifier."""
+        """Follow states to their attractors as samples of one cell, and return the classifier with the outcomes."""
         budget = budget_of(self.delta, tau.size)
         return self.classifier.classify(self.parameters, tau[None].copy(), v[None].copy(), budget)
 
     def states_after(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return the states after a number of returns to Σ⁺, and flags of states that became quiet before."""
+        """Return the states after a number of returns to Σ⁺, and flags of states that became quiet on the way."""
         return self.classifier.states_after(self.parameters, tau, v, returns)
 
     def cell_of(self, tau: Array, v: Array, n: int, box: Box) -> NDArray[np.int64]:
@@ -152,14 +152,14 @@ class Basins(Tabular):
 
 
 def classified(plane: StatePlane, tau: Array, v: Array) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
-    """Return the table of attractors that states (n,) go to, and the table's row and the impacts of each state."""
+    """Return the table of attractors that states (n,) go to, and each state's row in the table and its impacts."""
     classifier = plane.classify(tau, v)
     table, rows = tabulate_attractors(classifier)
     return table, rows, classifier.samples.impacts
 
 
 def _mark_unconverged(steps: NDArray[np.int64], table: AttractorTable, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the steps to convergence, with −1 for states that converge to no attractor."""
+    """Return the steps to convergence, with −1 for chaotic and undecided states; `rows` are their rows in the table."""
     kind = table.kind[rows]
     return np.where((kind == Outcome.CHAOTIC) | (kind == Outcome.UNDECIDED), -1, steps)
 
@@ -209,7 +209,7 @@ def _cell_images(plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impa
 
 
 class GrowingClassification:
-    """States of one parameter point, classified in several calls with one common table of attractors."""
+    """Classify states of one parameter point in several calls, with one common table of attractors."""
 
     def __init__(self, plane: StatePlane) -> None:
         self.plane = plane
@@ -218,7 +218,7 @@ class GrowingClassification:
         self.tau, self.v = np.zeros((2, 0))
 
     def follow(self, tau: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Classify states, and return the row of each in the common table, and its impacts.
+        """Classify states, and return the row of each state in the common table, and its impacts.
 
         Attractors that are in the table already keep their rows.
 
@@ -306,7 +306,7 @@ def _classify_by_cell_map(
 def basins(
     plane: StatePlane, resolution: int, v_max: float, method: str, impacts: int, tau: Range = None, v: Range = None
 ) -> Basins:
-    """Return the basins of attraction on a grid of this plane; `rattle.Gear.basins` explains the arguments."""
+    """Return the basins of attraction on a grid of states (τ, v); `rattle.Gear.basins` explains the arguments."""
     n = require_integer("resolution", resolution, 1, FINEST)
     v_max = require_number("v_max", v_max, positive=True)
     phases, speeds = box_of((0.0, 1.0) if tau is None else tau, (0.0, v_max) if v is None else v)

@@ -22,7 +22,7 @@ SAME_FOOTPRINT = 0.2  # two trajectories that share this part of the smaller set
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 BATCHES = 32
-LEAKS_MISSED = 3.0  # a leaking set from which this many losses are expected shows none with probability e^(−3)
+LEAKS_MISSED = 3.0  # if 3 samples are expected to leave a chaotic set, none of them leaves it with probability e^(−3)
 LEAST_GROWTH = 8.0  # least growth of ln stretch over the second half of the batches, in chaotic motion
 T_95 = 2.0395  # 97.5 % point of Student's t with 31 degrees of freedom
 PAIRS, FOURS, EIGHTS, SUM = (np.uint64(int(x * 8, 16)) for x in ("55", "33", "0f", "01"))
@@ -31,7 +31,7 @@ ONE, TWO, FOUR, TOP = (np.uint64(x) for x in (1, 2, 4, 56))
 
 @inline
 def count_bits(bits):
-    """Return the number of ones in a 64-bit word by sums over growing groups of bits, without branches."""
+    """Return the number of bits that are 1 in a 64-bit word, by sums over growing groups of bits, without branches."""
     bits = bits - ((bits >> ONE) & PAIRS)
     bits = (bits & FOURS) + ((bits >> TWO) & FOURS)
     return np.int64((((bits + (bits >> FOUR)) & EIGHTS) * SUM) >> TOP)
@@ -39,7 +39,7 @@ def count_bits(bits):
 
 @inline
 def is_same_attractor(boxes, i, j):
-    """Return whether visited-cell bitmaps i and j share SAME_FOOTPRINT of the smaller one."""
+    """Return whether bitmaps i and j share more than the part SAME_FOOTPRINT of the smaller one's visited cells."""
     in_i, in_j, shared = 0, 0, 0
     for k in range(boxes.shape[1]):
         in_i += count_bits(boxes[i, k])
@@ -52,9 +52,9 @@ def is_same_attractor(boxes, i, j):
 def write_group_numbers(boxes, size, group):
     """Write the number of the attractor of each visited-cell bitmap to group (k,).
 
-    Bitmaps of one cell whose visited cells share SAME_FOOTPRINT of the smaller set are joined, until no two can be
-    joined. The number of an attractor is the place of its first bitmap among the bitmaps of its cell. Cell i has
-    size[i] consecutive rows of `boxes` (k, GRID), which holds the bitmaps and is overwritten.
+    Two bitmaps of one cell of the plane are joined if they share more than the part SAME_FOOTPRINT of the smaller one,
+    until no two can be joined. The number of an attractor is the place of its first bitmap among the bitmaps of its
+    cell. Cell i has size[i] consecutive rows of `boxes` (k, GRID), which holds the bitmaps and is overwritten.
     """
     begin = 0
     for cell in range(size.size):
@@ -166,7 +166,7 @@ def pooled_exponents(sums: Sequence[Array]) -> Array:
 
 @kernel
 def fill_unresolved_counts(cells, status, impacts, first, left, leaks):
-    """Fill the results of `count_unresolved` in a compiled loop; `left` must be zero before."""
+    """Fill the arrays that `count_unresolved` returns, in a compiled loop; `left` must be zero before."""
     for i in range(cells.size):
         cell, leaked, last, since, before = cells[i], 0, 0, 0, 0
         for k in range(status.shape[1]):

@@ -426,7 +426,7 @@ class Classifier(ABC):
         Returns
         -------
         NDArray[np.bool_]
-            False if a sample is certainly not chattering.
+            True where a sample may be chattering.
         """
         return np.asarray(self.has_quiet[cell] & (time < CHATTERING * periods))
 

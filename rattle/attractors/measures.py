@@ -72,7 +72,8 @@ def differing(a: Basins, b: Basins) -> NDArray[np.bool_]:
         If the grids differ.
     """
     same_grid = a.labels.shape == b.labels.shape and np.array_equal(a.v, b.v)
-    require(same_grid, f"the grids differ: {a.labels.shape} to v = {a.v[-1]:g}, {b.labels.shape} to v = {b.v[-1]:g}")
+    grids = " and ".join(f"{each.v.size} × {each.tau.size} cells up to v = {each.v_max:g}" for each in (a, b))
+    require(same_grid, f"the basins have different grids, {grids}: compute both with one resolution and one v_max")
     from scipy.optimize import linear_sum_assignment  # imported here because it is slow to load
 
     shape = (len(a.attractors), len(b.attractors))

@@ -47,8 +47,8 @@ def states_of(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDArra
         raise
     except ValueError as error:
         raise ParameterError(f"the shapes of tau and v do not broadcast: {error}") from None
-    require(phases.size > 0, "give at least one state")
-    require(phases.size <= MOST_SAMPLES, f"{phases.size} states are too many at once: at most {MOST_SAMPLES}")
+    require(phases.size > 0, "tau and v are empty: give at least one state")
+    require(phases.size <= MOST_SAMPLES, f"{phases.size} states are too many at once: give at most {MOST_SAMPLES}")
     require(bool(np.isfinite(phases).all()), "tau must be finite")
     require(bool((np.isfinite(speeds) & (speeds > 0.0)).all()), "v must be finite and greater than 0")
     return fold(phases.ravel()), speeds.astype(np.float64).ravel(), phases.shape
@@ -68,7 +68,7 @@ def reached(plane: StatePlane, tau: ArrayLike, v: ArrayLike) -> Reached:
 
 
 class SampledGear:
-    """A gear at one parameter point: a frozen dataclass of δ, ε, β and the model's other parameters."""
+    """Base class of gears at one parameter point, which are frozen dataclasses of δ, ε, β and further parameters."""
 
     _classifier: ClassVar[type[Classifier]]
     _resolution: ClassVar[int]  # default resolution of basins

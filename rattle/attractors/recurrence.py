@@ -13,16 +13,17 @@ from rattle.flight.law import speed_unit, wrapped
 from rattle.numerics.compile import inline, kernel
 from rattle.orbits.return_map import fastest_point, log_multipliers, newton, point_of, power_map, shortest_return, step
 
-APPROACH = 0.5  # a trajectory must shrink its distance to the orbit of Newton's method by this factor ...
-ARRIVED = 1e-9  # ... or already be this close to the orbit
-CANDIDATE = 1e-5  # the first return this close gives the period for Newton's method
+# A trajectory approaches the orbit that Newton's method found if its distance to the orbit falls by the factor
+# APPROACH, or is below ARRIVED.
+APPROACH, ARRIVED = 0.5, 1e-9
+CANDIDATE = 1e-5  # the first return to within this distance gives the period for Newton's method
 LONGEST_PERIOD = 4096  # longest period to try, in impacts; samples with longer recurrences are followed further
 SAME_POINT = 1e-6  # orbits of one label closer than this are the same orbit
 
 
 @inline
 def speed_unit_at(point):
-    """Return the scale of speeds at a parameter point."""
+    """Return the unit of speed differences (`speed_unit`) at a parameter point."""
     return speed_unit(point.delta, point.epsilon, point.beta)
 
 
@@ -57,7 +58,7 @@ def is_approaching(tau, v, star_tau, star_v, k, most, point):
 
 @kernel
 def impacts_until_return(tau, v, gap, point):
-    """Return the number of impacts until the first return to (τ, v). A return after `gap` impacts is known."""
+    """Return the number of impacts on Σ⁺ until the first return to (τ, v). A return after `gap` impacts is known."""
     t, speed, unit = tau, v, speed_unit_at(point)
     for j in range(1, gap):
         status, t, speed, _time, _below = step(t, speed, point)
@@ -159,7 +160,8 @@ def mark_footprints(
 def append_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
     """Append stable orbits of period one to the tables of their cells, which must have room.
 
-    The arrays are (n_cells, room); `n` (n_cells,) is the number of orbits in each row, `trace` that of the tangent map.
+    The arrays are (n_cells, room). `n` (n_cells,) is the number of orbits in each row, and `trace` the trace of each
+    orbit's tangent map.
     """
     for cell in range(n.size):
         for j in range(n[cell]):

@@ -42,7 +42,7 @@ class Rows(NamedTuple):
 
 @inline
 def place_of_attractor(kind, which, orbits):
-    """Return the position of an attractor in its cell: quiet motion first, then `orbits` orbits, then chaotic sets."""
+    """Return the place of an attractor in its cell: 0 is quiet motion, then come `orbits` orbits, then chaotic sets."""
     if kind == Outcome.QUIET:
         return 0
     return 1 + which if kind == Outcome.PERIODIC else 1 + orbits + which

@@ -15,8 +15,8 @@ from rattle.numerics.compile import inline
 from rattle.numerics.struct_of_arrays import StructOfArrays, kernel_columns
 
 GRID = 32  # boxes along each side of the visited-cell bitmap of a chaotic trajectory
-HIGHEST = 14.0  # upper end of a visited-cell bitmap, in units of speed
-RECURRENCE = 1e-6  # largest distance of a return that starts Newton's method
+HIGHEST = 14.0  # largest upper end of a visited-cell bitmap, in units of speed (`speed_unit`)
+RECURRENCE = 1e-6  # a return to within this distance of an earlier state starts Newton's method
 Known = TypeVar("Known", bound=StructOfArrays)
 CONTACT = -1  # marks, in the field `pause`, a sample that has entered a contact phase
 ALIGNMENT = 64  # impacts after which the tangent vector has turned to the most expanding direction
@@ -74,7 +74,7 @@ class Trajectories(StructOfArrays):
 
 
 class SampleSets(NamedTuple):
-    """Numbers (k,) of samples of several cells (n,), ordered by cell, and how many each cell has (`size`)."""
+    """Samples of n cells: their numbers `which` (k,), ordered by cell, and how many each cell has, `size` (n,)."""
 
     which: NDArray[np.int64]
     size: NDArray[np.int64]
@@ -105,11 +105,11 @@ class SampleSets(NamedTuple):
         return np.asarray(np.bincount(cell[~holds], minlength=self.size.size) == 0)
 
     def largest_by_cell(self, values: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the largest value in each cell, from the values of all samples. Every cell must have a sample."""
+        """Return the largest value (n,) in each cell; `values` has one for every sample. No cell may be empty."""
         return np.asarray(np.maximum.reduceat(values[self.which], self.starts))
 
     def smallest_by_cell(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the smallest value in each cell, from the values of all samples. Every cell must have a sample."""
+        """Return the smallest value (n,) in each cell; `values` has one for every sample. No cell may be empty."""
         return np.asarray(np.minimum.reduceat(values[self.which], self.starts)) if self.size.size else np.zeros(0)
 
 
@@ -179,7 +179,7 @@ def with_twice_the_room(table: Known) -> Known:
 
 @inline
 def capturing_orbit(tau, v, cell, balls):
-    """Return the orbit whose capture region holds the state, −1 if none does."""
+    """Return the number of the orbit of this cell whose capture region holds the state (τ, v), −1 if none does."""
     for p in range(balls.n[cell]):
         x, y = wrapped(tau - balls.tau[cell, p]), v - balls.v[cell, p]
         if balls.c00[cell, p] * x * x + 2.0 * balls.c01[cell, p] * x * y + balls.c11[cell, p] * y * y < 1.0:
@@ -189,7 +189,7 @@ def capturing_orbit(tau, v, cell, balls):
 
 @inline
 def top_speed(epsilon, unit):
-    """Return the upper end of a visited-cell bitmap. Few states are faster, if any."""
+    """Return the speed at which a visited-cell bitmap ends. Few states are faster, if any."""
     return min(DRIFT + largest_slope(epsilon), HIGHEST * unit)
 
 
@@ -205,7 +205,10 @@ def mark(tau, v, top, footprint):
 
 
 class Reference(NamedTuple):
-    """A reference state of Brent's cycle search: the state after n returns, replaced after `following` returns."""
+    """A reference state of Brent's cycle search: the state after n returns.
+
+    The state after `following` returns is the next reference.
+    """
 
     tau: float
     v: float
@@ -221,7 +224,7 @@ def first_reference(tau, v):
 
 @inline
 def check_sample(tau, v, n, k, reference, samples, balls, unit):
-    """Check sample k after n returns for capture and recurrence.
+    """Check after n returns whether sample k is captured, or has returned close to the reference state.
 
     Returns
     -------

@@ -263,7 +263,7 @@ def attractors_of_samples(classifier: type[Classifier], parameters: Parameters, 
     cells = parameters.flat()
     require(
         cells.size * sample.count <= 64 * MOST_SAMPLES,
-        f"{cells.size} cells of {sample.count} samples are too many at once: use tiles",
+        f"{cells.size} cells of {sample.count} samples are too many at once: give fewer, or make a survey",
     )
     found = classifier.classify(cells, *sample.states(cells), sample.budget)
     table, _rows = tabulate_attractors(found, missed=True)

@@ -35,7 +35,9 @@ from rattle.numerics.compile import inline, kernel
 OK = 0
 # These are np.int64, because for plain 1 and −1 the compiler would make variants of every kernel below.
 SIGMA_PLUS, SIGMA_MINUS = np.int64(1), np.int64(-1)
-NO_IMPACT = 1  # no impact within LONGEST forcing periods: backwards in time, at tiny damping, or on non-finite input
+# Status of a flight that has no impact within LONGEST forcing periods: backwards in time, at tiny damping, or if a
+# number is not finite.
+NO_IMPACT = 1
 LONGEST = 1000.0
 PIECE = 0.25  # longest piece of the search: a quarter turn of the forcing
 # a piece that starts this close before the arc of negative force counts as starting in it, despite rounding
@@ -43,7 +45,7 @@ SAME_PHASE = 1e-12
 MOST_STEPS = 100
 BISECTED = 5  # every fifth step halves the bracket, because other steps are too short where F is nearly exponential
 
-FARTHEST_STEP = 1e-4  # longest last step, as a share of the flight time and in forcing periods
+FARTHEST_STEP = 1e-4  # the last step must be shorter than this share of the flight time, and of a forcing period
 
 FLIGHT = NamedUniTuple(float64, len(Flight._fields), Flight)
 _SAFE = Tuple((int64, float64, int64, *4 * (float64,)))(int64, float64, FLIGHT, float64)
@@ -52,15 +54,15 @@ _FIRST = Tuple((int64, float64, int64, *2 * (float64,), FLIGHT, *2 * (float64,))
 
 @inline
 def last_step(s, f0, f1, lost, sin1, cos1, flight):
-    """Return the step u to F = 0 from a close guess s with height f0, by reversion of the Taylor series to third order.
+    """Return the step u from a close guess s to the impact, where F = 0, by reversion of the Taylor series of F.
 
-    f1, lost, sin1 and cos1 are what `evaluate_short` returns at s. The neglected term is u⁴ (5p (p² − q) + r), where
-    p = F''/2F', q = F‴/6F' and r = F⁗/24F'.
+    f0 is F at s, measured from the wall; f1, lost, sin1 and cos1 are what `evaluate_short` returns at s. The reversion
+    is of third order. The neglected term is u⁴ (5p (p² − q) + r), where p = F''/2F', q = F‴/6F' and r = F⁗/24F'.
 
     Returns
     -------
     tuple[float, bool]
-        u in forcing periods, and whether the neglected term is below 2e-15 s.
+        u in forcing periods, and whether the neglected term is below 2e-15 times s.
     """
     f2 = second_derivative(lost, sin1, cos1, flight)
     f3 = third_derivative(lost, sin1, cos1, flight)
@@ -78,7 +80,15 @@ def last_step(s, f0, f1, lost, sin1, cos1, flight):
 
 @inline
 def state_after_step(u, f1, lost, sin1, cos1, flight):
-    """Return F', F'', 1 − e^(−δs), sine and cosine after a step u, by Taylor series with errors below 1e-15 of each."""
+    """Return F', F'', 1 − e^(−δs), and sine and cosine of the forcing after a step u in time, from those before it.
+
+    They follow from Taylor series, with relative errors below 1e-15.
+
+    Returns
+    -------
+    tuple of float
+        The five numbers.
+    """
     f2 = second_derivative(lost, sin1, cos1, flight)
     f3 = third_derivative(lost, sin1, cos1, flight)
     f4 = fourth_derivative(lost, sin1, cos1, flight)
@@ -96,8 +106,8 @@ def proven_impact(wall, tau, flight, beta):
     Returns
     -------
     tuple
-        (proved, next wall, s, F', 1 − e^(−δs), sin, cos), with the sine and cosine of 2π times the phase of arrival.
-        Where `proved` is False, the impact may not be the first.
+        (proved, next wall, flight time s, F', 1 − e^(−δs), sin, cos), with sine and cosine of 2π times the phase of
+        arrival. Where `proved` is False, the impact may not be the first.
     """
     wall_, gap, short = f32(wall), f32(2.0 * beta), flight_in_single(flight)
     s = first_guess(wall_, gap, f32(1.0 / flight.delta), short)
@@ -161,7 +171,15 @@ def root_in(lo, hi, guess, level, rising, flight):
 
 @kernel
 def extremum_in(lo, hi, guess, convex, flight):
-    """Return the zero of F' in (lo, hi), where e^(δs) F' is monotone, to 1e-9; F there is then exact to rounding."""
+    """Return the zero of F' in (lo, hi), where e^(δs) F' is monotone, to 1e-9. F at this time is exact to rounding.
+
+    convex: whether the extremum of F is a minimum.
+
+    Returns
+    -------
+    float
+        Time since the departure, in forcing periods.
+    """
     s = guess
     if not (lo < s < hi):
         s = 0.5 * (lo + hi)
@@ -199,7 +217,7 @@ def impact_on_piece(s0, s1, start, end, guess, lower, upper, flight):
 
 @inline
 def end_of_piece(s, longest, tau, arc):
-    """Return the end of the piece that begins at s: after `longest`, or earlier where the force changes sign."""
+    """Return the end of the piece of a flight that begins at s: after `longest`, or where the contact force is 0."""
     e = s + longest
     if arc.exists:
         to_exit = arc.leave - tau - s
@@ -249,7 +267,13 @@ def searched_crossing(tau, flight, lower, upper):
 
 @kernel
 def safe_impact(wall, tau, flight, beta):
-    """Return the impact found by the search, with its state: (status, s, wall, F', 1 − e^(−δs), sin, cos)."""
+    """Return the first impact of a flight, found by the search that cannot skip a crossing.
+
+    Returns
+    -------
+    tuple
+        (status, flight time s, wall, F', 1 − e^(−δs), sin, cos), with sine and cosine of 2π times the phase of arrival.
+    """
     upper = 0.0 if wall > 0 else 2.0 * beta
     lower = upper - 2.0 * beta
     status, target, s = searched_crossing(tau, flight, lower, upper)

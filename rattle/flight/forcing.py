@@ -88,7 +88,7 @@ def _build_functions(real, versine, sine_defect):
 
     @inline
     def versines(s):
-        """Return 1 − cos 2πs, sin 2πs and 2πs − sin 2πs without cancellation."""
+        """Return 1 − cos 2πs, sin 2πs and 2πs − sin 2πs, computed without cancellation."""
         turns = (s + rounder) - rounder
         z = two_pi * (s - turns)
         q = z * z
@@ -97,34 +97,34 @@ def _build_functions(real, versine, sine_defect):
 
     @inline
     def phase_changes(step, sin0, cos0):
-        """Return the change of the sine, and the new cosine, when time s has passed; `step` is versines(s)."""
+        """Return the change of the forcing's sine, and its new cosine, after a time s; `step` is versines(s)."""
         omc, siny, _defect = step
         return cos0 * siny - sin0 * omc, cos0 - (cos0 * omc + sin0 * siny)
 
     @inline
     def tangent_drop(step, sin0, cos0, epsilon):
-        """Return e(t₀) + s e'(t₀) − e(t₁), without cancellation."""
+        """Return e(t₀) + s e'(t₀) − e(t₁), e the forcing and s = t₁ − t₀; `step` is versines(s)."""
         omc, _siny, defect = step
         return epsilon * (cos0 * omc - sin0 * defect)
 
     @inline
     def slope_loss_of_change(dsin, epsilon):
-        """Return e'(t₀) − e'(t₁) from the change of the sine that `phase_changes` returns."""
+        """Return e'(t₀) − e'(t₁), e the forcing, from the change of its sine that `phase_changes` returns."""
         return (two_pi * epsilon) * dsin
 
     @inline
     def add_slope(x, sine, cosine, epsilon):
-        """Return x + e'."""
+        """Return x + e', e' the derivative of the forcing at the phase with this sine and cosine."""
         return x - two_pi * epsilon * sine
 
     @inline
     def add_acceleration(x, sine, cosine, epsilon):
-        """Return x + e''."""
+        """Return x + e'', e'' the second derivative of the forcing at the phase with this sine and cosine."""
         return x - two_pi * two_pi * epsilon * cosine
 
     @inline
     def add_acceleration_after(x, sin0, dsin, cos1, epsilon):
-        """Return x + e'' at the later phase. Its sine is given as sin0 and dsin, because adding them loses digits."""
+        """Return x + e'' at a later phase, whose sine is given as sin0 and dsin, because adding them loses digits."""
         return x - two_pi * two_pi * epsilon * cos1
 
     return FlightFunctions(
@@ -178,25 +178,25 @@ def later_phase(step, sine, cosine):
 
 @inline
 def third_derivative(sine, cosine, epsilon):
-    """Return e'''."""
+    """Return the third derivative of the forcing."""
     return TWO_PI * TWO_PI * TWO_PI * epsilon * sine
 
 
 @inline
 def fourth_derivative(sine, cosine, epsilon):
-    """Return e⁗."""
+    """Return the fourth derivative of the forcing."""
     return TWO_PI**4 * epsilon * cosine
 
 
 @inline
 def slope_loss(sin0, cos0, sin1, cos1, epsilon):
-    """Return e'(t₀) − e'(t₁)."""
+    """Return e'(t₀) − e'(t₁): by how much the derivative of the forcing falls from one phase to a later one."""
     return TWO_PI * epsilon * (sin1 - sin0)
 
 
 @inline
 def derivatives_by_departure(f_w, decay, sin0, cos0, sin1, cos1, epsilon):
-    """Return the derivatives of F and F' by the time of departure, for a flight of fixed duration.
+    """Return the derivatives of a flight's height F and of F' by the time of departure, for a fixed duration.
 
     ∂F/∂t₀ = e'(t₁) − e'(t₀) − f_w e''(t₀) and ∂F'/∂t₀ = e''(t₁) − decay e''(t₀), with f_w = ∂F/∂w₀ and decay = ∂F'/∂w₀.
 
@@ -211,7 +211,7 @@ def derivatives_by_departure(f_w, decay, sin0, cos0, sin1, cos1, epsilon):
 
 @inline
 def largest_slope(epsilon):
-    """Return the largest |e'|."""
+    """Return the largest |e'|, e' the derivative of the forcing."""
     return TWO_PI * epsilon
 
 
@@ -226,7 +226,7 @@ def contact_force(sine, cosine, delta, epsilon, drift):
 
 @inline
 def contact_force_rate(sine, cosine, delta, epsilon):
-    """Return g'."""
+    """Return the derivative g' of the contact force by time."""
     return TWO_PI * TWO_PI * epsilon * (TWO_PI * sine - delta * cosine)
 
 
@@ -270,7 +270,7 @@ def phase_of_least_force(delta):
 
 @inline
 def force_ahead(wall, sin0, cos0, delta, epsilon):
-    """Return mean, a and b of the outward force mean + a cos 2πs + b sin 2πs on a wall, a time s after this phase."""
+    """Return mean, a and b: the force mean + a cos 2πs + b sin 2πs presses on the wall a time s after this phase."""
     size = wall * TWO_PI * epsilon
     a = -size * (TWO_PI * cos0 + delta * sin0)
     return wall * abs(delta) * DRIFT, a, size * (TWO_PI * sin0 - delta * cos0)
@@ -278,7 +278,7 @@ def force_ahead(wall, sin0, cos0, delta, epsilon):
 
 @inline
 def force_integral(duration, mean, a, b):
-    """Return the integral over `duration` of the force that `force_ahead` describes, from s = 0."""
+    """Return the integral from s = 0 to `duration` of the force mean + a cos 2πs + b sin 2πs of `force_ahead`."""
     omc, sine, _defect = versines(duration)
     return mean * duration + (a * sine + b * omc) / TWO_PI
 
@@ -310,7 +310,7 @@ def negative_arc(delta, epsilon):
 
 @inline
 def mean_cosine32(angle, sin0, cos0):
-    """Return an estimate of the mean cosine over the time angle/2π after a phase, angle ≤ 2π."""
+    """Return an estimate of the mean cosine of the forcing over the time angle/2π after a phase, angle ≤ 2π."""
     square = angle * angle
     return (
         degree_4(coefficients.MEAN_COSINE_32, square) * cos0
@@ -320,31 +320,31 @@ def mean_cosine32(angle, sin0, cos0):
 
 @inline
 def add_mean_acceleration32(x, mean_cosine, epsilon):
-    """Return x + the mean of e'', from what `mean_cosine32` returns."""
+    """Return x plus the mean second derivative of the forcing, given the result of `mean_cosine32`."""
     return x - W2 * epsilon * mean_cosine
 
 
 @inline
 def third_derivative32(sine, cosine, epsilon):
-    """Return e'''."""
+    """Return the third derivative of the forcing, in single precision."""
     return W3 * epsilon * sine
 
 
 @inline
 def fourth_derivative32(sine, cosine, epsilon):
-    """Return e⁗."""
+    """Return the fourth derivative of the forcing, in single precision."""
     return W4 * epsilon * cosine
 
 
 @inline
 def minus_fifth_derivative32(sine, cosine, epsilon):
-    """Return −e⁽⁵⁾."""
+    """Return minus the fifth derivative of the forcing, in single precision."""
     return W5 * epsilon * sine
 
 
 @inline
 def change_scale32(s):
-    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε; the float32 error is at most proportional to it."""
+    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε, e the forcing, to which its float32 error is relative."""
     y = W1 * s
     return min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
 
@@ -357,37 +357,45 @@ def coarse_change_scale32(s, epsilon):
 
 @inline
 def slope_range32(epsilon):
-    """Return the largest e'(t₁) − e'(t₀)."""
+    """Return the largest difference e'(t₁) − e'(t₀) of the forcing's derivative between two times."""
     return f32(2.0) * W1 * epsilon
 
 
 @inline
 def largest_slope_loss32(sin0, cos0, epsilon):
-    """Return the largest e'(t₀) − e'(t₁) at any later time."""
+    """Return the largest e'(t₀) − e'(t₁) of the forcing for any later time t₁; sin0 and cos0 belong to t₀."""
     return W1 * epsilon * (f32(1.0) - sin0)
 
 
 @inline
 def largest_acceleration32(epsilon):
-    """Return the largest |e''|."""
+    """Return the largest |e''|, e'' the second derivative of the forcing."""
     return W2 * epsilon
 
 
 @inline
 def largest_sixth32(epsilon):
-    """Return the largest |e⁽⁶⁾|/720."""
+    """Return the largest |e⁽⁶⁾|/720, e⁽⁶⁾ the sixth derivative of the forcing."""
     return SIXTH * epsilon
 
 
 @inline
 def sine_changes_to_arc32(inside, sin0, arc):
-    """Return the changes of the sine from the departure to both ends of the arc; the first is 0 for `inside`."""
+    """Return the changes of the forcing's sine from the departure to both ends of the arc of negative contact force.
+
+    inside: whether the departure is inside the arc; then the first change is 0.
+
+    Returns
+    -------
+    tuple[float, float]
+        The changes.
+    """
     return (sin0 if inside else arc.sin_entry) - sin0, arc.sin_exit - sin0
 
 
 @inline
 def add_slope_change32(x, dsin, epsilon):
-    """Return x plus the change of e' for a given change of the sine."""
+    """Return x plus the change of the forcing's derivative that belongs to the change `dsin` of its sine."""
     return x - W1 * epsilon * dsin
 
 
@@ -403,25 +411,25 @@ def complex_sine_cosine(z):
 
 @inline
 def analytic_phase(t):
-    """Return the sine and cosine of the phase at a complex time."""
+    """Return the sine and cosine of 2πt for a complex time t."""
     return complex_sine_cosine(TWO_PI * t)
 
 
 @inline
 def analytic_change(t0, t1, s, epsilon):
-    """Return e(t₁) − e(t₀) at complex times with s = t₁ − t₀, without cancellation."""
+    """Return the change e(t₁) − e(t₀) of the forcing at complex times, without cancellation; s = t₁ − t₀."""
     return epsilon * (-2.0 * complex_sine_cosine(math.pi * (t0 + t1))[0] * complex_sine_cosine(math.pi * s)[0])
 
 
 @inline
 def add_analytic_acceleration(x, sine, cosine, epsilon):
-    """Return x + e''. The order of the products decides the stored bits of curves."""
+    """Return x + e'', e the forcing, for complex sine and cosine. Stored bits depend on the order of the products."""
     return x - TWO_PI * (TWO_PI * epsilon) * cosine
 
 
 @inline
 def analytic_force_ahead(sign, sin0, cos0, delta, epsilon):
-    """Return `force_ahead` for complex arguments and δ > 0."""
+    """Return the result of `force_ahead` for complex sine and cosine, and δ > 0."""
     size = sign * TWO_PI * epsilon
     mean = sign * 2 * TWO_PI * delta
     return mean, -size * (TWO_PI * cos0 + delta * sin0), size * (TWO_PI * sin0 - delta * cos0)
@@ -429,13 +437,13 @@ def analytic_force_ahead(sign, sin0, cos0, delta, epsilon):
 
 @inline
 def change_by_epsilon(t0, t1, s):
-    """Return (e(t₁) − e(t₀))/ε at real times, which is the derivative by ε because e is linear in ε."""
+    """Return the derivative by ε of the forcing's change e(t₁) − e(t₀), at real times with s = t₁ − t₀."""
     return -2.0 * math.sin(math.pi * (t0 + t1)) * math.sin(math.pi * s)
 
 
 @inline
 def slope_by_epsilon(sine, cosine):
-    """Return e'/ε at real times, which is the derivative of e' by ε."""
+    """Return the derivative by ε of e', the forcing's derivative, at a real time."""
     return -TWO_PI * sine
 
 
@@ -464,7 +472,7 @@ class Forcing:
         return [(0.0, complex(mean_force(delta))), (TWO_PI, size), (-TWO_PI, size.conjugate())]
 
     def force_and_rate(self, time: NDArray, delta: NDArray) -> NDArray:
-        """Return g/2π and g'/4π²ε (…, 2) at real or complex times (…). Both are 0 where a least force of 0 occurs."""
+        """Return g/2π and g'/4π²ε (…, 2), g the contact force, at times (…). Both are 0 where g has a minimum of 0."""
         sine, cosine = np.sin(TWO_PI * time), np.cos(TWO_PI * time)
         force = 2 * delta - self.epsilon * (TWO_PI * cosine + delta * sine)
         return np.stack([force, TWO_PI * sine - delta * cosine], axis=-1)
@@ -482,7 +490,7 @@ def quiet_eccentricity(delta: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def least_damping(epsilon: float) -> float:
-    """Return the δ at which the minimum of the contact force is 0, the inverse of `quiet_eccentricity`."""
+    """Return the δ at which the minimum of the contact force is 0; inf if ε ≥ 2. It inverts `quiet_eccentricity`."""
     return TWO_PI * epsilon / math.sqrt(4.0 - epsilon * epsilon) if epsilon < 2.0 else math.inf
 
 

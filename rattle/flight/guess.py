@@ -39,7 +39,7 @@ FARTHEST = f32(0.1)  # longest Taylor step to the minimum; a longer step is unre
 NEAREST = f32(3e-6)  # shortest step whose sixth power is not a denormal number, which processors handle slowly
 TOO_FAR = f32(LONGEST_DECAY)  # largest δs for which the polynomials hold
 UNBOUNDED = f32(-1e30)  # a lower bound so low that it proves nothing
-SCAN_STEP = f32(1 / 8)
+SCAN_STEP = f32(1 / 8)  # forcing periods
 SCAN_STEPS = 16
 PER_DRIFT = f32(1.0 / DRIFT)
 
@@ -109,14 +109,14 @@ def better_guess(s, wall, gap, flight):
 
 @inline
 def wall_level(wall, falls, gap):
-    """Return F at the next wall: 0 or −gap from Σ⁺, gap from Σ⁻."""
+    """Return the height F of a flight above its departure, at the next wall: 0 or −gap from Σ⁺, gap from Σ⁻."""
     level = f32(0.0) if wall > f32(0.0) else gap
     return -gap if falls else level
 
 
 @inline
 def taylor_coefficients(s, flight):
-    """Return the Taylor coefficients F, F', F''/2, F'''/6, F⁗/24 and F⁽⁵⁾/120 at s."""
+    """Return the Taylor coefficients F, F', F''/2, F'''/6, F⁗/24 and F⁽⁵⁾/120 of a flight's height at time s."""
     f0, f1, f2, lost, sin1, cos1 = evaluate32(s, flight)
     delta, epsilon = flight.delta, flight.epsilon
     b = delta * flight.a * (f32(1.0) - lost)  # the decaying part of F''
@@ -128,7 +128,7 @@ def taylor_coefficients(s, flight):
 
 @inline
 def height_scale(s, flight):
-    """Return the sum of the sizes of the terms of F at s, to which the rounding error of F is relative."""
+    """Return the sum of the sizes of the terms of a flight's height F at s. Its rounding error is relative to this."""
     w, a, _sin0, _cos0, delta, epsilon = flight
     forced = change_scale32(s)
     return s * (abs(w) + abs(a) * min(f32(0.5) * delta * s, f32(1.0))) + epsilon * forced
@@ -136,26 +136,26 @@ def height_scale(s, flight):
 
 @inline
 def speed_scale(flight):
-    """Return the sum of the sizes of the terms of F', to which the rounding error of F' is relative."""
+    """Return the sum of the sizes of the terms of a flight's speed F', to which its rounding error is relative."""
     return abs(flight.w) + abs(flight.a) + slope_range32(flight.epsilon)
 
 
 @inline
 def taylor_slope(u, c1, c2, c3, c4, c5):
-    """Return the derivative of the Taylor polynomial at u."""
+    """Return the derivative at u of the Taylor polynomial with these coefficients."""
     return c1 + u * (f32(2.0) * c2 + u * (f32(3.0) * c3 + u * (f32(4.0) * c4 + u * (f32(5.0) * c5))))
 
 
 @inline
 def taylor_value(u, c0, c1, c2, c3, c4, c5):
-    """Return the Taylor polynomial at u."""
+    """Return the value at u of the Taylor polynomial with these coefficients."""
     u2 = u * u
     return (c0 + u * c1) + u2 * ((c2 + u * c3) + u2 * (c4 + u * c5))
 
 
 @inline
 def estimated_minimum(s, series, flight):
-    """Return the estimated minimum of F near s, from the Taylor series of F at s, and bounds at this point.
+    """Return the estimated minimum near s of a flight's height F, from its Taylor series at s, and bounds there.
 
     The bounds include the remainder and rounding, and hold for δs < 2. The bound of F is UNBOUNDED where the Taylor
     polynomial is unreliable.
@@ -178,7 +178,7 @@ def estimated_minimum(s, series, flight):
     m6 = largest_sixth32(epsilon) + f32(1 / 360) * (delta * delta) * (delta * delta) * (
         delta * abs(a)
     )  # bounds |F⁽⁶⁾|/720, because e^(δu) < 2
-    left_out = m6 * r2 * r2  # the remainder of F is at most r2 times this, and that of F' 6 reach times this
+    left_out = m6 * r2 * r2  # the remainder of F is at most r2 * left_out, that of F' at most 6 * reach * left_out
     tilt = abs(taylor_slope(u, c1, c2, c3, c4, c5)) + ERROR * speed_scale(flight) + f32(6.0) * reach * left_out
     end = s + reach
     rounding = end * (abs(w) + abs(a) * (f32(0.5) * delta * end)) + coarse_change_scale32(end, epsilon)
@@ -189,7 +189,7 @@ def estimated_minimum(s, series, flight):
 
 @inline
 def local_root(rising, level, series):
-    """Return the step to F = level: the root of the parabola, then one Newton step on the Taylor polynomial."""
+    """Return the step in time to F = level: the root of the parabola, then one Newton step on the Taylor polynomial."""
     f0, c1, c2, c3, c4, c5 = series
     c0 = f0 - level
     root = sqrt(abs(c1 * c1 - f32(4.0) * c0 * c2))
@@ -204,7 +204,7 @@ def local_root(rising, level, series):
 
 @inline
 def refine_time(s, level, flight):
-    """Return s after a step of fourth order to F = level, the size of the step, and F' there."""
+    """Return the time s after a step of fourth order to F = level, the step, and an estimate of F' after it."""
     c0, c1, c2, c3, c4, _c5 = taylor_coefficients(s, flight)
     inverse = f32(1.0) / c1
     u, p, q, r = (level - c0) * inverse, c2 * inverse, c3 * inverse, c4 * inverse

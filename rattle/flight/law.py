@@ -66,7 +66,7 @@ def natural_speed(delta, epsilon, beta):
     Returns
     -------
     float or ndarray
-        Of the broadcast shape, never infinite.
+        The speed, with the broadcast shape; never infinite.
     """
     # separate roots, because the product of δ and β may overflow
     across = 6.0 * math.sqrt(math.pi) * np.sqrt(delta) * np.sqrt(beta)
@@ -99,7 +99,7 @@ def _build_evaluate(real, decay, forced):
 
     @inline
     def evaluate(s, flight):
-        """Return F, F', F'', 1 − e^(−δs), sine and cosine of the forcing at s; δs must lie in [−0.05, 2]."""
+        """Return the height F of a flight, F', F'', 1 − e^(−δs), and the forcing's sine and cosine; −0.05 ≤ δs ≤ 2."""
         w, a, sin0, cos0, delta, epsilon = flight
         step = versines(s)
         x = delta * s
@@ -133,7 +133,7 @@ def flight_from_phase(tau, w, delta, epsilon, drift):
 
 @kernel
 def evaluate(s, flight):
-    """Return the result of `evaluate_short` for any δs."""
+    """Return the height F of a flight, F', F'', 1 − e^(−δs), and the forcing's sine and cosine at s, for any δs."""
     w, a, sin0, cos0, delta, epsilon = flight
     x = delta * s
     f0, f1, f2, lost, sin1, cos1 = evaluate_short(s, flight)
@@ -147,19 +147,19 @@ def evaluate(s, flight):
 
 @inline
 def second_derivative(lost, sin1, cos1, flight):
-    """Return F'' from 1 − e^(−δs) and the forcing's sine and cosine at s."""
+    """Return F'' of a flight from 1 − e^(−δs) and the forcing's sine and cosine at s."""
     return add_acceleration(flight.delta * flight.a * (1.0 - lost), sin1, cos1, flight.epsilon)
 
 
 @inline
 def third_derivative(lost, sin1, cos1, flight):
-    """Return F''' from 1 − e^(−δs) and the forcing's sine and cosine at s."""
+    """Return F''' of a flight from 1 − e^(−δs) and the forcing's sine and cosine at s."""
     delta = flight.delta
     return forcing.third_derivative(sin1, cos1, flight.epsilon) - delta * delta * flight.a * (1.0 - lost)
 
 
 @inline
 def fourth_derivative(lost, sin1, cos1, flight):
-    """Return F⁗ from 1 − e^(−δs) and the forcing's sine and cosine at s."""
+    """Return F⁗ of a flight from 1 − e^(−δs) and the forcing's sine and cosine at s."""
     delta = flight.delta
     return forcing.fourth_derivative(sin1, cos1, flight.epsilon) + delta * delta * delta * flight.a * (1.0 - lost)

@@ -19,11 +19,12 @@ from rattle.flight.law import decay32, evaluate32
 from rattle.numerics.compile import inline
 
 LATER = f32(1.0002)  # the flight may end later in double than in single precision, by up to 1e-4 of its duration
-# longest step of fourth order whose remainder `last_step` can remove; after a longer one a second attempt is cheaper
+# `last_step` can remove the remainder of a step of fourth order up to this share of the flight time; after a longer
+# step a second attempt is cheaper
 LARGEST_STEP = f32(0.05)
-# largest ratio of the terms of F to s |F'| at the impact; above it the time loses its thirteenth digit
+# above this ratio of the terms of F to s |F'| at the impact, the time s of the impact loses its thirteenth digit
 STEEPEST = f32(100.0)
-# largest damping at which rounding of the times of the arc changes F' by less than ERROR allows (`is_off_arc_ends`)
+# above this damping, rounding of the times of the arc may change F' by more than ERROR allows (`is_off_arc_ends`)
 FASTEST = f32(20.0)
 
 
@@ -36,13 +37,19 @@ def is_located(s, step, speed, flight):
 
 @inline
 def arc_in_single(arc):
-    """Return an arc in single precision."""
+    """Return an arc of negative contact force, converted to single precision."""
     return NegativeArc(arc.exists, f32(arc.leave), f32(arc.length), f32(arc.sin_entry), f32(arc.sin_exit))
 
 
 @inline
 def times_to_arc(tau, arc):
-    """Return the times to the beginning (0 if inside) and end of the next arc, and whether the departure is inside."""
+    """Return the times to the beginning and end of the next arc of negative contact force, and whether tau is inside.
+
+    Returns
+    -------
+    tuple[float, float, bool]
+        The time to the beginning, 0 if tau is inside; the time to the end; True if tau is inside.
+    """
     to_exit = arc.leave - tau
     to_exit -= floor(to_exit)
     inside = to_exit < arc.length
@@ -51,7 +58,7 @@ def times_to_arc(tau, arc):
 
 @inline
 def is_off_arc_ends(to_exit, arc_length, delta):
-    """Return whether it is certain, despite rounding, that the departure is inside or outside the arc.
+    """Return whether it is certain, despite rounding, on which side of the arc's ends a flight departs.
 
     It is certain if the departure is far from both ends of the arc, and the damping so small that the rounding of these
     times, 1e-7, changes F' by less than ERROR allows.
@@ -102,7 +109,9 @@ def has_single_turn(wall, rising, tau, s, turn, flight, arc):
 
 @inline
 def height_lower_bound(s, minimum, delta):
-    """Return a lower bound of F on [0, s], if e^(δs) F' grows between the true minimum and the estimated one.
+    """Return a lower bound of a flight's height F on [0, s].
+
+    The bound holds if e^(δs) F' grows between the true minimum of F and the estimated one.
 
     `minimum` is the estimated minimum, with a lower bound of F and an upper bound of |F'| (`tilt`) at this point.
     Between the true and the estimated minimum |F'| is at most e^(δs) tilt.
@@ -121,7 +130,8 @@ def height_lower_bound(s, minimum, delta):
 def clears_the_gap(wall, rising, s, minimum, gap, flight):
     """Return whether a flight from Σ⁺ back to Σ⁺ certainly clears Σ⁻, because it is too short or turns above Σ⁻.
 
-    While Φ falls, |F'| stays below |w| + max (e'(t₀) − e') if A ≥ 0; for one cosine this is |w| + 2πε (1 − sin θ).
+    While Φ falls, |F'| stays below |w| + max (e'(t₀) − e') if A of the flight law is not negative; for one cosine this
+    is |w| + 2πε (1 − sin θ).
     For all other flights, which need no such check, the result is True.
 
     Returns
@@ -137,7 +147,9 @@ def clears_the_gap(wall, rising, s, minimum, gap, flight):
 
 @inline
 def clears_with_two_minima(wall, rising, tau, s, minimum, gap, flight, arc):
-    """Return whether a flight from Σ⁺ back to Σ⁺ certainly touches no wall and turns before, on and after the arc.
+    """Return whether a flight from Σ⁺ back to Σ⁺ certainly touches no wall, and its height F has two minima.
+
+    The minima are before and after the arc of negative contact force, and between them F has a maximum on the arc.
 
     On a piece where e^(δs) F' is monotone, its values at both ends bound F' on the piece. Therefore F lies on one side
     of two lines: each goes through the value of F at one end and has one of these bounds as its slope. The crossing of

@@ -170,7 +170,7 @@ def damping(pair: Reduced) -> Any:
 
 
 def epsilon_of_amplitude(length: Any, pair: Reduced) -> Any:
-    """Return ε from an amplitude of the transmission error along the line of action, in m."""
+    """Return ε from the amplitude of the transmission error along the line of action, `length` in m."""
     return pair.scale * length / pair.radius
 
 

@@ -157,7 +157,7 @@ def assemble_forcing(components: Sequence[Component]) -> PairForcing:
     )
     require(
         len(orders) <= MOST_HARMONICS,
-        f"{len(orders)} harmonics are too many: give the {MOST_HARMONICS - 1} largest",
+        f"the transmission error has {len(orders)} harmonics, too many: give the {MOST_HARMONICS - 1} largest",
     )
     sizes, phases = zip(*(_phasor_sum(of.get(order, [(0.0, 0.0)])) for order in orders), strict=True)
     shape = np.broadcast_shapes(*(np.shape(size) for size in sizes))

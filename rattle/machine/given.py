@@ -76,7 +76,10 @@ def is_quantity(value: Any) -> bool:
 
 
 def require_plausible(inertia: float, backlash: float, eccentricity: float, radius: float, prefix: str = "") -> None:
-    """Raise ParameterError if a number is so large that its unit must be wrong; prefix: of the names in messages."""
+    """Raise ParameterError if a number is so large that its unit must be wrong.
+
+    prefix: "driven_" if the names in messages are those of the second gear.
+    """
     require(radius > 0.0, f"{prefix}radius is 0 in double precision: give larger radii in metres")
     require(
         radius <= LARGEST_RADIUS,
@@ -98,7 +101,7 @@ def require_plausible(inertia: float, backlash: float, eccentricity: float, radi
 
 
 def teeth_of(name: str, value: Any) -> int | None:
-    """Return a checked number of teeth, or None if it is None. Raises ParameterError."""
+    """Return a checked number of teeth, or None if `value` is None. Raises ParameterError."""
     if value is None:
         return None
     number = require_number(name, value, positive=True)
@@ -125,7 +128,7 @@ def require_matching_gears(given: Mapping[str, Any], radius: Any, teeth: int | N
     driven = given.get("driven_radius")
     require(
         driven_teeth is None or teeth is not None,
-        "driven_teeth is the second gear's number: give the first's teeth too",
+        "driven_teeth is the tooth number of the second gear: give teeth, that of the first gear, too",
     )
     if driven is None:
         driven = radius if driven_teeth is None or teeth is None else radius * (driven_teeth / teeth)

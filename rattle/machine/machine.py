@@ -203,7 +203,7 @@ class Machine:
         )
         require(
             not (self.eccentricity and any(order == 1 for order, _, _ in self.errors)),
-            "eccentricity is order 1 of errors, which has this order too: give eccentricity=0",
+            "eccentricity is the amplitude of order 1, which errors contains too: give eccentricity=0",
         )
         pair = self._point.pair
         own = float(pair.radius / pair.ratio)
@@ -346,7 +346,7 @@ class Machine:
 
 
 def _checked_restitution(value: float | None) -> float | None:
-    """Return a checked coefficient of restitution, or None if it is None. Raises ParameterError."""
+    """Return a checked coefficient of restitution, or None if `value` is None. Raises ParameterError."""
     if value is None:
         return None
     number = require_number("restitution", value, positive=True)

@@ -92,7 +92,8 @@ def transmission_error(angle: ArrayLike, error: ArrayLike, orders: int = 40) -> 
     )
     missing = np.flatnonzero(~(np.isfinite(turn) & np.isfinite(e)))
     require(
-        not missing.size, f"point {missing[:1] + 1} of {turn.size} is not a finite number: measure it, or leave it out"
+        not missing.size,
+        f"point {missing[:1].sum() + 1} of {turn.size} is not a finite number: measure it, or leave it out",
     )
     require(turn.size >= 4, f"{turn.size} points are too few: give at least {2 * orders + 1} for {orders} orders")
     steps = np.diff(turn)
@@ -103,8 +104,8 @@ def transmission_error(angle: ArrayLike, error: ArrayLike, orders: int = 40) -> 
     back = np.flatnonzero(steps <= 0)
     require(
         not back.size,
-        f"angles must rise, and point {back[:1] + 2} does not: sort the table by angle, go on after a revolution with "
-        "361° after 360°, and leave out one of two points at the same angle",
+        f"angles must rise, and that of point {back[:1].sum() + 2} does not: sort the table by angle, go on after a "
+        "revolution with 361° after 360°, and leave out one of two points at the same angle",
     )
     turn, e, revolutions = _whole_revolutions(turn, e)
     needed = 2 * orders + 1
@@ -200,13 +201,13 @@ def _whole_revolutions(turn: Array, e: Array) -> tuple[Array, Array, int]:
 
 
 def _largest_gap(turn: Array, revolutions: int) -> float:
-    """Return the largest distance between neighbouring angles, all taken modulo one revolution."""
+    """Return the largest distance between neighbouring angles in revolutions, all angles modulo one revolution."""
     angle = np.unique(turn % 1.0) if revolutions > 1 else np.sort(turn - turn[0])
     return float(max(np.max(np.diff(angle), initial=0.0), 1.0 - angle[-1] + angle[0]))
 
 
 def _fit_orders(turn: Array, e: Array, orders: int, revolutions: int) -> TransmissionError:
-    """Fit orders 1 to `orders` by least squares, and keep the largest ones."""
+    """Fit orders 1 to `orders` by least squares, and keep the largest of them, at most MOST_HARMONICS − 1."""
     order = np.arange(1, orders + 1)
     basis = np.exp(-2j * np.pi * turn[:, None] * order)
     matrix = np.hstack([np.ones((turn.size, 1)), basis.real, -basis.imag])

@@ -123,5 +123,5 @@ def _is_rattling(attractor: Attractor) -> bool:
 
 
 def _is_undecided(attractor: Attractor) -> bool:
-    """Return whether an attractor stands for undecided samples."""
+    """Return whether an attractor of a table stands for all undecided samples."""
     return attractor.kind == "undecided"

@@ -24,7 +24,7 @@ MODELS: dict[str, type[Model]] = {
     Inelastic.name: Inelastic,
 }  # a new model goes above this line
 DEFAULT_MODEL = next(iter(MODELS))
-#: The parameters that models add to δ, ε and β, by name. No two models add the same parameter.
+#: The parameters that models have besides δ, ε and β, by name. No two models add the same parameter.
 ADDED: dict[str, Parameter] = {each.name: each for model in MODELS.values() for each in model.added}
 #: The names of all parameters besides δ and ε. All cells of a plane have the same values of these parameters.
 OTHERS = (BETA.name, *ADDED)
@@ -111,7 +111,7 @@ def with_harmonics(model: Model, harmonics: Sequence[Harmonic]) -> Model:
         needed = " and ".join(_required_parameters(able))
         raise ParameterError(
             f"the {model.name} model takes no harmonics: leave them out, or give {needed}, which selects the "
-            f"{able.name} one"
+            f"{able.name} model"
         )
     taking: Any = model
     return replace(taking, harmonics=tuple(harmonics))
@@ -138,8 +138,8 @@ def lacking(capability: Capability, model: Model | type[Model]) -> CapabilityErr
     """Return the error for a capability that a model lacks. Its message names the models that have the capability."""
     having = [name for name, each in MODELS.items() if capability in each.has]
     words = capability[0].upper() + capability[1:]
-    only = " and ".join(having)
-    return CapabilityError(f"{words} available only for the {only} model, not for the {model.name} model.")
+    only = f"{' and '.join(having)} model{'s' if len(having) > 1 else ''}"
+    return CapabilityError(f"{words} available only for the {only}, not for the {model.name} model.")
 
 
 def require_capability(capability: Capability, model: Model | type[Model]) -> None:

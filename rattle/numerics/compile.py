@@ -46,9 +46,9 @@ log = logging.getLogger(__name__)  # INFO: kernels that are being compiled
 COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience", "notebook.py", "precompile.py"}
 COMPILE_NOTHING = COMPUTE_NOTHING | {"models"}  # parts without kernels: models call kernels of other parts
 COMPILE = "import sys; from rattle.numerics.compile import compile_here; compile_here(*sys.argv[1:])"
-STEP = "compiling "  # start of the lines in which the compiling process reports its steps
+STEP = "compiling "  # the lines in which the compiling process reports its steps begin with this word
 POLL_SECONDS = 0.1
-_HERE: list[Path] = []  # in a compiling process: files to create when the kernels are compiled
+_HERE: list[Path] = []  # files that a compiling process creates when the kernels are compiled; empty in other processes
 _LOCK = threading.Lock()
 
 
@@ -229,7 +229,7 @@ def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[...
 
 
 def note_of(about: str, work: str) -> Path:
-    """Return the file whose existence says that the kernels of the job `work` for `about` are in the cache."""
+    """Return the file that exists if the kernels of the job `work`, with the argument `about`, are in the cache."""
     return cache_directory() / f"{work.rpartition(':')[2]}-{about.split()[0]}.note"
 
 

@@ -9,8 +9,9 @@ def narrow_bracket(lo, f_lo, hi, f_hi, side, at, f):
 
     lo, hi: ends of the bracket, with the function values f_lo and f_hi. f: the function value at `at`. side: the end
     that the step before replaced, 1 for hi and −1 for lo.
-    The function value at an end that stays twice is halved, so that the next secant step moves that end (Illinois
-    method: Dowell and Jarratt 1971).
+
+    If an end stays for the second time, the function value at this end is halved, so that the next secant step moves
+    it (Illinois method: Dowell and Jarratt 1971).
 
     Returns
     -------

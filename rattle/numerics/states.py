@@ -90,7 +90,7 @@ def _inverse_distribution(weight: Array, row: NDArray[np.int64], share: Array) -
     total = np.cumsum(weight, axis=1)
     ends = np.hstack([np.zeros((len(weight), 1)), total])
     want = share * total[row, -1]
-    # concatenate the rows to one rising function, so that one search serves all rows
+    # concatenate the distribution functions to one increasing function, so that one search serves all rows
     offset = np.concatenate([[0.0], np.cumsum(ends[:, -1])])[:-1]
     line = (ends[:, 1:] + offset[:, None]).ravel()
     cell = np.searchsorted(line, want + offset[row], "right") - row * weight.shape[1]

@@ -11,11 +11,11 @@ from rattle.flight.forcing import DRIFT, NegativeArc, add_slope, has_swing_beyon
 from rattle.flight.law import Flight
 from rattle.numerics.compile import inline, kernel
 
-LANES, GROUP = 192, 16  # lanes of a block, and of a group; only groups in use are computed
+LANES, GROUP = 192, 16  # numbers of lanes of a block, and of a group; only groups in use are computed
 #: Numbers of groups: all, none, one. They are np.int64, because Python integers would compile further kernel variants.
 GROUPS, NONE, ONCE = np.array([LANES // GROUP, 0, 1])
 SMOOTH, ROUGH, ARCS = range(3)
-ROUGHNESS = 0.75  # share of the amplitude at which the contact force changes sign; above it a better first guess pays
+ROUGHNESS = 0.75  # a better first guess pays on lanes where the contact force swings by over this share of its mean
 HUGE = 1e100  # largest growth of a tangent vector between two checks
 ZERO, ONE = f32(0.0), f32(1.0)
 
@@ -102,7 +102,7 @@ def flight64(b, i):
 
 @inline
 def arc32(b, i):
-    """Return the arc of negative contact force of lane i."""
+    """Return the arc of negative contact force of lane i, in single precision."""
     k = np.uint64(i)
     return NegativeArc(not b.no_arc[k] > ZERO, b.arc_exit[k], b.arc_length[k], b.sin_entry[k], b.sin_exit[k])
 
@@ -187,7 +187,7 @@ def clear_block(b):
 
 @inline
 def has_ended(b, i):
-    """Return whether lane i has made its impacts, or cannot go on because it only bounces on Σ⁻."""
+    """Return whether lane i has made its impacts, or cannot go on because it only bounces on Σ⁻, and then stop it."""
     if b.n_minus[i] > MOST_BOUNCES * (b.n_plus[i] + 1.0):
         b.stuck[i], b.limit[i] = ENDLESS, -1.0
     return not b.n_plus[i] < b.limit[i]
@@ -220,7 +220,7 @@ def prepare_flights(b, groups, none_waits):
 
 @inline
 def needed_stage(b, groups):
-    """Return the most demanding stage that any lane needs.
+    """Return the level of care that the most demanding lane needs in the guess and the proof.
 
     Returns
     -------

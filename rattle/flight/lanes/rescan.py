@@ -26,7 +26,8 @@ from rattle.flight.law import Flight
 from rattle.flight.proof import clears_the_gap, clears_with_two_minima, has_single_turn, is_located
 from rattle.numerics.compile import inline, kernel
 
-SCANNED, SAFE = range(2)  # indices of `paths`, the numbers of flights located by this second attempt and by the search
+# `paths[SCANNED]` counts the flights that need this second attempt, `paths[SAFE]` those that also need the safe search.
+SCANNED, SAFE = range(2)
 
 
 @kernel
@@ -64,7 +65,7 @@ def compact(b, groups):
 
 @inline
 def compacted_flight(b, i):
-    """Return flight i of the compacted lanes."""
+    """Return the flight of compacted lane i, in single precision."""
     k = np.uint64(i)  # an unsigned index, as in `flight32`
     return Flight(b.z_w[k], b.z_a[k], b.z_sin0[k], b.z_cos0[k], b.z_delta[k], b.z_epsilon[k])
 

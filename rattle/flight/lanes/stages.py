@@ -36,7 +36,7 @@ LEAST = -np.finfo(np.float64).max  # the smallest finite number
 
 @inline
 def copy_to_single(b, groups):
-    """Copy the state to single precision, in a loop of its own because mixed widths halve the vector length."""
+    """Copy the state of each lane to single precision, in its own loop: mixed widths would halve the vector length."""
     for field in range(len(b.state)):
         for i in range(GROUP * groups):
             b.state_[field, i] = f32(b.state[field, i])
@@ -81,7 +81,7 @@ def choose_wall(b, groups):
 
 @inline
 def solve_locally(b, groups):
-    """Solve the Taylor polynomial for the level of the wall."""
+    """Move the time of the guess to the impact, where the Taylor polynomial reaches the level of the wall."""
     for i in range(GROUP * groups):
         level = wall_level(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
         series = b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i]
@@ -229,7 +229,7 @@ def carry(b, groups):
 
 @inline
 def has_lossy_lane(b, groups):
-    """Return whether on some lane impacts lose energy, so that a chatter may complete."""
+    """Return whether impacts lose energy on some lane, so that a chatter may complete."""
     found = False
     for i in range(GROUP * groups):
         found |= b.capture[i] > 0.0
@@ -288,8 +288,8 @@ def repair(b, groups, paths):
 def advance(memory, groups, flights, force, tangent, paths):
     """Compute the next flights of every lane of a block: `flights` of them, if `tangent` with their tangent vectors.
 
-    `groups` is the number of groups in use, `force` the result of `roughest`. `paths` counts the flights that the scan
-    and the search locate.
+    `groups` is the number of groups in use, `force` the result of `needed_stage`. `paths` counts the flights that
+    need a scan, and those that need the safe search.
     """
     b = memory[0]
     lossy = has_lossy_lane(b, groups)

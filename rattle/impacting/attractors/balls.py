@@ -113,7 +113,7 @@ def under_way(b, group, most):
 
 @inline
 def holds(b, work, lane, i, centres):
-    """Return whether the state on a lane, followed over the period of centre i, meets the conditions of `contracts`."""
+    """Return whether a lane's state, followed over the period of centre i, is as `is_contracting_at` requires."""
     arrived = b.n_plus[lane] == centres.n_plus[i] and b.n_minus[lane] == centres.n_minus[i]
     a, b_, c, d = work.a[lane], -work.b[lane], -work.c[lane], work.d[lane]  # in (τ, v), with v = −w at both ends
     return arrived and is_contraction(a, b_, c, d, centres.m00[i], centres.m01[i], centres.m11[i])

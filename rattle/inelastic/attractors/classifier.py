@@ -117,7 +117,7 @@ class InelasticClassifier(Classifier):
         return super().may_leak(cells) & (~self.is_lossy[cells] | self.weak[cells])
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return True for cells with elastic impacts; in the others `judge` need not wait, as it tests for leaks."""
+        """Return True for cells with elastic impacts; in others `judge_by_probes` tests for leaks and need not wait."""
         return ~self.is_lossy[cells]
 
     def judge_by_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
