@@ -119,7 +119,7 @@ BETA = Parameter("beta", "β", "half-backlash", default=0.6, example=0.6)
 class Parameters:
     """The values of all parameters of a model at one point or at many, as arrays of one shape.
 
-    `Parameters.of` checks and broadcasts values.
+    `Parameters.from_values` checks given values and broadcasts them.
 
     Parameters
     ----------
@@ -141,14 +141,16 @@ class Parameters:
     harmonics: tuple[Harmonic, ...] = ()
 
     @classmethod
-    def of(cls, model: str, delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **added: ArrayLike) -> Parameters:
+    def from_values(
+        cls, model: str, delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **added: ArrayLike
+    ) -> Parameters:
         """Check values and broadcast them to one shape. Raises ParameterError if one is outside its domain."""
         # copies, because kernels need arrays that are contiguous and writable
         d, e, b, *others = (np.array(x, order="C") for x in broadcast_parameters(delta, epsilon, beta, **added))
         return cls(model, d, e, b, dict(zip(added, others, strict=True)))
 
     @property
-    def named(self) -> dict[str, Array]:
+    def values_by_name(self) -> dict[str, Array]:
         """All values by name."""
         return {"delta": self.delta, "epsilon": self.epsilon, "beta": self.beta, **self.added}
 
@@ -183,7 +185,7 @@ class Parameters:
         """Return the points at a share of the way to other points of the same model; share 1 gives the other points."""
         if share == 1.0:
             return other
-        mixed = {name: x + share * (other.named[name] - x) for name, x in self.named.items()}
+        mixed = {name: x + share * (other.values_by_name[name] - x) for name, x in self.values_by_name.items()}
         delta, epsilon, beta = (mixed.pop(name) for name in ("delta", "epsilon", "beta"))
         return Parameters(self.model, delta, epsilon, beta, mixed, self.harmonics)
 
@@ -193,7 +195,7 @@ class Parameters:
 
     def point(self, number: int = 0) -> dict[str, float]:
         """Return the values at point number `number`, by name."""
-        return {name: float(x[number]) for name, x in self.named.items()}
+        return {name: float(x[number]) for name, x in self.values_by_name.items()}
 
     def _map_arrays(self, change: Any) -> Parameters:
         """Return the points with a function applied to each array."""

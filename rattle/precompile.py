@@ -74,7 +74,7 @@ def survey(name: str) -> Steps:
     def rare_cases() -> None:  # kernels that only some samples need
         none, nothing, seen = np.zeros(0, np.int64), np.zeros(0), empty_record(0)
         states = np.zeros((delta.size, 1)), np.full((delta.size, 1), 5.0)
-        of = model.classified(model.at(delta, epsilon), *states)
+        of = model.classify_states(model.parameters_at(delta, epsilon), *states)
         resolve(none, of.cells, of.samples, of.orbits, of.balls, of.grown)
         mark_footprints(none, 1, of.cells, of.samples, seen.prints)
         write_group_numbers(seen.prints, none, none)

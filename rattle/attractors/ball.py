@@ -67,7 +67,7 @@ class Centres(NamedTuple):
 def contracting_norm(a, b, c, d, q):
     """Return the matrix M of a norm zᵀMz in which J = [[a, b], [c, d]] contracts.
 
-    M solves M − JᵀMJ/ρ² = diag(1, q), with ρ half-way between the spectral radius of J and 1.
+    M solves M − JᵀMJ/ρ² = diag(1, q), with ρ² half-way between 1 and the square of the spectral radius of J.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def contracting_norm(a, b, c, d, q):
     radius = math.sqrt(abs(determinant)) if inside <= 0.0 else abs(0.5 * trace) + math.sqrt(inside)
     if not radius < 1.0:
         return False, 0.0, 0.0, 0.0
-    r = 2.0 / (1.0 + radius * radius)  # 1/ρ², with ρ half-way between the spectral radius and 1
+    r = 2.0 / (1.0 + radius * radius)  # 1/ρ², with ρ² half-way between the square of the spectral radius and 1
     k00, k01, k02 = 1.0 - r * a * a, -2.0 * r * a * c, -r * c * c
     k10, k11, k12 = -r * a * b, 1.0 - r * (a * d + b * c), -r * c * d
     k20, k21, k22 = -r * b * b, -2.0 * r * b * d, 1.0 - r * d * d
@@ -144,7 +144,7 @@ def is_contracting_at(tau, v, i, centres, point):
 
 @kernel
 def find_radii_one_by_one(centres, cells):
-    """Find the radii of capture regions one flight at a time, for gears whose flights have no vector lanes."""
+    """Write the radii of capture regions to `centres`, one flight at a time, for gears without vector lanes."""
     for i in range(centres.radius.size):
         point = point_of(centres.cell[i], cells)
         direction = 0

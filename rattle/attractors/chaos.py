@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rattle.attractors.samples import Outcome
 from rattle.numerics.compile import inline, kernel
 
-SAME_FOOTPRINT = 0.2  # two trajectories that share this part of the smaller set of visited cells are on one attractor
+SAME_FOOTPRINT = 0.2  # two trajectories are on one attractor if they share over this part of the fewer visited cells
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 BATCHES = 32

@@ -318,7 +318,7 @@ class Classifier(ABC):
             seen = ProbeRecord(seen.sums[every], seen.prints[every])
         decided[decided] = self.declare_chaos(cells[decided], chosen.select_cells(decided), seen)
         doubtful = decided & self.may_leak(cells)
-        decided[doubtful] = self.outlast_probes(cells[doubtful])
+        decided[doubtful] = self.samples_outlast_probes(cells[doubtful])
         return decided
 
     def may_leak(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -329,8 +329,8 @@ class Classifier(ABC):
         """Return flags (k,) of cells whose probes are measured only when no more of their samples settle."""
         return np.ones(cells.size, np.bool_)
 
-    def outlast_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return whether all unresolved samples of these cells stay unresolved for as long as the longest probe.
+    def samples_outlast_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return flags of the cells whose unresolved samples all stay unresolved for as long as the longest probe.
 
         At weak damping, and in cells with a quiet motion, sets that lose samples slowly are frequent, and twelve probes
         do not reveal the loss. In these cells all unresolved samples are followed. At weak damping, and in cells with
@@ -365,7 +365,7 @@ class Classifier(ABC):
         return lasted
 
     def neighbours_stay_unresolved(self, cells: NDArray[np.int64], first: int, last: int) -> NDArray[np.bool_]:
-        """Return whether neighbours of the unresolved samples of these cells stay unresolved too (neighbour test).
+        """Return flags of the cells where neighbours of the unresolved samples stay unresolved too (neighbour test).
 
         first, last: the followed states have the numbers from `first` to `last` − 1 of `neighbouring_trajectories`.
         Each neighbour is followed for as many impacts as the unresolved sample of its cell with the most impacts. In

@@ -11,8 +11,8 @@ from rattle.attractors.table import KINDS
 from rattle.errors import require, require_integer, require_number
 from rattle.numerics.sampling import Z_95, wilson_interval
 
-LARGEST_SIZE, SIZES = 2.0**-6, 8  # largest perturbation, and number of perturbations, each half the previous one
-FEWEST = 5  # a perturbation with fewer uncertain pairs is not used
+LARGEST_SIZE, SIZES = 2.0**-6, 8  # largest distance of a pair of states, and number of distances, each half the last
+FEWEST = 5  # the fit leaves out a distance with fewer uncertain pairs
 MOST_PAIRS = 1 << 20
 LONGEST_BOX = 4096
 
@@ -131,7 +131,7 @@ def _random_pairs(
     tau, v = random.random(shape), 1.0 - random.random(shape)
     angle = 2 * np.pi * random.random(shape)
     step_tau, step_v = sizes[:, None] * np.cos(angle), sizes[:, None] * np.sin(angle)
-    # turn back a step that would leave the plane
+    # reverse the change of speed where the second state would leave the plane
     step_v = np.where((v + step_v > 0) & (v + step_v < 1), step_v, -step_v)
     other_tau = (tau + step_tau) % 1.0
     other_tau = np.where(other_tau < 1.0, other_tau, 0.0)

@@ -39,7 +39,7 @@ class Reached:
     impacts: NDArray[np.int64]
 
 
-def states_of(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[int, ...]]:
+def checked_states(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[int, ...]]:
     """Check and broadcast phases and speeds; return them as flat arrays, phases in [0, 1), with their common shape."""
     try:
         phases, speeds = np.broadcast_arrays(real_array("tau", tau), real_array("v", v))
@@ -56,7 +56,7 @@ def states_of(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDArra
 
 def reached(plane: StatePlane, tau: ArrayLike, v: ArrayLike) -> Reached:
     """Return the attractors that given states of this plane go to; see `rattle.Gear.reached`."""
-    phases, speeds, shape = states_of(tau, v)
+    phases, speeds, shape = checked_states(tau, v)
     table, rows, impacts = classified(plane, phases, speeds)
     count = np.bincount(rows, minlength=table.kind.size)
     order = np.lexsort((np.arange(count.size), -count))
@@ -232,7 +232,9 @@ class SampledGear:
     @property
     def parameters(self) -> Parameters:
         """Return the parameters of this gear as arrays (1,)."""
-        return Parameters.of(self._classifier.model, **{name: [value] for name, value in self._numbers.items()})
+        return Parameters.from_values(
+            self._classifier.model, **{name: [value] for name, value in self._numbers.items()}
+        )
 
     @property
     def _numbers(self) -> dict[str, Any]:

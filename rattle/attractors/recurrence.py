@@ -17,7 +17,7 @@ from rattle.orbits.return_map import fastest_point, log_multipliers, newton, poi
 # APPROACH, or is below ARRIVED.
 APPROACH, ARRIVED = 0.5, 1e-9
 CANDIDATE = 1e-5  # the first return to within this distance gives the period for Newton's method
-LONGEST_PERIOD = 4096  # longest period to try, in impacts; samples with longer recurrences are followed further
+LONGEST_PERIOD = 4096  # longest period for Newton's method, in impacts on Σ⁺; slower recurrences are followed further
 SAME_POINT = 1e-6  # orbits of one label closer than this are the same orbit
 
 

@@ -47,7 +47,7 @@ def families_over(
     """Return a gear's families as `rattle.families_of` does; `others` has β and the parameters that the model adds."""
     delta, epsilon = axis("delta", delta), axis("epsilon", epsilon)
     others = {name: require_number(name, x, positive=True) for name, x in others.items()}
-    cells = Parameters.of(classifier.model, delta, epsilon[:, None], **others).flat()
+    cells = Parameters.from_values(classifier.model, delta, epsilon[:, None], **others).flat()
     table = attractors_of_samples(classifier, cells, sample)
     return joined(delta, epsilon, sample.count, table, classifier.cells_of(cells))
 

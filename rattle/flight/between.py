@@ -13,7 +13,7 @@ from rattle.flight.forcing import DRIFT, add_analytic_acceleration, add_slope, a
 from rattle.numerics.compile import inline
 
 SMALL = 0.1  # product of damping and flight time below which the mean drift would lose digits by cancellation
-# series of 1 − x/(1 − e^(−x)): coefficients of x, x², x⁴, x⁶, …
+# the Taylor series of 1 − x/(1 − e^(−x)) has these coefficients of x, x², x⁴, x⁶, …
 LAG = (-1 / 2, -1 / 12, 1 / 720, -1 / 30240, 1 / 1209600, -1 / 47900160, 691 / 1307674368000)
 
 
@@ -51,7 +51,7 @@ def drift_lag(x, s, pull):
 
 @inline
 def flight_between(t0, t1, turn0, turn1, gap, delta, epsilon):
-    """Return the flight from time t0 to time t1 over the distance `gap`, in the order of `Flights`.
+    """Return the flight from time t0 to time t1 over the distance `gap`, as the fields of `Flights` in order.
 
     turn0 and turn1 are (sine, cosine) of the phases at both ends.
 

@@ -72,7 +72,7 @@ def last_step(s, f0, f1, lost, sin1, cos1, flight):
     size = abs(u)
     p = 0.5 * f2 * inverse
     q = f3 * (1.0 / 6.0) * inverse
-    # each below 1e-4: |up|, 1e4 |u²q| and 1e7 |u³r|, with r = F⁗/24F'
+    # `exact` implies that |up|, 1e4 |u²q| and 1e7 |u³r|, with r = F⁗/24F', are below 1e-4
     terms = 0.5 * abs(f2) + size * (1e4 / 6.0 * abs(f3) + size * (1e7 / 24.0) * abs(f4))
     exact = (size < FARTHEST_STEP * min(s, 1.0)) & (size * terms < 1e-4 * abs(f1))
     return u * (1.0 - u * (p - u * (2.0 * p * p - q))), exact
@@ -205,7 +205,15 @@ def extremum_in(lo, hi, guess, convex, flight):
 
 @kernel
 def impact_on_piece(s0, s1, start, end, guess, lower, upper, flight):
-    """Return (wall, time) of the crossing on a monotone piece from F = start to F = end; wall 0 if there is none."""
+    """Return (wall, time) of the crossing of F = lower or F = upper on a piece on which F is monotone.
+
+    F goes from `start` at time s0 to `end` at time s1. A guess of the time may be nan.
+
+    Returns
+    -------
+    tuple[int, float]
+        +1 for the upper level, −1 for the lower one, 0 if there is no crossing; and the time.
+    """
     wall = 1 if end > start and end > upper else -1 if end < start and end < lower else 0
     if wall == 0:
         return 0, s1

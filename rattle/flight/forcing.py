@@ -59,13 +59,13 @@ def sine_defect64(q):
 
 @inline
 def versine32(q):
-    """Return versine64 in single precision."""
+    """Return (1 − cos z)/z² for q = z², |z| ≤ π, in single precision."""
     return degree_5(coefficients.VERSINE_32, q)
 
 
 @inline
 def sine_defect32(q):
-    """Return sine_defect64 in single precision."""
+    """Return (z − sin z)/z³ for q = z², |z| ≤ π, in single precision."""
     return degree_4(coefficients.SINE_DEFECT_32, q)
 
 
@@ -220,7 +220,7 @@ def largest_slope(epsilon):
 
 @inline
 def contact_force(sine, cosine, delta, epsilon, drift):
-    """Return g = Φ'' + δΦ' = δq + e'' + δe', which presses on Σ⁺ where it is positive."""
+    """Return the contact force g = Φ'' + δΦ' = δq + e'' + δe', q the drift. It presses on Σ⁺ where it is positive."""
     return delta * drift - TWO_PI * epsilon * (TWO_PI * cosine + delta * sine)
 
 
@@ -232,7 +232,7 @@ def contact_force_rate(sine, cosine, delta, epsilon):
 
 @inline
 def contact_force_swing(delta, epsilon):
-    """Return the amplitude of the contact force, the largest |g − δq|."""
+    """Return the amplitude of the contact force: its largest deviation from its mean."""
     return TWO_PI * epsilon * math.hypot(TWO_PI, delta)
 
 

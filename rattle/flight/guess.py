@@ -189,7 +189,7 @@ def estimated_minimum(s, series, flight):
 
 @inline
 def local_root(rising, level, series):
-    """Return the step in time to F = level: the root of the parabola, then one Newton step on the Taylor polynomial."""
+    """Return the step to F = level: a root of the parabola of three terms, and one Newton step with all terms."""
     f0, c1, c2, c3, c4, c5 = series
     c0 = f0 - level
     root = sqrt(abs(c1 * c1 - f32(4.0) * c0 * c2))

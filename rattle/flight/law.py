@@ -34,7 +34,7 @@ LONGEST_DECAY = 2.0  # largest δs for which the polynomials hold
 
 
 class Flight(NamedTuple):
-    """Terms of F of one flight, in double or in single precision."""
+    """The numbers that determine one flight, in double or in single precision. The module has the equation."""
 
     w: Real  # velocity of departure
     a: Real  # A = q − 2πε sin θ − w
@@ -59,7 +59,7 @@ def wrapped(difference):
 
 @inline
 def natural_speed(delta, epsilon, beta):
-    """Return the speed scale of motions, 1.5 √(16πδβ) + 2πε, which is 7 at (0.6, 0.1, 0.6) to a part in 700.
+    """Return the speed scale of motions, 1.5 √(16πδβ) + 2πε, near 7 at (δ, ε, β) = (0.6, 0.1, 0.6).
 
     The drift across the gap reaches √(16πδβ); 2πε is the largest speed of the forcing.
 
@@ -75,7 +75,7 @@ def natural_speed(delta, epsilon, beta):
 
 @inline
 def speed_unit(delta, epsilon, beta):
-    """Return the unit of speed differences, comparable to phase differences of 1; about 1 at (0.6, 0.1, 0.6)."""
+    """Return the speed that compares with a phase difference of 1; about 1 at (δ, ε, β) = (0.6, 0.1, 0.6)."""
     return natural_speed(delta, epsilon, beta) / 7.0
 
 
@@ -87,7 +87,7 @@ def decay64(x):
 
 @inline
 def decay32(x):
-    """Return decay64 in single precision, x in [0, 2]."""
+    """Return (e^(−x) − 1 + x)/x² for x in [0, 2], in single precision."""
     return degree_6(coefficients.DECAY_32, x)
 
 

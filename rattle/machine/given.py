@@ -25,24 +25,24 @@ UNITS = {
 }
 #: Numbers that may be 0: all amplitudes, and the load.
 MAY_BE_ZERO = ("eccentricity", "load_torque", *AMPLITUDES)
-#: Numbers of which the second gear may have other values, named driven_inertia and so on.
+#: Numbers for which the second gear may have other values; these are named driven_inertia and so on.
 DRIVEN = ("inertia", "drag", "radius")
 ANGLES = ("rad", "rev", "turn", "deg", "cycle")
 #: One revolution per minute in rad/s.
 RPM = TWO_PI / 60.0
 
-#: Largest base radius, m.
+#: Largest plausible base radius, m.
 LARGEST_RADIUS = 5.0
-#: Largest backlash and eccentricity, over the base radius.
+#: Largest plausible ratio of backlash or eccentricity to the base radius.
 WIDEST = 0.1
 #: Largest relative difference between the ratio of the radii and that of the tooth numbers, from rounding on a drawing.
 ROUNDED = 0.01
 MOST_TEETH = 1000
-#: Density of steel in kg/m³, and the largest inertia over that of a steel disc whose width equals its radius.
+#: Density of steel in kg/m³, and largest plausible ratio of an inertia to that of a steel disc as wide as its radius.
 STEEL, HEAVIEST = 7850.0, 1e4
 #: Speed of the base circle in m/s above which a number in rad/s is probably in rpm; gears of turbines reach 200.
 FASTEST = 100.0
-#: Largest speed of the base circle, m/s.
+#: Largest possible speed of the base circle, m/s.
 IMPOSSIBLE = 1000.0
 
 

@@ -12,7 +12,7 @@ from rattle.errors import real_array, require, require_integer
 from rattle.numerics.tables import read_columns
 from rattle.parameters import HIGHEST_ORDER, MOST_HARMONICS
 
-#: Columns of a table, and their units in revolutions and in metres.
+#: Names of columns of a table, and their units, in revolutions and in metres.
 ANGLES = {"angle_deg": 1.0 / 360.0, "angle_rad": 1.0 / (2.0 * np.pi), "angle_rev": 1.0}
 ERRORS = {"error_um": 1e-6, "error_mm": 1e-3, "error_m": 1.0}
 #: Column names without a unit, which are refused.

@@ -116,8 +116,9 @@ def is_cache_writable() -> bool:
     return True
 
 
-#: IEEE arithmetic, except for fused multiply-add and the sign of zero; 1/0 is inf, not an exception. Reassociation
-#: would break the rounding trick of `rattle.flight.law` and the sums that avoid cancellation.
+#: Arithmetic follows IEEE 754, except that multiply-add may be fused and the sign of zero may change; 1/0 is inf, not
+#: an exception. Reassociation would break the rounding trick of `rattle.flight.forcing` and sums that avoid
+#: cancellation.
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "no_cfunc_wrapper": True}
 _ENTRY: dict[str, Any] = _OPTIONS | {"nogil": True, "_nrt": True, "forceinline": False}
 _CALLED: Any = _OPTIONS | {"no_cpython_wrapper": True, "_nrt": True, "forceinline": False}
@@ -172,7 +173,10 @@ class Kernel(Inline):
         config: Any = numba.config
         with _LOCK:
             if self._entry is None:
-                before, config.CACHE_DIR = config.CACHE_DIR, str(cache_directory())  # numba reads it when it decorates
+                before, config.CACHE_DIR = (
+                    config.CACHE_DIR,
+                    str(cache_directory()),
+                )  # numba reads CACHE_DIR only when it decorates
                 try:
                     self._entry = numba.njit(cache=is_cache_writable(), **_ENTRY)(self._run)
                 finally:
@@ -255,7 +259,7 @@ def compile_apart(about: str, *works: str) -> None:
         If the kernels cannot be compiled; the message says why.
     """
     notes = [note_of(about, work) for work in works]
-    if _HERE:  # this process compiles for others
+    if _HERE:  # this process compiles for the process that started it
         _HERE.extend(notes)
     elif sys.executable and not all(note.exists() for note in notes) and is_cache_writable():
         with open(cache_directory() / "lock", "w") as lock:
@@ -303,12 +307,12 @@ def compile_here(about: str, *works: str) -> None:
         for number, (step, compile_step) in enumerate(steps.items(), 1):
             print(f"{STEP}{step}{f' of the {about} model' * about.isalpha()}, {number} of {len(steps)}", flush=True)
             compile_step()
-        require_borrowed()
+        refuse_array_returns()
         for note in _HERE:
             note.touch()
 
 
-def require_borrowed() -> None:
+def refuse_array_returns() -> None:
     """Refuse inline functions that return an array: their callers would release a reference that was not counted.
 
     Raises

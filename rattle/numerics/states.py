@@ -27,7 +27,7 @@ def box_of(tau: ArrayLike, v: ArrayLike) -> tuple[tuple[float, float], tuple[flo
 def sampled_states(
     count: int, v: ArrayLike, tau: ArrayLike = (0.0, 1.0), density: Density | None = None, seed: int = 0
 ) -> tuple[Array, Array]:
-    """Return `count` states (τ, v), a low-discrepancy sample of the box of the ranges tau and v.
+    """Return `count` states (τ, v), a low-discrepancy sample of the box whose sides are the ranges tau and v.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rattle.errors import ParameterError, RattleError, did_you_mean
 
-MOST_SHOWN = 20  # most columns that a message shows, and most characters of each
+MOST_SHOWN = 20  # a message shows at most this many columns, and this many characters of each
 
 
 def read_columns(path: str | Path, names: Iterable[str], needed: str | None = None) -> dict[str, NDArray[np.float64]]:

@@ -105,7 +105,7 @@ def follow_gears(
         record of cells, and the function that follows a stretch of a motion.
     """
     model = MODELS[points.parameters.model]
-    found = model.classified(points.parameters, tau, v, budget)
+    found = model.classify_states(points.parameters, tau, v, budget)
     return *tabulate_attractors(found), found.cells, model.functions.stretch
 
 

@@ -130,9 +130,9 @@ def watched(point, count=COUNT):
     states = initial_conditions(*arrays, count, v_max, 0)
     is_stiff = np.isfinite(point[3])
     found = (
-        StiffClassifier.classify(Parameters.of("stiff", *arrays, kappa=kappa), *states)
+        StiffClassifier.classify(Parameters.from_values("stiff", *arrays, kappa=kappa), *states)
         if is_stiff
-        else ImpactingClassifier.classify(Parameters.of("impacting", *arrays), *states)
+        else ImpactingClassifier.classify(Parameters.from_values("impacting", *arrays), *states)
     )
     seconds = time.process_time() - began
     table, row = tabulate_attractors(found)

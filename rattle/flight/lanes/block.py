@@ -16,7 +16,7 @@ LANES, GROUP = 192, 16  # numbers of lanes of a block, and of a group; only grou
 GROUPS, NONE, ONCE = np.array([LANES // GROUP, 0, 1])
 SMOOTH, ROUGH, ARCS = range(3)
 ROUGHNESS = 0.75  # a better first guess pays on lanes where the contact force swings by over this share of its mean
-HUGE = 1e100  # largest growth of a tangent vector between two checks
+HUGE = 1e100  # a tangent vector is reset when it has grown by this factor
 ZERO, ONE = f32(0.0), f32(1.0)
 
 #: Fields that also have a copy in single precision, named with a trailing underscore.
@@ -220,7 +220,7 @@ def prepare_flights(b, groups, none_waits):
 
 @inline
 def needed_stage(b, groups):
-    """Return the level of care that the most demanding lane needs in the guess and the proof.
+    """Return the kind of guess and of proof that the most demanding lane needs.
 
     Returns
     -------

@@ -23,7 +23,7 @@ from rattle.flight.guess import (
     taylor_coefficients,
     wall_level,
 )
-from rattle.flight.impact_law import velocity_after_impact
+from rattle.flight.impact_law import reflected_velocity
 from rattle.flight.lanes.block import ARCS, GROUP, ROUGH, ZERO, arc32, flag, flight32, flight64
 from rattle.flight.lanes.rescan import SAFE, second_attempt
 from rattle.flight.law import evaluate_short, folded, second_derivative
@@ -62,7 +62,7 @@ def improve(b, groups):
 
 @inline
 def expand(b, groups):
-    """Compute the Taylor coefficients of F at the guess."""
+    """Compute the Taylor coefficients of the height F of each flight at the guessed time."""
     for i in range(GROUP * groups):
         c = taylor_coefficients(b.s_[i], flight32(b, i))
         b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i] = c
@@ -125,7 +125,7 @@ def prove_turns(b, groups):
 
 @inline
 def evaluate_in_double(b, groups):
-    """Evaluate in double precision F above the level of the next wall, and F'."""
+    """Evaluate in double precision the height of each flight above the level of its next wall, and its speed."""
     for i in range(GROUP * groups):
         gap = b.gap[i]
         level = 0.0 if b.wall[i] > 0.0 else gap
@@ -136,7 +136,7 @@ def evaluate_in_double(b, groups):
 
 @inline
 def copy_to_double(b, groups):
-    """Copy the estimates and verdicts of single precision for the following stages."""
+    """Copy flight times, next walls and the verdicts of the proof from single to double precision."""
     for i in range(GROUP * groups):
         b.s[i] = np.float64(b.s_[i])
         b.target[i] = 1.0 - 2.0 * np.float64(b.falls[i])
@@ -147,8 +147,8 @@ def copy_to_double(b, groups):
 def select_number(go, new, old):
     """Return the new number if the lane goes on, else the old one.
 
-    Written plainly, LLVM turns the choice into a masked store, which is slow without AVX-512. The maximum changes no
-    number but hides from LLVM where the old number came from.
+    LLVM would turn a plain choice into a masked store, which is slow without AVX-512. The maximum changes no number,
+    but hides from LLVM where the old number came from.
 
     Returns
     -------
@@ -181,7 +181,7 @@ def _build_land(tangent):
                 b.bend[i], b.lost[i], b.w1[i] = bend, lost, w1
                 b.s[i] = s if go else 0.0
                 b.sin1[i], b.cos1[i] = flight.sin0, flight.cos0
-            later, back = folded(tau + s), b.restitution[i] * velocity_after_impact(w1)
+            later, back = folded(tau + s), b.restitution[i] * reflected_velocity(w1)
             plus, minus = 0.5 + 0.5 * target, 0.5 - 0.5 * target
             b.tau[i] = select_number(go, later, tau)
             b.w[i] = select_number(go, back, flight.w)
@@ -267,7 +267,7 @@ def search(b, i, paths):
     b.time[i] += s
     b.tau[i], b.w[i], b.wall[i], b.sin0[i], b.cos0[i] = (
         folded(b.tau[i] + s),
-        r * velocity_after_impact(w1),
+        r * reflected_velocity(w1),
         target,
         sin1,
         cos1,

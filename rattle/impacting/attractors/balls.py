@@ -12,7 +12,7 @@ import numpy as np
 
 from rattle.attractors.ball import DIRECTIONS, LARGEST, SMALLEST, is_contraction, state_on_ellipse
 from rattle.flight.forcing import DRIFT, phase_at
-from rattle.flight.impact_law import velocity_before_impact
+from rattle.flight.impact_law import velocity_before_reflection
 from rattle.flight.lanes.block import (
     GROUP,
     GROUPS,
@@ -91,7 +91,7 @@ def fly(memory, work, groups, force, paths):
             work.lost[i] = -math.expm1(-b.delta[i] * b.time[i])
     for i in range(GROUP * groups):
         flight = flight_from_sine_cosine(work.w[i], work.sin0[i], work.cos0[i], b.delta[i], b.epsilon[i], DRIFT)
-        w1 = velocity_before_impact(b.w[i])
+        w1 = velocity_before_reflection(b.w[i])
         k00, k01, k10, k11 = flight_tangent(w1, work.lost[i], b.sin0[i], b.cos0[i], flight)
         flew, a0, b0, c0, d0 = b.time[i] > 0.0, work.a[i], work.b[i], work.c[i], work.d[i]
         work.a[i] = k00 * a0 + k01 * c0 if flew else a0

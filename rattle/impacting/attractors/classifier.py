@@ -150,5 +150,5 @@ def attractors_of(
     """
     sample = SampleSpec(count, v_max, seed, budget, tau, v_min)
     return attractors_of_samples(
-        ImpactingClassifier, Parameters.of(ImpactingClassifier.model, delta, epsilon, beta), sample
+        ImpactingClassifier, Parameters.from_values(ImpactingClassifier.model, delta, epsilon, beta), sample
     )

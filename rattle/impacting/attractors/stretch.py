@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.chaos import BATCHES
-from rattle.flight.impact_law import impulse_of, velocity_before_impact
+from rattle.flight.impact_law import impulse_of, velocity_before_reflection
 from rattle.flight.lanes.block import GROUP, GROUPS, LANES, NONE, ONCE, clear_block, load, needed_stage, prepare_flights
 from rattle.flight.lanes.stages import advance
 from rattle.impacting.attractors.settle import is_quiet
@@ -23,7 +23,7 @@ LOOKS = 4 * BATCHES  # checks of one motion at strong damping, which take about 
 def gather(b, groups, speeds, squares, impulses, fastest):
     """Add the impact that ended the last flight of each lane to the sums of the lane."""
     for i in range(GROUP * groups):
-        speed = abs(velocity_before_impact(b.w[i]))
+        speed = abs(velocity_before_reflection(b.w[i]))
         speeds[i] += speed
         squares[i] += speed * speed
         impulses[i] += b.wall[i] * impulse_of(speed)

@@ -3,7 +3,7 @@
 from rattle.errors import RattleError, require
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
 from rattle.flight.forcing import DRIFT
-from rattle.flight.impact_law import velocity_after_impact
+from rattle.flight.impact_law import reflected_velocity
 from rattle.flight.law import evaluate, flight_from_phase, folded
 
 
@@ -20,7 +20,7 @@ def departure(
         _require_found(status)
         wall, tau, w = SIGMA_PLUS if target > 0 else SIGMA_MINUS, folded(tau + time), evaluate(time, flight)[1]
     while wall == SIGMA_MINUS:
-        status, time, wall, w, *_ = first_impact(wall, tau, velocity_after_impact(w), delta, epsilon, beta, DRIFT)
+        status, time, wall, w, *_ = first_impact(wall, tau, reflected_velocity(w), delta, epsilon, beta, DRIFT)
         _require_found(status)
         tau = folded(tau + time)
     return float(tau), max(float(w), 0.0)

@@ -68,9 +68,9 @@ class Inelastic(Model):
         """Return the gear at one point. It lacks the methods of capabilities that `has` does not list."""
         return inelastic.InelasticGear(delta, epsilon, self.beta, self.restitution, self.load, self.harmonics)
 
-    def at(self, delta: ArrayLike, epsilon: ArrayLike) -> Parameters:
+    def parameters_at(self, delta: ArrayLike, epsilon: ArrayLike) -> Parameters:
         """Return the parameters of points; δ and ε are broadcast. Raises ParameterError."""
-        return super().at(delta, epsilon).with_harmonics(self.harmonics)
+        return super().parameters_at(delta, epsilon).with_harmonics(self.harmonics)
 
     def period_one(self, delta: ArrayLike, epsilon: ArrayLike) -> PeriodOne:
         """Return the motions A to D. Raises RattleError if the forcing has harmonics."""
@@ -89,7 +89,7 @@ class Inelastic(Model):
         return () if self.harmonics else inelastic.points_at(self.beta, self.restitution, self.load)
 
     @classmethod
-    def returned(cls, parameters: Parameters, tau: Array, v: Array) -> Returned:
+    def states_after_return(cls, parameters: Parameters, tau: Array, v: Array) -> Returned:
         """Return states (n,) after one return to Σ⁺, at parameters (n,)."""
         more: dict[str, Any] = {**parameters.others, "harmonics": parameters.harmonics}
         return Returned.of(inelastic.iterate_tangent(parameters.delta, parameters.epsilon, tau, v, 1, **more))

@@ -34,7 +34,7 @@ class StiffClassifier(Classifier):
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
         """Return states after a number of returns, and flags of quiet states: see `Classifier.states_after`."""
-        each = [np.full(tau.size, x) for x in parameters.named.values()]
+        each = [np.full(tau.size, x) for x in parameters.values_by_name.values()]
         tau, v, quiet = tau.copy(), v.copy(), np.zeros(tau.size, np.int8)
         counts = (np.zeros(tau.size, np.int64) for _ in range(2))
         returned(tau, v, np.full(tau.size, float(returns)), *each, quiet, *counts)
@@ -99,5 +99,5 @@ def attractors_of(
     ParameterError
         If an argument is outside its domain.
     """
-    cells = Parameters.of(StiffClassifier.model, delta, epsilon, beta, kappa=kappa)
+    cells = Parameters.from_values(StiffClassifier.model, delta, epsilon, beta, kappa=kappa)
     return attractors_of_samples(StiffClassifier, cells, SampleSpec(count, v_max, seed, budget, tau, v_min))

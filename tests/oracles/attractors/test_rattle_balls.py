@@ -31,7 +31,7 @@ def around_orbits(delta, share, beta):
     epsilon = share * rattle.quiet_limit(delta)
     speeds = sampled_speeds(None, delta, epsilon, beta)
     states = initial_conditions(delta, epsilon, beta, 16, speeds, 1)
-    found = ImpactingClassifier.classify(Parameters.of("impacting", delta, epsilon, beta), *states, 20_000)
+    found = ImpactingClassifier.classify(Parameters.from_values("impacting", delta, epsilon, beta), *states, 20_000)
     return found, centres_of(np.zeros(delta.size, np.int64), found.orbits, found.cells)
 
 
