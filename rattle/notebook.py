@@ -35,7 +35,7 @@ class DisplayedResult(Protocol):
         """Return the table of the result: columns of the same length, by name."""
 
 
-class Tabular:
+class TabularResult:
     """Base class of results that are shown as one line, as a table in a notebook, and as a DataFrame."""
 
     def __repr__(self: DisplayedResult) -> str:

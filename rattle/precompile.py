@@ -59,19 +59,19 @@ def survey(name: str) -> Steps:
     """Return functions, by name, that run the kernels that every survey of this model needs, and so compile them."""
     model, delta, epsilon, few = _example_cells(name)
 
-    def orbits() -> None:
+    def compile_orbits() -> None:
         model.period_one(delta, epsilon)
         model.gear(DELTA, EPSILON).orbits()
         if Capability.CORNERS in model.has:
             grazing("G2", DELTA, BETA.example)
             model.trace("G1", (0.99 * DELTA, DELTA), (0.0, HIGHEST))
 
-    def attractors() -> None:
+    def compile_attractors() -> None:
         table = model.attractors_of(delta, epsilon, few)
         if Capability.BALANCE in model.has:
             model.impulse_balance_errors(delta, epsilon, table)
 
-    def rare_cases() -> None:  # kernels that only some samples need
+    def compile_rare_cases() -> None:  # kernels that only some samples need
         none, nothing, seen = np.zeros(0, np.int64), np.zeros(0), empty_record(0)
         states = np.zeros((delta.size, 1)), np.full((delta.size, 1), 5.0)
         of = model.classify_states(model.parameters_at(delta, epsilon), *states)
@@ -81,23 +81,23 @@ def survey(name: str) -> Steps:
         of.follow_with_tangent(none, nothing, nothing, seen)
         pooled_exponents([seen.sums])
 
-    first: Steps = {"orbits": orbits} if Capability.PERIOD_ONE in model.has else {}
-    return first | {"attractors": attractors, "rare cases": rare_cases}
+    first: Steps = {"orbits": compile_orbits} if Capability.PERIOD_ONE in model.has else {}
+    return first | {"attractors": compile_attractors, "rare cases": compile_rare_cases}
 
 
 def optional_quantities(name: str) -> Steps:
     """Return functions, by name, that run the kernels of optional quantities of a survey, and so compile them."""
     model, delta, epsilon, few = _example_cells(name)
 
-    def families() -> None:
+    def compile_families() -> None:
         table = model.attractors_of(delta[:1], epsilon[:, None], few)
         joined(delta[:1], epsilon, COUNT, table, model.cells(delta, epsilon))
 
-    def intensities() -> None:
+    def compile_intensities() -> None:
         model.intensities_of(delta, epsilon, model.attractors_of(delta, epsilon, few))
 
-    more: Steps = {"intensities": intensities} if Capability.INTENSITY in model.has else {}
-    return {"families": families, **more}
+    more: Steps = {"intensities": compile_intensities} if Capability.INTENSITY in model.has else {}
+    return {"families": compile_families, **more}
 
 
 def _example_cells(name: str) -> tuple[Model, NDArray[np.float64], NDArray[np.float64], SampleSpec]:

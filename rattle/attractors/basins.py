@@ -26,7 +26,7 @@ from rattle.attractors.table import (
 )
 from rattle.errors import require_integer, require_number, require_one_of
 from rattle.flight.law import speed_unit, wrapped
-from rattle.notebook import Columns, Dataset, Tabular, dataset_of
+from rattle.notebook import Columns, Dataset, TabularResult, dataset_of
 from rattle.numerics.states import box_of
 from rattle.parameters import Parameters
 
@@ -100,7 +100,7 @@ class StatePlane:
 
 
 @dataclass(frozen=True, repr=False)
-class Basins(Tabular):
+class Basins(TabularResult):
     """Basins of attraction on n × n cells of a box of (τ, v).
 
     Attributes

@@ -123,7 +123,7 @@ def is_chaotic(sums):
 
 
 @kernel
-def fill_chaotic(sums, found):
+def fill_chaos_flags(sums, found):
     """Write to found (k,) whether each of several trajectories is chaotic, from sums (k, BATCHES, 3)."""
     for k in range(found.size):
         found[k] = is_chaotic(sums[k])
@@ -132,7 +132,7 @@ def fill_chaotic(sums, found):
 def are_chaotic(sums: Array) -> NDArray[np.bool_]:
     """Return flags (k,) of chaotic trajectories, from sums (k, BATCHES, 3)."""
     found = np.zeros(len(sums), np.bool_)
-    fill_chaotic(sums, found)
+    fill_chaos_flags(sums, found)
     return found
 
 

@@ -361,7 +361,9 @@ class Classifier(ABC):
         for cell, all_left in zip(cells, lasted, strict=True):
             found = self.chaos.pop(int(cell))
             if all_left:
-                self.chaos[int(cell)] = [chaos._replace(watched=self.watched(chaos.samples)) for chaos in found]
+                self.chaos[int(cell)] = [
+                    chaos._replace(watched=self.shortest_observation(chaos.samples)) for chaos in found
+                ]
         return lasted
 
     def neighbours_stay_unresolved(self, cells: NDArray[np.int64], first: int, last: int) -> NDArray[np.bool_]:
@@ -521,7 +523,9 @@ class Classifier(ABC):
         for cell, start, size in zip(cells[declared], left.starts, left.size, strict=True):
             span = np.arange(start, start + size)
             groups = [span[number[span] == i] for i in np.unique(number[span])]
-            self.chaos[int(cell)] = [ChaoticSet(left.which[i], sums[i], self.watched(left.which[i])) for i in groups]
+            self.chaos[int(cell)] = [
+                ChaoticSet(left.which[i], sums[i], self.shortest_observation(left.which[i])) for i in groups
+            ]
         return declared
 
     def have_several_sets(self, sets: SampleSets, prints: NDArray[np.uint64]) -> NDArray[np.bool_]:
@@ -535,7 +539,7 @@ class Classifier(ABC):
         mark_footprints(which, TRACED, self.cells, self.samples, prints)
         return prints
 
-    def watched(self, which: NDArray[np.int64]) -> float:
+    def shortest_observation(self, which: NDArray[np.int64]) -> float:
         """Return the least number of forcing periods for which any of these samples was followed."""
         return float(self.samples.time[which].min())
 

@@ -32,7 +32,7 @@ from rattle.notebook import (
     Columns,
     Dataset,
     Figure,
-    Tabular,
+    TabularResult,
     dataset_of,
     figure_of,
 )
@@ -98,7 +98,7 @@ class BranchPiece:
 
 
 @dataclass(frozen=True, repr=False)
-class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
+class Diagram(TabularResult, Generic[AnyBranch, AnyEvent]):
     """A bifurcation diagram along a segment of parameters, at half-backlash beta; all numbers are dimensionless.
 
     segment: the segment with its ends.

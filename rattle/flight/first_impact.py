@@ -15,8 +15,8 @@ from rattle.flight.guess import (
     estimated_minimum,
     first_guess,
     flight_in_single,
-    local_root,
     refine_time,
+    step_to_level,
     taylor_coefficients,
     wall_level,
 )
@@ -115,8 +115,8 @@ def proven_impact(wall, tau, flight, beta):
     lowest, minimum = estimated_minimum(s, series, short)
     falls = wall > 0 and lowest < -gap
     level_ = wall_level(wall_, falls, gap)
-    s += local_root(not falls, level_, series)
-    s += local_root(not falls, level_, taylor_coefficients(s, short))
+    s += step_to_level(not falls, level_, series)
+    s += step_to_level(not falls, level_, taylor_coefficients(s, short))
     s, step, speed = refine_time(s, level_, short)
     proved = is_located(s, step, speed, short)
     proved &= clears_the_gap(wall_, not falls, s, minimum, gap, short)

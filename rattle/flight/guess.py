@@ -188,7 +188,7 @@ def estimated_minimum(s, series, flight):
 
 
 @inline
-def local_root(rising, level, series):
+def step_to_level(rising, level, series):
     """Return the step to F = level: a root of the parabola of three terms, and one Newton step with all terms."""
     f0, c1, c2, c3, c4, c5 = series
     c0 = f0 - level

@@ -152,8 +152,8 @@ def assemble_forcing(components: Sequence[Component]) -> PairForcing:
     require(
         orders[-1] <= HIGHEST_ORDER,
         f"the parts of the transmission error share a period of {1 / float(base):g} revolutions, in which the fastest "
-        f"has order {orders[-1]}, above the limit of {HIGHEST_ORDER}: leave out the part that matters least, or its "
-        "highest orders",
+        f"has order {orders[-1]}, above the limit of {HIGHEST_ORDER}: leave out the part that matters least, or high "
+        "orders",
     )
     require(
         len(orders) <= MOST_HARMONICS,

@@ -136,8 +136,8 @@ def require_matching_gears(given: Mapping[str, Any], radius: Any, teeth: int | N
         off = float(np.max(np.abs(np.divide(driven, radius) * (teeth / driven_teeth) - 1.0)))
         require(
             off <= ROUNDED,
-            f"base radii must have the ratio of the tooth numbers, {driven_teeth}/{teeth}, and these are "
-            f"{100 * off:.3g} % off: check them, or leave out driven_radius",
+            f"base radii must have the ratio of the tooth numbers, {driven_teeth}/{teeth}, but their ratio is "
+            f"{100 * off:.3g} % off: check the radii, or leave out driven_radius",
         )
     if np.any(np.not_equal(driven, radius)):
         lacking = [f"driven_{name}" for name in DRIVEN[:2] if given.get(f"driven_{name}") is None]

@@ -150,7 +150,7 @@ def read_transmission_error(path: str | Path, orders: int = 40) -> TransmissionE
             bool(given) or bare not in found,
             f"the column {bare} of {path} does not say its unit: name it {', '.join([*units][:-1])} or {[*units][-1]}",
         )
-        require(len(given) == 1, f"{path} must have one column of {', '.join(units)}, it has {len(given)}")
+        require(len(given) == 1, f"{path} must have one column of {', '.join(units)}, but has {len(given)}")
         columns.append(found[given[0]] * units[given[0]])
     angle, error = columns
     return transmission_error(angle, error, orders)
@@ -181,13 +181,13 @@ def _whole_revolutions(turn: Array, e: Array) -> tuple[Array, Array, int]:
     height = float(np.ptp(e))
     require(
         height <= WIDEST,
-        f"the error is {1e3 * height:.3g} mm from peak to peak, more than any gear's: if these are µm, name the column "
-        f"error_um",
+        f"the error is {1e3 * height:.3g} mm from peak to peak, more than any gear's: if the errors are in µm, name "
+        "the column error_um",
     )
     require(
         height >= NARROWEST,
-        f"the error is {1e6 * height:.2g} µm from peak to peak, less than any gear's: if these are mm, name the column "
-        "error_mm, if m error_m",
+        f"the error is {1e6 * height:.2g} µm from peak to peak, less than any gear's: if the errors are in mm, name "
+        "the column error_mm; if they are in m, error_m",
     )
     open_by = abs(float(e[-1] - e[0]))
     largest = float(np.max(np.abs(np.diff(e))))

@@ -194,7 +194,7 @@ def has_ended(b, i):
 
 
 @inline
-def synchronise(b, groups):
+def recompute_phases(b, groups):
     """Recompute the sine and cosine of all phases, which drift by rounding when updated from flight to flight."""
     for i in range(GROUP * groups):
         b.sin0[i], b.cos0[i] = phase_at(b.tau[i])
@@ -214,7 +214,7 @@ def prepare_flights(b, groups, none_waits):
     """
     if none_waits:
         groups = move_to_front(b)
-    synchronise(b, groups)
+    recompute_phases(b, groups)
     return groups
 
 

@@ -16,8 +16,8 @@ from rattle.flight.guess import (
     Scan,
     advance_scan,
     estimated_minimum,
-    local_root,
     refine_time,
+    step_to_level,
     taylor_coefficients,
     wall_level,
 )
@@ -113,7 +113,7 @@ def locate(b, n):
         misses = (turn > ZERO) & (wall > ZERO) & (lowest < -gap)  # the flight met Σ⁻ between two points of the scan
         falls = flag(misses | (scanned_fall > ZERO))
         level = wall_level(wall, falls > ZERO, gap)
-        near_turn = turn + local_root(falls == ZERO, level, series)
+        near_turn = turn + step_to_level(falls == ZERO, level, series)
         from_turn = (end < ZERO) | (misses & (scanned_fall == ZERO))
         s = near_turn if from_turn else end
         s, _u, _speed = refine_time(s, level, flight)

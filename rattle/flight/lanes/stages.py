@@ -18,8 +18,8 @@ from rattle.flight.guess import (
     better_guess,
     estimated_minimum,
     first_guess,
-    local_root,
     refine_time,
+    step_to_level,
     taylor_coefficients,
     wall_level,
 )
@@ -85,7 +85,7 @@ def solve_locally(b, groups):
     for i in range(GROUP * groups):
         level = wall_level(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
         series = b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i]
-        b.s_[i] += local_root(not b.falls[i] > ZERO, level, series)
+        b.s_[i] += step_to_level(not b.falls[i] > ZERO, level, series)
 
 
 @inline
@@ -93,7 +93,7 @@ def solve_again(b, groups):
     """Expand at the new time and solve again, because the first polynomial is poor far from the turning point."""
     for i in range(GROUP * groups):
         level, flight = wall_level(b.wall_[i], b.falls[i] > ZERO, b.gap_[i]), flight32(b, i)
-        b.s_[i] += local_root(not b.falls[i] > ZERO, level, taylor_coefficients(b.s_[i], flight))
+        b.s_[i] += step_to_level(not b.falls[i] > ZERO, level, taylor_coefficients(b.s_[i], flight))
 
 
 @inline

@@ -22,9 +22,9 @@ from rattle.flight.guess import (
     first_guess,
     flight_in_single,
     height_scale,
-    local_root,
     refine_time,
     speed_scale,
+    step_to_level,
     taylor_coefficients,
 )
 from rattle.flight.law import evaluate, evaluate32, evaluate_short, flight_from_phase
@@ -215,7 +215,7 @@ def _depths(n, seed, regime):
         s = first_guess(up, gap, F32(1.0 / delta), short)
         series = taylor_coefficients(s, short)
         _height, minimum = estimated_minimum(s, series, short)
-        s += local_root(True, F32(0.0), series)
+        s += step_to_level(True, F32(0.0), series)
         s, _u, _speed = refine_time(s, F32(0.0), short)
         arc = arc_in_single(negative_arc(delta, epsilon))
         certain = has_single_turn(up, True, F32(tau), s, minimum.time, short, arc)
