@@ -1,9 +1,9 @@
 """Capture regions: neighbourhoods of stable periodic points from which every trajectory converges (compiled).
 
-The tangent map J = DΠ^k at the point contracts in the norm zᵀMz, where M solves M − JᵀMJ/ρ² = Q and ρ lies between the
-spectral radius of J and 1. The region is the ellipse zᵀMz < radius². Its radius is half the largest tried radius with
-two properties, which are checked in several directions on the ellipse of that radius and on the ellipse of half that
-radius: Π^k makes as many impacts on Σ⁻ as the orbit does, and DΠ^k contracts in that norm.
+The tangent map J = DΠ^k at the point contracts in the norm zᵀMz, where M solves M − JᵀMJ/ρ² = Q with a diagonal matrix
+Q, and ρ lies between the spectral radius of J and 1. The region is the ellipse zᵀMz < radius². Its radius is half the
+largest tried radius with two properties, which are checked in several directions on the ellipse of that radius and on
+the ellipse of half that radius: Π^k makes as many impacts on Σ⁻ as the orbit does, and DΠ^k contracts in that norm.
 
 Where Π^k is smooth and DΠ^k contracts on a convex set around its fixed point, the set is mapped into itself and shrinks
 to the point. The conditions are assumed to hold between the sampled directions too; docs/decisions/0007-survey-cost.md

@@ -4,10 +4,10 @@ Double precision improves the guess, and `proof` proves that it is the first imp
 straight-line code on float32 numbers, run for one flight or in a loop over a block of lanes. docs/kernel.md derives
 each inequality. Two margins bound float32 rounding:
 
-- A value of F has an error below ERROR times `height_scale`, the sum of the sizes of its terms. (ERROR is 100 units of
-  float32 rounding; the evaluation takes fewer than 30 operations on inputs rounded once, and its polynomials are good
-  to 3e-7.)
-- A value of F' has an error below ERROR times `speed_scale`.
+- A value of a flight's height F has an error below ERROR times `height_scale`, the sum of the sizes of its terms.
+  (ERROR is 100 units of float32 rounding; the evaluation takes fewer than 30 operations on inputs rounded once, and its
+  polynomials are good to 3e-7.)
+- A value of the flight's speed F' has an error below ERROR times `speed_scale`.
 """
 
 from typing import NamedTuple

@@ -225,7 +225,7 @@ def needed_stage(b, groups):
     Returns
     -------
     int
-        ARCS if the contact force of some lane changes sign, ROUGH if one comes close to that, else SMOOTH.
+        ARCS if the contact force of some lane changes sign, ROUGH if that of some lane almost does, else SMOOTH.
     """
     found = SMOOTH
     for i in range(GROUP * groups):
