@@ -18,12 +18,12 @@ from gear_rattle.service.errors import KernelsError
 from gear_rattle.service.settings import Settings
 from rattle.models import DEFAULT_MODEL
 from rattle.numerics import compile_apart, note_of
-from rattle.precompile import BY_REQUEST, SURVEY
+from rattle.precompile import OPTIONAL_QUANTITIES, SURVEY
 
 log = logging.getLogger(__name__)
 
 #: Functions that compile kernels. The function for surveys comes first, because workers wait for its kernels.
-COMPILERS = (SURVEY, BY_REQUEST, "gear_rattle.service.compilation:answer_kernel_steps")
+COMPILERS = (SURVEY, OPTIONAL_QUANTITIES, "gear_rattle.service.compilation:answer_kernel_steps")
 
 
 def compile_kernels(model: str) -> None:

@@ -9,7 +9,7 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.reached import Sampled
+from rattle.attractors.reached import SampledGear
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.flight.contact_phase import IN_CONTACT
 from rattle.flight.first_impact import LONGEST, OK
@@ -42,7 +42,7 @@ class FirstInelasticImpact(NamedTuple):
 
 
 @dataclass(frozen=True)
-class InelasticGear(Sampled, Rattling):
+class InelasticGear(SampledGear, Rattling):
     """The gear with a coefficient of restitution, a load and a forcing of several harmonics, at one parameter point.
 
     Between the walls Φ = ±β

@@ -74,6 +74,6 @@ def inelastic_points(
     harmonics: tuple[Harmonic, ...],
 ) -> Parameters:
     """Return the checked parameters of inelastic gears, broadcast to one shape. Raises ParameterError."""
-    return Parameters.of("inelastic", delta, epsilon, beta, restitution=restitution, load=load).with_harmonics(
+    return Parameters.from_values("inelastic", delta, epsilon, beta, restitution=restitution, load=load).with_harmonics(
         harmonics
     )

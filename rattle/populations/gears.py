@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rattle.attractors.classify import PERIODS, WATCH
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import NATURAL, SampleSpec
-from rattle.attractors.table import AttractorTable, tabulated
+from rattle.attractors.table import AttractorTable, tabulate_attractors
 from rattle.impacting.attractors.boundary_distance import boundary_distances
 from rattle.intensity.table import Stretch, intensities_of
 from rattle.models import MODELS
@@ -105,8 +105,8 @@ def follow_gears(
         record of cells, and the function that follows a stretch of a motion.
     """
     model = MODELS[points.parameters.model]
-    found = model.classified(points.parameters, tau, v, budget)
-    return *tabulated(found), found.cells, model.functions.stretch
+    found = model.classify_states(points.parameters, tau, v, budget)
+    return *tabulate_attractors(found), found.cells, model.functions.stretch
 
 
 def states(plan: Plan, points: Points, count: int, seed: int) -> tuple[Array, Array]:

@@ -247,7 +247,7 @@ def _points(numbers: Mapping[str, Any], units: Units | None, shape: Mapping[int,
     model = model_adding(name for name in given if name in ADDED)
     numbers_of = {name: given[name] for name in ("delta", "epsilon", "beta")}
     numbers_of |= {each.name: given[each.name] for each in model.added}
-    at = Parameters.of(model.name, **numbers_of).take(...)
+    at = Parameters.from_values(model.name, **numbers_of).take(...)
     if not shape:
         return Points(at, units)
     sizes, phases = ([np.broadcast_to(each[i], at.shape) for each in shape.values()] for i in (0, 1))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.reached import Sampled
+from rattle.attractors.reached import SampledGear
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.flight import law
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
@@ -42,7 +42,7 @@ class MotionState(NamedTuple):
 
 
 @dataclass(frozen=True)
-class StiffGear(Sampled, Rattling):
+class StiffGear(SampledGear, Rattling):
     """The stiff gear model at one parameter point.
 
         Φ'' + δΦ' + 2κB(Φ) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt,

@@ -15,11 +15,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.ball import Centres, enlarge_one_by_one
-from rattle.attractors.classify import BUDGET, STAGES, Classifier, Seen
+from rattle.attractors.ball import Centres, find_radii_one_by_one
+from rattle.attractors.classify import BUDGET, STAGES, Classifier, ProbeRecord
 from rattle.attractors.samples import CONTACT, Outcome, Trajectories
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
-from rattle.attractors.table import AttractorTable, of_samples
+from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.families.join import cells_between
 from rattle.impacting.attractors.classifier import alike, roughness_of
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, ImpactingCells
@@ -79,10 +79,10 @@ class InelasticClassifier(Classifier):
     cells_of = staticmethod(cells_of)
 
     @staticmethod
-    def iterated(
+    def states_after(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return states after a number of returns, and flags of quiet states: see `Classifier.iterated`."""
+        """Return states after a number of returns, and flags of quiet states: see `Classifier.states_after`."""
         cells, quiet = cells_of(parameters), np.zeros(tau.size, np.int8)
         tau, v, cell = tau.copy(), v.copy(), np.zeros(tau.size, np.int64)
         if parameters.size > 1:
@@ -117,12 +117,12 @@ class InelasticClassifier(Classifier):
         return super().may_leak(cells) & (~self.is_lossy[cells] | self.weak[cells])
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return True for cells with elastic impacts; in the others `judge` need not wait, as it tests for leaks."""
+        """Return True for cells with elastic impacts; in others `judge_by_probes` tests for leaks and need not wait."""
         return ~self.is_lossy[cells]
 
-    def judge(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def judge_by_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Decide unresolved samples as for any gear; where impacts lose energy, test also if they reach contact."""
-        decided = super().judge(cells)
+        decided = super().judge_by_probes(cells)
         lossy = self.is_lossy[cells] & (self.status[cells] == Outcome.UNRESOLVED).any(axis=1)
         decided[lossy] = self.watch_for_contact(cells[lossy], decided[lossy])
         return decided
@@ -140,14 +140,17 @@ class InelasticClassifier(Classifier):
         """
         if not cells.size:
             return decided
-        left, samples = self.left_in(cells), self.samples
-        number, most = left.size[:, None] + np.arange(PROBES), self.most(EXPOSURE // PROBES * self.doubts[cells], cells)
-        others = self.states_beside(left, number, most)
+        left, samples = self.unresolved_in(cells), self.samples
+        number, most = (
+            left.size[:, None] + np.arange(PROBES),
+            self.impact_limit(EXPOSURE // PROBES * self.doubts[cells], cells),
+        )
+        others = self.neighbouring_trajectories(left, number, most)
         self.settle(np.arange(others.cell.size), others)
         status, orbit = (x.reshape(-1, PROBES) for x in (others.status, others.orbit))
         ended = (status == Outcome.QUIET) | (status == Outcome.PERIODIC)
         slowly = ended & (status != Outcome.QUIET) & (others.pause != CONTACT).reshape(-1, PROBES)
-        for i, each in enumerate(left.each()):
+        for i, each in enumerate(left.split_by_cell()):
             if not ended[i].any():
                 continue
             self.chaos.pop(int(cells[i]), None)
@@ -179,9 +182,9 @@ class InelasticClassifier(Classifier):
                 self.make_room(2 * self.orbits.m.shape[1])
         super().resolve(which[~exact], samples)
 
-    def enlarge(self, centres: Centres) -> None:
+    def find_radii(self, centres: Centres) -> None:
         """Find the radii of these capture regions."""
-        enlarge_one_by_one(centres, self.cells)
+        find_radii_one_by_one(centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
         """Follow these samples until each has an outcome or has made its largest number of impacts."""
@@ -190,8 +193,8 @@ class InelasticClassifier(Classifier):
         settle_in_lanes(self.block, some, flights, self.lanes, *tables, self.paths)
         settle(which[~in_lanes], self.cells, *tables, self.states)
 
-    def watch(
-        self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
+    def follow_with_tangent(
+        self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: ProbeRecord
     ) -> None:
         """Follow these samples with a tangent vector, and add their sums and visited boxes to `seen`."""
         tables = self.samples.for_kernels(), self.balls.for_kernels()
@@ -241,4 +244,4 @@ def attractors_of(
         If a parameter is outside its domain.
     """
     cells = inelastic_points(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
-    return of_samples(InelasticClassifier, cells, SampleSpec(count, v_max, seed, budget, tau, v_min))
+    return attractors_of_samples(InelasticClassifier, cells, SampleSpec(count, v_max, seed, budget, tau, v_min))

@@ -13,17 +13,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rattle.attractors.chaos import BATCHES
-from rattle.attractors.recurrence import known, remember
+from rattle.attractors.recurrence import append_orbit, index_of_orbit
 from rattle.attractors.samples import (
     ALIGNMENT,
     CONTACT,
     RECURRENCE,
     Outcome,
     Reference,
-    begun,
     capturing_orbit,
-    finish,
-    looked,
+    check_sample,
+    first_reference,
+    store_sample,
     top_speed,
 )
 from rattle.attractors.samples import mark as visit
@@ -88,8 +88,8 @@ def settle(which, cells, samples, balls, states):
         point = point_at(samples.cell[k], cells)
         tau, v, n, total = samples.tau[k], samples.v[k], 0, 0.0
         unit = speed_unit(point.delta, point.epsilon, point.beta)
-        reference = begun(tau, v)
-        status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
+        reference = first_reference(tau, v)
+        status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
         while status == Outcome.UNRESOLVED and samples.impacts[k] + n < samples.limit[k]:
             code, tau, v, time, _below, on_plus, on_minus = step(tau, v, point)
             if code != OK:
@@ -99,8 +99,8 @@ def settle(which, cells, samples, balls, states):
             if on_plus + on_minus > 0:
                 status, orbit = after_contact(tau, v, k, samples, states)
             if status == Outcome.UNRESOLVED:
-                status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
-        finish(tau, v, n, total, k, status, orbit, samples)
+                status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
+        store_sample(tau, v, n, total, k, status, orbit, samples)
 
 
 @kernel
@@ -117,8 +117,8 @@ def measure(which, least, periods, cells, samples, balls, states, sums, footprin
         tau, v, n, x, y, total = samples.tau[k], samples.v[k], 0, 1.0, 0.0, 0.0
         unit = speed_unit(point.delta, point.epsilon, point.beta)
         most = float(samples.limit[k] - samples.impacts[k])
-        reference = begun(tau, v)
-        status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
+        reference = first_reference(tau, v)
+        status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
         while status == Outcome.UNRESOLVED:
             share = min((n - ALIGNMENT) / (least[j] - ALIGNMENT), total / periods[j])
             share = max(share, n / most)
@@ -146,8 +146,8 @@ def measure(which, least, periods, cells, samples, balls, states, sums, footprin
             if on_plus + on_minus > 0:
                 status, orbit = after_contact(tau, v, k, samples, states)
             if status == Outcome.UNRESOLVED:
-                status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
-        finish(tau, v, n, total, k, status, orbit, samples)
+                status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
+        store_sample(tau, v, n, total, k, status, orbit, samples)
 
 
 @kernel
@@ -164,7 +164,7 @@ def follow_release(tau, v, cell, point, balls, states):
     """
     unit = speed_unit(point.delta, point.epsilon, point.beta)
     mark_tau, mark_v, mark_n, contacts, following = tau, v, 0, 0, 1
-    reference = begun(tau, v)
+    reference = first_reference(tau, v)
     for n in range(1, MOST_RETURNS + 1):
         code, tau, v, _time, _below, on_plus, on_minus = step(tau, v, point)
         if code != OK:
@@ -260,9 +260,9 @@ def enter_contact_orbit(tau, v, gap, cell, point, orbits, states):
         if v > best_v:
             best_tau, best_v = tau, v
     m = int(np.rint(total))
-    orbit = known(m, gap, n_minus, best_tau, best_v, cell, orbits, point)
+    orbit = index_of_orbit(m, gap, n_minus, best_tau, best_v, cell, orbits, point)
     if orbit < 0:
-        orbit = remember(m, gap, n_minus, best_tau, best_v, -math.inf, -math.inf, cell, orbits)
+        orbit = append_orbit(m, gap, n_minus, best_tau, best_v, -math.inf, -math.inf, cell, orbits)
     for _ in range(gap):
         _status, tau, v, _time, _below, on_plus, on_minus = step(tau, v, point)
         if on_plus + on_minus > 0:

@@ -27,7 +27,7 @@ from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.periodic import admissible_or_why
 from rattle.inelastic.bifurcations.starts import TWO, graze_starts
 from rattle.inelastic.orbits.equations import InelasticItinerary
-from rattle.notebook import Columns, Tabular
+from rattle.notebook import Columns, TabularResult
 from rattle.numerics.complex_step import Array
 
 LEAST_RESTITUTION = 1e-3
@@ -73,7 +73,7 @@ def _residuals(beta: float) -> dict[str, Residual]:
 
 
 @dataclass(frozen=True, repr=False)
-class CodimensionTwoCurve(Tabular):
+class CodimensionTwoCurve(TabularResult):
     """A codimension-two point followed in the restitution r at half-backlash beta, from r = 1 on.
 
     Attributes

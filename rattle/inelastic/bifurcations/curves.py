@@ -18,7 +18,7 @@ from rattle.continuation.curves import (
     traced,
     window_range,
 )
-from rattle.errors import RattleError, parameters, require, require_one_of
+from rattle.errors import RattleError, broadcast_parameters, require, require_one_of
 from rattle.flight.forcing import DRIFT, TWO_PI
 from rattle.impacting.bifurcations.curves import ALL_EPSILON, LEAST_DELTA, REACH, describe_motion
 from rattle.impacting.orbits.periodic import admissible_or_why
@@ -68,7 +68,7 @@ def trace(
         If the forcing has harmonics and the curve is not the quiet limit, or if the curve cannot be followed.
     """
     require_one_of("name", name, NAMES)
-    numbers = parameters(1.0, 0.0, beta, restitution=restitution, load=load)[2:]
+    numbers = broadcast_parameters(1.0, 0.0, beta, restitution=restitution, load=load)[2:]
     beta, restitution, load = (float(each) for each in numbers)
     shape = checked_harmonics(harmonics)
     window = PlaneWindow(window_range("delta", delta, positive=True), window_range("epsilon", epsilon))

@@ -25,7 +25,7 @@ from rattle.flight.forcing import DRIFT, TWO_PI, versines
 from rattle.flight.law import folded
 from rattle.inelastic.map.flight import InelasticFlight, forced_tangent
 from rattle.numerics.compile import inline, kernel
-from rattle.numerics.secant import narrowed
+from rattle.numerics.secant import narrow_bracket
 
 A, B, C, D = range(4)
 SAME_TIME = 1e-6  # largest difference of flight times that counts as the same impact
@@ -92,7 +92,7 @@ def root_of_amplitude(level, lo, hi, delta, beta, r):
         if f == 0.0 or abs(sigma - last) <= 1e-16 * abs(sigma):
             return sigma
         last = sigma
-        lo, f_lo, hi, f_hi, side = narrowed(lo, f_lo, hi, f_hi, side, sigma, f)
+        lo, f_lo, hi, f_hi, side = narrow_bracket(lo, f_lo, hi, f_hi, side, sigma, f)
     return 0.5 * (lo + hi)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import parameters
+from rattle.errors import broadcast_parameters
 from rattle.inelastic.orbits.family import fill_family_orbits
 from rattle.orbits.period_one import N_MINUS, NAMES, PeriodOne, classify, multipliers_of
 
@@ -41,7 +41,7 @@ def period_one(
     (`rattle.inelastic.orbits.family`): where ε(σ) equals the given ε, the orbit is B if ε(σ) falls and D if it rises. A
     load only changes the unit of length.
     """
-    arrays = parameters(delta, epsilon, beta, restitution=restitution, load=load)
+    arrays = broadcast_parameters(delta, epsilon, beta, restitution=restitution, load=load)
     shape, unit = arrays[0].shape, 1.0 + arrays[4]
     d, e, b, r, unit = (
         np.array(x, order="C").ravel() for x in (arrays[0], arrays[1] / unit, arrays[2] / unit, arrays[3], unit)

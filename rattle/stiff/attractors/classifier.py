@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.ball import Centres, enlarge_one_by_one
-from rattle.attractors.classify import BUDGET, Classifier, Seen
+from rattle.attractors.ball import Centres, find_radii_one_by_one
+from rattle.attractors.classify import BUDGET, Classifier, ProbeRecord
 from rattle.attractors.samples import Trajectories
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
-from rattle.attractors.table import AttractorTable, of_samples
+from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.parameters import Parameters
 from rattle.stiff.attractors.settle import StiffCells, measure, settle
 from rattle.stiff.map.iterate import returned
@@ -30,11 +30,11 @@ class StiffClassifier(Classifier):
     cells_of = staticmethod(cells_of)
 
     @staticmethod
-    def iterated(
+    def states_after(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return states after a number of returns, and flags of quiet states: see `Classifier.iterated`."""
-        each = [np.full(tau.size, x) for x in parameters.named.values()]
+        """Return states after a number of returns, and flags of quiet states: see `Classifier.states_after`."""
+        each = [np.full(tau.size, x) for x in parameters.values_by_name.values()]
         tau, v, quiet = tau.copy(), v.copy(), np.zeros(tau.size, np.int8)
         counts = (np.zeros(tau.size, np.int64) for _ in range(2))
         returned(tau, v, np.full(tau.size, float(returns)), *each, quiet, *counts)
@@ -53,9 +53,9 @@ class StiffClassifier(Classifier):
     def enter_known_orbits(self) -> None:
         """Do nothing, because this gear has no orbits that are known before its samples are followed."""
 
-    def enlarge(self, centres: Centres) -> None:
+    def find_radii(self, centres: Centres) -> None:
         """Find the radii of these capture regions."""
-        enlarge_one_by_one(centres, self.cells)
+        find_radii_one_by_one(centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:  # noqa: ARG002
         """Follow these samples until each has an outcome or has made its largest number of returns.
@@ -64,8 +64,8 @@ class StiffClassifier(Classifier):
         """
         settle(which, self.cells, samples.for_kernels(), self.balls.for_kernels())
 
-    def watch(
-        self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
+    def follow_with_tangent(
+        self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: ProbeRecord
     ) -> None:
         """Follow these samples with a tangent vector, and add their sums and visited boxes to `seen`."""
         tables = self.samples.for_kernels(), self.balls.for_kernels()
@@ -99,5 +99,5 @@ def attractors_of(
     ParameterError
         If an argument is outside its domain.
     """
-    cells = Parameters.of(StiffClassifier.model, delta, epsilon, beta, kappa=kappa)
-    return of_samples(StiffClassifier, cells, SampleSpec(count, v_max, seed, budget, tau, v_min))
+    cells = Parameters.from_values(StiffClassifier.model, delta, epsilon, beta, kappa=kappa)
+    return attractors_of_samples(StiffClassifier, cells, SampleSpec(count, v_max, seed, budget, tau, v_min))

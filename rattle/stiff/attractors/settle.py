@@ -8,7 +8,7 @@ import math
 from typing import Any, NamedTuple
 
 from rattle.attractors.chaos import BATCHES
-from rattle.attractors.samples import ALIGNMENT, Outcome, begun, finish, looked, mark, top_speed
+from rattle.attractors.samples import ALIGNMENT, Outcome, check_sample, first_reference, mark, store_sample, top_speed
 from rattle.flight.first_impact import OK
 from rattle.flight.law import speed_unit
 from rattle.numerics.compile import for_type, inline, kernel
@@ -52,16 +52,16 @@ def settle(which, cells, samples, balls):
         point = point_of(samples.cell[k], cells)
         tau, v, n, total = samples.tau[k], samples.v[k], 0, 0.0
         unit = speed_unit(point.delta, point.epsilon, point.beta)
-        reference = begun(tau, v)
-        status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
+        reference = first_reference(tau, v)
+        status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
         while status == Outcome.UNRESOLVED and samples.impacts[k] + n < samples.limit[k]:
             code, tau, v, time, _below = step(tau, v, point)
             if code != OK:
                 status = ended_with(code)
                 break
             n, total = n + 1, total + time
-            status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
-        finish(tau, v, n, total, k, status, orbit, samples)
+            status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
+        store_sample(tau, v, n, total, k, status, orbit, samples)
 
 
 @kernel
@@ -77,8 +77,8 @@ def measure(which, least, periods, cells, samples, balls, sums, footprints):
         tau, v, n, x, y, total = samples.tau[k], samples.v[k], 0, 1.0, 0.0, 0.0
         unit = speed_unit(point.delta, point.epsilon, point.beta)
         most = float(samples.limit[k] - samples.impacts[k])
-        reference = begun(tau, v)
-        status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
+        reference = first_reference(tau, v)
+        status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
         while status == Outcome.UNRESOLVED:
             share = min((n - ALIGNMENT) / (least[j] - ALIGNMENT), total / periods[j])
             share = max(share, n / most)
@@ -100,5 +100,5 @@ def measure(which, least, periods, cells, samples, balls, sums, footprints):
                 row[1] += math.log(size)
                 row[2] += math.log(abs(j00 * j11 - j01 * j10))
             mark(tau, v, top_speed(point.epsilon, unit), footprints[j])
-            status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
-        finish(tau, v, n, total, k, status, orbit, samples)
+            status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
+        store_sample(tau, v, n, total, k, status, orbit, samples)

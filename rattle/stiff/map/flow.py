@@ -13,7 +13,7 @@ from numba.core.types import Tuple, boolean, float64, int64
 
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
 from rattle.flight.forcing import DRIFT, contact_force, force_ahead, force_integral, phase_at
-from rattle.flight.law import evaluate, folded, leaving
+from rattle.flight.law import evaluate, flight_from_phase, folded
 from rattle.numerics.compile import inline, kernel
 from rattle.stiff.map.contact import ENDS, LASTS, STAYS, contact_end
 
@@ -58,7 +58,7 @@ def gap_piece(wall, tau, position, w, delta, epsilon, beta, horizon):
         (status, duration s, wall or GAP, position, w, 1 − e^(−δs)), the state at the end.
     """
     drift = math.copysign(DRIFT, delta)
-    flight = leaving(tau, w, delta, epsilon, drift)
+    flight = flight_from_phase(tau, w, delta, epsilon, drift)
     if wall != GAP:
         position = wall * beta
         status, s, target, w1, lost, _flight, _s1, _c1 = first_impact(wall, tau, w, delta, epsilon, beta, drift)

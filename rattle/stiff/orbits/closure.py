@@ -18,12 +18,12 @@ from rattle.flight.first_impact import OK, first_impact
 from rattle.flight.forcing import (
     DRIFT,
     TWO_PI,
-    change_shape,
+    add_acceleration,
+    add_slope,
+    change_by_epsilon,
     force_ahead,
     library_phase,
-    plus_acceleration,
-    plus_slope,
-    slope_shape,
+    slope_by_epsilon,
 )
 from rattle.flight.law import LONGEST_DECAY, decay64, folded, speed_unit
 from rattle.numerics.compile import inline, kernel
@@ -91,20 +91,20 @@ def free_flight(t0, t1, gap, delta, epsilon):
         k = x * decay64(x)
         lag = -k / (1.0 - k)
     (sin0, cos0), (sin1, cos1) = library_phase(t0), library_phase(t1)
-    swing = change_shape(t0, t1, s) * pull
+    swing = change_by_epsilon(t0, t1, s) * pull
     apart = epsilon * swing - gap * pull
-    w0 = plus_slope(DRIFT * lag, sin0, cos0, epsilon) - apart
-    w1 = plus_slope(DRIFT * (lag + x), sin1, cos1, epsilon) - apart * decay
+    w0 = add_slope(DRIFT * lag, sin0, cos0, epsilon) - apart
+    w1 = add_slope(DRIFT * (lag + x), sin1, cos1, epsilon) - apart * decay
     slowing = delta * (DRIFT * (1.0 - lag) + apart)
     return Ends(
         w0=w0,
         w1=w1,
-        w0_t0=plus_acceleration(w0 * pull + slowing, sin0, cos0, epsilon),
+        w0_t0=add_acceleration(w0 * pull + slowing, sin0, cos0, epsilon),
         w0_t1=-pull * w1,
-        w0_e=slope_shape(sin0, cos0) - swing,
+        w0_e=slope_by_epsilon(sin0, cos0) - swing,
         w1_t0=decay * pull * w0,
-        w1_t1=plus_acceleration((slowing - w1 * pull) * decay, sin1, cos1, epsilon),
-        w1_e=slope_shape(sin1, cos1) - swing * decay,
+        w1_t1=add_acceleration((slowing - w1 * pull) * decay, sin1, cos1, epsilon),
+        w1_e=slope_by_epsilon(sin1, cos1) - swing * decay,
     )
 
 

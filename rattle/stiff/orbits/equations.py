@@ -29,12 +29,12 @@ from rattle.flight.between import (
     W1,
     W1_T1,
     Flights,
-    fall,
+    decay_loss,
     flight_between,
 )
-from rattle.flight.forcing import TWO_PI, analytic_force_ahead, analytic_phase, turn
+from rattle.flight.forcing import TWO_PI, analytic_force_ahead, analytic_phase, complex_sine_cosine
 from rattle.numerics.compile import inline, kernel
-from rattle.numerics.complex_step import Array, batch_of, like
+from rattle.numerics.complex_step import Array, batch_of, reshape_like
 from rattle.orbits.periodic import Equations
 
 SMALL = 0.5  # duration or angle below which a Taylor series is used
@@ -59,9 +59,9 @@ def free_responses(duration, loss):
         return series, integral, rest
     half = 0.5 * loss
     frequency = np.sqrt(1.0 - half * half)
-    fallen, decay = fall(half * duration)
-    sine, _ = turn(frequency * duration)
-    half_sine, _ = turn(0.5 * frequency * duration)
+    fallen, decay = decay_loss(half * duration)
+    sine, _ = complex_sine_cosine(frequency * duration)
+    half_sine, _ = complex_sine_cosine(0.5 * frequency * duration)
     swing = np.divide(sine, frequency)
     return (
         decay * swing,
@@ -76,7 +76,7 @@ def sine_defect(z):
     if abs(z) < SMALL:
         y = z * z
         return z * y * (1 / 6) * (1 - y * (1 / 20) * (1 - y * (1 / 42) * (1 - y * (1 / 72) * (1 - y * (1 / 110)))))
-    return z - turn(z)[0]
+    return z - complex_sine_cosine(z)[0]
 
 
 @inline
@@ -90,8 +90,8 @@ def contact_of_entry(sign, t, duration, u, p, delta, epsilon):
         derivative of x by σ is v.
     """
     sine, lost, defect = free_responses(duration, delta * p)
-    half, s = turn(math.pi * p * duration)[0], p * duration
-    versine, turned = 2 * half * half, turn(TWO_PI * s)[0]
+    half, s = complex_sine_cosine(math.pi * p * duration)[0], p * duration
+    versine, turned = 2 * half * half, complex_sine_cosine(TWO_PI * s)[0]
     sin0, cos0 = analytic_phase(t)
     mean, a, b = analytic_force_ahead(sign, sin0, cos0, delta, epsilon)
     stiff, loss = 1 - TWO_PI * p * TWO_PI * p, TWO_PI * delta * p * p
@@ -206,7 +206,7 @@ class StiffItinerary(Equations):
         flights, residual, matrix = solved(
             batch, softness, self.signs, self.m, self.beta, complex(multiplier), with_matrix
         )
-        return like(x, flights, axis=1), like(x, residual), like(x, matrix)
+        return reshape_like(x, flights, axis=1), reshape_like(x, residual), reshape_like(x, matrix)
 
     def flights(self, x: NDArray, p: NDArray) -> Flights:
         """Return the flights; flight i leads from contact i to the next. x (…, 2c + 2): times, σ, δ and ε; p (…, 1)."""

@@ -20,7 +20,7 @@ from rattle.continuation.arclength import (
     SMALLEST_CORRECTION,
 )
 from rattle.numerics.compile import inline, kernel
-from rattle.numerics.secant import narrowed
+from rattle.numerics.secant import narrow_bracket
 from rattle.stiff.orbits.closure import LEAST_CONTACT, closure
 
 # reasons why a family ends: ε leaves its range; a contact vanishes; a flight vanishes; it closes; no step succeeds
@@ -199,7 +199,7 @@ def located(a, b, index, level, cycle, y):
         f = measured_unknown(y, index, level, chord, cycle, tangent)
         if f == 0.0 or abs(share - last) <= 1e-15:
             return True
-        lo, f_lo, hi, f_hi, side = narrowed(lo, f_lo, hi, f_hi, side, share, f)
+        lo, f_lo, hi, f_hi, side = narrow_bracket(lo, f_lo, hi, f_hi, side, share, f)
     return True
 
 

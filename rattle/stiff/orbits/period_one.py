@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.continuation.arclength import plane_scale
-from rattle.errors import RattleError, parameters, require_number
+from rattle.errors import RattleError, broadcast_parameters, require_number
 from rattle.flight.impact_law import ELASTIC
 from rattle.orbits.period_one import NAMES, PeriodOne, classify, multipliers_of
 from rattle.stiff.orbits.closure import Cycle, departure_of, is_admissible, softness, trace_of_solution
@@ -60,7 +60,7 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
     RattleError
         If a family is lost.
     """
-    arrays = parameters(delta, epsilon, beta, kappa=kappa)
+    arrays = broadcast_parameters(delta, epsilon, beta, kappa=kappa)
     shape = arrays[0].shape
     cells = np.array([array.ravel() for array in arrays]).T
     exists = np.zeros((len(NAMES), len(cells)), np.bool_)

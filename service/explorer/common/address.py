@@ -109,7 +109,7 @@ class Pin(NamedTuple):
 def pin_of(delta: float, epsilon: float, model: Model) -> Pin:
     """Return a point of a model as a pin."""
     added = tuple((each.name, model.numbers[each.name]) for each in model.added)
-    return Pin(delta, epsilon, model.beta, added, model.at(delta, epsilon).harmonics)
+    return Pin(delta, epsilon, model.beta, added, model.parameters_at(delta, epsilon).harmonics)
 
 
 def numbered(pins: Sequence[Pin], model: Model) -> dict[str, Pair]:

@@ -107,7 +107,7 @@ def machine_at(machine: SurveyedMachine | None, model: Model, delta: float, epsi
     if machine is None:
         return None
     eccentricity = float(machine.eccentricity(epsilon))
-    shape = model.at(delta, epsilon).harmonics
+    shape = model.parameters_at(delta, epsilon).harmonics
     errors = tuple((order, size * eccentricity, phase) for order, size, phase in shape)
     try:
         found = machine.at(float(machine.rpm(delta)), eccentricity)

@@ -152,7 +152,7 @@ class Form:
         self.beta.value, self.model.value = model.beta, model.name
         for each in model.added:
             self.added[each.name].value = model.numbers[each.name]
-        self.harmonics.value = " ".join(harmonic_texts(model.at(1.0, 0.0).harmonics))
+        self.harmonics.value = " ".join(harmonic_texts(model.parameters_at(1.0, 0.0).harmonics))
 
     @property
     def _is_machine(self) -> bool:
