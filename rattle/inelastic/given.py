@@ -47,7 +47,7 @@ def checked_harmonics(harmonics: Iterable[Any]) -> tuple[Harmonic, ...]:
             f"the order of a harmonic must be an integer, got {order:g}: if the forcing repeats only after several "
             "revolutions, take the common period of both gears as the unit of time",
         )
-        require(order != 0, "a harmonic of order 0 is a constant and has no effect: leave out this harmonic")
+        require(order != 0, "a harmonic of order 0 is a constant and has no effect: leave it out")
         require(
             order != 1 or each[1] == 0,
             "the harmonic of order 1 is the eccentricity itself: give its amplitude as epsilon, or 0 if there is none",
