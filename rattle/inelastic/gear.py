@@ -142,7 +142,7 @@ class InelasticGear(Sampled, Rattling):
         flight = forced_flight(tau, float(velocity), self.delta, point.drift, point.harmonics, departure)
         piece = piece_number(tau, point.zeros)
         status, time, target, w1, *_ = first_forced_impact(np.int64(wall), tau, flight, piece, point, departure)
-        _raise_for(status)
+        _raise_for_status(status)
         return FirstInelasticImpact(time, int(target), w1)
 
     def impact(self, tau: float, v: float) -> Impact:
@@ -165,7 +165,7 @@ class InelasticGear(Sampled, Rattling):
         v = require_number("v", v, positive=True)
         step = step_tangent(_folded_phase(tau), v, self._point)
         status, tau1, v1, time, n_minus, *tangent, _det, _plus, _minus = step
-        _raise_for(status)
+        _raise_for_status(status)
         return Impact(tau1, v1, n_minus, np.array(tangent).reshape(2, 2), time)
 
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
@@ -198,7 +198,7 @@ class InelasticGear(Sampled, Rattling):
         return existing_orbits(self._period_one(), *at, added)
 
     def _period_one(self) -> PeriodOne:
-        """Return the motions A to D of this gear under one cosine, also those that do not exist."""
+        """Return existence, states and multipliers of A to D for this gear, under forcing by one cosine."""
         return period_one(self.delta, self.epsilon, self.beta, self.restitution, self.load)
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> InelasticOrbit:
@@ -224,7 +224,7 @@ class InelasticGear(Sampled, Rattling):
         )
 
     def region(self) -> int:
-        """Return the region of the point, which is defined by the period-one motions that exist under one cosine.
+        """Return the region of this point: the set of the motions A to D that exist under forcing by one cosine.
 
         Returns
         -------
@@ -249,7 +249,7 @@ def _folded_phase(phase: float) -> float:
     return float(folded(require_finite("phase", phase)))
 
 
-def _raise_for(status: int) -> None:
+def _raise_for_status(status: int) -> None:
     """Raise the RattleError of a status code of the impact map, unless the code is OK."""
     if status == IN_CONTACT:
         raise RattleError("the motion becomes quiet: contact with Σ⁺ never ends, and there is no next impact")

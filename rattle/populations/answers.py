@@ -244,11 +244,11 @@ def quantile_estimate(values: Array, q: float) -> Estimate:
 
 
 def covariance_ratio(base: Array, other: Array, again: Array) -> Estimate:
-    """Estimate Cov(base, other)/Cov(base, again) over gears (n,), which Sobol indices are made of.
+    """Estimate Cov(base, other)/Cov(base, again) over gears (n,), from which Sobol indices are computed.
 
-    The interval is by the delta method.
     base, again: outputs of the same gears from different initial states, so that sampling errors do not add to the
-    covariance. other: outputs of other gears, each of which has some numbers in common with one of these gears.
+    covariance. other: outputs of other gears, each of which has some numbers in common with one of these gears. The
+    interval is by the delta method.
 
     Returns
     -------

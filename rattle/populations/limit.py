@@ -82,8 +82,8 @@ def design_limit(
     amplitude of order 20 over that of the first harmonic; error_20 is the amplitude of order 20 of a machine in m.
 
     The probability is estimated from `count` states in [0, 1) × (0, natural speed), the same for all values. A scan of
-    SCANNED values starts at the safe end. The limit is solved for between two of these values; the interval contains
-    the values at which the share of quiet runs does not differ significantly from `share`. A range of rattling narrower
+    32 values starts at the safe end. The limit is solved for between two of these values; the interval contains the
+    values at which the share of quiet runs does not differ significantly from `share`. A range of rattling narrower
     than a step of the scan can be missed; a smaller range `between` makes the steps finer.
 
     Parameters
@@ -196,7 +196,7 @@ class _Solver:
         for name, value in self.given.items():
             if name != "drive":
                 require_number(name, value)
-        low, high = self._range() if between is None else require_pair("between", between)
+        low, high = self._default_range() if between is None else require_pair("between", between)
         require(0.0 <= low < high, f"between must be (low, high) with 0 <= low < high, got {low:g} and {high:g}")
         require(low > 0.0 or self.starts_at_zero, f"{of} must be above 0: let `between` start above 0")
         even = self.starts_at_zero
@@ -205,11 +205,11 @@ class _Solver:
         self._require_machine()
         self.known: dict[tuple[float, int | None], Excess] = {}
 
-    def _range(self) -> tuple[float, float]:
+    def _default_range(self) -> tuple[float, float]:
         """Return the default range of the scan.
 
         The range ends at the value beyond which no motion is quiet, if that value is known. Otherwise the range reaches
-        from a typical value divided by SPAN to this value times SPAN.
+        from a typical value divided by RANGE_RATIO to the typical value times RANGE_RATIO.
 
         Returns
         -------
@@ -302,7 +302,7 @@ class _Solver:
                 machine_of({**self.given, self.of: float(value)})
 
     def count_quiet_and_undecided(self, value: float, count: int) -> tuple[int, int]:
-        """Follow `count` samples at a value, and count the quiet and the undecided samples.
+        """Follow `count` samples at a value of the sought number, and count the quiet and the undecided samples.
 
         Returns
         -------

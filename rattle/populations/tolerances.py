@@ -219,7 +219,7 @@ def model_of_numbers(given: Mapping[str, Any]) -> type[Model]:
 
 
 def is_machine(given: Mapping[str, Any]) -> bool:
-    """Return whether one of these numbers is, by its name, a number of a machine."""
+    """Return whether at least one of these names of numbers is the name of a machine's number."""
     return any(name in OF_MACHINE or ERROR.fullmatch(name) for name in given)
 
 

@@ -30,7 +30,7 @@ LONGEST_RUN = 1e5  # longest time that one call follows, in forcing periods
 class MotionState(NamedTuple):
     """The state in which `StiffGear.flight` ends.
 
-    position, velocity: Φ and Φ' at the end. n_plus, n_minus: the numbers of contacts with Σ⁺ and Σ⁻ that began before.
+    position, velocity: Φ and Φ' at the end. n_plus, n_minus: the numbers of contacts with Σ⁺ and Σ⁻ since the start.
     tangent (2, 2): the tangent map ∂(Φ, Φ')/∂(Φ₀, Φ'₀) at fixed times, whose determinant is e^(−δ time).
     """
 
@@ -195,7 +195,7 @@ class StiffGear(Sampled, Rattling):
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> periodic.StiffOrbit:
         """Return the periodic motion near a departure (τ, v) that repeats after n_plus contacts with Σ⁺.
 
-        The motion has its least period; see `stiff_orbit`.
+        If the motion repeats after fewer contacts, it is returned with its shortest period; see `stiff_orbit`.
 
         Returns
         -------
@@ -209,7 +209,7 @@ class StiffGear(Sampled, Rattling):
         return self.orbit(orbit.tau, orbit.v)
 
     def region(self) -> int:
-        """Return the number in `rattle.REGIONS` of the region: the set of those counterparts of A to D that exist."""
+        """Return the number in `rattle.REGIONS` of the region: the set of A to D whose counterparts exist here."""
         return int(period_one.regions(*self._point))
 
     @property

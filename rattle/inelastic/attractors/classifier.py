@@ -195,7 +195,10 @@ class InelasticClassifier(Classifier):
     def watch(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
     ) -> None:
-        """Follow samples `which` with a tangent vector, and add their sums and the boxes they visit to `seen`."""
+        """Follow samples `which` with a tangent vector, and add their sums and the boxes they visit to `seen`.
+
+        Each sample is followed for at least `least` impacts on Σ⁺ and `periods` forcing periods, or to its limit.
+        """
         tables = self.samples.for_kernels(), self.balls.for_kernels()
         in_lanes = self.in_lanes[self.samples.cell[which]]
         for some in (in_lanes, ~in_lanes):

@@ -57,7 +57,7 @@ class ContactStates(NamedTuple):
 
 @inline
 def orbit_after_contact(tau, v, cell, states):
-    """Return the number of the orbit to which a state after a contact phase leads, or NO_ORBIT, or UNKNOWN."""
+    """Return the number of the orbit to which a state after a contact phase leads; NO_ORBIT if none, or UNKNOWN."""
     for i in range(states.n[cell]):
         if tau == states.tau[cell, i] and v == states.v[cell, i]:
             return states.orbit[cell, i]

@@ -32,7 +32,7 @@ from rattle.numerics.complex_step import Array
 
 LEAST_RESTITUTION = 1e-3  # restitution down to which points are followed by default
 LONGEST = 0.02  # longest continuation step, in the unknowns
-REACH = 8.0  # largest damping to which points are followed, divided by the half-backlash
+LARGEST_DAMPING = 8.0  # largest damping to which points are followed, divided by the half-backlash
 # indices of the unknowns: the times of the impact and of the graze, then the parameters δ, ε and r
 TAU, MIDDLE, DELTA, EPSILON, R = range(5)
 Residual = Callable[[NDArray], NDArray]
@@ -201,11 +201,11 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
     def reason_to_end(x: Array) -> str | None:
         if not lowest <= x[R] <= 1.0:
             return f"restitution = {lowest:g}" if x[R] < lowest else "restitution = 1"
-        if not 0.0 < x[DELTA] < REACH * beta:
+        if not 0.0 < x[DELTA] < LARGEST_DAMPING * beta:
             return "the damping leaves the range that is followed"
         return admissible_or_why(InelasticItinerary(TWO, 1, beta, float(x[R])), x[:R], 1)
 
-    bounds = (Bound(R, lowest, 1.0), Bound(DELTA, 1e-3, REACH * beta))
+    bounds = (Bound(R, lowest, 1.0), Bound(DELTA, 1e-3, LARGEST_DAMPING * beta))
     follower = Follower(problem, bounds, lambda x: reason_to_end(x) is None, lambda _: LONGEST)
     down = np.zeros(5)
     down[R] = -1.0

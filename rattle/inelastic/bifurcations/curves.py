@@ -101,7 +101,7 @@ def _trace_motion_curve(
     definition, unit = INELASTIC_CURVES[name], 1.0 + load
     itinerary = definition.itinerary(beta / unit, restitution)
 
-    def starts() -> Iterable[Array]:
+    def starting_points() -> Iterable[Array]:
         for d in dampings:
             for x in definition.starts(float(d), beta / unit, restitution):
                 yield np.append(x[:-1], x[-1] * unit)
@@ -122,7 +122,7 @@ def _trace_motion_curve(
         ]
         return ": ".join([*near[:1], reason])
 
-    return traced(name, beta, problem, starts(), window, reason_to_leave, describe_solution, reason_with_point)
+    return traced(name, beta, problem, starting_points(), window, reason_to_leave, describe_solution, reason_with_point)
 
 
 def _quiet_limit_curve(

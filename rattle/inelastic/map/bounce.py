@@ -1,9 +1,9 @@
 """Follow an inelastic motion from impact to impact, for sums over its impacts (compiled).
 
 A chatter that completes has infinitely many impacts. They are followed one by one until the bound of
-`is_chatter_captured` holds with a millionfold margin (`REST`). The remaining impacts last less than
-2 REST LEAST_SHARE |g|/max|g'|, some 1e-8 forcing periods, and have less than REST² of the energy that a captured impact
-may have.
+`is_chatter_captured` holds with a millionfold margin (`REST_FRACTION`). The remaining impacts last less than
+2 REST_FRACTION LEAST_SHARE |g|/max|g'|, some 1e-8 forcing periods, and have less than REST_FRACTION² of the energy that
+a captured impact may have. (g is the contact force, and `rattle.inelastic.map.contact` has LEAST_SHARE.)
 
 The last followed impact stands for the remaining impacts and the contact phase too: it lasts until the release, the end
 of the contact phase, and the motion leaves it with speed 0. Its impulse is exactly that of everything until the
@@ -30,7 +30,7 @@ from rattle.intensity.forces import force_lines
 from rattle.intensity.visit import bounce, mean_force_at
 from rattle.numerics.compile import for_type, inline, kernel
 
-REST = 1e-6  # the rest of a chatter counts as one impact below this fraction of the largest captured speed
+REST_FRACTION = 1e-6  # the rest of a chatter counts as one impact below this fraction of the largest captured speed
 
 
 @inline
@@ -77,7 +77,7 @@ def flight_and_impact(wall, tau, w, point):
         return status, s, wall, abs(w), 0.0, 0.0, abs(w)
     landed = folded(tau + s)
     force, _rate = force_at(landed, delta, point.drift, harmonics)
-    slow = v < REST * point.capture * force * force
+    slow = v < REST_FRACTION * point.capture * force * force
     if not (slow and zeros.size > 0 and is_chatter_captured(wall, v, force, point)):
         return OK, s, wall, speed, 0.0, speed + v, v
     piece = piece_number(landed, zeros)

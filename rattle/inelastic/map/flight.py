@@ -21,7 +21,7 @@ from rattle.numerics.compile import inline, kernel
 
 LONGEST_PIECE = 0.5  # longest piece, in forcing periods; longer pieces are cut
 FIRST_PIECE = 0.25  # length of the first piece, in forcing periods, if the force pulls the motion off its wall
-BEYOND = 1.2  # length of the first piece of a bounce divided by the estimated flight time, 2|w|/|F''|
+FIRST_PIECE_FACTOR = 1.2  # length of the first piece of a bounce divided by the estimated flight time, 2|w|/|F''|
 # rows of the array `departure` (2, K): amplitude times cosine and sine of the phase of each harmonic at departure
 COSINE, SINE = range(2)
 
@@ -227,7 +227,7 @@ def first_forced_impact(wall, tau, flight, piece, point, departure):
     outwards = wall * (flight.force - delta * flight.w)
     if outwards > 0.0 and wall * flight.w < 0.0:  # false at a release, where the force is 0 up to rounding
         guess = -2.0 * wall * flight.w / outwards
-        length = min(BEYOND * guess, LONGEST_PIECE)
+        length = min(FIRST_PIECE_FACTOR * guess, LONGEST_PIECE)
     while s < LONGEST:
         ends = not s + length < zero
         e = zero if ends else s + length

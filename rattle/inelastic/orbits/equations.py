@@ -21,7 +21,7 @@ from rattle.impacting.orbits.equations import Itinerary
 
 @dataclass(frozen=True)
 class InelasticItinerary(Itinerary):
-    """The equations of the motions without load that meet given walls in order: m, half-backlash, restitution."""
+    """The equations of motions without load that meet given walls in order, with m, half-backlash and restitution."""
 
     restitution: float = 1.0
 

@@ -29,7 +29,7 @@ from rattle.numerics.secant import narrowed
 
 A, B, C, D = range(4)
 SAME_TIME = 1e-6  # largest difference of flight times that counts as the same impact
-EDGE = 1e-9  # |σ| of the two nodes next to σ = 0, where the equations are singular
+INNERMOST_NODE = 1e-9  # |σ| of the two nodes next to σ = 0, where the equations are singular
 NODES_PER_SIDE = 160  # number of values of σ < 0, and of σ > 0, at which ε(σ) is first computed
 MOST_NODES = 2 * NODES_PER_SIDE + 24  # these nodes, and at most 24 turning points of ε(σ)
 SMALL_DAMPING = 0.05  # value of δ times the flight time below which `excess_drift` uses a series
@@ -134,7 +134,7 @@ def fill_family_nodes(delta, beta, r, sigma, e):
     """
     n = NODES_PER_SIDE
     for i in range(n):
-        gap = EDGE * (0.5 * (1.0 - 1e-6) / EDGE) ** (i / (n - 1.0))
+        gap = INNERMOST_NODE * (0.5 * (1.0 - 1e-6) / INNERMOST_NODE) ** (i / (n - 1.0))
         sigma[n - 1 - i], sigma[n + i] = -gap, gap
     size = 2 * n
     for i in range(size):

@@ -67,7 +67,10 @@ class StiffClassifier(Classifier):
     def watch(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
     ) -> None:
-        """Follow samples `which` with a tangent vector, and add their sums and the boxes they visit to `seen`."""
+        """Follow samples `which` with a tangent vector, and add their sums and the boxes they visit to `seen`.
+
+        Each sample is followed for at least `least` returns and `periods` forcing periods, or to its limit.
+        """
         tables = self.samples.for_kernels(), self.balls.for_kernels()
         measure(which, least, periods, self.cells, *tables, seen.sums, seen.prints)
 

@@ -45,7 +45,7 @@ def stiff_branch(
     span: tuple[float, float] | None = None,
     resolution: int = POINTS_ACROSS,
 ) -> StiffBranch:
-    """Return the branch of a periodic motion in one parameter, in both directions, as long as it is admissible.
+    """Return the branch of a periodic motion in one parameter, in both directions, as far as motions are admissible.
 
     Parameters
     ----------
@@ -243,5 +243,5 @@ def stiff_curve(
         condition(itinerary, event.kind), [event.orbit.unknowns], window, reason_to_leave, itinerary.contacts
     )
     if not found:
-        raise RattleError("the event is not a solution inside the window: choose delta and epsilon around it")
+        raise RattleError("the event is not a solution inside the window: choose delta and epsilon around the event")
     return found[0].points

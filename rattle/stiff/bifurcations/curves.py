@@ -58,7 +58,7 @@ MEANINGS = {
 NAMES = tuple(MEANINGS)
 # words appended to the reason why a curve ends at a graze, by the name of the curve
 GOES_ON = {"SN1": ", it goes on as G2", "G2": ", it goes on as SN1"}
-NEAR = 1e-2  # step of the difference quotient at a fold, relative to the duration of the shortest contact
+DIFFERENCE_STEP = 1e-2  # step of the difference quotient at a fold, relative to the duration of the shortest contact
 BISECTIONS = 30  # halvings of the interval in which a flip is located
 
 
@@ -216,7 +216,7 @@ def _is_maximum_of_epsilon(y: Array, cycle: Cycle) -> bool:
     value, matrix, ahead, behind = np.empty(n), *(np.empty((n, n + 1)) for _ in range(3))
     write_residuals(y, cycle, value, matrix)
     left, _, right = np.linalg.svd(matrix[:, :n])
-    step = NEAR * np.append(right[-1], 0.0) * min(1.0, float(y[n // 2 : n].min()))
+    step = DIFFERENCE_STEP * np.append(right[-1], 0.0) * min(1.0, float(y[n // 2 : n].min()))
     write_residuals(y + step, cycle, value, ahead)
     write_residuals(y - step, cycle, value, behind)
     bend = (ahead - behind) @ step

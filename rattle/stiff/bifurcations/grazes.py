@@ -107,7 +107,7 @@ def _with_one_more_contact(line: MotionsOnLine, y: Array, tangent: Array) -> tup
 def _with_inserted_contact(
     line: MotionsOnLine, y: Array, after: int, wall: int, time: float, duration: float
 ) -> tuple[MotionsOnLine, Array]:
-    """Return the motion y with a new contact inserted behind contact number `after`; duration: in units of p."""
+    """Return the motion y with a new contact inserted after contact number `after`; duration: in units of 1/√(2κ)."""
     c = len(line.walls)
     more = replace(line, walls=line.itinerary(y).with_impact(after + 1, wall).walls)
     return more, np.insert(y, [after + 1, c + after + 1], [time, duration])

@@ -44,7 +44,7 @@ class MotionsOnLine:
 
     @property
     def problem(self) -> ContinuationProblem:
-        """The equations along the line in the unknowns y."""
+        """The continuation problem of the motions on the line, in the unknowns y."""
         any_softness = StiffItinerary(self.walls, self.m, self.beta, 0.0)
 
         def equations(y: NDArray) -> NDArray:
@@ -57,7 +57,7 @@ class MotionsOnLine:
         return ContinuationProblem(equations, scale=line_scale(self.origin, self.direction))
 
     def is_admissible(self, y: Array) -> bool:
-        """Return whether a motion y on the line is admissible, with a finite stiffness."""
+        """Return whether a motion y on the line is admissible; False unless its softness p is positive."""
         x = self.full_unknowns(y)
         return bool(x[-1] > 0.0) and is_admissible_solution(self.itinerary(y), x[:-1])
 
@@ -67,7 +67,7 @@ class MotionsOnLine:
         return trace_of(self.itinerary(y), x[:-1]) + 1.0 + float(ELASTIC.determinant(x[-3], self.m, 1))
 
     def orbit(self, y: Array) -> StiffOrbit:
-        """Return a solution as a `StiffOrbit`."""
+        """Return a motion y on the line as a `StiffOrbit`."""
         return orbit_of(self.itinerary(y), self.full_unknowns(y)[:-1])
 
     def corrected_solution(self, y: Array) -> Array | None:
@@ -76,7 +76,7 @@ class MotionsOnLine:
         return None if found is None else np.append(found[:-2], y[-1])
 
     def twins(self, start: Array, y: Array) -> Array:
-        """Return all equivalent unknowns (…, 2c + 1) of `start` near y: from another contact or whole periods later."""
+        """Return the equivalent unknowns of motion `start` near y: begun at another contact, or whole periods later."""
         return twins(StiffItinerary(self.walls, self.m, self.beta, 0.0), start, y)
 
     def mean_of_halves(self, y: Array) -> tuple["MotionsOnLine", Array, float] | None:

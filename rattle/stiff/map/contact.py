@@ -24,7 +24,7 @@ LONGEST = 1000.0  # longest search for the end of a contact, in forcing periods,
 DECAYS = 100.0  # number of decay times of a free motion that the longest search includes
 SHORT = 0.5  # value of (δ + √(2κ)) s below which the response S is computed by a Taylor series
 TERMS = 16  # number of terms of this series
-SAFE = 0.999  # factor by which lower bounds of the depth are reduced, against rounding errors
+SAFETY_FACTOR = 0.999  # factor by which lower bounds of the depth are reduced, against rounding errors
 
 
 class Contact(NamedTuple):
@@ -80,7 +80,15 @@ def responses(s, delta, kappa):
 
 @inline
 def compliance(delta, kappa):
-    """Return A/D, B/D and 1/√D: the force cos 2πs causes the periodic depth (A cos 2πs + B sin 2πs)/D, D = A² + B²."""
+    """Return A/D, B/D and 1/√D for A = 2κ − 4π², B = 2πδ and D = A² + B².
+
+    The force cos 2πs causes the periodic depth (A cos 2πs + B sin 2πs)/D, with the amplitude 1/√D.
+
+    Returns
+    -------
+    tuple of float
+        The three values.
+    """
     a, b = 2.0 * kappa - TWO_PI * TWO_PI, TWO_PI * delta
     size = math.hypot(a, b)
     return a / size / size, b / size / size, 1.0 / size
@@ -150,8 +158,8 @@ def log_rate(s, delta, square, rate):
 def time_of_extremum(lo, hi, middle, contact):
     """Return the time in (lo, hi) at which x/u is extreme, with x the depth and u the free motion of `log_rate`.
 
-    It is the zero of q = x' − x u'/u, which changes sign once in (lo, hi) and obeys q' = h − (δ + u'/u) q. u is centred
-    on the time `middle`.
+    u is centred on the time `middle`. At the extremum q = x' − x u'/u is 0; q changes sign once in (lo, hi), and obeys
+    q' = h − (δ + u'/u) q with the force h.
 
     Returns
     -------
@@ -214,7 +222,7 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     """Follow a contact from phase tau, depth x0 ≥ 0 and outward velocity w0 until the depth x first falls to 0.
 
     If x0 is 0, the motion must move into the wall or be pressed on it. horizon: the time after which the search stops;
-    endless contact is recognised only if it is infinite.
+    endless contact is recognised only if `horizon` is infinite.
 
     Returns
     -------
@@ -238,12 +246,13 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
         reach = math.sqrt((x - rest) ** 2 + (v - rest_v) ** 2 / (2.0 * kappa))  # bound of |x − rest| from here on
         if delta < 0.0:  # backwards in time the difference grows without bound
             reach = math.inf
-        if reach < SAFE * least and horizon == math.inf:
+        if reach < SAFETY_FACTOR * least and horizon == math.inf:
             return STAYS, s, x, v, 0.0, 0.0
         if s > latest:
             break
-        room = SAFE * rest - reach  # the depth of permanent contact falls at a rate of at most 2π times its amplitude
-        ahead = math.inf if reach < SAFE * least else max(room, 0.0) / (TWO_PI * swing) if swing > 0.0 else 0.0
+        # the depth of permanent contact falls at a rate of at most 2π times its amplitude
+        room = SAFETY_FACTOR * rest - reach
+        ahead = math.inf if reach < SAFETY_FACTOR * least else max(room, 0.0) / (TWO_PI * swing) if swing > 0.0 else 0.0
         if ahead > longest:
             s = min(s + ahead, horizon)
             x, v, _h, _s, _l = contact_state(s, contact)

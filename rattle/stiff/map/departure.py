@@ -1,4 +1,4 @@
-"""The next departure from Σ⁺ of any state of the stiff gear."""
+"""The first departure from Σ⁺ of a motion of the stiff gear, from any state."""
 
 import math
 

@@ -17,7 +17,7 @@ from rattle.stiff.map.contact import ENDS, LASTS, STAYS, contact_end
 
 GAP = SIGMA_PLUS - SIGMA_PLUS  # 0 in the integer type of the walls: the motion is in the gap
 QUIET, STUCK = 3, 4  # further status codes: contact that never ends; a motion that cannot be followed farther
-MOST_PIECES = 1_000_000  # most flights and contacts of one call
+MOST_PIECES = 1_000_000  # largest number of flights and contacts that one call follows
 
 
 @inline

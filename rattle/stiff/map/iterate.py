@@ -66,7 +66,7 @@ def iterate(
     beta: ArrayLike = 0.6,
     kappa: ArrayLike = 1e4,
 ) -> Iterates:
-    """Return the n-th next departures from Σ⁺ after departures (τ, v), the images under Π^n; all arguments broadcast.
+    """Return the n-th departures from Σ⁺ after departures (τ, v): their images under Π^n. All arguments broadcast.
 
     v, δ, β and κ must be > 0, ε ≥ 0, and n integers ≥ 0; all are dimensionless. A trajectory whose contact with Σ⁺
     never ends keeps its last state and has n_plus < n.

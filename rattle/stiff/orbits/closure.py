@@ -55,9 +55,9 @@ def softness(kappa: float) -> float:
 
 
 class FlightEnds(NamedTuple):
-    """Velocities w0 and w1 at the begin and end of a flight, with derivatives: w0_t1 is ∂w0/∂t1, w0_e is ∂w0/∂ε.
+    """Velocities w0 and w1 at the beginning and end of a flight, with derivatives: w0_t1 is ∂w0/∂t1, w0_e is ∂w0/∂ε.
 
-    t0 and t1 are the times of begin and end.
+    t0 and t1 are the times of the beginning and the end.
     """
 
     w0: float
@@ -149,7 +149,7 @@ def contact_exit(wall, t, u, s, delta, epsilon, kappa):
 
 @inline
 def flight_after_contact(i, y, cycle):
-    """Return the flight after contact i: number of the next contact, times of begin and end, change of Φ."""
+    """Return the flight after contact i: number of the next contact, times of beginning and end, change of Φ."""
     c = cycle.walls.size
     after = i + 1 if i < c - 1 else 0
     t1 = y[after] if i < c - 1 else y[0] + cycle.m

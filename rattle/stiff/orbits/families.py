@@ -132,7 +132,7 @@ def family_lost_error(cycle: Cycle, epsilon: float) -> RattleError:
 
 
 def span_of_family(delta: float, epsilon: float) -> float:
-    """Return the largest ε up to which the families at a point (δ, ε) are followed: the same in every computation."""
+    """Return the largest ε up to which families are followed for a point (δ, ε), which depends on this point only."""
     least = LEAST_SPAN * plane_scale(delta)
     return max(least, float(2.0 ** np.ceil(np.log2(1.5 * epsilon)))) if epsilon > 0.0 else least
 
@@ -184,7 +184,7 @@ def explicit_solutions(cycle: Cycle, offset: Array, duration: Array) -> Array:
 def _guess_of_sn1(cycle: Cycle) -> Array | None:
     """Return unknowns (3,) close to SN1, the fold of P(1,1,0) whose σ is nearest to π; None if there is no fold."""
     p = softness(cycle.kappa)
-    hard = p * np.geomspace(1e-2, 1e4, DURATIONS)  # σ − π is about 2p · force / speed
+    hard = p * np.geomspace(1e-2, 1e4, DURATIONS)  # distances of σ from π: that of SN1 is about 2p · force / speed
     duration = np.concatenate([np.linspace(0.0, 4 * np.pi, DURATIONS), np.pi - hard, np.pi + hard])
     duration = np.unique(duration[(duration > 0.0) & (duration < 0.999 / p)])
     found = explicit_solutions(cycle, np.zeros((duration.size, 1)), duration[:, None])
@@ -245,10 +245,10 @@ def families_on_both_walls(cycle: Cycle, span: float, plus: Sequence[StiffFamily
 
 
 def _guesses_on_both_walls(cycle: Cycle, plus: Sequence[StiffFamily]) -> Iterator[tuple[Array, Array]]:
-    """Yield guesses of P(1,1,1), each with a row of Newton's equations: the combination of unknowns that is kept."""
+    """Yield guesses of P(1,1,1), each with a row of Newton's equations that keeps one combination of the unknowns."""
     p = softness(cycle.kappa)
     for family in plus:
-        for y in family_grazes(family):
+        for y in guesses_at_grazes(family):
             yield y, np.array([0.0, 0.0, 0.0, 1.0, 0.0])
     beside = np.geomspace(1e-3, 0.49, TIMES)
     times = np.concatenate([0.5 - beside, 0.5 + beside])
@@ -258,7 +258,7 @@ def _guesses_on_both_walls(cycle: Cycle, plus: Sequence[StiffFamily]) -> Iterato
         yield y, np.array([0.0, 0.0, 0.0, 0.0, 1.0])
 
 
-def family_grazes(family: StiffFamily) -> list[Array]:
+def guesses_at_grazes(family: StiffFamily) -> list[Array]:
     """Return guesses of P(1,1,1) with a short contact with Σ⁻, one for each graze of a family of P(1,1,0)."""
     cycle, found = family.cycle, []
     meets = np.array([not np.isnan(time_at_sigma_minus(y, cycle)) for y in family.points])

@@ -147,7 +147,7 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
     found = at_parameters(itinerary, np.concatenate([last[:n], plane]))
     if found is None or not is_admissible_solution(itinerary, found):
         raise RattleError(
-            f"the motion is virtual at kappa = {kappa:g}: a contact is gained or lost on the way from infinity"
+            f"the motion is virtual at kappa = {kappa:g}: a contact is gained or lost on the way from kappa = infinity"
         )
     return orbit_of(itinerary, found)
 
