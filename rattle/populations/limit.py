@@ -263,7 +263,7 @@ class _Solver:
         return is_beyond_quiet_limit(few.parameters)
 
     def _last_possible_value(self, unit: float) -> float:
-        """Return the value of the sought number up to which the teeth can stay in contact.
+        """Return the last value of the sought number, from the safe end, at which the teeth can stay in contact.
 
         unit: a typical value of the number, which is returned if the teeth can stay in contact at all values.
 

@@ -73,7 +73,7 @@ class StiffMotions(Motions):
         return stiff_branch_on_line(line, np.append(x[:-3], 0.0), span, POINTS_ACROSS)
 
     def doubled(self, event: StiffEvent, span: tuple[float, float]) -> StiffBranch:
-        """Return the doubled branch that leaves a flip (`Motions.doubled`)."""
+        """Return the branch of doubled period that leaves a flip (`Motions.doubled`)."""
         return doubled_branch(event, self.segment.direction, span, POINTS_ACROSS)
 
     def events(self, found: StiffBranch) -> tuple[StiffEvent, ...]:

@@ -24,7 +24,7 @@ LONGEST = 1000.0  # longest search for the end of a contact, in forcing periods,
 DECAYS = 100.0  # number of decay times of a free motion that the longest search includes
 SHORT = 0.5  # value of (δ + √(2κ)) s below which the response S is computed by a Taylor series
 TERMS = 16  # number of terms of this series
-SAFETY_FACTOR = 0.999  # factor by which lower bounds of the depth are reduced, against rounding errors
+SAFETY_FACTOR = 0.999  # factor by which depths of permanent contact are reduced, against rounding errors
 
 
 class Contact(NamedTuple):
