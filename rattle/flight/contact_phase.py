@@ -10,7 +10,8 @@ contact:
 
 A law whose chatter completes (`ImpactLaw.chatter_completes`) enters contact in finite time. It is released with speed 0
 at the phase where the force turns away from the wall: the beginning of `forcing.negative_arc` on Σ⁺, its end on Σ⁻. The
-stiff gear's contacts have depth; `rattle.stiff.map.flow.departs` decides their release, and an endless one is quiet.
+stiff gear's contacts have depth; `rattle.stiff.map.flow.is_contact_over` decides their release, and endless contact is
+quiet.
 """
 
 from rattle.flight.forcing import contact_force, library_phase

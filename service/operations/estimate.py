@@ -146,9 +146,9 @@ def cell_seconds(request: AnyRequest) -> float:
 
 
 def _few_gears(request: PopulationRequest) -> PopulationRequest:
-    """Return a request for a few gears of the population, of which the same share is tested for passing."""
+    """Return a request for a few gears of the population, with the same share of judged gears."""
     gears = min(request.gears, MEASURED_SIDE * MEASURED_SIDE)
-    judged = max(1, round(gears * request.plan.judging / request.n_cells))
+    judged = max(1, round(gears * request.plan.n_judged / request.n_cells))
     few = {"gears": gears, "pairs": 0, "judged": judged, "tile": None}
     return PopulationRequest.model_validate(request.model_dump(mode="json") | few)
 

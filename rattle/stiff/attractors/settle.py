@@ -1,7 +1,7 @@
-"""Follow samples of the stiff gear until each is quiet, is captured, recurs, or has made its contacts (compiled).
+"""Follow samples of the stiff gear until each is quiet, captured or recurrent, or has made all its returns (compiled).
 
-The samples are followed one by one, otherwise as in `rattle.impacting.attractors.settle`. A sample whose contact with
-Σ⁺ never ends is quiet. Tangent vectors are in the coordinates (Φ, Φ') at fixed times.
+The method is that of `rattle.impacting.attractors.settle`, but samples are followed one by one, not in SIMD lanes. A
+sample whose contact with Σ⁺ never ends is quiet. Tangent vectors are in the coordinates (Φ, Φ') at fixed times.
 """
 
 import math
@@ -39,14 +39,14 @@ def _between(share, one, other):
 
 
 @inline
-def ended_with(code):
-    """Return the outcome of a sample whose motion does not return to Σ⁺, from the status `code` of the step."""
+def stiff_outcome(code):
+    """Return the outcome of a sample that does not return to Σ⁺: QUIET or FAILED, by the status `code` of `step`."""
     return Outcome.QUIET if code == flow.QUIET else Outcome.FAILED
 
 
 @kernel
 def settle(which, cells, samples, balls):
-    """Follow the samples `which` until each has an outcome. A sample that makes all its returns stays UNRESOLVED."""
+    """Follow samples `which` until each has an outcome. A sample that makes all its returns stays UNRESOLVED."""
     for j in range(which.size):
         k = which[j]
         point = point_of(samples.cell[k], cells)
@@ -57,7 +57,7 @@ def settle(which, cells, samples, balls):
         while status == Outcome.UNRESOLVED and samples.impacts[k] + n < samples.limit[k]:
             code, tau, v, time, _below = step(tau, v, point)
             if code != OK:
-                status = ended_with(code)
+                status = stiff_outcome(code)
                 break
             n, total = n + 1, total + time
             status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
@@ -66,9 +66,11 @@ def settle(which, cells, samples, balls):
 
 @kernel
 def measure(which, least, periods, cells, samples, balls, sums, footprints):
-    """Follow samples with a tangent vector, for at least this many returns and forcing periods (k,), or to the limit.
+    """Follow samples `which` with a tangent vector, to measure their Lyapunov exponents.
 
-    sums[j, batch], zero before, collects time, ln stretch and ln|det| of sample which[j] after ALIGNMENT returns.
+    A sample is followed for at least `least` returns and `periods` forcing periods (k,), or to its limit of returns.
+
+    sums[j, batch] must be 0; time, ln stretch and ln|det| of sample which[j] after ALIGNMENT returns are added to it.
     footprints[j] collects the boxes of the (τ, v) plane that this sample visits.
     """
     for j in range(which.size):
@@ -88,7 +90,7 @@ def measure(which, least, periods, cells, samples, balls, sums, footprints):
                 tau, v, point.delta, point.epsilon, point.beta, point.kappa
             )
             if code != OK:
-                status = ended_with(code)
+                status = stiff_outcome(code)
                 break
             n, total = n + 1, total + time
             x, y = j00 * x + j01 * y, j10 * x + j11 * y
