@@ -34,12 +34,12 @@ def wait_for_browser(document: Document) -> None:
     loop = asyncio.get_running_loop()
     _waiting.setdefault(document, [])
 
-    def let_go() -> None:
+    def send_waiting_changes() -> None:
         for change in _waiting.pop(document, []):
             document.add_next_tick_callback(change)
 
     def on_load() -> None:
-        loop.call_soon_threadsafe(let_go)
+        loop.call_soon_threadsafe(send_waiting_changes)
 
     with set_curdoc(document):
         pn.state.onload(on_load)
@@ -101,7 +101,7 @@ def act_in_event_loop(act: Callable[[], object]) -> None:
         change_document(document, act)
 
 
-def in_event_loop(handle: Callable[..., object]) -> Callable[..., None]:
+def handler_in_event_loop(handle: Callable[..., object]) -> Callable[..., None]:
     """Return a handler of browser events that calls `handle` in the event loop."""
 
     @wraps(handle)

@@ -8,7 +8,7 @@ from typing import Any
 import param
 from panel.custom import JSComponent
 
-from gear_rattle.service.explorer.common.changes import in_event_loop
+from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.files import asset
 
 
@@ -30,7 +30,7 @@ class SurveyMenu(JSComponent):
     def __init__(self, on_action: Callable[[str, str, Mapping[str, Any]], None], **values: Any) -> None:
         super().__init__(**values)
         self._on_action = on_action
-        self.on_msg(in_event_loop(lambda event: self.press(event.data)))
+        self.on_msg(handler_in_event_loop(lambda event: self.press(event.data)))
 
     def press(self, message: Any) -> None:
         """Call `on_action` for the message that a button of the list sends."""

@@ -57,7 +57,7 @@ class News:
             if not loop.is_closed():
                 loop.call_soon_threadsafe(self._stale.set)
 
-        keeper = asyncio.create_task(self._keep_up())
+        keeper = asyncio.create_task(self._publish_changes())
         try:
             with self._front.broadcast.watch(on_change):
                 yield
@@ -74,7 +74,7 @@ class News:
         """Remove a listener."""
         self._listeners.discard(listener)
 
-    async def _keep_up(self) -> None:
+    async def _publish_changes(self) -> None:
         while True:
             await self._stale.wait()
             self._stale.clear()
@@ -87,13 +87,13 @@ class News:
                 log.warning("the surveys cannot be listed for the explorer: %s", error)
                 self._stale.set()
             else:
-                standings = [self._standing(job, time.monotonic()) for job in jobs]
+                statuses = [self._status_of(job, time.monotonic()) for job in jobs]
                 for listener in self._listeners.intersection(listeners):
-                    listener(standings)
+                    listener(statuses)
             with suppress(TimeoutError):  # a new listener ends the pause
                 await asyncio.wait_for(self._arrived.wait(), PAUSE)
 
-    def _standing(self, job: JobRow, now: float) -> JobStatus:
+    def _status_of(self, job: JobRow, now: float) -> JobStatus:
         if job.state != State.RUNNING:
             self._past.pop(job.id, None)
             return JobStatus(job, overall_rate(job), None)

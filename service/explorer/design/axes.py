@@ -74,19 +74,19 @@ class MapAxes:
         if not self._is_follower and (span.start > span.end) != (machine is not None):
             span.update(start=span.end, end=span.start)
 
-    def window(self, *window: Pair) -> None:
+    def show_window(self, *window: Pair) -> None:
         """Set the window, and the labels of δ and ε."""
         for pair, span, name, (low, high) in zip(
             zip(self._own, self._second, strict=True), self._spans, NAMES, window, strict=True
         ):
             start, end = (high, low) if span.start > span.end else (low, high)
             span.update(start=start, end=end)
-            offset = offset_of((low, high))
+            offset = label_offset((low, high))
             for axis in pair:
                 axis.axis_label = name if offset is None else f"{name} − {offset[0]!r}, in units of 1e{offset[1]}"
 
 
-def offset_of(window: Pair) -> tuple[float, int] | None:
+def label_offset(window: Pair) -> tuple[float, int] | None:
     """Return the offset and the power of ten of the tick labels of a narrow window; None for a wide window."""
     low, high = window
     span, scale = high - low, max(abs(low), abs(high))
@@ -96,7 +96,7 @@ def offset_of(window: Pair) -> tuple[float, int] | None:
     return float(f"{(low + high) / 2:.{digits}g}"), math.floor(math.log10(span) + 0.01)
 
 
-def written(value: float, window: Pair) -> str:
+def coordinate_text(value: float, window: Pair) -> str:
     """Return a coordinate with enough digits to distinguish the points of this window on a screen."""
     span = max(window[1] - window[0], 1e-300)
     return f"{value:.{min(max(math.ceil(3 - math.log10(span)), 3), 17)}f}"

@@ -36,11 +36,11 @@ class NumberEntry(NamedTuple):
         """Name and unit."""
         return f"{self.name}, {self.unit}" if self.unit else self.name
 
-    def entered(self, value: float) -> float:
+    def to_field_unit(self, value: float) -> float:
         """Return a value of the library (in SI units, speed in rpm) in the unit of the field."""
         return float(f"{value * self.per:.{DIGITS}g}")
 
-    def meant(self, value: float | None) -> float | None:
+    def to_library_unit(self, value: float | None) -> float | None:
         """Return an entered value in the library's unit; None for None. It divides, as 100 / 1e6 is exactly 100e-6."""
         if value is None:
             return None
@@ -81,12 +81,12 @@ POINT = (
 )  # fmt: skip
 
 
-def in_unit(name: str, value: float) -> str:
+def text_in_unit(name: str, value: float) -> str:
     """Return a number of a machine in its unit, for people."""
-    return f"{NUMBERS[name].entered(value):.6g}"
+    return f"{NUMBERS[name].to_field_unit(value):.6g}"
 
 
-def spans_of(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict[str, Pair]:
+def machine_ranges(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict[str, Pair]:
     """Return the speeds and eccentricities of a window of the plane, each (low, high).
 
     Damping falls as speed rises, so the highest speed belongs to the lowest δ.
@@ -116,7 +116,7 @@ def machine_at(machine: SurveyedMachine | None, model: Model, delta: float, epsi
         return None
 
 
-def machine_beside(machine: Machine | None, delta: float, epsilon: float) -> Machine | None:
+def machine_at_other_point(machine: Machine | None, delta: float, epsilon: float) -> Machine | None:
     """Return the machine of a point at another point: the same gears at another speed and eccentricity.
 
     The result is None if the point has no machine. It is also None if the machine has a mesh stiffness and δ differs:
@@ -133,7 +133,7 @@ def machine_beside(machine: Machine | None, delta: float, epsilon: float) -> Mac
     return replace(machine, speed=speed, eccentricity=eccentricity)
 
 
-def _in_rows(widgets: list[Any], *above: Any) -> pn.Column:
+def _rows_of_two(widgets: list[Any], *above: Any) -> pn.Column:
     rows = (pn.Row(*widgets[i : i + 2], sizing_mode="stretch_width") for i in range(0, len(widgets), 2))
     return pn.Column(*above, *rows, sizing_mode="stretch_width", margin=0)
 
@@ -154,13 +154,13 @@ class MachineFields:
         self._drive = pn.widgets.Select(label="Driven", options=options, value=next(iter(DRIVES)), **style)
         needed = [self._numbers[name] for name in self._numbers if NUMBERS[name].first is not None]
         about = pn.pane.HTML(ABOUT, stylesheets=[sheet], margin=(0, 4))
-        self.needed = _in_rows([*needed, self._drive])
-        self.optional = _in_rows([each for each in self._numbers.values() if each not in needed], about)
+        self.needed = _rows_of_two([*needed, self._drive])
+        self.optional = _rows_of_two([each for each in self._numbers.values() if each not in needed], about)
         self.panel = pn.Column(self.needed, self.optional, sizing_mode="stretch_width", margin=0)
 
-    def given(self) -> dict[str, Any]:
+    def entered_numbers(self) -> dict[str, Any]:
         """Return the entered numbers, as `rattle.Machine` and requests take them; empty optional fields are omitted."""
-        numbers = {name: NUMBERS[name].meant(widget.value) for name, widget in self._numbers.items()}
+        numbers = {name: NUMBERS[name].to_library_unit(widget.value) for name, widget in self._numbers.items()}
         needed = {name for name in numbers if NUMBERS[name].first is not None}
         given = {name: value for name, value in numbers.items() if name in needed or value is not None}
         return given | {"drive": self._drive.value}
@@ -169,5 +169,5 @@ class MachineFields:
         """Set the fields to the numbers of a machine, which are in SI units."""
         for name, widget in self._numbers.items():
             value = machine.get(name)
-            widget.value = None if value is None else NUMBERS[name].entered(value)
+            widget.value = None if value is None else NUMBERS[name].to_field_unit(value)
         self._drive.value = machine["drive"]

@@ -57,7 +57,7 @@ def tolerance_outline(delta: float, epsilon: float, machine: Machine | None, wid
     return np.column_stack([np.maximum(x, LEAST * delta), np.maximum(y, 0.0)])
 
 
-def given_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[str, Any]:
+def population_numbers(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[str, Any]:
     """Return the gears' numbers as `rattle.population` takes them. Raises ParameterError if a harmonic has a phase."""
     if machine is None:
         others: dict[str, Any] = {**model_at(gear).numbers, **_amplitudes("harmonic", gear.parameters.harmonics)}
@@ -67,7 +67,7 @@ def given_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[
         names = (each.name for each in fields(machine) if each.name not in NOT_GIVEN)
         others = {name: getattr(machine, name) for name in names} | _amplitudes("error", machine.errors)
     for name, width, low in zip(pair, widths, (LEAST, 0.0), strict=False):
-        pair[name] = _varying(pair[name], width, low)
+        pair[name] = _distribution(pair[name], width, low)
     return {**others, **pair}
 
 
@@ -78,15 +78,15 @@ def _amplitudes(name: str, harmonics: Sequence[Harmonic]) -> dict[str, float]:
     return {f"{name}_{order}": size for order, size, _ in harmonics}
 
 
-def _varying(mean: float, width: float, low: float) -> Any:
+def _distribution(mean: float, width: float, low: float) -> Any:
     return Normal(mean, width, low=low * mean) if width > 0.0 else mean
 
 
-def yield_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> Yield:
+def compute_yield(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> Yield:
     """Return the yield of gears that vary around a point. Raises ParameterError if a harmonic has a phase."""
     gears = model_at(gear).design_gears
     found = rattle.population(
-        given_of(gear, machine, widths),
+        population_numbers(gear, machine, widths),
         gears=gears,
         count=COUNT,
         share=widths.share,
@@ -100,11 +100,11 @@ def yield_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> Yield
 def yield_in_words(found: Yield, share: float) -> str:
     """Return a yield in two sentences."""
     return (
-        f"Of {found.gears} gears with these tolerances {_percent(found.quiet)} of all runs are quiet, and "
-        f"{_percent(found.passing)} of the gears pass: they run quietly with a probability of {share:g} at least "
-        "(in brackets 95 % intervals)."
+        f"Of {found.gears} gears with these tolerances {_percent_with_interval(found.quiet)} of all runs are quiet. "
+        f"{_percent_with_interval(found.passing)} of the gears pass: they run quietly with a probability of at least "
+        f"{share:g}. The brackets hold 95 % intervals."
     )
 
 
-def _percent(found: Estimate) -> str:
+def _percent_with_interval(found: Estimate) -> str:
     return f"{100 * found.value:.1f} % [{100 * found.low:.1f}, {100 * found.high:.1f}]"

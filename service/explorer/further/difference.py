@@ -55,7 +55,7 @@ class Difference(MapPlane):
         axes = ((other.delta, first.delta), (other.epsilon, first.epsilon))
         self.is_same_grid = all(np.array_equal(*pair) for pair in axes)
         column, row = (cells_at(*pair) for pair in axes)
-        (mine, status), (others, beside) = first.whole(), other.whole()
+        (mine, status), (others, beside) = first.all_cells(), other.all_cells()
         others, beside = (each[np.ix_(row, column)] for each in (others, beside))
         reached = np.logical_and.outer(row >= 0, column >= 0)
         done = (status > 0) & (beside > 0) & reached
@@ -74,6 +74,6 @@ class Difference(MapPlane):
         attributes = {"long_name": f"difference: {title_of(variable)}", **meanings}
         self.plane = xr.DataArray(self.values, dims=CELL, name=f"{variable.name}_difference", attrs=attributes)
 
-    def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
+    def cell_at(self, delta: float, epsilon: float) -> xr.Dataset | None:
         """Return all variables of the first survey's cell at a point. It blocks: use a thread."""
-        return self._first.cell(delta, epsilon)
+        return self._first.cell_at(delta, epsilon)

@@ -59,7 +59,7 @@ FEATURED = (
 )
 
 
-def featured_in(names: Collection[str]) -> dict[str, str]:
+def featured_maps(names: Collection[str]) -> dict[str, str]:
     """Return the variable of each featured map that a survey with these variables has, by the text of its button."""
     found = {each.button: next((name for name in each.variables if name in names), None) for each in FEATURED}
     return {button: name for button, name in found.items() if name is not None}
@@ -95,9 +95,9 @@ class Controls:
         for widget, used in (
             (self.buttons, self._on_button), (self.variable, self._on_variable), (self.index, self._on_index),
             (self.slice, self._on_slice), (self.rule, self._on_rule), (self.log, self._on_rule),
-            (self.low, self._on_own), (self.high, self._on_own),
+            (self.low, self._on_entered_limits), (self.high, self._on_entered_limits),
         ):  # fmt: skip
-            self._watch.on(widget, used)
+            self._watch.call_on_change(widget, used)
         self.featured = pn.Row(self.buttons, margin=0, stylesheets=[UNPRINTED])
         self.row = pn.FlexBox(
             self.variable, self.index, self.slice, self.rule, self.low, self.high, self.log,
@@ -110,11 +110,11 @@ class Controls:
 
     def _show_map(self) -> None:
         """Offer the maps of the survey, and select the chosen map."""
-        view, whole = self._store.view, self._store.whole
+        view, whole = self._store.view, self._store.whole_request
         maps = self._shared.maps(self._store)
         if whole is None or view.variable not in maps:
             return
-        featured, names = featured_in(maps), maps[view.variable]
+        featured, names = featured_maps(maps), maps[view.variable]
         with self._watch.paused():
             self.variable.options = {variable_words(name): name for name in maps}
             self.variable.value = view.variable
@@ -167,14 +167,14 @@ class Controls:
         if limits is not None:
             self._store.dispatch(LimitsSet(limits, bool(self.log.value)))
 
-    def _on_own(self) -> None:
-        own = own_limits(self.low.value, self.high.value, self._store.view.log)
+    def _on_entered_limits(self) -> None:
+        own = entered_limits(self.low.value, self.high.value, self._store.view.log)
         self.wrong.html = f'<p class="notice" role="alert">{escape(own)}</p>' if isinstance(own, str) else ""
         if isinstance(own, tuple):
             self._store.dispatch(LimitsSet(own, self._store.view.log))
 
 
-def own_limits(low: float | None, high: float | None, log: bool) -> Pair | str:
+def entered_limits(low: float | None, high: float | None, log: bool) -> Pair | str:
     """Return the limits that a viewer has entered, or a message that says why they are not valid."""
     if low is None or high is None:
         return "Enter two numbers as colour limits."

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from gear_rattle.service.database.tables import Scope
 from gear_rattle.service.explorer.common.address import Ranges
-from gear_rattle.service.explorer.common.changes import in_event_loop
+from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.page.machine_axes import MachineAxes
@@ -119,12 +119,12 @@ class Form:
             (self.plane, self._on_plane), (self.model, self._on_model), (self.harmonics, self._on_model),
             (self.fine, self._on_fine), *((count, self._on_count) for count in self.counts),
         ):  # fmt: skip
-            widget.param.watch(in_event_loop(used), "value")
+            widget.param.watch(handler_in_event_loop(used), "value")
         for widget in self.panel.select(pn.widgets.WidgetBase):
             if not isinstance(widget, pn.widgets.Button):
-                widget.param.watch(in_event_loop(self._changed), "value")
+                widget.param.watch(handler_in_event_loop(self._on_change), "value")
         self._on_plane()
-        self._changed()
+        self._on_change()
 
     def fill(self, request: SurveyRequest) -> None:
         """Set the fields to the settings of a survey."""
@@ -161,7 +161,7 @@ class Form:
     def fields(self) -> dict[str, Any]:
         """Return the settings as the body of `POST /v1/surveys`. Raises ParameterError if harmonics cannot be read."""
         counts = [widget.value for widget in self.counts]
-        own = self._own
+        own = self._entered_parameters
         return {
             "name": self.name.value,
             **(self.machine.fields(counts) if self._is_machine else self._plain_fields(counts)),
@@ -184,7 +184,7 @@ class Form:
         return (self.harmonics.value or "").split() if MODELS[self.model.value].takes_harmonics else []
 
     @property
-    def _own(self) -> set[str]:
+    def _entered_parameters(self) -> set[str]:
         """Names of the model's additional parameters that the form asks for; a machine determines some by itself."""
         added = MODELS[self.model.value].added
         return {each.name for each in added if not (self._is_machine and each.machine_number)}
@@ -198,7 +198,9 @@ class Form:
         self.beta.visible = not self._is_machine
         for count, letter in zip(self.counts, ("rpm", "µm") if self._is_machine else "δε", strict=True):
             count.label = f"{letter} values"
-        options = {each.title: name for name, each in MODELS.items() if not (self._is_machine and is_stiff(each))}
+        options = {
+            each.title: name for name, each in MODELS.items() if not (self._is_machine and has_machine_parameter(each))
+        }
         value = self.model.value if self.model.value in options.values() else DEFAULT_MODEL
         self.model.param.update(options=options, value=value)
         self._on_model()
@@ -207,8 +209,8 @@ class Form:
         """Show the fields of the chosen model's parameters, and offer its quantities."""
         self.harmonics.visible = MODELS[self.model.value].takes_harmonics
         for name, widget in self.added.items():
-            widget.visible = name in self._own
-        self.sample.offer([str(group) for group in groups_of(self.model.value, bool(self._harmonic_texts))])
+            widget.visible = name in self._entered_parameters
+        self.sample.offer_groups([str(group) for group in groups_of(self.model.value, bool(self._harmonic_texts))])
 
     def _on_fine(self, *_: Any) -> None:
         for widget, count in zip(self.counts, FINENESS.get(self.fine.value, ()), strict=False):
@@ -227,7 +229,7 @@ class Form:
     def _press_submit(self) -> None:
         self._viewer.start(self._submit())
 
-    def _changed(self, *_: Any) -> None:
+    def _on_change(self, *_: Any) -> None:
         if self._estimating is not None:
             self._estimating.cancel()
         self._estimating = self._viewer.start(self._estimate())
@@ -238,16 +240,16 @@ class Form:
             request = SurveyRequest.model_validate(self.fields())
             check_limits(request, self._viewer.front.settings)
         except (ValidationError, RattleError) as error:
-            self._say(what_is_wrong(error), wrong=True)
+            self._show_cost(error_message(error), wrong=True)
             return
         size = f"{request.n_cells:,} cells"
-        self._say(f"{size}: the cost is being estimated …")
+        self._show_cost(f"{size}: the cost is being estimated …")
         try:
             found = await estimate(self._viewer.front, request)
         except RattleError as error:
-            self._say(f"{size}; {error}")
+            self._show_cost(f"{size}; {error}")
         else:
-            self._say(f"{size}, {cost_in_words(found)}")
+            self._show_cost(f"{size}, {cost_in_words(found)}")
 
     async def _submit(self) -> None:
         def submit() -> str:
@@ -257,11 +259,11 @@ class Form:
         try:
             survey_id = await self._viewer.read(submit, Scope.SUBMIT)
         except (ValidationError, RattleError) as error:
-            self._say(what_is_wrong(error), wrong=True)
+            self._show_cost(error_message(error), wrong=True)
         else:
             self._viewer.change(lambda: self._on_submitted(survey_id))
 
-    def _say(self, text: str, wrong: bool = False) -> None:
+    def _show_cost(self, text: str, wrong: bool = False) -> None:
         said = f'<p role="{"alert" if wrong else "status"}" class="{"wrong" if wrong else ""}">{escape(text)}</p>'
 
         def write() -> None:
@@ -271,12 +273,12 @@ class Form:
         self._viewer.change(write)
 
 
-def is_stiff(model: type[Model]) -> bool:
+def has_machine_parameter(model: type[Model]) -> bool:
     """Return whether a model has a parameter without default that a machine determines, as κ of the stiff gear."""
     return any(each.machine_number and each.default is None for each in model.added)
 
 
-def what_is_wrong(error: Exception) -> str:
+def error_message(error: Exception) -> str:
     """Return the message of an error; if several fields of a request are invalid, the message of the first one."""
     if isinstance(error, ValidationError):
         first = field_errors_of(error.errors())[0]
@@ -287,10 +289,11 @@ def what_is_wrong(error: Exception) -> str:
 def cost_in_words(found: CostEstimate) -> str:
     """Return an estimated cost in words: the duration, the number of workers and the basis of the estimate."""
     about = "at most about" if found.is_most else "about"
-    return f"{about} {lasting(found.seconds)} on {found.workers} worker{'s' * (found.workers != 1)} ({found.basis})"
+    workers = f"{found.workers} worker{'s' * (found.workers != 1)}"
+    return f"{about} {duration_in_words(found.seconds)} on {workers} ({found.basis})"
 
 
-def lasting(seconds: float) -> str:
+def duration_in_words(seconds: float) -> str:
     """Return a duration in words, in seconds, minutes, hours or days."""
     for unit, size in (("days", 172_800.0), ("hours", 7200.0), ("min", 120.0)):
         if seconds >= size:

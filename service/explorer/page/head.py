@@ -25,7 +25,7 @@ def theme_of(view: View, scheme: str) -> str:
     return view.theme or (scheme if scheme in THEMES else THEMES[0])
 
 
-def head_of(pages: Pages) -> str:
+def head_html(pages: Pages) -> str:
     """Return the first document, with all scripts and styles of a page; it is the same for all viewers."""
     from panel.io.resources import JS_VERSION, bundle_resources
 
@@ -43,6 +43,6 @@ def head_of(pages: Pages) -> str:
     return head
 
 
-def body_of(page: str) -> str:
+def html_after_head(page: str) -> str:
     """Return the part after the head of an HTML page that Bokeh has written."""
     return page.partition("</head>")[2]

@@ -20,7 +20,7 @@ from gear_rattle.service.access.origins import require_root
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.explorer.common.news import News
 from gear_rattle.service.explorer.page.assets_route import Assets
-from gear_rattle.service.explorer.page.head import SCHEME, body_of, head_of
+from gear_rattle.service.explorer.page.head import SCHEME, head_html, html_after_head
 from gear_rattle.service.jobs.manager import STARTING
 from gear_rattle.service.observability.logs import adopt_handlers
 from gear_rattle.service.operations.overlaid import Overlaid
@@ -73,9 +73,9 @@ class Explorer:
         self._warming: asyncio.Task[None] | None = None
         self._assets, self._socket = Assets(self.load), _Socket(self.load)
         app.router.routes += [
-            Route("/", self._first, methods=["GET"], include_in_schema=False),
+            Route("/", self._serve_head, methods=["GET"], include_in_schema=False),
             WebSocketRoute("/ws", self._socket),
-            Route("/page", self._page, methods=["GET"], include_in_schema=False),
+            Route("/page", self._serve_page, methods=["GET"], include_in_schema=False),
             Route("/static/{path:path}", self._assets, methods=["GET"], include_in_schema=False),
             Route("/components/{path:path}", self._assets, methods=["GET"], include_in_schema=False),
             *login.ROUTES,
@@ -109,32 +109,32 @@ class Explorer:
         return await asyncio.shield(self._loading)
 
     async def _load(self) -> Pages:
-        pages = await run_in_threadpool(self._build)  # imports take more than a second
+        pages = await run_in_threadpool(self._build_pages)  # imports take more than a second
         await self._running.enter_async_context(pages.running())
         return pages
 
-    def _build(self) -> Pages:
+    def _build_pages(self) -> Pages:
         from bokeh.settings import settings
 
         from gear_rattle.service.explorer.map.planes import Atlas
         from gear_rattle.service.explorer.map.shared import Shared
         from gear_rattle.service.explorer.page.page import open_page
         from gear_rattle.service.explorer.page.pages import Pages
-        from gear_rattle.service.explorer.places.exact import Exact
+        from gear_rattle.service.explorer.places.exact import ExactMaps
 
         assert self._front is not None
         assert self.news is not None
         assert self._overlaid is not None
         settings.perform_document_validation.set_value(False)  # it takes a quarter of a page's time, for nobody
         front = self._front
-        shared = self._shared = Shared(front, self.news, Atlas(front), self._overlaid, Exact(), self._looked)
+        shared = self._shared = Shared(front, self.news, Atlas(front), self._overlaid, ExactMaps(), self._on_map_drawn)
         found = Pages(lambda: open_page(shared), TITLE)
-        self._head = head_of(found)
+        self._head = head_html(found)
         adopt_handlers()  # the log handlers of Panel
         gc.freeze()  # as in service.web.server, for the modules that have just been loaded
         return found
 
-    def _looked(self) -> None:
+    def _on_map_drawn(self) -> None:
         """Start the processes that compute clicked points, when the first page shows a map.
 
         Without a page they are not needed, and earlier they would slow down the first page.
@@ -145,7 +145,7 @@ class Explorer:
 
             self._warming = asyncio.create_task(prepare(self._front))
 
-    async def _first(self, _request: Request) -> Response:
+    async def _serve_head(self, _request: Request) -> Response:
         """Return the first document, whose scripts request the page itself.
 
         A page takes memory until its browser leaves, so a client that runs no scripts gets none.
@@ -158,7 +158,7 @@ class Explorer:
         await self.load()
         return HTMLResponse(self._head, headers=PAGE_HEADERS)
 
-    async def _page(self, request: Request) -> Response:
+    async def _serve_page(self, request: Request) -> Response:
         from gear_rattle.service.explorer.common.viewer import CALLER
 
         require_root(request.headers, public_path("/"))
@@ -168,7 +168,7 @@ class Explorer:
         CALLER.set(request.state.caller)
         SCHEME.set(request.headers.get("rattle-theme", ""))
         # A page that is begun is finished even if the browser leaves; then it expires by itself.
-        body = body_of(await asyncio.shield(pages.document(request)))
+        body = html_after_head(await asyncio.shield(pages.document(request)))
         return HTMLResponse(body, headers=PAGE_HEADERS)
 
 
@@ -194,14 +194,14 @@ class _Socket:
             await send({"type": "websocket.close", "code": 1008, "reason": GONE})
             return
 
-        async def noted() -> Message:
+        async def receive_noting_code() -> Message:
             nonlocal code
             message = await receive()
             code = message.get("code", 0)
             return message
 
         with scope["app"].state.front.revocations.ending(caller) as visit:
-            await pages.socket(session, scope, noted, send)
+            await pages.socket(session, scope, receive_noting_code, send)
             if code in LEFT:
                 session.request_expiration()  # otherwise the computations of the closed page would go on
         if visit.cancelled_caught:

@@ -89,7 +89,7 @@ class SampleFields:
             **row,
         )
 
-    def offer(self, groups: list[str]) -> None:
+    def offer_groups(self, groups: list[str]) -> None:
         """Offer these groups of quantities; the chosen ones among them stay chosen."""
         self.quantities.param.update(options=groups, value=[each for each in self.quantities.value if each in groups])
 

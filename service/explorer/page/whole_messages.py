@@ -22,7 +22,7 @@ async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send)
     left: list[Message] = []
     is_told = False
 
-    async def enter(message: Message) -> None:
+    async def enqueue(message: Message) -> None:
         if not left:
             outbox.put_nowait(message)
 
@@ -35,7 +35,7 @@ async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send)
                 log.debug("a message to a page is lost: %s", error)
             outbox.task_done()
 
-    async def take() -> Message:
+    async def receive_until_left() -> Message:
         nonlocal is_told
         if not left:
             message = await receive()
@@ -50,7 +50,7 @@ async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send)
 
     sender = asyncio.create_task(deliver())
     try:
-        await app(scope, take, enter)
+        await app(scope, receive_until_left, enqueue)
         if not left:
             await outbox.join()
     except Exception as error:

@@ -10,7 +10,7 @@ from bokeh.events import Tap
 from bokeh.models import ColumnDataSource, CustomJSHover, HoverTool, LinearColorMapper
 
 import rattle
-from gear_rattle.service.explorer.common.changes import in_event_loop
+from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.figures import themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.point.parts import PlaneLine
@@ -88,7 +88,7 @@ class BasinsPicture:
                 "tau", "v", source=self._chosen, marker="circle", size=size, fill_alpha=0, line_color=shade,
                 line_width=width,
             )  # fmt: skip
-        self.figure.on_event(Tap, in_event_loop(self.tap))
+        self.figure.on_event(Tap, handler_in_event_loop(self.tap))
 
     def tap(self, event: Any) -> None:
         """Choose the motion that begins where the picture was clicked."""
@@ -126,7 +126,7 @@ class BasinsPicture:
         for line in lines:
             self._lines[line.name].data = {"tau": line.points[:, 0], "v": line.points[:, 1]}
 
-    def no_lines(self) -> None:
+    def remove_lines(self) -> None:
         """Remove Γ and the manifolds."""
         for source in self._lines.values():
             clear(source)
@@ -136,7 +136,7 @@ class BasinsPicture:
         for source in (self._cells, self._orbits, self._chosen, *self._lines.values()):
             clear(source)
 
-    def show_chosen(self, tau: float, v: float) -> None:
+    def mark_initial_state(self, tau: float, v: float) -> None:
         """Draw a ring around the initial state of the motion that is shown, if it is inside the picture."""
         self._chosen.data = {"tau": [tau], "v": [v]} if v < self._v_max else {"tau": [], "v": []}
 

@@ -36,12 +36,12 @@ def intensity_table(
         swatch = f'<span class="swatch" style="background:{palette.colour(attractor)}"></span>'
         cells = ["–"] * len(IN_SI if machine else PLAIN)
         if each is not None:
-            cells = _in_si(each, machine) if machine else _plain(each, delta)
+            cells = _si_texts(each, machine) if machine else _dimensionless_texts(each, delta)
         rows.append((f"{swatch}{escape(legend_name(attractor))}", *cells))
     return table("How hard each rattles", ("Motion", *(IN_SI if machine else PLAIN)), rows)
 
 
-def loudest(
+def loudest_in_words(
     attractors: Sequence[rattle.Attractor],
     found: Sequence[rattle.Intensity | None],
     delta: float,
@@ -61,13 +61,13 @@ def loudest(
     return f"{name} has {level}, and impacts of a mean speed of {speed}."
 
 
-def _plain(found: rattle.Intensity, delta: float) -> list[str]:
+def _dimensionless_texts(found: rattle.Intensity, delta: float) -> list[str]:
     level = _decibels(found.level(natural_energy(delta)))
     energy = _with_error(found.energy, found.errors.energy)
     return [number(found.impacts), number(found.mean_speed), number(found.largest_speed), energy, level]
 
 
-def _in_si(found: rattle.Intensity, machine: Machine) -> list[str]:
+def _si_texts(found: rattle.Intensity, machine: Machine) -> list[str]:
     si = machine.in_si(found)
     numbers = [number(each) for each in (si.impacts, si.mean_velocity, si.largest_velocity, si.energy)]
     return [*numbers, _with_error(si.power, si.power_error), _decibels(si.level)]
@@ -132,7 +132,7 @@ def spectrum_caption(found: Lines | Density, what: str) -> str:
     return f"Order spectrum of the force between the teeth, {what}: its lines, of orders of either sign, exact."
 
 
-def player(file: bytes) -> str:
+def audio_html(file: bytes) -> str:
     """Return an audio element in HTML that has the WAV file in it, and plays it at once."""
     data = b64encode(file).decode("ascii")
     return f'<audio controls autoplay src="data:audio/wav;base64,{data}"></audio>'

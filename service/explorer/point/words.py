@@ -10,7 +10,7 @@ from urllib.parse import urlencode
 import rattle
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.design.fields import ERRORS
-from gear_rattle.service.explorer.point.parts import Chances, Margin, PeriodOneOrbits
+from gear_rattle.service.explorer.point.parts import Margin, PeriodOneOrbits, SampledAttractors
 from gear_rattle.service.harmonics import written_harmonics
 from rattle import Machine
 from rattle.models import AnyGear, model_at
@@ -35,19 +35,19 @@ def number(value: float, digits: int = 4) -> str:
     return f"{value:.{digits}g}".replace("-", MINUS)
 
 
-def counted(count: int, noun: str) -> str:
+def count_in_words(count: int, noun: str) -> str:
     """Return a count with its noun: 1 event, 2 events."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
-def period_of(machine: Machine | None) -> str:
+def period_name(machine: Machine | None) -> str:
     """Return the name of the forcing period: "revolution" if it is one revolution of the machine."""
     return REVOLUTION if machine is not None and machine.revolutions == 1 else PERIOD
 
 
-def every(count: int, period: str) -> str:
+def every_periods(count: int, period: str) -> str:
     """Return "every revolution", or "every 3 revolutions" for a count of 3."""
-    return f"every {period}" if count == 1 else f"every {counted(count, period)}"
+    return f"every {period}" if count == 1 else f"every {count_in_words(count, period)}"
 
 
 def percent(share: float) -> str:
@@ -66,7 +66,7 @@ def complex_number(value: complex) -> str:
     return f"{number(value.real)} {'+' if value.imag > 0 else MINUS} {number(abs(value.imag))}i"
 
 
-def pair(values: tuple[complex, complex] | None) -> str:
+def multipliers_text(values: tuple[complex, complex] | None) -> str:
     """Return both multipliers as text, as a ± bi if they are conjugate; a dash for None."""
     if values is None:
         return "–"
@@ -76,23 +76,24 @@ def pair(values: tuple[complex, complex] | None) -> str:
     return f"{complex_number(first)}, {complex_number(second)}"
 
 
-def motion(attractor: rattle.Attractor, letter: str = "", period: str = PERIOD) -> str:
+def motion_in_words(attractor: rattle.Attractor, letter: str = "", period: str = PERIOD) -> str:
     """Return a phrase for a motion that is not quiet, such as "1 impact every revolution, P(1,1,0)"."""
     if attractor.kind == "chaotic":
         return "chaotic, without a period"
     if attractor.kind == "undecided":
         return "undecided"
     impacts = attractor.n_plus + attractor.n_minus
-    held = f" and {counted(attractor.contacts, 'contact phase')}" if attractor.contacts else ""
-    return f"{counted(impacts, 'impact')}{held} {every(attractor.m, period)}, {_named(attractor, letter)}"
+    held = f" and {count_in_words(attractor.contacts, 'contact phase')}" if attractor.contacts else ""
+    often = every_periods(attractor.m, period)
+    return f"{count_in_words(impacts, 'impact')}{held} {often}, {_name_with_letter(attractor, letter)}"
 
 
-def _named(attractor: rattle.Attractor, letter: str) -> str:
+def _name_with_letter(attractor: rattle.Attractor, letter: str) -> str:
     """Return the label or the kind of an attractor, and its letter among A to D."""
     return f"{legend_name(attractor)} = {letter}" if letter else legend_name(attractor)
 
 
-def where(gear: AnyGear, period: str = PERIOD) -> str:
+def point_in_words(gear: AnyGear, period: str = PERIOD) -> str:
     """Return the point in words: its parameters, its region, and whether quiet running is possible."""
     at = f"Damping δ = {number(gear.delta, 6)}, eccentricity ε = {number(gear.epsilon, 6)}"
     backlash = f", half-backlash β = {number(gear.beta, 6)}"
@@ -122,7 +123,7 @@ def harmonics_in_words(harmonics: Sequence[Harmonic]) -> str:
     return f"harmonic{'s' * (len(harmonics) > 1)} {'; '.join(few)}{f'; and {more} more' if more else ''}"
 
 
-def in_si_words(machine: Machine, gear: AnyGear) -> str:
+def machine_in_words(machine: Machine, gear: AnyGear) -> str:
     """Return a machine in words, with the model's units of speed and energy in SI units."""
     units = machine.units
     quiet = gear.quiet_limit * units.length
@@ -138,7 +139,7 @@ def in_si_words(machine: Machine, gear: AnyGear) -> str:
     )
 
 
-def how_likely(gear: AnyGear, found: Chances, period: str = PERIOD) -> str:
+def how_likely(gear: AnyGear, found: SampledAttractors, period: str = PERIOD) -> str:
     """Return how likely the gear is to run quietly, and what it does otherwise."""
     pairs = list(zip(found.attractors, found.letters, strict=True))
     quiet, undecided = (next((x for x, _ in pairs if x.kind == kind), None) for kind in ("quiet", "undecided"))
@@ -148,14 +149,16 @@ def how_likely(gear: AnyGear, found: Chances, period: str = PERIOD) -> str:
     if quiet:
         low, high = (percent(x) for x in quiet.fraction_interval)
         likely = f"From a random start the gear runs quietly in {percent(quiet.fraction)} of cases"
-        sentences.append(f"{likely} (95 % interval {low} to {high}, from {counted(found.starts, 'start')}).")
+        sentences.append(f"{likely} (95 % interval {low} to {high}, from {count_in_words(found.starts, 'start')}).")
     elif gear.epsilon >= gear.quiet_limit:
         sentences.append("From every start the gear rattles: it never comes to rest against the teeth.")
     else:
         none = f"None of {found.starts:,} random starts came to run quietly"
         sentences.append(f"{none}: the probability is below {below}.")
     if rattling:
-        said = "; ".join(f"{motion(each, letter, period)} ({percent(each.fraction)})" for each, letter in rattling[:4])
+        said = "; ".join(
+            f"{motion_in_words(each, letter, period)} ({percent(each.fraction)})" for each, letter in rattling[:4]
+        )
         more = f"; and {len(rattling) - 4} more" if len(rattling) > 4 else ""
         sentences.append(f"{'Otherwise it' if quiet else 'It'} rattles: {said}{more}.")
     elif quiet and not undecided:
@@ -173,7 +176,7 @@ def how_safe(gear: AnyGear, found: Margin, period: str = PERIOD) -> str:
         return "So near the quiet limit it cannot be told which impacts end quiet running."
     if math.isinf(found.v):
         return f"No impact slower than {number(found.v_max)} was found that ends quiet running."
-    leads = motion(found.leads_to, period=period) if found.leads_to is not None else "rattle"
+    leads = motion_in_words(found.leads_to, period=period) if found.leads_to is not None else "rattle"
     sentence = (
         f"The margin of quiet running is an impact of speed {number(found.v)}: weaker ones die out, and such a one at "
         f"phase {number(found.tau, 3)} sets off the nearest rattle ({leads})."
@@ -183,10 +186,10 @@ def how_safe(gear: AnyGear, found: Margin, period: str = PERIOD) -> str:
     return sentence
 
 
-def shares_bar(found: Chances, palette: Palette) -> str:
+def shares_bar(found: SampledAttractors, palette: Palette) -> str:
     """Return the basin fractions as one bar in HTML, with the names of the largest below it."""
     named = [
-        (palette.colour(each), f"{_named(each, letter)} {percent(each.fraction)}", each.fraction)
+        (palette.colour(each), f"{_name_with_letter(each, letter)} {percent(each.fraction)}", each.fraction)
         for each, letter in zip(found.attractors, found.letters, strict=True)
     ]
     pieces = "".join(f'<span style="flex-grow:{share:.6f};background:{shade}"></span>' for shade, _, share in named)
@@ -228,7 +231,7 @@ def orbits_table(found: PeriodOneOrbits) -> str:
             "stable" if orbit.stable else "unstable",
             number(orbit.tau),
             number(orbit.v),
-            pair(orbit.multipliers),
+            multipliers_text(orbit.multipliers),
         )
         for orbit in found.orbits
     )
@@ -250,7 +253,7 @@ def notebook_link(gear: AnyGear, direction: str, span: float | None, to: Pair | 
     return f'<p class="faint">{link} computes what is shown here.</p>'
 
 
-def attractors_table(found: Chances, palette: Palette) -> str:
+def attractors_table(found: SampledAttractors, palette: Palette) -> str:
     """Return the attractors, with fractions, exponents and multipliers."""
     rows = []
     for each, letter, multipliers in zip(found.attractors, found.letters, found.multipliers, strict=True):
@@ -259,12 +262,12 @@ def attractors_table(found: Chances, palette: Palette) -> str:
         error = f" ± {number(each.lyapunov_error, 2)}" if each.lyapunov_error > 0 else ""
         rows.append(
             (
-                f"{swatch}{escape(_named(each, letter))}",
+                f"{swatch}{escape(_name_with_letter(each, letter))}",
                 f"{percent(each.fraction)} <small>({percent(low)} to {percent(high)})</small>",
                 f"{number(each.lyapunov[0])}{error}",
                 number(each.lyapunov[1]),
-                pair(multipliers),
+                multipliers_text(multipliers),
             )
         )
     heads = ("Motion", "Share of starts (95 %)", "Exponent λ₁", "λ₂", "Multipliers")
-    return table(f"Attractors from {counted(found.starts, 'start')}", heads, rows)
+    return table(f"Attractors from {count_in_words(found.starts, 'start')}", heads, rows)

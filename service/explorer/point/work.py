@@ -52,7 +52,7 @@ async def _prepare_one(front: Front) -> None:
         log.info("no process is ready for points yet: %s", error)
 
 
-def waiting(what: str) -> str:
+def waiting_html(what: str) -> str:
     """Return the HTML that is shown while `what` is being computed."""
     return f'<p class="faint" role="status">computing {escape(what)} …</p>'
 
@@ -71,7 +71,7 @@ class Work:
     ) -> asyncio.Task[None]:
         """Start a task, and give up the task that it replaces, if there is one."""
         if instead_of is not None:
-            self._give_up(instead_of)
+            self._cancel_later(instead_of)
         task = asyncio.get_running_loop().create_task(work)
         self.tasks.add(task)
         task.add_done_callback(self.tasks.discard)
@@ -81,15 +81,15 @@ class Work:
         """Give up all tasks: no new computation begins, and running ones are cancelled after GRACE_SECONDS."""
         self.stopped = True
         for task in tuple(self.tasks):
-            self._give_up(task)
+            self._cancel_later(task)
 
-    def _give_up(self, task: asyncio.Task[None]) -> None:
+    def _cancel_later(self, task: asyncio.Task[None]) -> None:
         task.get_loop().call_later(GRACE_SECONDS, task.cancel)
 
-    async def kernels(self) -> None:
+    async def wait_for_kernels(self) -> None:
         """Wait, as long as it takes, until the kernels of the model are compiled."""
         await self._front.kernels.require(self._model, patience=math.inf)
-        self._require()
+        self._require_open()
 
     async def compute(
         self, compute: Callable[[*Arguments], Result], *arguments: *Arguments, what: str, slow: bool = False
@@ -103,9 +103,9 @@ class Work:
         Result
             The return value of the function.
         """
-        await self.kernels()
+        await self.wait_for_kernels()
         async with self._front.slow_points.one() if slow else nullcontext():
-            self._require()
+            self._require_open()
             found = await in_turn(
                 self._front,
                 compute,
@@ -114,28 +114,28 @@ class Work:
                 what=what,
                 advice="Choose another point, or try again later.",
             )
-        self._require()
+        self._require_open()
         return found
 
-    def _require(self) -> None:
+    def _require_open(self) -> None:
         """Raise CancelledError, which ends the calling task, if the view has ended."""
         if self.stopped:
             raise asyncio.CancelledError
 
-    async def part(self, text: Text, work: Callable[[], Awaitable[None]]) -> None:
+    async def run_part(self, text: Text, work: Callable[[], Awaitable[None]]) -> None:
         """Do one part of a view. If it fails, `text` shows the reason, and the other parts go on."""
         try:
             await work()
         except RattleError as error:
-            await self._refuse(text, str(error))
+            await self._show_error(text, str(error))
         except Exception:
             log.exception("a part of the view of a point failed")
-            await self._refuse(text, "This could not be shown: an error of the service, which has been logged.")
+            await self._show_error(text, "This could not be shown: an error of the service, which has been logged.")
 
-    async def _refuse(self, text: Text, message: str) -> None:
-        await self.tell(text, f'<p class="wrong" role="alert">{escape(message)}</p>')
+    async def _show_error(self, text: Text, message: str) -> None:
+        await self.set_text(text, f'<p class="wrong" role="alert">{escape(message)}</p>')
 
-    async def tell(self, text: Text, html: str) -> None:
+    async def set_text(self, text: Text, html: str) -> None:
         """Set the HTML of a text."""
 
         def change() -> None:
@@ -145,7 +145,7 @@ class Work:
 
     async def change(self, what: Callable[[], object]) -> None:
         """Change the document when nothing else does, and wait for it. Raises CancelledError if the view has ended."""
-        self._require()
+        self._require_open()
         if self._document is None or self._document.session_context is None:
             what()
             return

@@ -15,7 +15,7 @@ import rattle
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.app import create_app
 from gear_rattle.service.explorer.common.viewer import Viewer
-from gear_rattle.service.explorer.page.form import CELLS, FINENESS, NAMED, OWN, Form, lasting, what_is_wrong
+from gear_rattle.service.explorer.page.form import CELLS, FINENESS, NAMED, OWN, Form, duration_in_words, error_message
 from gear_rattle.service.explorer.page.form import MACHINE as IN_MACHINE
 from gear_rattle.service.explorer.page.rows import machine_facts
 from gear_rattle.service.settings import Settings
@@ -142,10 +142,10 @@ def test_harmonics_are_entered_of_the_model_that_takes_them(tmp_path: Path) -> N
 def test_what_is_wrong_and_how_long_it_lasts_is_said_in_words() -> None:
     with pytest.raises(ValidationError) as wrong:
         SurveyRequest.model_validate(BODY | {"delta": {"start": 2.0, "stop": 1.0, "num": 3}})
-    assert "must be below stop" in what_is_wrong(wrong.value)
-    assert what_is_wrong(ValueError("said already")) == "said already"
+    assert "must be below stop" in error_message(wrong.value)
+    assert error_message(ValueError("said already")) == "said already"
     seconds = (0.2, 119.0, 121.0, 7300.0, 200_000.0)
-    assert [lasting(each) for each in seconds] == ["1 s", "119 s", "2 min", "2 hours", "2 days"]
+    assert [duration_in_words(each) for each in seconds] == ["1 s", "119 s", "2 min", "2 hours", "2 days"]
 
 
 def test_a_machine_is_entered_in_the_units_of_a_drawing(tmp_path: Path) -> None:

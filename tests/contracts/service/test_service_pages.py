@@ -56,7 +56,7 @@ def test_processes_for_the_first_click_are_started_once_a_page_has_its_map(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = list[str]()
-    cells = MapFigure.cells
+    cells = MapFigure.draw_cells
 
     async def prepare(_: Any) -> None:
         seen.append("processes")
@@ -66,7 +66,7 @@ def test_processes_for_the_first_click_are_started_once_a_page_has_its_map(
         seen.append("map")
 
     monkeypatch.setattr(work, "prepare", prepare)
-    monkeypatch.setattr(MapFigure, "cells", drawn)
+    monkeypatch.setattr(MapFigure, "draw_cells", drawn)
     with front_end(tmp_path, preload=True) as client:
         for pages in (1, 2):
             client.get("/page")

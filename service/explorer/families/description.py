@@ -63,14 +63,14 @@ class FamilyDescription:
     extents: tuple[Extent, ...]
 
 
-class Stored(NamedTuple):
+class StoredFamilies(NamedTuple):
     """An open survey, or a slice of one, and the table of its families."""
 
     survey: xr.Dataset
     table: xr.Dataset
 
 
-def stored_families(place: Path | Bucket, request: SurveyRequest, number: int) -> Stored:
+def stored_families(place: Path | Bucket, request: SurveyRequest, number: int) -> StoredFamilies:
     """Return a survey and its table of families from a store. It blocks: use a thread.
 
     Parameters
@@ -80,7 +80,7 @@ def stored_families(place: Path | Bucket, request: SurveyRequest, number: int) -
 
     Returns
     -------
-    Stored
+    StoredFamilies
         The survey, or the slice, and its table.
 
     Raises
@@ -89,10 +89,10 @@ def stored_families(place: Path | Bucket, request: SurveyRequest, number: int) -
         If the families are not stored yet.
     """
     opened, along = partial(open_survey, place), request.along(number)
-    return Stored(open_maps(opened, LARGEST, *along), opened(group_in(along[0] if along else None, GROUP)))
+    return StoredFamilies(open_maps(opened, LARGEST, *along), opened(group_in(along[0] if along else None, GROUP)))
 
 
-def require_family(found: Stored, which: int) -> None:
+def require_family(found: StoredFamilies, which: int) -> None:
     """Raise SurveyError if there is no family of this number."""
     if which >= (size := found.table.sizes["family"]):
         raise SurveyError(
@@ -100,13 +100,13 @@ def require_family(found: Stored, which: int) -> None:
         )
 
 
-def first_family_names(found: Stored) -> list[str]:
+def first_family_names(found: StoredFamilies) -> list[str]:
     """Return the names of the first MOST_LISTED families. It blocks: use a thread."""
     with reading("the families"):
         return names_of(*found, MOST_LISTED)
 
 
-def family_description(found: Stored, plane: MapPlane, which: int) -> FamilyDescription:
+def family_description(found: StoredFamilies, plane: MapPlane, which: int) -> FamilyDescription:
     """Return the description of an existing family. plane: the map of its basin fraction. It blocks: use a thread."""
     with reading("the families"):
         names = names_of(*found, which + 1)
@@ -114,9 +114,9 @@ def family_description(found: Stored, plane: MapPlane, which: int) -> FamilyDesc
         row = {str(name): float(here[name]) for name in here.data_vars if not here[name].dims}
         curves = [str(each) for each in here["curve"].values]
         borders = dict(zip(curves, (int(each) for each in here["edges_on"].values), strict=True))
-    share, status = plane.whole()
+    share, status = plane.all_cells()
     done = (status > 0) & (status != FAILED)
-    extents = (_extent(share > 0, plane, "delta"), _extent(share > 0, plane, "epsilon"))
+    extents = (_longest_extent(share > 0, plane, "delta"), _longest_extent(share > 0, plane, "epsilon"))
     return FamilyDescription(
         names[which],
         row,
@@ -127,7 +127,7 @@ def family_description(found: Stored, plane: MapPlane, which: int) -> FamilyDesc
     )
 
 
-def longest(there: np.ndarray) -> tuple[int, int, int]:
+def longest_run(there: np.ndarray) -> tuple[int, int, int]:
     """Return the longest run of True within a row of an array (m, n).
 
     If several runs are longest, it is the run that ends first. If no value is True, the run is empty.
@@ -147,9 +147,9 @@ def longest(there: np.ndarray) -> tuple[int, int, int]:
     return best
 
 
-def _extent(there: np.ndarray, plane: MapPlane, direction: str) -> Extent | None:
+def _longest_extent(there: np.ndarray, plane: MapPlane, direction: str) -> Extent | None:
     along, across = (plane.delta, plane.epsilon) if direction == "delta" else (plane.epsilon, plane.delta)
-    line, first, end = longest(there if direction == "delta" else there.T)
+    line, first, end = longest_run(there if direction == "delta" else there.T)
     if end == first:
         return None
     step = float(along[-1] - along[0]) / max(along.size - 1, 1)
@@ -178,11 +178,11 @@ def family_in_words(found: FamilyDescription, model: Model) -> str:
         said.append(f"Its share is largest, {percent(row['largest_fraction'])}, at {at}.")
     if row["unsampled"]:
         said.append(f"In {row['unsampled']:,.0f} of its cells no sample goes to it.")
-    said += [*_borders(found, model), *([NOT_ALONE] if row["monodromy"] else [])]
+    said += [*_borders_in_words(found, model), *([NOT_ALONE] if row["monodromy"] else [])]
     return f"<p>{' '.join(said)}</p>"
 
 
-def _borders(found: FamilyDescription, model: Model) -> list[str]:
+def _borders_in_words(found: FamilyDescription, model: Model) -> list[str]:
     """Return a sentence on the curves at which the family is born or ends."""
     edges = int(found.row["edges"])
     if not edges:
