@@ -25,7 +25,7 @@ DEFAULT_OVERLAYS = (*NAMES, POINTS)
 UNCHOSEN: Ranges = (0.4, 1.0), (0.0, 0.3)  # window of (δ, ε) if no survey is chosen
 THEMES = ("light", "dark")
 MOST_PINS = 8
-UNNAMED = next(iter(ADDED))  # additional parameter whose value an address has without the parameter's name
+UNNAMED = next(iter(ADDED))  # the additional parameter whose value an address has without the parameter's name
 HARMONIC = "harmonic:"  # prefix of a harmonic in the text of a pin
 LONGEST = 16_000  # longest value in characters: 2000 for each of MOST_PINS pins
 POINT_STATE = "p."
@@ -37,7 +37,10 @@ T = TypeVar("T")
 
 
 class EnteredMachine(NamedTuple):
-    """Numbers of a machine as a viewer entered them, in SI units, but rpm in 1/min. None: not entered."""
+    """Numbers of a machine that a viewer entered, in SI units except the speed `rpm` in revolutions per minute.
+
+    A number that was not entered is None.
+    """
 
     inertia: float
     drag: float
@@ -66,7 +69,7 @@ class EnteredMachine(NamedTuple):
 
     @property
     def address_text(self) -> str:
-        """Text in an address: the fields of older addresses as plain values in order, other fields as name:value."""
+        """Text of the machine in an address: its first NUMBERED values in order, each other value as name:value."""
         plain = ["" if each is None else str(each) for each in self[:NUMBERED]]
         more = [f"{name}:{value}" for name, value in list(self._asdict().items())[NUMBERED:] if value is not None]
         return ",".join([*plain, *more])
@@ -95,14 +98,14 @@ class Pin(NamedTuple):
 
     @property
     def address_text(self) -> str:
-        """Text in an address. The parameter UNNAMED has no name there, as in older addresses."""
+        """Text of the pin in an address. The parameter UNNAMED is written without its name, as in older addresses."""
         more = [repr(value) if name == UNNAMED else f"{name}:{value!r}" for name, value in self.added]
         harmonics = [HARMONIC + each for each in written_harmonics(self.harmonics)]
         return ",".join([*map(repr, self[:3]), *more, *harmonics])
 
     @property
     def label(self) -> str:
-        """Text on the map."""
+        """Text of the pin in the table of pinned points."""
         return f"δ {self.delta:.4g}, ε {self.epsilon:.4g}"
 
 
@@ -113,7 +116,7 @@ def pin_of(delta: float, epsilon: float, model: Model) -> Pin:
 
 
 def points_by_number(pins: Sequence[Pin], model: Model) -> dict[str, Pair]:
-    """Return the points (δ, ε) of the pins of this model. Keys are the pins' numbers, counted from 1 over all pins."""
+    """Return {number of a pin: its point (δ, ε)} for the pins of this model. Pins of all models are numbered from 1."""
     return {str(i): (pin.delta, pin.epsilon) for i, pin in enumerate(pins, start=1) if pin.model == model}
 
 
@@ -126,7 +129,7 @@ class MapChoice:
 
     @property
     def address_text(self) -> str:
-        """Text in an address."""
+        """Text of the map in an address."""
         return f"{self.variable},{self.index}"
 
     @classmethod
@@ -138,7 +141,7 @@ class MapChoice:
 
 @dataclass(frozen=True)
 class ComparisonChoice:
-    """Comparison map, beside the first map of the page. minus: the map shows the first map less this survey."""
+    """Choice of a comparison map. minus: True if the map shows the first map of the page less this survey's map."""
 
     survey: str
     variable: str
@@ -148,7 +151,7 @@ class ComparisonChoice:
 
     @property
     def address_text(self) -> str:
-        """Text in an address."""
+        """Text of the comparison map in an address."""
         parts = (self.survey, self.variable, str(self.index), str(self.slice), "minus" if self.minus else "")
         return ",".join(parts).rstrip(",")
 
@@ -169,7 +172,7 @@ class Pointer(NamedTuple):
 
 
 class DrawnSettings(NamedTuple):
-    """Settings of the drawn map that the view does not fix, so that the page chooses them.
+    """Settings of a drawn map that the page chose, because the view does not fix them.
 
     limits: range of the colours, None for a map of codes. log: True if the colours are on a log scale. pixels: size of
     the map on the screen, None if the whole survey is shown.

@@ -48,9 +48,9 @@ def wait_for_browser(document: Document) -> None:
 def change_document(document: Document, change: Callable[[], object]) -> None:
     """Call `change` in the event loop, while no other change of the document is under way. For use in any thread."""
 
-    async def act() -> None:
+    async def apply() -> None:
         if document in _waiting:
-            _waiting[document].append(act)
+            _waiting[document].append(apply)
             return
         with set_curdoc(document):
             document.hold("combine")  # otherwise Panel sends its own changes separately, after later changes of Bokeh
@@ -62,7 +62,7 @@ def change_document(document: Document, change: Callable[[], object]) -> None:
                 document.unhold()
 
     schedule: Any = document.add_next_tick_callback  # it takes coroutines too, although its type does not say so
-    schedule(act)
+    schedule(apply)
 
 
 async def change_and_wait(document: Document, change: Callable[[], object]) -> None:
@@ -75,7 +75,7 @@ async def change_and_wait(document: Document, change: Callable[[], object]) -> N
     """
     done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
-    def act() -> None:
+    def apply() -> None:
         error: Exception | None = None
         try:
             change()
@@ -88,7 +88,7 @@ async def change_and_wait(document: Document, change: Callable[[], object]) -> N
         else:
             done.set_exception(error)
 
-    change_document(document, act)
+    change_document(document, apply)
     await done
 
 

@@ -56,7 +56,7 @@ def empty_source(columns: tuple[str, ...]) -> ColumnDataSource:
 
 
 def share_models(renderers: Sequence[Any]) -> None:
-    """Let renderers share the stateless models that Bokeh makes for each of them: a fifth of all models of a page."""
+    """Let renderers share models without state. Bokeh makes own ones for each renderer, a fifth of a page's models."""
     every, policy = AllIndices(), UnionRenderers()
     for renderer in renderers:
         renderer.view = CDSView(filter=every)
@@ -94,7 +94,7 @@ def veil_renderer(source: ColumnDataSource, paper: str) -> Any:
 
 
 def colour_scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict[bool, Scale]:
-    """Return the linear colour scale under the key False, the logarithmic under True. fine: source of finer cells."""
+    """Return {False: the linear colour scale, True: the logarithmic one}. fine: source of finer cells of a window."""
     found = {}
     for log, kind in ((False, LinearColorMapper), (True, LogColorMapper)):
         mapper = kind(palette=["#000000"], low=1, high=2, nan_color=CLEAR)

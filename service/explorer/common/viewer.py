@@ -104,14 +104,15 @@ class Viewer:
     def _release_thread(self, thread: asyncio.Future[Any]) -> None:
         self._threads.release()
         if not thread.cancelled():
-            thread.exception()  # or asyncio warns that nobody retrieved the exception of cancelled work
+            thread.exception()  # otherwise asyncio warns that the exception of a cancelled task was never retrieved
 
     def start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         """Start a task that is cancelled when the page is closed. An error of the task is shown on the page."""
         task = asyncio.get_running_loop().create_task(self._run_and_report(work))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-        task.add_done_callback(lambda _task: work.close())  # or Python warns about work cancelled before it began
+        # otherwise Python warns that the coroutine was never awaited, if the task is cancelled before it starts
+        task.add_done_callback(lambda _task: work.close())
         return task
 
     async def _run_and_report(self, work: Awaitable[None]) -> None:
@@ -123,7 +124,7 @@ class Viewer:
             raise
         except Exception:
             log.exception("a page of the explorer failed")
-            self.tell("This could not be shown: an error of the service, which has been logged.")
+            self.tell("A part of this page could not be shown because of an error of the service, which is in its log.")
 
     def change(self, what: Callable[[], object]) -> None:
         """Call `what` while nothing else changes the document. Do nothing once the page is closed."""

@@ -18,8 +18,8 @@ from gear_rattle.workers.survey.machine import SurveyedMachine
 
 NAMES = ("damping δ", "eccentricity ε")
 ROUND = "return String(Number((inverse ? scale / tick : scale * tick).toPrecision(7)))"
-NARROW = 1e-5  # relative width; a narrower window has an offset in its labels
-NARROWEST = 1e-13
+NARROW = 1e-5  # width of a window relative to its coordinates; below it the tick labels are distances from an offset
+NARROWEST = 1e-13  # least width of a window
 
 
 class MapAxes:
@@ -87,7 +87,7 @@ class MapAxes:
 
 
 def label_offset(window: Pair) -> tuple[float, int] | None:
-    """Return the offset and the power of ten of the tick labels of a narrow window; None for a wide window."""
+    """Return the offset of the tick labels of a NARROW window and the power of ten that is their unit, else None."""
     low, high = window
     span, scale = high - low, max(abs(low), abs(high))
     if span > NARROW * scale:

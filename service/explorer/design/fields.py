@@ -41,13 +41,13 @@ class NumberEntry(NamedTuple):
         return float(f"{value * self.per:.{DIGITS}g}")
 
     def to_library_unit(self, value: float | None) -> float | None:
-        """Return an entered value in the library's unit; None for None. It divides, as 100 / 1e6 is exactly 100e-6."""
+        """Return an entered value in the library's unit, None for None. The quotient is exact: 100 / 1e6 is 100e-6."""
         if value is None:
             return None
         return int(value) if self.is_count and float(value).is_integer() else value / self.per
 
 
-LIKE_FIRST = "Of the second gear; where it is empty, that of the first gear."
+LIKE_FIRST = "A number of the second gear. If the field is empty, the number of the first gear is used."
 NUMBERS = {
     "inertia": NumberEntry("Inertia", "kg m²", 1.0, 0.003),
     "drag": NumberEntry("Drag", "N m s/rad", 1.0, 5e-4),
@@ -69,8 +69,8 @@ NUMBERS = {
     "driven_eccentricity": NumberEntry("Eccentricity 2", "µm", 1e6, None, about=LIKE_FIRST),
 }
 ABOUT = (
-    "<p class=faint>Inertia, drag and base radius are those of the first gear. Fields with a 2 are of the second gear, "
-    "which is like the first where they are empty.</p>"
+    "<p class=faint>Inertia, drag and base radius are numbers of the first gear. A field with a 2 is for the second "
+    "gear; if the field is empty, the number of the first gear is used.</p>"
 )
 BOTH = ("inertia", "drag", "backlash", "radius")  # numbers of every machine
 SECOND = ("teeth", "driven_teeth", "driven_inertia", "driven_drag", "driven_radius")

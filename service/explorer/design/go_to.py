@@ -58,7 +58,7 @@ class GoToPanel:
             self.named.value = ""  # so that the same bookmark can be chosen again
         if self._store.model != MODELS[DEFAULT_MODEL]():
             named = f"{DEFAULT_MODEL} gear at β = {BETA.default}"
-            self._show_error(f"The places that have names are of the {named}. Choose a survey of it.")
+            self._show_error(f"The named places are in the plane of the {named}. Choose a survey of this gear first.")
             return
         self.said.html = ""
         self._store.dispatch(BookmarkChosen(place.window, place.point, place.state))
@@ -95,12 +95,12 @@ class GoToPanel:
             if self._delta.value and self._epsilon.value is not None:
                 self._store.dispatch(PointOpened((self._delta.value, self._epsilon.value)))
             else:
-                self._show_error("Give a damping above 0, and an eccentricity.")
+                self._show_error("Enter a damping δ above 0, and an eccentricity ε.")
             return
         given = self._machine.entered_numbers()
         empty = [name for name, value in given.items() if value is None]
         if empty:
-            self._show_error(f"A machine needs {' and '.join(empty)} too.")
+            self._show_error(f"The machine lacks numbers: enter {' and '.join(empty)} too.")
             return
         entered = EnteredMachine(**given)
         try:

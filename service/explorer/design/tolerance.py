@@ -17,9 +17,9 @@ from rattle.models import AnyGear, model_at
 from rattle.parameters import Harmonic
 
 HELD = 0.95  # share of the gears inside the ellipse
-RADIUS = math.sqrt(-2.0 * math.log(1.0 - HELD))  # standard deviations
-SIDES = 96  # of the polygon that stands for the ellipse
-COUNT, JUDGED = 8, 256  # initial conditions per gear; gears that are checked for passing
+RADIUS = math.sqrt(-2.0 * math.log(1.0 - HELD))  # radius of the ellipse in standard deviations
+SIDES = 96  # sides of the polygon that is drawn for the ellipse
+COUNT, JUDGED = 8, 256  # initial conditions per gear; most gears of which it is decided whether they pass
 # Fields of a machine that `rattle.population` does not get under these names.
 NOT_GIVEN = ("speed", "eccentricity", "errors", "driven_errors")
 LEAST = 0.1  # least speed and damping of a gear, relative to the mean
@@ -58,7 +58,18 @@ def tolerance_outline(delta: float, epsilon: float, machine: Machine | None, wid
 
 
 def population_numbers(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[str, Any]:
-    """Return the gears' numbers as `rattle.population` takes them. Raises ParameterError if a harmonic has a phase."""
+    """Return the numbers of gears with tolerances, in the form that `rattle.population` takes.
+
+    Returns
+    -------
+    dict[str, Any]
+        Numbers by name; a number with a tolerance is a normal distribution.
+
+    Raises
+    ------
+    ParameterError
+        A harmonic has a phase other than 0.
+    """
     if machine is None:
         others: dict[str, Any] = {**model_at(gear).numbers, **_amplitudes("harmonic", gear.parameters.harmonics)}
         pair = {"delta": gear.delta, "epsilon": gear.epsilon}
@@ -74,7 +85,9 @@ def population_numbers(gear: AnyGear, machine: Machine | None, widths: Tolerance
 def _amplitudes(name: str, harmonics: Sequence[Harmonic]) -> dict[str, float]:
     """Return amplitudes by order as `rattle.population` takes them. Raises ParameterError if a phase is not 0."""
     for order, _, phase in harmonics:
-        require(phase == 0.0, f"tolerances are known of harmonics with phase 0, not of order {order} at {phase:g}")
+        require(
+            phase == 0.0, f"tolerances need harmonics of phase 0, but the harmonic of order {order} has phase {phase:g}"
+        )
     return {f"{name}_{order}": size for order, size, _ in harmonics}
 
 

@@ -25,7 +25,7 @@ from gear_rattle.workers.survey.values.evaluate import FAILED
 from rattle.models import Model
 
 MOST_LISTED = 100  # families in the list: the first ones, which have the most cells
-NOT_ALONE = "Where two of its attractors are in one cell, one becomes the other on a way through other cells."
+NOT_ALONE = "Some cells have two of its attractors: continuation through other cells leads from one to the other."
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def require_family(found: StoredFamilies, which: int) -> None:
     """Raise SurveyError if there is no family of this number."""
     if which >= (size := found.table.sizes["family"]):
         raise SurveyError(
-            f"There are families 0 to {size - 1} in this survey, and no {which}: leave it out of the address."
+            f"There are families 0 to {size - 1} in this survey, and no family {which}: choose another family."
         )
 
 
@@ -186,7 +186,7 @@ def _borders_in_words(found: FamilyDescription, model: Model) -> list[str]:
     """Return a sentence on the curves at which the family is born or ends."""
     edges = int(found.row["edges"])
     if not edges:
-        return ["No other cell is beside its cells."]
+        return ["Its cells have no border with other cells."]
     parts = [
         f"{escape(curve)} ({percent(count / edges)})"
         for curve, count in sorted(found.borders.items(), key=lambda each: -each[1])

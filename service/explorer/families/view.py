@@ -36,7 +36,7 @@ from gear_rattle.workers.pictures.look import SHARE
 from rattle import RattleError
 
 NO_FAMILY = "all of them"
-NO_NUMBERS = "The families of this survey are known when it is computed."
+NO_NUMBERS = "The families of this survey are known once the survey is computed."
 ALONG = {"delta": "Its diagram along δ", "epsilon": "Its diagram along ε"}
 
 

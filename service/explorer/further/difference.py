@@ -24,13 +24,13 @@ def require_small(request: SurveyRequest) -> None:
     """Raise SurveyError if a survey has too many cells for a difference, which is held in memory."""
     if (size := math.prod(request.shape)) > MOST_CELLS:
         raise SurveyError(
-            f"A difference needs surveys of at most {MOST_CELLS:,} cells, and this one has {size:,}: "
-            "save a window as a survey, or read both in Python."
+            f"A difference needs surveys of at most {MOST_CELLS:,} cells, and one of these surveys has {size:,} cells: "
+            "submit a survey of a smaller window, or compute the difference in Python."
         )
 
 
 class Difference(MapPlane):
-    """First map less another map, float32. For codes: 1 where they differ, else 0.
+    """Values of the first map less the values of another map, float32. For maps of codes: 1 where they differ, else 0.
 
     The value is NaN where either map has no value. The status is 0 where either map is not computed or the other map
     has no cell.

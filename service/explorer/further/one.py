@@ -40,7 +40,7 @@ from gear_rattle.workers import SurveyRequest
 from rattle import RattleError
 
 SHOWN = "shown"
-GONE = "This survey is no longer there."
+GONE = "This survey is no longer there. Choose another survey for this map."
 NO_FIRST = "Choose a survey for the first map."
 MINUS = "first map less this one"
 
@@ -94,7 +94,7 @@ class ComparisonMap(SurveyMap):
             self._show_window_and_lines(self.plane)
 
     def _show_choices(self, further: ComparisonChoice, job: JobRow, surveys: Mapping[str, str]) -> ComparisonChoice:
-        """Offer surveys and maps; return the chosen map, or the survey's first map if it has no such map."""
+        """Set the menus of surveys and maps; return the chosen map, or the survey's first map if it lacks that map."""
         request = request_of_job(job)
         maps, number = map_names(request), sum(request.along(further.slice))
         chosen = MapChoice(further.variable, further.index)
@@ -210,7 +210,7 @@ def _title_of(plane: MapPlane, colours: Colouring, job: JobRow, first: JobRow | 
     cells = "the same cells"
     if not plane.is_same_grid:
         size = " × ".join(str(axis.num) for axis in (request.delta, request.epsilon))
-        cells = f"each cell of the first with the nearest of {size}, which has other ones"
+        cells = f"each cell of the first survey with the nearest cell of the second, which has {size} cells"
     return f"{first.called} less {job.called}, {cells}: {colours.title}"
 
 

@@ -61,7 +61,7 @@ class Colouring:
 
 
 def valueless_cells(plane: MapPlane, block: MapBlock) -> dict[str, tuple[np.ndarray, str]]:
-    """Return, for each reason why cells have no value, the mask of these cells and their colour."""
+    """Return {reason why cells have no value: (mask of these cells, their colour)}."""
     variable = str(plane.plane.name)
     return valueless_layers(variable, block.values, block.status, without_value(plane.plane))
 

@@ -60,7 +60,7 @@ FEATURED = (
 
 
 def featured_maps(names: Collection[str]) -> dict[str, str]:
-    """Return the variable of each featured map that a survey with these variables has, by the text of its button."""
+    """Return {text of the button: variable} for the featured maps that can be drawn from these variables."""
     found = {each.button: next((name for name in each.variables if name in names), None) for each in FEATURED}
     return {button: name for button, name in found.items() if name is not None}
 

@@ -30,7 +30,7 @@ FEWEST = 8  # least number of cells across a window for steps of one cell; a nar
 STEPS = 40
 FAR = 0.1  # step with Shift, as a share of the window
 MOST = 1000  # most steps in one message of a key that is held down
-CLOSER = 0.5
+CLOSER = 0.5  # factor of the window's width when a viewer zooms in
 EDGE = 0.25  # distance from the window's edge to a cursor that was outside, as a share of the window
 WIDEST = 3.0  # greatest width of a window, in widths of the survey
 WINDOWS = {"back": "Back to the window before", "forward": "Forward to the window after"}
@@ -110,7 +110,7 @@ def window_middle(window: Ranges) -> Pair:
 
 
 def cursor_after_steps(axes: tuple[np.ndarray, np.ndarray], at: Pair, window: Ranges, steps: list[int]) -> Pair:
-    """Return the cursor after a number of steps to the right and up, and of far steps to the right and up.
+    """Return the cursor after `steps`: steps to the right and up, then far steps to the right and up.
 
     A step is one cell of the survey, or 1/STEPS of a window with fewer than FEWEST cells across. A far step is the
     share FAR of the window.

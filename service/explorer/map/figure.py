@@ -415,11 +415,11 @@ class MapFigure:
             self.ellipse_at.data = {"x": points[:, 0], "y": points[:, 1]}
 
     def show_axes_of(self, machine: SurveyedMachine | None) -> None:
-        """Show the speeds and eccentricities of a machine along the axes; with None, δ and ε."""
+        """Show the speeds and eccentricities of a machine along the axes; show δ and ε if it is None."""
         self._axes.show(machine)
 
     def mark_cursor(self, point: Pair | None) -> None:
-        """Mark the point of the keyboard's cursor, or that of the mouse in another map; None removes the mark."""
+        """Mark the position of the keyboard's cursor, or of the mouse in another map; None removes the mark."""
         _set_marker(self.cursor_at, point)
 
 

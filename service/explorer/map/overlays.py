@@ -32,8 +32,8 @@ from rattle.populations import MOST_SHARE
 
 MEANINGS = {
     CRISIS: "boundary crisis: the chaotic attractor ends where it touches the stable manifold of the saddle A",
-    LIMIT: "design limit: up to there, and at every smaller eccentricity, a gear started at any phase and natural "
-    "speed runs quietly often enough; its 95 % interval is shaded",
+    LIMIT: "design limit: up to this eccentricity, a gear that starts at any phase and any speed up to the natural "
+    "speed runs quietly with the required probability; the 95 % interval of the limit is shaded",
     POINTS: "codimension-two points, where curves meet",
 }
 LABELS = {"quiet_limit": "quiet limit", LIMIT: "design limit", POINTS: "COD20–23"}

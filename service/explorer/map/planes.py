@@ -45,8 +45,8 @@ UNSEEN: Room = (700, 550)  # assumed pixels of a map until the browser has repor
 class MapBlock:
     """Drawn cells of a map: values, float32, and status (epsilon, delta), and the box that the cells cover.
 
-    If a map has more cells than pixels, a drawn cell stands for several cells and shows rare values among them. For
-    shares and without see `gear_rattle.workers.pictures.levels.DisplayedCells`.
+    If a map has more cells than pixels, a drawn cell stands for several cells and shows rare values among them. The
+    fields `shares` and `without` are explained in `gear_rattle.workers.pictures.levels.DisplayedCells`.
     """
 
     delta: np.ndarray
@@ -66,7 +66,7 @@ class MapBlock:
 class MapPlane:
     """Map of a survey: `values`, float32 (epsilon, delta), and `status` of each cell."""
 
-    is_kept = True  # all cells are kept in memory
+    is_kept = True  # True if all cells are kept in memory
 
     def __init__(self, front: Front, job: JobRow, variable: str, index: int, number: int = 0) -> None:
         _, place = front.with_numbers(job.id)
@@ -264,14 +264,14 @@ def _cell_range(axis: np.ndarray, span: Pair) -> tuple[int, int]:
 
 
 def _covered_range(axis: np.ndarray, cells: int, span: slice) -> Pair:
-    """Return the range that a span of a level's cells covers. cells: survey cells along an axis in one of them."""
+    """Return the range that a span of a level's cells covers. cells: survey cells along the axis in a level's cell."""
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     begin = axis[0] - step / 2
     return float(begin + span.start * cells * step), float(begin + span.stop * cells * step)
 
 
 def _cell_index(axis: np.ndarray, value: float) -> int | None:
-    """Return the index of the cell along an axis that contains a value; None outside of all cells."""
+    """Return the index of the cell along an axis that contains a value, None if no cell contains the value."""
     half = (axis[-1] - axis[0]) / (2 * (axis.size - 1))
     if not axis[0] - half <= value <= axis[-1] + half:
         return None
@@ -337,7 +337,7 @@ class Atlas:
         return sum(plane.values.size for plane in self._planes.values())
 
     def forget(self, kept: Callable[[str], bool]) -> None:
-        """Remove the maps of surveys that are gone. kept: returns from a survey's id whether its maps stay."""
+        """Remove maps from memory. kept: returns from a survey's id whether the survey's maps stay."""
         with self._lock:
             for key in [key for key in self._planes if not kept(key[0])]:
                 del self._planes[key]

@@ -91,7 +91,8 @@ def _distance_note(cell: xr.Dataset, delta: float, epsilon: float, window: Range
     away = float(cell["delta"]) - delta, float(cell["epsilon"]) - epsilon
     if all(low <= float(cell[name]) <= high for name, (low, high) in zip(("delta", "epsilon"), window, strict=True)):
         return ""
-    return f"<p class=faint>Outside of this window: {away[0]:+.2g} in δ and {away[1]:+.2g} in ε from here.</p>"
+    where = f"{away[0]:+.2g} in δ and {away[1]:+.2g} in ε from here"
+    return f"<p class=faint>The centre of the cell is outside of this window: {where}.</p>"
 
 
 def finer_value(plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: float) -> Row | None:

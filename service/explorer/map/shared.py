@@ -28,13 +28,13 @@ from gear_rattle.workers.pictures.look import LARGEST
 from rattle import RattleError
 from rattle.models import DEFAULT_MODEL, MODELS, Model
 
-KEPT = 4  # most drawings of completed maps in memory, of a few MiB each: most pages open with one of few
+KEPT = 4  # most drawings of completed maps in memory, a few MiB each; most pages open with one of a few maps
 
 EXAMPLE = "example at β = 0.6, which comes with the explorer"
 
 USUAL = "quiet_fraction"  # variable that a survey shows first, if it has this variable
-BEFOREHAND = "exact, before the survey has come to it"
-WAITING = "exact; the survey waits for its turn"
+BEFOREHAND = "exact values, shown before the survey has computed them"
+WAITING = "exact values; the survey waits for its turn"
 
 log = logging.getLogger(__name__)
 
@@ -180,7 +180,7 @@ class Shared:
         return {} if store.whole_request is None else maps_of(store.whole_request)
 
     def plane(self, job: JobRow | None, variable: str, index: int, number: int) -> MapPlane:
-        """Return a map of a survey, or of the example (job None). It blocks: use a thread. Raises as `Atlas.plane`."""
+        """Return a map of a survey, or of the example if `job` is None. It blocks, and raises, like `Atlas.plane`."""
         if job is None:
             return self.exact.plane(variable, index)
         is_whole = False

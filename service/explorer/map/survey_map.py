@@ -26,7 +26,7 @@ from gear_rattle.workers.pictures.look import is_of_survey_only
 from gear_rattle.workers.pictures.planes import drawn_numbers
 from rattle import RattleError
 
-SURVEY_ONLY = "This is shown for the cells of the survey only."
+SURVEY_ONLY = "This map has no finer cells than those of the survey."
 
 
 class SurveyMap(ABC):
@@ -150,7 +150,7 @@ class SurveyMap(ABC):
                     self.show_finer(block_of(frame))
                     self._show_progress(f"Computing this window: {frame.done:.0%}" if frame.done < 1 else "")
         except RattleError as error:
-            self._show_progress(f"This window is not shown finer: {error}")
+            self._show_progress(f"No finer cells of this window could be computed: {error}")
 
     def show_finer(self, finer: MapBlock) -> None:
         """Draw finer cells of the window."""

@@ -29,7 +29,7 @@ from rattle import RattleError
 from rattle.models import ADDED, BETA, DEFAULT_MODEL, MODELS, Model
 from rattle.plot import FIGURE_8
 
-PATIENCE = 0.4  # seconds; the cost is estimated when no field has changed for so long
+PATIENCE = 0.4  # seconds without a change of a field, after which the cost is estimated
 OWN, MACHINE = "own", "machine"
 #: Ranges of δ and ε that have a name; the first is the plane of the paper's Figure 7, without its edge ε = 0.
 NAMED: dict[str, Ranges] = {
@@ -101,7 +101,7 @@ class Form:
         )  # fmt: skip
         self.harmonics = pn.widgets.TextInput(
             label=f"Harmonics, {SHAPE}", placeholder=f"none; several with spaces, such as {EXAMPLE}", visible=False,
-            description="Of the transmission error: amplitude over that of the first harmonic, phase in turns.",
+            description="Harmonics of the transmission error: amplitude relative to the first, phase in turns.",
             **style,
         )  # fmt: skip
         self._advanced = pn.Column(

@@ -26,7 +26,7 @@ def theme_of(view: View, scheme: str) -> str:
 
 
 def head_html(pages: Pages) -> str:
-    """Return the first document, with all scripts and styles of a page; it is the same for all viewers."""
+    """Return the HTML that a browser receives first: scripts and styles, of which one script requests the page."""
     from panel.io.resources import JS_VERSION, bundle_resources
 
     resources: Any = pages.resources()
@@ -44,5 +44,5 @@ def head_html(pages: Pages) -> str:
 
 
 def html_after_head(page: str) -> str:
-    """Return the part after the head of an HTML page that Bokeh has written."""
+    """Return the part of an HTML page that follows its head. page: a page that Bokeh has written."""
     return page.partition("</head>")[2]

@@ -125,7 +125,8 @@ class Explorer:
         assert self._front is not None
         assert self.news is not None
         assert self._overlaid is not None
-        settings.perform_document_validation.set_value(False)  # it takes a quarter of a page's time, for nobody
+        # Bokeh's validation takes a quarter of the time to build a page, and nobody sees its warnings.
+        settings.perform_document_validation.set_value(False)
         front = self._front
         shared = self._shared = Shared(front, self.news, Atlas(front), self._overlaid, ExactMaps(), self._on_map_drawn)
         found = Pages(lambda: open_page(shared), TITLE)
@@ -137,7 +138,7 @@ class Explorer:
     def _on_map_drawn(self) -> None:
         """Start the processes that compute clicked points, when the first page shows a map.
 
-        Without a page they are not needed, and earlier they would slow down the first page.
+        The processes are not needed without a page. Started earlier, they would slow down the first page.
         """
         assert self._front is not None
         if self._front.settings.preload and self._warming is None:
@@ -167,7 +168,7 @@ class Explorer:
             raise UnavailableError("Too many pages of the explorer are open. Close some, and try again in a minute.")
         CALLER.set(request.state.caller)
         SCHEME.set(request.headers.get("rattle-theme", ""))
-        # A page that is begun is finished even if the browser leaves; then it expires by itself.
+        # A page is built to its end even if the browser leaves meanwhile; then the page expires by itself.
         body = html_after_head(await asyncio.shield(pages.document(request)))
         return HTMLResponse(body, headers=PAGE_HEADERS)
 
@@ -190,7 +191,7 @@ class _Socket:
         code = 0
         session = pages.session_of(scope)
         if session is None:  # Bokeh would make a new page, whose parts the browser does not know
-            log.info("a page was refused: it is not there, or no longer")
+            log.info("a websocket was refused: its page does not exist, or no longer exists")
             await send({"type": "websocket.close", "code": 1008, "reason": GONE})
             return
 

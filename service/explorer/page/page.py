@@ -42,7 +42,7 @@ class _Template(pn.Template):
     """Panel's template with a short `repr`."""
 
     def __repr__(self) -> str:
-        return type(self).__name__  # Panel's own lists all parts, and is built once for each part
+        return type(self).__name__  # Panel's own repr lists all parts, and is built once for each part
 
 
 def open_page(shared: Shared) -> pn.Template:
@@ -174,7 +174,7 @@ class Page:
                 self._list.param.update(rows=rows, chosen=view.survey, ready=True)
 
     def _show_address(self) -> None:
-        """Write the view to the address, also after the browser has sent its own, which replaces the written one."""
+        """Write the view to the address. It is written again when the browser has replaced the address by its own."""
         self._location.search = self.store.view.query()
 
     def _toggle_form(self) -> None:

@@ -14,7 +14,7 @@ from gear_rattle.workers.pictures.look import LARGEST
 from gear_rattle.workers.survey.families import FAMILY
 from rattle.models import ADDED
 
-STORED = {LARGEST: FAMILY}  # maps that are not stored: the stored variable from which each is made
+STORED = {LARGEST: FAMILY}  # {map that is not stored: the stored variable from which it is made}
 
 
 def survey_row(status: JobStatus, view: View, owned: bool) -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """Work around defects of websockets on Python 3.11, where Panel's newest version uses bokeh_fastapi.
 
 bokeh_fastapi sends a message in parts, and may send another message between two parts if a part has to wait. It
-notices that a browser has left only when `receive` raises. For a token from elsewhere it may raise any exception.
+notices that a browser has left only when `receive` raises. For a token that this service did not issue it may raise
+any exception.
 """
 
 from __future__ import annotations

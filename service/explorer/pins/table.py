@@ -88,7 +88,7 @@ def _region_name(known: PinResults) -> str:
 
 
 def _named_motions(known: PinResults) -> list[tuple[str, rattle.Attractor]]:
-    """Return the attractors with their names; the name of one of the motions A to D includes this letter."""
+    """Return (name, attractor) of each attractor; the name of one of the motions A to D includes this letter."""
     pairs = zip(known.chances.attractors, known.chances.letters, strict=True)
     return [(f"{legend_name(each)} = {letter}" if letter else legend_name(each), each) for each, letter in pairs]
 

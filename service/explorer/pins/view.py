@@ -22,9 +22,9 @@ from gear_rattle.service.explorer.state.store import JOBS, Store
 from rattle import RattleError
 
 COUNT = 1024  # initial conditions of each pinned point
-FULL = f"{MOST_PINS} points are pinned, which is as many as there is room for. Take one away first."
-OTHER = "This point is of another model than the map, or of other numbers of it: choose a survey of it."
-FAILED = "This could not be computed: an error of the service, which has been logged."
+FULL = f"{MOST_PINS} points are pinned already, and no more can be pinned. Remove a pinned point first."
+OTHER = "The map is not of the model of this pinned point. To go to the point, choose a survey of its model."
+FAILED = "The point could not be computed because of an error of the service, which is in its log."
 log = logging.getLogger(__name__)
 
 

@@ -83,7 +83,7 @@ class UnfinishedPlane(ExactPlane):
         super().__init__(cells, _closed_form_dataset(cells, {variable}), variable, index)
         self.id, self.request, self._computed = survey_id, request, computed
         self._levels = halvings(cells.shape)
-        # copies, which do not keep all that was evaluated
+        # copies, so that the memory of all other evaluated quantities is released
         self.plane, self._evaluated = self.plane.copy(), replace(cells)
 
     def cell_at(self, delta: float, epsilon: float) -> xr.Dataset | None:
@@ -159,7 +159,7 @@ def _closed_form_dataset(cells: Cells, names: Collection[str] = ()) -> xr.Datase
     quantities = [each for each in every if not names or each.name in names]
     dims = {dim for each in quantities for dim in each.dims[:-2]}
     labels = {dim: list(labels_of(dim, 1)) for dim in dims}
-    done = np.ones(cells.shape, np.int8)  # the status, which alone has no group
+    done = np.ones(cells.shape, np.int8)  # values of the status, which is the only quantity without a group
     values = {
         each.name: (each.dims, np.asarray(each.evaluate(cells)) if each.group else done, each.attributes)
         for each in quantities

@@ -26,7 +26,7 @@ class DiagramSlider:
     gear : AnyGear
         Gear at the clicked point.
     looked : Callable[[float | None], None]
-        Called when another place is shown, with its position on the way from 0 to 1, None for the point itself.
+        Called when another place is shown, with its position on the line from 0 to 1; None for the clicked point.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class DiagramSlider:
         return self.gear is not self._own
 
     def set_diagram(self, chosen: PointState) -> None:
-        """Let the slider follow this diagram's way, from the place in the address, or else from the point itself."""
+        """Let the slider run along the line of this diagram, from the place in the address or from the point itself."""
         self._chosen = chosen
         (begin, end), here = diagram_line(self._own, chosen), (self._own.delta, self._own.epsilon)
         axis = max((0, 1), key=lambda each: abs(end[each] - begin[each]))

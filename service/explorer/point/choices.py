@@ -25,7 +25,7 @@ from rattle.plot import Palette, legend_name
 POINTS = 3000  # computed points of a motion
 PERIODS, MOST_PERIODS, CHAOTIC_PERIODS = 12.0, 60.0, 30.0  # forcing periods shown: 3 m of a P(m, n₊, n₋) within limits
 CLICKED = -1  # number of the motion from the clicked state, in the list of motions
-NO_ATTRACTOR = "#8a96a3"
+NO_ATTRACTOR = "#8a96a3"  # colour of the motion from a clicked state
 
 
 class Choices:
@@ -185,7 +185,9 @@ class Choices:
         if self._chosen.start is not None:
             (tau, v), what = self._chosen.start, "From the chosen initial condition"
         elif (attractor := self._shown_attractor()) is None:
-            raise rattle.RattleError("There is no attractor to show: click in the basins for a motion.")
+            raise rattle.RattleError(
+                "No attractor is known here. Click in the basins to see the motion from that state."
+            )
         else:
             tau, v, shade, what = attractor.tau, attractor.v, self._palette.colour(attractor), legend_name(attractor)
             whole = min(max(PERIODS, 3.0 * attractor.m), MOST_PERIODS)
@@ -229,7 +231,7 @@ class Choices:
     async def _compute_sound(self, rpm: float | None) -> None:
         attractor = self._shown_attractor()
         if self._chosen.start is not None or attractor is None:
-            raise rattle.RattleError("An attractor can be heard: choose one.")
+            raise rattle.RattleError("Only an attractor has a sound. Choose an attractor in the list of motions.")
         if not rpm:
             raise rattle.RattleError("A sound needs a speed above 0 rpm.")
         found = await self._work.compute(rattling.sound_file, self._along.gear, attractor, rpm, what="The sound")

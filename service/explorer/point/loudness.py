@@ -129,7 +129,7 @@ def spectrum_caption(found: Lines | Density, what: str) -> str:
     """Return a sentence on what the picture shows."""
     if isinstance(found, Density):
         return f"Order spectrum of the force between the teeth, {what}: its density, with the 95 % interval."
-    return f"Order spectrum of the force between the teeth, {what}: its lines, of orders of either sign, exact."
+    return f"Order spectrum of the force between the teeth, {what}: exact lines, at positive and negative orders."
 
 
 def audio_html(file: bytes) -> str:

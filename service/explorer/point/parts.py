@@ -31,7 +31,7 @@ def largest_sampled_speed(delta: float, epsilon: float, beta: float) -> float:
 
 
 class SampledAttractors(NamedTuple):
-    """Attractors that were reached from so many initial conditions (`starts`).
+    """Attractors that samples reached. starts: the number of samples, which is the number of initial conditions.
 
     Each attractor has its two Floquet multipliers, or None, and a letter: A to D, or "" if it is none of these motions.
     """
@@ -113,7 +113,7 @@ class EventImpacts(NamedTuple):
 
 
 class DiagramEvent(NamedTuple):
-    """An event of a diagram, named as in `EventImpacts`, and the point (δ, ε) and the multipliers at the event."""
+    """Event of a diagram: kind, name of its curve and motion as in `EventImpacts`, its (δ, ε), its multipliers."""
 
     kind: str
     name: str
@@ -310,12 +310,12 @@ def diagram(
 
 
 def basins(gear: AnyGear, side: int, method: str) -> rattle.Basins:
-    """Return the basins on side × side cells."""
+    """Return the basins of attraction on side × side cells of the (τ, v) plane. method: see `rattle.Gear.basins`."""
     return gear.basins(side, None, method)
 
 
 def basins_at_other_point(gear: AnyGear, side: int, method: str) -> BasinsAndOrbits:
-    """Return the basins and the motions A to D of a gear at another point than the clicked one."""
+    """Return the basins of attraction, and the motions A to D, of a gear at another point than the clicked one."""
     orbits = gear.orbits() if model_at(gear).in_closed_form else ()
     return BasinsAndOrbits(basins(gear, side, method), orbits)
 

@@ -63,7 +63,7 @@ class PointState:
 
     @property
     def shown_tab(self) -> str:
-        """The open tab; if `tab` is None, as in older addresses, the tab that shows the other values."""
+        """The open tab. Older addresses have no `tab`; then it is the tab that shows what their other fields choose."""
         if self.tab is not None:
             return self.tab
         if self.to is not None or self.span is not None or self.direction != "epsilon":
@@ -174,7 +174,7 @@ def parse_tolerance(given: object) -> Tolerance | None:
 def machine_and_model(
     point: Pair, entered: EnteredMachine | None, machine: SurveyedMachine | None, model: Model
 ) -> tuple[Machine | None, Model]:
-    """Return the machine and the model of a point: of the entered machine, or if there is none, of the survey."""
+    """Return the machine and the model of a point: those of the entered machine, else those of the survey."""
     if entered is None:
         return machine_at(machine, model, *point), model
     found = entered.machine
@@ -182,7 +182,7 @@ def machine_and_model(
 
 
 def open_machine_and_model(store: Store) -> tuple[Machine | None, Model] | None:
-    """Return the machine and the model of the open point; None without one, or if its survey is not known yet."""
+    """Return the machine and the model of the open point; None if no point is open or its survey is not known yet."""
     view = store.view
     if view.point is None or not store.has_surveys or (view.survey and store.request is None):
         return None

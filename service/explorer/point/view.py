@@ -28,9 +28,9 @@ from rattle.plot import Palette
 COUNT = 1024  # initial conditions of the probabilities
 RESOLUTIONS = (300, 600)  # cells a side of the refined basins, first and last
 PAINT_SECONDS = 0.05  # time for a browser to show words before it lays out pictures
-OF_ONE_COSINE = "The motions A to D and their regions are known of a forcing of one cosine only."
+OF_ONE_COSINE = "The motions A to D and their regions are defined for a forcing of one cosine only."
 SURVEYED = ' <span class="faint">(from the survey\'s grid cell; the point itself is being computed)</span>'
-Part = tuple[Text, Callable[[], Awaitable[None]]]  # text for its error, and the work
+Part = tuple[Text, Callable[[], Awaitable[None]]]  # the text that shows an error of the work, and the work
 COMPILING = "Kernels are being compiled, once after the service was installed or updated. This takes a minute or so …"
 
 
@@ -115,7 +115,7 @@ class PointView:
         """Give up the computations that still run, because another point is shown."""
         self.work.stop()
 
-    # What is computed, and in what order
+    # The methods below compute the parts of the view, in the order in which viewers read them.
 
     def _say_where(self) -> None:
         """Show where the point is, first of all: removing the last point's results keeps a browser busy for 0.5 s."""

@@ -105,11 +105,11 @@ def point_in_words(gear: AnyGear, period: str = PERIOD) -> str:
     backlash += f": {region_in_words(gear.region())}." if model.in_closed_form else "."
     if gear.epsilon >= gear.quiet_limit:
         quiet = (
-            f" The gear cannot run quietly here: the eccentricity is above {number(gear.quiet_limit)}, "
-            "from where on the teeth must separate."
+            f" The gear cannot run quietly here: above an eccentricity of {number(gear.quiet_limit)} the teeth must "
+            "separate."
         )
     else:
-        quiet = f" Quiet running is possible, as it is up to an eccentricity of {number(gear.quiet_limit)}."
+        quiet = f" Quiet running is possible here, and up to an eccentricity of {number(gear.quiet_limit)}."
     born = gear.sn1 if model.in_closed_form else None
     if born is not None and gear.epsilon < born:
         return f"{at}{backlash}{quiet} Rattle with one impact every {period}, P(1,1,0), begins at ε = {number(born)}."
@@ -131,7 +131,7 @@ def machine_in_words(machine: Machine, gear: AnyGear) -> str:
     more += "" if machine.load_torque is None else f", a load of {number(machine.load_torque)} N m"
     errors = [number(1e6 * size) for size in (getattr(machine, name) for name in ERRORS) if size]
     more += f", mesh errors of {', '.join(errors)} µm" if errors else ""
-    alike = ", if all errors grow alike" if gear.parameters.harmonics else ""
+    alike = ", if all errors grow in proportion" if gear.parameters.harmonics else ""
     return (
         f"A machine at {number(machine.rpm, 6)} rpm with an eccentricity of {number(1e6 * machine.eccentricity)} µm"
         f"{more}: quiet running is possible up to {number(1e6 * quiet)} µm{alike}. A speed of 1 is "
@@ -164,7 +164,7 @@ def how_likely(gear: AnyGear, found: SampledAttractors, period: str = PERIOD) ->
     elif quiet and not undecided:
         sentences.append(f"No start came to rattle: the probability of rattle is below {below}.")
     if undecided:
-        sentences.append(f"Where {percent(undecided.fraction)} of the starts end is not decided.")
+        sentences.append(f"The outcome of {percent(undecided.fraction)} of the starts is undecided.")
     return " ".join(sentences)
 
 
@@ -173,16 +173,16 @@ def how_safe(gear: AnyGear, found: Margin, period: str = PERIOD) -> str:
     if gear.epsilon >= gear.quiet_limit:
         return "There is no quiet running that an impact could end: the margin is 0."
     if math.isnan(found.v):
-        return "So near the quiet limit it cannot be told which impacts end quiet running."
+        return "This close to the quiet limit it cannot be computed which impacts end quiet running."
     if math.isinf(found.v):
         return f"No impact slower than {number(found.v_max)} was found that ends quiet running."
     leads = motion_in_words(found.leads_to, period=period) if found.leads_to is not None else "rattle"
     sentence = (
-        f"The margin of quiet running is an impact of speed {number(found.v)}: weaker ones die out, and such a one at "
-        f"phase {number(found.tau, 3)} sets off the nearest rattle ({leads})."
+        f"The margin of quiet running is an impact of speed {number(found.v)}: weaker impacts die out, and an "
+        f"impact of this speed at phase {number(found.tau, 3)} sets off the nearest rattle ({leads})."
     )
     if found.undecided < found.v:
-        sentence += f" From speed {number(found.undecided)} on there are impacts whose end is not decided."
+        sentence += f" From speed {number(found.undecided)} on the outcome of some impacts is undecided."
     return sentence
 
 

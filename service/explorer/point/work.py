@@ -130,7 +130,9 @@ class Work:
             await self._show_error(text, str(error))
         except Exception:
             log.exception("a part of the view of a point failed")
-            await self._show_error(text, "This could not be shown: an error of the service, which has been logged.")
+            await self._show_error(
+                text, "This part could not be shown because of an error of the service, which is in its log."
+            )
 
     async def _show_error(self, text: Text, message: str) -> None:
         await self.set_text(text, f'<p class="wrong" role="alert">{escape(message)}</p>')

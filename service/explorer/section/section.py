@@ -27,7 +27,7 @@ from gear_rattle.service.operations.diagrams import diagram_ends, diagram_span
 from gear_rattle.workers import SurveyRequest
 from rattle import RattleError
 
-OTHER_GEAR = "This point is of another gear than the survey, which has no profile of it."
+OTHER_GEAR = "The survey is of another gear than this point, so it has no profile along this diagram."
 NO_WAY = "The end point needs a δ above 0 and an ε of at least 0."
 
 

@@ -154,7 +154,10 @@ def test_further_maps_have_the_window_and_the_cursor_of_the_first(tmp_path: Path
         one.survey.value = f"{other.id},0"
         one.minus.value = ["first map less this one"]
         await eventually(lambda: isinstance(one.plane, Difference))
-        assert "small less other, each cell of the first with the nearest of 3 × 4" in one.title.html
+        assert (
+            "small less other, each cell of the first survey with the nearest cell of the second, which has 3 × 4"
+            in one.title.html
+        )
         assert not one.variable.visible  # it is that of the first map
         shown.controls.variable.value = "orbit_velocity"
         await eventually(lambda: one.plane is not None and one.plane.plane.name == "orbit_velocity_difference")

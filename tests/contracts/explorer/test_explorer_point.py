@@ -59,7 +59,7 @@ from rattle.stiff import StiffGear
         (0.6, 0.03, ["quietly in 100 %", "No start came to rattle", "below 0.374 %"], ["No impact slower than 7"]),
         (0.6, 0.1, ["quietly in 7", "Otherwise it rattles: chaotic", "every forcing period, P(1,1,0)"], ["speed 2.5"]),
         (0.6, 0.2, ["From every start the gear rattles", "It rattles"], ["margin is 0"]),
-        (0.6, 0.1899, ["quiet"], ["cannot be told"]),
+        (0.6, 0.1899, ["quiet"], ["cannot be computed"]),
     ],
 )  # fmt: skip
 def test_a_sentence_for_an_engineer(delta: float, epsilon: float, likely: list[str], safe: list[str]) -> None:

@@ -326,7 +326,7 @@ def test_a_deep_window_is_read_counted_and_never_white(tmp_path: Path) -> None:
         shown.panel.show_finer(block_of(Frame(*axes, values, 1.0, 0)))
         await eventually(lambda: shares().get(code) == pytest.approx(1 / 3))
         shown.hover(delta, epsilon)
-        await eventually(lambda: "Outside of this window" in shown.readout.html)
+        await eventually(lambda: "outside of this window" in shown.readout.html)
         assert f"computed here</dt><dd>{rattle.REGIONS[other]}</dd>" in shown.readout.html
         shown.store.dispatch(PointerMoved((delta, epsilon), KEYBOARD))
         assert shown.said.html.endswith(f"computed here, {rattle.REGIONS[other]}</p>")
@@ -466,7 +466,7 @@ def test_a_map_that_nobody_chose_fills_in_from_where_its_survey_begins(tmp_path:
             assert "ends quiet" in shown.colours.title
             assert shown.colours.shades[0].label == "not computed"
         shown.controls.variable.value = "region"
-        await eventually(lambda: "before the survey has come" in shown.title.html)
+        await eventually(lambda: "before the survey has computed" in shown.title.html)
         front.database.set_state(job.id, State.ACCEPTED)  # it waits for its turn again
         shown.follow(front.database.job(job.id))
         front.database.set_state(job.id, State.RUNNING)
@@ -498,7 +498,7 @@ def test_closed_forms_of_a_survey_are_shown_before_it_is_computed(tmp_path: Path
         front.database.set_state(job.id, State.RUNNING)
         compute(front, job.id, asked, slice(1))
         shown.follow(front.database.job(job.id))
-        await eventually(lambda: "before the survey has come" in shown.title.html)
+        await eventually(lambda: "before the survey has computed" in shown.title.html)
         assert shown.plane is plane
         first, last = (plane.cell_at(delta[each], epsilon[each]) for each in (0, -1))
         assert first is not None
