@@ -56,7 +56,7 @@ def empty_source(columns: tuple[str, ...]) -> ColumnDataSource:
 
 
 def share_models(renderers: Sequence[Any]) -> None:
-    """Let renderers share models without state. Bokeh makes own ones for each renderer, a fifth of a page's models."""
+    """Let renderers share stateless models. Bokeh would make them for each renderer: a fifth of a page's models."""
     every, policy = AllIndices(), UnionRenderers()
     for renderer in renderers:
         renderer.view = CDSView(filter=every)
@@ -82,7 +82,7 @@ def image_renderer(source: ColumnDataSource, mapper: Any, **named: Any) -> Any:
     return _renderer(source, glyph, level="image", **named)
 
 
-def clear_mapper() -> Any:
+def transparent_mapper() -> Any:
     """Return a colour mapper whose first colour is transparent."""
     return LinearColorMapper(palette=[CLEAR], low=0, high=1, nan_color=CLEAR)
 

@@ -30,15 +30,15 @@ class SurveyMenu(JSComponent):
     def __init__(self, on_action: Callable[[str, str, Mapping[str, Any]], None], **values: Any) -> None:
         super().__init__(**values)
         self._on_action = on_action
-        self.on_msg(handler_in_event_loop(lambda event: self.press(event.data)))
+        self.on_msg(handler_in_event_loop(lambda event: self.handle_message(event.data)))
 
-    def press(self, message: Any) -> None:
+    def handle_message(self, message: Any) -> None:
         """Call `on_action` for the message that a button of the list sends."""
         if isinstance(message, dict):
             self._on_action(str(message.get("action")), str(message.get("survey")), message)
 
 
-class Key(JSComponent):
+class MapKey(JSComponent):
     """Key of the map: meanings of its colours (`shades`) and lines (`overlays`). chosen: names of the drawn lines."""
 
     shades = param.List(default=[])

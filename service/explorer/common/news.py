@@ -36,7 +36,7 @@ Listener = Callable[[Sequence[JobStatus]], None]
 log = logging.getLogger(__name__)
 
 
-class News:
+class StatusPublisher:
     """Publish job status to listeners in the event loop: soon after a listener joins, and whenever it changes.
 
     A new listener gets no status that was read before it joined, because a page keeps the survey that it finds first.
@@ -64,13 +64,13 @@ class News:
         finally:
             keeper.cancel()
 
-    def listen(self, listener: Listener) -> None:
+    def add_listener(self, listener: Listener) -> None:
         """Add a listener, and publish the status soon."""
         self._listeners.add(listener)
         self._stale.set()
         self._arrived.set()
 
-    def leave(self, listener: Listener) -> None:
+    def remove_listener(self, listener: Listener) -> None:
         """Remove a listener."""
         self._listeners.discard(listener)
 

@@ -80,7 +80,7 @@ class Viewer:
         """Return whether the caller may submit surveys."""
         return self._caller is not None and self._caller.may(Scope.SUBMIT)
 
-    async def read(self, work: Callable[[], Result], scope: Scope = Scope.READ) -> Result:
+    async def run_in_thread(self, work: Callable[[], Result], scope: Scope = Scope.READ) -> Result:
         """Run `work` in a thread if the caller has a scope, and return the result.
 
         A running thread cannot be cancelled: it counts among THREADS until it ends. Work that is cancelled while it

@@ -11,7 +11,7 @@ import panel as pn
 from gear_rattle.service.explorer.common.changes import act_in_event_loop
 
 
-class Watch:
+class WidgetWatcher:
     """Watches widgets for changes that a viewer makes."""
 
     def __init__(self) -> None:

@@ -87,7 +87,7 @@ class MapAxes:
 
 
 def label_offset(window: Pair) -> tuple[float, int] | None:
-    """Return the offset of the tick labels of a NARROW window and the power of ten that is their unit, else None."""
+    """Return the offset and the unit, as a power of ten, of a narrow window's tick labels; None for a wide window."""
     low, high = window
     span, scale = high - low, max(abs(low), abs(high))
     if span > NARROW * scale:

@@ -41,7 +41,7 @@ class NumberEntry(NamedTuple):
         return float(f"{value * self.per:.{DIGITS}g}")
 
     def to_library_unit(self, value: float | None) -> float | None:
-        """Return an entered value in the library's unit, None for None. The quotient is exact: 100 / 1e6 is 100e-6."""
+        """Return an entered value in the library's unit; None for None. 100 µm become exactly 100e-6 m."""
         if value is None:
             return None
         return int(value) if self.is_count and float(value).is_integer() else value / self.per

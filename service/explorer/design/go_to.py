@@ -1,4 +1,4 @@
-"""Go to a place with a name, or to a point that is entered: its δ and ε, or a machine in SI units."""
+"""Panel to go to a bookmark, or to a point that a viewer enters as δ and ε or as a machine in SI units."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import panel as pn
 
 from gear_rattle.service.explorer.common.address import EnteredMachine
 from gear_rattle.service.explorer.common.text import Text
-from gear_rattle.service.explorer.common.watch import Watch, on_press
+from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.design.fields import POINT, MachineFields
 from gear_rattle.service.explorer.design.places import Bookmark, bookmarks
 from gear_rattle.service.explorer.state.events import BookmarkChosen, PointClosed, PointOpened
@@ -28,7 +28,7 @@ class GoToPanel:
         self.named = pn.widgets.Select(
             label="Named places", options=options, value="", stylesheets=[sheet], width=220, margin=(0, 8, 6, 0)
         )
-        self._watch = Watch()
+        self._watch = WidgetWatcher()
         self._watch.call_on_change(self.named, self._go_to_bookmark)
         self.said = Text("", sheet)
         self._open = pn.widgets.Button(

@@ -19,7 +19,7 @@ from rattle.parameters import Harmonic
 HELD = 0.95  # share of the gears inside the ellipse
 RADIUS = math.sqrt(-2.0 * math.log(1.0 - HELD))  # radius of the ellipse in standard deviations
 SIDES = 96  # sides of the polygon that is drawn for the ellipse
-COUNT, JUDGED = 8, 256  # initial conditions per gear; most gears of which it is decided whether they pass
+COUNT, JUDGED = 8, 256  # initial conditions per gear; largest number of gears that are judged as passing or not
 # Fields of a machine that `rattle.population` does not get under these names.
 NOT_GIVEN = ("speed", "eccentricity", "errors", "driven_errors")
 LEAST = 0.1  # least speed and damping of a gear, relative to the mean
@@ -111,7 +111,7 @@ def compute_yield(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> 
 
 
 def yield_in_words(found: Yield, share: float) -> str:
-    """Return a yield in two sentences."""
+    """Return a yield in sentences. share: the required probability of quiet running."""
     return (
         f"Of {found.gears} gears with these tolerances {_percent_with_interval(found.quiet)} of all runs are quiet. "
         f"{_percent_with_interval(found.passing)} of the gears pass: they run quietly with a probability of at least "

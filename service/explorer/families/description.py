@@ -14,7 +14,7 @@ import xarray as xr
 
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.map.planes import MapPlane
-from gear_rattle.service.explorer.point.words import number, percent
+from gear_rattle.service.explorer.point.words import number_text, percent_text
 from gear_rattle.workers import Bucket, SurveyRequest, open_survey
 from gear_rattle.workers.errors import SurveyError, reading
 from gear_rattle.workers.pictures.largest import names_of, open_maps
@@ -32,8 +32,8 @@ NOT_ALONE = "Some cells have two of its attractors: continuation through other c
 class Extent:
     """The longest row or column of a family's cells without a gap.
 
-    direction: "delta" for a row, "epsilon" for a column. middle: its middle (δ, ε). either_way: half its length
-    plus one cell.
+    direction: "delta" for a row, "epsilon" for a column. middle: the point (δ, ε) in its middle. either_way: half its
+    length plus one cell, as a difference of δ or ε.
     """
 
     direction: str
@@ -168,14 +168,14 @@ def family_in_words(found: FamilyDescription, model: Model) -> str:
     if not row["cells"]:
         return f"<p><strong>{escape(found.name)}</strong> is in none of the cells.</p>"
     said = [
-        f"<strong>{escape(found.name)}</strong> is in {row['cells']:,.0f} cells, {percent(found.of_plane)} of the "
-        f"plane; {percent(found.of_samples)} of all samples go to it.",
-        f"It reaches from δ {number(row['delta_low'])} to {number(row['delta_high'])} and from ε "
-        f"{number(row['epsilon_low'])} to {number(row['epsilon_high'])}.",
+        f"<strong>{escape(found.name)}</strong> is in {row['cells']:,.0f} cells, {percent_text(found.of_plane)} of the "
+        f"plane; {percent_text(found.of_samples)} of all samples go to it.",
+        f"It reaches from δ {number_text(row['delta_low'])} to {number_text(row['delta_high'])} and from ε "
+        f"{number_text(row['epsilon_low'])} to {number_text(row['epsilon_high'])}.",
     ]
     if row["largest_fraction"] > 0:
-        at = f"δ {number(row['delta_at'])}, ε {number(row['epsilon_at'])}"
-        said.append(f"Its share is largest, {percent(row['largest_fraction'])}, at {at}.")
+        at = f"δ {number_text(row['delta_at'])}, ε {number_text(row['epsilon_at'])}"
+        said.append(f"Its share is largest, {percent_text(row['largest_fraction'])}, at {at}.")
     if row["unsampled"]:
         said.append(f"In {row['unsampled']:,.0f} of its cells no sample goes to it.")
     said += [*_borders_in_words(found, model), *([NOT_ALONE] if row["monodromy"] else [])]
@@ -188,7 +188,7 @@ def _borders_in_words(found: FamilyDescription, model: Model) -> list[str]:
     if not edges:
         return ["Its cells have no border with other cells."]
     parts = [
-        f"{escape(curve)} ({percent(count / edges)})"
+        f"{escape(curve)} ({percent_text(count / edges)})"
         for curve, count in sorted(found.borders.items(), key=lambda each: -each[1])
         if curve in model.curve_names
     ]

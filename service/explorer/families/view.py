@@ -16,7 +16,7 @@ from gear_rattle.service.explorer.common.address import View
 from gear_rattle.service.explorer.common.drawings import DrawingRunner, Show
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.viewer import Viewer
-from gear_rattle.service.explorer.common.watch import Watch, on_press
+from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.families.description import (
     Extent,
     FamilyDescription,
@@ -28,7 +28,7 @@ from gear_rattle.service.explorer.families.description import (
 )
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
-from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.state.events import FamilyChosen, PointOpened
 from gear_rattle.service.explorer.state.store import JOBS, Store
 from gear_rattle.workers import Group, SurveyError, SurveyRequest
@@ -54,7 +54,7 @@ class FamilyMaps(NamedTuple):
 
 
 class FamiliesView:
-    """Show a chosen family: `which` is the list to choose from, `panel` the description. The map shows its cells.
+    """Show a chosen family. which: the list of families. panel: the description of the chosen family, below the map.
 
     Parameters
     ----------
@@ -62,11 +62,11 @@ class FamiliesView:
         Figure of the map, on which the cells without the family are dimmed.
     """
 
-    def __init__(self, shared: Shared, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
+    def __init__(self, shared: SharedState, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
         self._shared, self._viewer, self._store, self._figure = shared, viewer, store, figure
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self.which = pn.widgets.Select(label="Family", options={NO_FAMILY: ""}, width=165, visible=False, **styled)
-        self._watch = Watch()
+        self._watch = WidgetWatcher()
         self._watch.call_on_change(self.which, self._on_chosen)
         self._along = {name: pn.widgets.Button(label=label, visible=False, **styled) for name, label in ALONG.items()}
         for name, button in self._along.items():
@@ -89,7 +89,7 @@ class FamiliesView:
             self._hide_choices()
             self.panel.visible = False
             return
-        if self._of != (of := (view.survey, view.slice, view.family)):  # the shown family is another one
+        if self._of != (of := (view.survey, view.slice, view.family)):  # another family is chosen
             if self._of[:2] != of[:2]:
                 self._set_options({}, None)
             self._of = of
@@ -111,7 +111,7 @@ class FamiliesView:
             return known, known.plane.block(window, pixels, anywhere=True)
 
         try:
-            known, seen = await self._viewer.read(read)
+            known, seen = await self._viewer.run_in_thread(read)
         except RattleError as error:
             yield partial(self._show_error, str(error))
             return

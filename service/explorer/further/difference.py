@@ -1,4 +1,4 @@
-"""The difference of two surveys: one variable of both, on the cells of the first survey."""
+"""Compute the difference of two surveys: the same variable of both, on the cells of the first survey."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 import xarray as xr
 
-from gear_rattle.service.explorer.map.planes import MapPlane, cells_at
+from gear_rattle.service.explorer.map.planes import MapPlane, cell_indices
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.pictures.look import LARGEST
@@ -54,7 +54,7 @@ class Difference(MapPlane):
         self.delta, self.epsilon, self._levels = first.delta, first.epsilon, halvings(first.request.shape)
         axes = ((other.delta, first.delta), (other.epsilon, first.epsilon))
         self.is_same_grid = all(np.array_equal(*pair) for pair in axes)
-        column, row = (cells_at(*pair) for pair in axes)
+        column, row = (cell_indices(*pair) for pair in axes)
         (mine, status), (others, beside) = first.all_cells(), other.all_cells()
         others, beside = (each[np.ix_(row, column)] for each in (others, beside))
         reached = np.logical_and.outer(row >= 0, column >= 0)

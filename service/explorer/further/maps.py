@@ -13,7 +13,7 @@ from gear_rattle.service.explorer.further.one import ComparisonMap
 from gear_rattle.service.explorer.further.surveys import survey_options
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.planes import map_names
-from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.state.events import MapAdded
 from gear_rattle.service.explorer.state.store import JOBS, Store
 
@@ -27,7 +27,9 @@ class ComparisonMaps:
         Figure of the first map, whose window all maps share.
     """
 
-    def __init__(self, shared: Shared, viewer: Viewer, store: Store, first: MapFigure, theme: str, sheet: str) -> None:
+    def __init__(
+        self, shared: SharedState, viewer: Viewer, store: Store, first: MapFigure, theme: str, sheet: str
+    ) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
         self._first, self._theme, self._sheet = first, theme, sheet
         self.maps: list[ComparisonMap] = []

@@ -24,7 +24,7 @@ from gear_rattle.service.explorer.common.drawings import Show
 from gear_rattle.service.explorer.common.heading import Heading
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.viewer import Viewer
-from gear_rattle.service.explorer.common.watch import Watch, on_press
+from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.further.difference import Difference, require_small
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring
 from gear_rattle.service.explorer.map.figure import MapFigure
@@ -32,7 +32,7 @@ from gear_rattle.service.explorer.map.overlays import WHOLE, MapLines
 from gear_rattle.service.explorer.map.picture import drawn_settings, picture_links, picture_query
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, map_names
 from gear_rattle.service.explorer.map.readout import cell_in_words
-from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.map.survey_map import SurveyMap
 from gear_rattle.service.explorer.state.events import MapChanged, MapRemoved
 from gear_rattle.service.explorer.state.store import Store, request_of_job
@@ -48,12 +48,14 @@ MINUS = "first map less this one"
 class ComparisonMap(SurveyMap):
     """Comparison map with the index `place`. A viewer chooses its survey and variable in the widgets above it."""
 
-    def __init__(self, shared: Shared, viewer: Viewer, store: Store, figure: MapFigure, sheet: str, place: int) -> None:
+    def __init__(
+        self, shared: SharedState, viewer: Viewer, store: Store, figure: MapFigure, sheet: str, place: int
+    ) -> None:
         super().__init__(shared, viewer, store, figure, Heading(sheet), Text("", sheet))
         self._place = place
         self.lines = MapLines(viewer, figure)
         self.key, self.links = Text("", sheet), Text("", sheet)
-        self._watch = Watch()
+        self._watch = WidgetWatcher()
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self.survey = pn.widgets.Select(label=f"Survey of map {place + 2}", options={}, width=120, **styled)
         self.variable = pn.widgets.Select(label=f"Map {place + 2}", options={}, width=175, **styled)
@@ -129,7 +131,7 @@ class ComparisonMap(SurveyMap):
             return plane, block, colouring(plane, block, "auto", False, self.figure.pixels)
 
         try:
-            plane, block, colours = await self._viewer.read(read)
+            plane, block, colours = await self._viewer.run_in_thread(read)
         except RattleError as error:
             yield partial(self.show_nothing, f'<p class="notice" role="alert">{escape(str(error))}</p>')
             return
@@ -151,7 +153,7 @@ class ComparisonMap(SurveyMap):
         self.show_nothing(f"<p>{why}</p>")
 
     def show_nothing(self, why: str) -> None:
-        """Show why no cells are shown (HTML), and remove lines and pins too."""
+        """Remove all cells, lines and pins, and write why no map is shown. why: HTML."""
         self.plane = None
         super().show_nothing(why)
         self.lines.clear()
@@ -192,7 +194,7 @@ class ComparisonMap(SurveyMap):
         return f"<p class=faint>Picture: {picture_links(further.survey, further.variable, query)}</p>"
 
     async def _show_cell_value(self, plane: MapPlane, at: Pair, window: Ranges) -> None:
-        said = await self._viewer.read(lambda: cell_in_words(plane, *at, window, self.finer))
+        said = await self._viewer.run_in_thread(lambda: cell_in_words(plane, *at, window, self.finer))
 
         def show() -> None:
             self.said.html = f"<p>{escape(said)}</p>"

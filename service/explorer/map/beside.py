@@ -11,7 +11,7 @@ from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.explorer.common.address import View
 from gear_rattle.service.explorer.common.figures import PRINTED
 from gear_rattle.service.explorer.common.viewer import Viewer
-from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.point.panel import FigurePlace, PointPanel
 from gear_rattle.service.explorer.point.parts import SampledAttractors, survey_attractors
 from gear_rattle.service.explorer.point.state import open_machine_and_model
@@ -20,7 +20,7 @@ from gear_rattle.service.explorer.state.store import JOBS, Store
 from rattle import Machine, RattleError
 from rattle.models import Model
 
-OPENED = "with-point"  # CSS class of the panel while a point is open: the page gives the panel more room
+OPENED = "with-point"  # CSS class of the panel while a point is open, which gives the panel more room on the page
 #: On a small screen the list of bookmarks moves below the open point, so that the point's answer is seen first.
 ANSWER_FIRST = f"@media (max-width: 1199px) {{ :host(.{OPENED}) > .go-to-place {{ order: 1; }} }}"
 
@@ -36,7 +36,7 @@ class RightSide:
 
     def __init__(
         self,
-        shared: Shared,
+        shared: SharedState,
         viewer: Viewer,
         store: Store,
         theme: str,
@@ -93,7 +93,7 @@ class RightSide:
                     return survey_attractors(cell, sample.count)
             return None
 
-        known = await self._viewer.read(read)
+        known = await self._viewer.run_in_thread(read)
         if known is not None:
             self._viewer.change(lambda: point.show_survey_answer(known))
 

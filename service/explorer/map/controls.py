@@ -10,8 +10,8 @@ import panel as pn
 
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.text import Text
-from gear_rattle.service.explorer.common.watch import Watch
-from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.common.watch import WidgetWatcher
+from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.state.events import IndexChosen, LimitsSet, SliceChosen, VariableChosen
 from gear_rattle.service.explorer.state.store import JOBS, Store
 from gear_rattle.workers.pictures.look import LARGEST, variable_words
@@ -70,10 +70,10 @@ def meaning_of(variable: str) -> str:
     return next((each.meaning for each in FEATURED if variable in each.variables), "")
 
 
-class Controls:
+class MapControls:
     """Widgets that choose a map. featured: the buttons. panel: all other widgets. The page may append to both."""
 
-    def __init__(self, shared: Shared, store: Store, sheet: str) -> None:
+    def __init__(self, shared: SharedState, store: Store, sheet: str) -> None:
         self._shared, self._store = shared, store
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self.buttons = pn.widgets.RadioButtonGroup(
@@ -91,7 +91,7 @@ class Controls:
         self.high = pn.widgets.FloatInput(label="to", width=110, **styled)
         self.log = pn.widgets.CheckBoxGroup(options=[LOG], **{**styled, "margin": (2, 8, 8, 4)})
         self.wrong = Text("", sheet)
-        self._watch = Watch()
+        self._watch = WidgetWatcher()
         for widget, used in (
             (self.buttons, self._on_button), (self.variable, self._on_variable), (self.index, self._on_index),
             (self.slice, self._on_slice), (self.rule, self._on_rule), (self.log, self._on_rule),

@@ -135,11 +135,11 @@ def _after_steps(axis: np.ndarray, at: float, span: Pair, steps: int, far: int) 
 
 def window_with_cursor(window: Ranges, at: Pair) -> Ranges:
     """Return the window, moved to contain the cursor if the cursor is outside."""
-    delta, epsilon = (_span_with(span, value) for span, value in zip(window, at, strict=True))
+    delta, epsilon = (_span_containing(span, value) for span, value in zip(window, at, strict=True))
     return delta, epsilon
 
 
-def _span_with(span: Pair, value: float) -> Pair:
+def _span_containing(span: Pair, value: float) -> Pair:
     low, high = span
     edge = EDGE * (high - low)
     if value < low:

@@ -80,7 +80,7 @@ class MapFigure:
         self._apply_theme(theme)
         self._values, self._fine, self._reasons = (glyphs.empty_source(glyphs.IMAGE) for _ in range(3))
         self._others = glyphs.empty_source(glyphs.IMAGE)
-        self._why_mapper = glyphs.clear_mapper()
+        self._why_mapper = glyphs.transparent_mapper()
         self._why = glyphs.image_renderer(self._reasons, self._why_mapper)
         self._scales = glyphs.colour_scales(self._values, self._fine, **_bar_style(theme))
         self._log, self._fits = False, True
@@ -258,7 +258,7 @@ class MapFigure:
         self._others.data = {"image": [others.astype(np.uint8)], **image_position(box)}
 
     def undim_cells(self) -> None:
-        """Dim no cells."""
+        """Remove the veil from dimmed cells."""
         glyphs.clear(self._others)
 
     def remove_finer_cells(self) -> None:
@@ -296,7 +296,7 @@ class MapFigure:
         self._show_scale()
 
     def draw_line(self, name: str, pieces: Sequence[np.ndarray]) -> None:
-        """Draw a curve: pieces (k, 2) of (δ, ε)."""
+        """Draw a named curve. pieces: arrays (k, 2) of its points (δ, ε)."""
         source, _ = self._lines[name]
         source.data = {"xs": [piece[:, 0] for piece in pieces], "ys": [piece[:, 1] for piece in pieces]}
 
@@ -305,7 +305,7 @@ class MapFigure:
         self._sure.data = {"x": x, "low": low, "high": high}
 
     def mark_points(self, points: Sequence[tuple[str, float, float]]) -> None:
-        """Mark the codimension-two points: name, δ, ε."""
+        """Mark codimension-two points, each given as (name, δ, ε)."""
         self._corners = list(points)
         self._place_names()
 

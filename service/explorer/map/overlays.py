@@ -1,4 +1,4 @@
-"""Draw lines over a map, and list them in a key that says which are missing and why."""
+"""Draw lines over a map, and list the lines in a key, which also says why a line is missing."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ import panel as pn
 from gear_rattle.service.explorer.common.address import DEFAULT_OVERLAYS, OVERLAYS, UNCHOSEN, Pair, Ranges
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.glyphs import style_of
-from gear_rattle.service.explorer.common.lists import Key
+from gear_rattle.service.explorer.common.lists import MapKey
 from gear_rattle.service.explorer.common.viewer import Viewer
-from gear_rattle.service.explorer.common.watch import Watch
+from gear_rattle.service.explorer.common.watch import WidgetWatcher
 from gear_rattle.service.explorer.map.colouring import Shade
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.state.events import OverlaysChosen, ShareSet
@@ -84,17 +84,17 @@ class MapLines:
     async def _compute_line(self, name: str, model: Model, window: Ranges) -> None:
         await self._viewer.front.kernels.require(model.name, patience=math.inf)
         if name == POINTS:
-            points = await self._viewer.read(lambda: points_in(model, window))
+            points = await self._viewer.run_in_thread(lambda: points_in_window(model, window))
             self._viewer.change(lambda: self._figure.mark_points(points))
         elif name in model.curve_names:
-            pieces, missing = await self._viewer.read(lambda: curve_pieces(name, model, *window))
+            pieces, missing = await self._viewer.run_in_thread(lambda: curve_pieces(name, model, *window))
             self._viewer.change(lambda: self._figure.draw_line(name, pieces))
             self._note_in_key(name, "", missing)
         else:
             self._note_in_key(name, "", _missing_capability(model))
 
     def _note_in_key(self, name: str, note: str, missing: str = "") -> None:
-        """Write in the key the progress of a line (`note`), or why the line is missing. Here there is no key."""
+        """Write in the key the progress of a line (`note`), or why the line is missing. Without a key, do nothing."""
 
 
 class KeyedLines(MapLines):
@@ -107,13 +107,13 @@ class KeyedLines(MapLines):
         self._listing: asyncio.Task[None] | None = None
         self._entries: list[dict[str, Any]] = []
         view = store.view
-        self.key = Key(overlays=[], chosen=list(view.overlays), margin=0, sizing_mode="stretch_width")
+        self.key = MapKey(overlays=[], chosen=list(view.overlays), margin=0, sizing_mode="stretch_width")
         self.key.param.watch(handler_in_event_loop(self._on_chosen), "chosen")
         self.share = pn.widgets.FloatInput(
             label="Design limit: P(quiet) ≥", value=view.share, start=0.01, end=MOST_SHARE, step=0.05, width=180,
             visible=LIMIT in view.overlays, stylesheets=[sheet], margin=(4, 0),
         )  # fmt: skip
-        Watch().call_on_change(self.share, self._on_share)
+        WidgetWatcher().call_on_change(self.share, self._on_share)
         self.panel = pn.Column(self.key, self.share, sizing_mode="stretch_width", margin=0)
         self._list_lines()
         figure.show_overlays(view.overlays)
@@ -144,7 +144,7 @@ class KeyedLines(MapLines):
 
     async def _list_present_lines(self, model: Model, window: Ranges) -> None:
         await self._viewer.front.kernels.require(model.name, patience=math.inf)
-        absent = await self._viewer.read(lambda: absent_lines(model, window))
+        absent = await self._viewer.run_in_thread(lambda: absent_lines(model, window))
         self._entries = found = [each for each in self._entries if each["name"] not in absent]
         self._viewer.change(lambda: self.key.param.update(overlays=found))
 
@@ -262,7 +262,7 @@ def curve_pieces(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[l
 def absent_lines(model: Model, window: Ranges) -> set[str]:
     """Return the names of a model's lines and points that are nowhere inside a window. It blocks: use a thread."""
     curves = {name for name in OVERLAYS if name in model.curve_names and curve_pieces(name, model, *window) == ([], "")}
-    return curves if not _is_offered(POINTS, model) or points_in(model, window) else curves | {POINTS}
+    return curves if not _is_offered(POINTS, model) or points_in_window(model, window) else curves | {POINTS}
 
 
 def cache_default_lines(model: Model, window: Ranges) -> None:
@@ -271,7 +271,7 @@ def cache_default_lines(model: Model, window: Ranges) -> None:
         if name != POINTS:
             curve_pieces(name, model, *window)
         elif _is_offered(name, model):
-            points_in(model, window)
+            points_in_window(model, window)
 
 
 def split_at_nan(line: np.ndarray) -> list[np.ndarray]:
@@ -280,8 +280,8 @@ def split_at_nan(line: np.ndarray) -> list[np.ndarray]:
     return [piece[~np.isnan(piece[:, 0])] for piece in np.split(line, gaps)]
 
 
-def points_in(model: Model, window: Ranges) -> list[tuple[str, float, float]]:
-    """Return the codimension-two points in a window: name, δ, ε.
+def points_in_window(model: Model, window: Ranges) -> list[tuple[str, float, float]]:
+    """Return (name, δ, ε) of each codimension-two point in a window.
 
     It blocks: use a thread. Points outside are left out, because their names would reach into the window.
 

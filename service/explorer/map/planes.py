@@ -180,7 +180,7 @@ class MapPlane:
         )
         values = np.full((ENLARGED, ENLARGED), np.nan, np.float32)
         status = np.zeros(values.shape, np.int8)
-        j, i = (cells_at(axis, points) for axis, points in ((self.delta, delta), (self.epsilon, epsilon)))
+        j, i = (cell_indices(axis, points) for axis, points in ((self.delta, delta), (self.epsilon, epsilon)))
         inside = np.ix_(i >= 0, j >= 0)
         if inside[0].size and inside[1].size:
             i, j = i[i >= 0], j[j >= 0]
@@ -226,9 +226,9 @@ class LeveledPlane(MapPlane):
     def _displayed(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
             return super()._displayed(part)
-        return of_level(self.plane, self._level(part.level.path), self._index, part.level, part.at)
+        return of_level(self.plane, self._open_level(part.level.path), self._index, part.level, part.at)
 
-    def _level(self, path: str) -> xr.Dataset:
+    def _open_level(self, path: str) -> xr.Dataset:
         with self._lock:
             if path not in self._opened:
                 self._opened[path] = slice_of(open_survey(self._place, path), *self._along)
@@ -278,7 +278,7 @@ def _cell_index(axis: np.ndarray, value: float) -> int | None:
     return int(np.abs(axis - value).argmin())
 
 
-def cells_at(axis: np.ndarray, values: np.ndarray) -> np.ndarray:
+def cell_indices(axis: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return for each value the index of the cell along an axis that contains it, −1 outside of all cells."""
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     found = np.floor((values - axis[0]) / step + 0.5).astype(int)

@@ -105,7 +105,7 @@ def finer_value(plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: 
 
 
 def cell_in_words(plane: MapPlane, delta: float, epsilon: float, window: Ranges, finer: MapBlock | None = None) -> str:
-    """Return a sentence for screen readers: a point, and the value of the map there."""
+    """Return a phrase for screen readers: the point, and the value of the map at the point."""
     place = f"δ {coordinate_text(delta, window[0])}, ε {coordinate_text(epsilon, window[1])}"
     here = finer_value(plane, finer, delta, epsilon)
     said = ", ".join(here) if here is not None else _value_in_words(plane, delta, epsilon)

@@ -14,7 +14,7 @@ from starlette.concurrency import run_in_threadpool
 
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common.address import UNCHOSEN, Limits, Pair, Ranges, View
-from gear_rattle.service.explorer.common.news import LISTED, News
+from gear_rattle.service.explorer.common.news import LISTED, StatusPublisher
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
 from gear_rattle.service.explorer.map.overlays import cache_default_lines
 from gear_rattle.service.explorer.map.planes import UNSEEN, Atlas, MapBlock, MapPlane, Room, maps_of
@@ -117,14 +117,14 @@ def _draw_map(plane: MapPlane, limits: Limits | Pair, log: bool, room: Room) -> 
 
 
 @dataclass(frozen=True)
-class Shared:
+class SharedState:
     """State that all pages of an application share.
 
     on_map_drawn: function that is called in the event loop whenever a page has drawn a map.
     """
 
     front: Front
-    news: News
+    news: StatusPublisher
     atlas: Atlas
     overlaid: Overlaid
     exact: UncomputedMaps
@@ -153,7 +153,7 @@ class Shared:
         return request.gear_model, window_of(request)
 
     def map_of(self, job: JobRow, view: View, room: Room) -> tuple[MapPlane, bool, MapBlock, Colouring]:
-        """Return the map of a survey, whether all tiles computed so far have been read, and the drawn cells.
+        """Return the view's map of a survey, whether all computed tiles have been read, and the drawn cells.
 
         It blocks: use a thread.
 

@@ -18,7 +18,7 @@ from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring, shown_values, shown_window
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, Room
-from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.state.store import Store, box_of_cells
 from gear_rattle.service.operations.windows import inside, is_coarse
 from gear_rattle.workers import Frame
@@ -41,7 +41,7 @@ class SurveyMap(ABC):
     """
 
     def __init__(
-        self, shared: Shared, viewer: Viewer, store: Store, figure: MapFigure, title: Heading, said: Text
+        self, shared: SharedState, viewer: Viewer, store: Store, figure: MapFigure, title: Heading, said: Text
     ) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
         self.figure, self.title, self.said = figure, title, said
@@ -87,7 +87,7 @@ class SurveyMap(ABC):
             self._count_shares()
 
     def show_nothing(self, why: str) -> None:
-        """Show no cells, and why (HTML)."""
+        """Remove all cells, and write why no map is shown. why: HTML."""
         self.title.show_reason(why)
         self.colours = None
         self.figure.remove_cells()
@@ -118,7 +118,7 @@ class SurveyMap(ABC):
             self._count_shares()
             return
         self._refined, pixels = (plane, window), self.figure.pixels
-        if self.figure.is_too_close:  # shown until the workers answer, and if they do not
+        if self.figure.is_too_close:  # these cells stay until the workers send finer cells
             self._seen = partial(plane.enlarged_block, window)
             self.figure.draw_finer_cells(shown_values(plane, self._seen()), window)
         else:
@@ -134,7 +134,7 @@ class SurveyMap(ABC):
 
     async def _draw_all_cells(self, plane: MapPlane, window: Ranges, room: Room) -> None:
         """Draw all cells of a window, some of which are left out in the drawing of the whole survey."""
-        values, box = await self._viewer.read(partial(shown_window, plane, window, room))
+        values, box = await self._viewer.run_in_thread(partial(shown_window, plane, window, room))
         self._viewer.change(
             lambda: self.figure.draw_finer_cells(values, box) if (plane, window) == self._refined else None
         )
@@ -159,7 +159,7 @@ class SurveyMap(ABC):
         self._count_shares()
 
     def _count_shares(self) -> None:
-        """Count the share of the visible cells that each colour has."""
+        """Compute the share of each colour among the visible cells, and show it in the key."""
         if self._counting is not None:
             self._counting.cancel()
         if self.plane is not None and self._seen is not None:
@@ -169,7 +169,7 @@ class SurveyMap(ABC):
 
     async def _count_visible(self, plane: MapPlane, seen: Callable[[], MapBlock]) -> None:
         limits, log = self._how
-        shades = await self._viewer.read(lambda: colouring(plane, seen(), limits, log).shades)
+        shades = await self._viewer.run_in_thread(lambda: colouring(plane, seen(), limits, log).shades)
         self._viewer.change(lambda: self.show_shades(shades))
 
     def _show_progress(self, text: str) -> None:

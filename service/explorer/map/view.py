@@ -25,7 +25,7 @@ from gear_rattle.service.explorer.map.overlays import KeyedLines
 from gear_rattle.service.explorer.map.picture import drawn_settings
 from gear_rattle.service.explorer.map.planes import SIDE, MapBlock, MapPlane
 from gear_rattle.service.explorer.map.readout import cell_in_words, finer_value, readout
-from gear_rattle.service.explorer.map.shared import Shared, default_variable, is_closed_form
+from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form
 from gear_rattle.service.explorer.map.survey_map import SurveyMap
 from gear_rattle.service.explorer.point.state import point_marks
 from gear_rattle.service.explorer.state.events import DefaultMapChosen, MapDrawn
@@ -42,7 +42,7 @@ HINT = "<p class=faint>Point at the map to read a cell; click or tap it to look 
 class MapView(SurveyMap):
     """First map of a page. parts: its panels, by their names in the page's document."""
 
-    def __init__(self, shared: Shared, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
+    def __init__(self, shared: SharedState, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
         super().__init__(shared, viewer, store, figure, Heading(sheet), Text("", sheet, is_spoken=True))
         self.lines = KeyedLines(shared.overlaid, viewer, store, figure, sheet)
         self.keys = CursorKeys(viewer.document, figure.figure, store)
@@ -105,16 +105,18 @@ class MapView(SurveyMap):
             return
         chosen = MapChoice(view.variable, view.index)
         if self._chosen not in (None, chosen) or self.plane is None:
-            self.forget_window()  # the window's cells are of another map
+            self.forget_window()  # the finer cells of the window belong to another map
         request = store.request
         is_large = request is not None and max(request.shape) > SIDE
-        room = self.figure.pixels if is_large or view.variable == LARGEST else ()  # the drawing depends on it
+        room = (
+            self.figure.pixels if is_large or view.variable == LARGEST else ()
+        )  # such a drawing depends on the pixels
         what = view.survey, view.slice, chosen, view.limits, view.log, room
         self.drawings.request(what, [] if job is None else [job], partial(self._draw, view, job))
 
     async def _draw(self, view: View, job: JobRow | None) -> AsyncGenerator[Show, None]:
         if job is None:
-            yield partial(self._show, view, *await self._viewer.read(partial(self._shared.exact_map, view)))
+            yield partial(self._show, view, *await self._viewer.run_in_thread(partial(self._shared.exact_map, view)))
             return
         whole = self._store.whole_request
         is_known = whole is not None and is_closed_form(whole, view.variable)
@@ -124,7 +126,7 @@ class MapView(SurveyMap):
         is_whole = False
         while not is_whole:  # each call reads for a limited time, and the cells read so far are drawn
             try:
-                plane, is_whole, block, colours = await self._viewer.read(
+                plane, is_whole, block, colours = await self._viewer.run_in_thread(
                     partial(self._shared.map_of, job, view, self.figure.pixels)
                 )
             except RattleError as error:
@@ -135,7 +137,7 @@ class MapView(SurveyMap):
             yield partial(self._show, view, plane, block, colours)
 
     def show_nothing(self, why: str) -> None:
-        """Show why no cells are shown (HTML), and remove all text about earlier cells."""
+        """Remove all cells and all text about them, and write why no map is shown. why: HTML."""
         super().show_nothing(why)
         self._store.dispatch(MapDrawn(None))
         self._stop_reading()
@@ -203,7 +205,7 @@ class MapView(SurveyMap):
         def read() -> str:
             return readout(plane.cell_at(*at), *at, request.gear_model, window, here, request.machine)
 
-        found = await self._viewer.read(read)
+        found = await self._viewer.run_in_thread(read)
 
         def show() -> None:
             self.readout.html = found

@@ -1,4 +1,4 @@
-"""The form for a new survey: its plane, model and number of cells. It shows the cost before a viewer submits."""
+"""Form for a new survey: its plane, its model and its number of cells. It shows the cost before submission."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ CELLS = FINENESS["medium"]  # values along the axes of a new survey of the visib
 ADVANCED = "Advanced settings"
 
 
-class Form:
+class SurveyForm:
     """The form for a new survey; `on_submitted` is called with the id of each submitted survey."""
 
     def __init__(self, viewer: Viewer, on_submitted: Callable[[str], None], sheet: str) -> None:
@@ -257,7 +257,7 @@ class Form:
             return submit_survey(self._viewer.front, self._viewer.require(Scope.SUBMIT), request).id
 
         try:
-            survey_id = await self._viewer.read(submit, Scope.SUBMIT)
+            survey_id = await self._viewer.run_in_thread(submit, Scope.SUBMIT)
         except (ValidationError, RattleError) as error:
             self._show_cost(error_message(error), wrong=True)
         else:

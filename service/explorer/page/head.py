@@ -1,4 +1,4 @@
-"""The first document that a browser gets. It is the same for all viewers, and its scripts request the page itself."""
+"""Write the first document that a browser gets. It is the same for all viewers; its scripts request the page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gear_rattle.service.explorer.files import asset
 if TYPE_CHECKING:
     from gear_rattle.service.explorer.page.pages import Pages
 
-UNUSED = ("bokeh-gl",)  # scripts of Bokeh to leave out: the page has no WebGL. Panel's script needs the others
+UNUSED = ("bokeh-gl",)  # scripts of Bokeh that are left out, because no figure of the page uses WebGL
 #: Styles that parts of the page load late, when a browser draws them; the head lets the browser fetch them early.
 STYLES = ("css/loading", "css/listpanel", "bundled/theme/native", "css/button", "css/select")
 

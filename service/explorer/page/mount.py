@@ -18,7 +18,7 @@ from starlette.types import Message, Receive, Scope, Send
 from gear_rattle.service.access import login
 from gear_rattle.service.access.origins import require_root
 from gear_rattle.service.errors import UnavailableError
-from gear_rattle.service.explorer.common.news import News
+from gear_rattle.service.explorer.common.news import StatusPublisher
 from gear_rattle.service.explorer.page.assets_route import Assets
 from gear_rattle.service.explorer.page.head import SCHEME, head_html, html_after_head
 from gear_rattle.service.jobs.manager import STARTING
@@ -29,7 +29,7 @@ from gear_rattle.service.state import Front
 from gear_rattle.service.web.prefix import public_path
 
 if TYPE_CHECKING:
-    from gear_rattle.service.explorer.map.shared import Shared
+    from gear_rattle.service.explorer.map.shared import SharedState
     from gear_rattle.service.explorer.page.pages import Pages
 
 TITLE = "gear rattle"
@@ -64,9 +64,9 @@ class Explorer:
     def __init__(self, app: FastAPI, settings: Settings) -> None:
         self._settings = settings
         self._front: Front | None = None
-        self.news: News | None = None
+        self.news: StatusPublisher | None = None
         self._overlaid: Overlaid | None = None
-        self._shared: Shared | None = None
+        self._shared: SharedState | None = None
         self._loading: asyncio.Future[Pages] | None = None
         self._running = AsyncExitStack()
         self._head = ""
@@ -85,7 +85,7 @@ class Explorer:
     async def running(self, front: Front, overlaid: Overlaid) -> AsyncIterator[None]:
         """Return the context in which the application runs: open pages get job status, and closed pages are dropped."""
         self._front, self._overlaid = front, overlaid
-        self.news = News(front)
+        self.news = StatusPublisher(front)
         async with self._running, self.news.running():
             yield
 
@@ -98,7 +98,7 @@ class Explorer:
             await self.load()
             if self._front.settings.preload and self._shared is not None:
                 await self._shared.prepare()
-        except Exception:  # a request of a page loads again, and answers with the error if it lasts
+        except Exception:  # the next request of a page tries to load it again
             log.exception("the explorer cannot be loaded")
 
     async def load(self) -> Pages:
@@ -117,7 +117,7 @@ class Explorer:
         from bokeh.settings import settings
 
         from gear_rattle.service.explorer.map.planes import Atlas
-        from gear_rattle.service.explorer.map.shared import Shared
+        from gear_rattle.service.explorer.map.shared import SharedState
         from gear_rattle.service.explorer.page.page import open_page
         from gear_rattle.service.explorer.page.pages import Pages
         from gear_rattle.service.explorer.places.exact import ExactMaps
@@ -128,11 +128,13 @@ class Explorer:
         # Bokeh's validation takes a quarter of the time to build a page, and nobody sees its warnings.
         settings.perform_document_validation.set_value(False)
         front = self._front
-        shared = self._shared = Shared(front, self.news, Atlas(front), self._overlaid, ExactMaps(), self._on_map_drawn)
+        shared = self._shared = SharedState(
+            front, self.news, Atlas(front), self._overlaid, ExactMaps(), self._on_map_drawn
+        )
         found = Pages(lambda: open_page(shared), TITLE)
         self._head = head_html(found)
         adopt_handlers()  # the log handlers of Panel
-        gc.freeze()  # as in service.web.server, for the modules that have just been loaded
+        gc.freeze()  # the modules that have just been loaded stay for ever, as in service.web.server
         return found
 
     def _on_map_drawn(self) -> None:
@@ -142,9 +144,9 @@ class Explorer:
         """
         assert self._front is not None
         if self._front.settings.preload and self._warming is None:
-            from gear_rattle.service.explorer.point.work import prepare
+            from gear_rattle.service.explorer.point.work import prepare_processes
 
-            self._warming = asyncio.create_task(prepare(self._front))
+            self._warming = asyncio.create_task(prepare_processes(self._front))
 
     async def _serve_head(self, _request: Request) -> Response:
         """Return the first document, whose scripts request the page itself.
@@ -169,7 +171,7 @@ class Explorer:
         CALLER.set(request.state.caller)
         SCHEME.set(request.headers.get("rattle-theme", ""))
         # A page is built to its end even if the browser leaves meanwhile; then the page expires by itself.
-        body = html_after_head(await asyncio.shield(pages.document(request)))
+        body = html_after_head(await asyncio.shield(pages.new_page_html(request)))
         return HTMLResponse(body, headers=PAGE_HEADERS)
 
 
@@ -202,7 +204,7 @@ class _Socket:
             return message
 
         with scope["app"].state.front.revocations.ending(caller) as visit:
-            await pages.socket(session, scope, receive_noting_code, send)
+            await pages.serve_websocket(session, scope, receive_noting_code, send)
             if code in LEFT:
                 session.request_expiration()  # otherwise the computations of the closed page would go on
         if visit.cancelled_caught:

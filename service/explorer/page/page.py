@@ -18,17 +18,17 @@ from gear_rattle.service.explorer.common.address import FURTHER, View
 from gear_rattle.service.explorer.common.lists import SurveyMenu
 from gear_rattle.service.explorer.common.news import JobStatus, overall_rate
 from gear_rattle.service.explorer.common.viewer import CALLER, Viewer
-from gear_rattle.service.explorer.common.watch import Watch, on_press
+from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.design.go_to import GoToPanel
 from gear_rattle.service.explorer.families.view import FamiliesView
-from gear_rattle.service.explorer.files import asset, tour
+from gear_rattle.service.explorer.files import asset, tour_html
 from gear_rattle.service.explorer.further.maps import ComparisonMaps
 from gear_rattle.service.explorer.map.beside import RightSide
-from gear_rattle.service.explorer.map.controls import Controls
+from gear_rattle.service.explorer.map.controls import MapControls
 from gear_rattle.service.explorer.map.figure import MapFigure
-from gear_rattle.service.explorer.map.shared import Shared, default_survey
+from gear_rattle.service.explorer.map.shared import SharedState, default_survey
 from gear_rattle.service.explorer.map.view import MapView
-from gear_rattle.service.explorer.page.form import Form, error_message
+from gear_rattle.service.explorer.page.form import SurveyForm, error_message
 from gear_rattle.service.explorer.page.head import SCHEME, theme_of
 from gear_rattle.service.explorer.page.rows import survey_row
 from gear_rattle.service.explorer.pins.view import Pins
@@ -45,7 +45,7 @@ class _Template(pn.Template):
         return type(self).__name__  # Panel's own repr lists all parts, and is built once for each part
 
 
-def open_page(shared: Shared) -> pn.Template:
+def open_page(shared: SharedState) -> pn.Template:
     """Return a new page for the caller of the current request, with the view that the URL describes."""
     document = pn.state.curdoc
     assert document is not None  # Panel sets it while it makes a page
@@ -64,14 +64,14 @@ def open_page(shared: Shared) -> pn.Template:
 class Page:
     """One open page: its parts, which share a store, and the place of each part in the document."""
 
-    def __init__(self, shared: Shared, viewer: Viewer, view: View, theme: str) -> None:
+    def __init__(self, shared: SharedState, viewer: Viewer, view: View, theme: str) -> None:
         self._shared, self._viewer = shared, viewer
         self.store = store = Store(view, shared.exact.request)
         location: Any = pn.state.location
         self._location = location
         self._location.param.watch(lambda _event: viewer.change(self._show_address), "search")
         self._default_survey = ""  # id of the survey that is shown because the viewer chose none
-        self._form: Form | None = None
+        self._form: SurveyForm | None = None
         viewer.tell = self._show_notice
         sheet = asset("widgets.css")
         self._notice = pn.pane.HTML("", stylesheets=[sheet], margin=(0, 10), sizing_mode="stretch_width")
@@ -82,7 +82,7 @@ class Page:
             margin=0,
             sizing_mode="stretch_width",
         )
-        self._watch = Watch()
+        self._watch = WidgetWatcher()
         self._watch.call_on_change(self._list, self._on_survey_chosen, "chosen")
         self._new = pn.widgets.Button(
             label="New survey", color="primary", css_classes=["new"], stylesheets=[sheet], margin=8
@@ -100,7 +100,7 @@ class Page:
         store.subscribe(self._choose_default, JOBS)
         figure = MapFigure(theme, store.dispatch)
         self._map = MapView(shared, viewer, store, figure, sheet)
-        controls = Controls(shared, store, sheet)
+        controls = MapControls(shared, store, sheet)
         self._section = ProfileSection(shared, viewer, store, theme, sheet)
         go_to = GoToPanel(store, sheet)
         self._beside = RightSide(shared, viewer, store, theme, self._section.below, go_to.panel, self._map.readout.pane)
@@ -121,7 +121,7 @@ class Page:
         )
         store.subscribe(self._show_address)
         store.subscribe(self._show_rows)
-        shared.news.listen(self._on_statuses)
+        shared.news.add_listener(self._on_statuses)
 
     def _build_template(self, theme: str, **parts: Any) -> pn.Template:
         template = _Template(asset("page.html"), location=True)
@@ -129,7 +129,7 @@ class Page:
             "theme": theme,
             "other_theme": "Light" if theme == "dark" else "Dark",
             "signed_in": self._viewer.is_signed_in,
-            "tour": tour(),
+            "tour": tour_html(),
         }.items():
             template.add_variable(name, value)
         for name, part in parts.items():
@@ -140,7 +140,9 @@ class Page:
         self._viewer.start(self._learn_statuses(statuses))
 
     async def _learn_statuses(self, statuses: Sequence[JobStatus]) -> None:
-        statuses = await self._viewer.read(lambda: self._with_chosen_survey(statuses))  # fails if the key was revoked
+        statuses = await self._viewer.run_in_thread(
+            lambda: self._with_chosen_survey(statuses)
+        )  # fails if the key was revoked
         self._viewer.change(lambda: self.store.update_surveys({each.job.id: each for each in statuses}))
 
     def _with_chosen_survey(self, statuses: Sequence[JobStatus]) -> Sequence[JobStatus]:
@@ -153,7 +155,7 @@ class Page:
         return statuses
 
     def _choose_default(self) -> None:
-        """Show a survey if the viewer has chosen none, or if the one shown by default was deleted."""
+        """Show the default survey if the viewer has chosen none, or if the survey shown by default was deleted."""
         shown, jobs = self.store.view.survey, self.store.jobs
         gone = shown == self._default_survey and shown not in jobs  # a job status may be older than the deletion
         if (not shown or gone) and (first := default_survey(each.job for each in jobs.values())):
@@ -185,9 +187,9 @@ class Page:
         else:
             self._open_form()
 
-    def _open_form(self) -> Form:
+    def _open_form(self) -> SurveyForm:
         if self._form is None:
-            self._form = Form(self._viewer, self._on_submitted, asset("widgets.css"))
+            self._form = SurveyForm(self._viewer, self._on_submitted, asset("widgets.css"))
         if self._form.panel not in self._entering:
             self._entering.append(self._form.panel)
             self._side.css_classes = ["with-form"]
@@ -198,7 +200,7 @@ class Page:
         self._toggle_form()
 
         async def show() -> None:
-            job = await self._viewer.read(lambda: find_job(self._shared.front, survey_id))
+            job = await self._viewer.run_in_thread(lambda: find_job(self._shared.front, survey_id))
 
             def choose() -> None:
                 self.store.update_surveys({**self.store.jobs, survey_id: JobStatus(job, None, None)})
@@ -234,7 +236,7 @@ class Page:
         def resume() -> None:
             verify_survey(self._shared.front, self._viewer.require(Scope.SUBMIT), survey_id)
 
-        await self._viewer.read(resume, Scope.SUBMIT)
+        await self._viewer.run_in_thread(resume, Scope.SUBMIT)
 
     async def _describe(self, survey_id: str, entered: Mapping[str, Any]) -> None:
         def describe() -> None:
@@ -245,7 +247,7 @@ class Page:
             caller = self._viewer.require(Scope.SUBMIT)
             describe_survey(self._shared.front, caller, survey_id, given)
 
-        await self._viewer.read(describe, Scope.SUBMIT)
+        await self._viewer.run_in_thread(describe, Scope.SUBMIT)
 
     async def _remove(self, action: str, survey_id: str) -> None:
         def remove() -> None:
@@ -254,7 +256,7 @@ class Page:
             if ended == (action == "delete"):  # "cancel" must not delete a survey that has just ended
                 remove_survey(front, self._viewer.require(Scope.SUBMIT), survey_id)
 
-        await self._viewer.read(remove, Scope.SUBMIT)
+        await self._viewer.run_in_thread(remove, Scope.SUBMIT)
 
     def _show_notice(self, text: str) -> None:
         def write() -> None:
@@ -264,7 +266,7 @@ class Page:
 
     def end(self) -> None:
         """Release the resources after the browser has left."""
-        self._shared.news.leave(self._on_statuses)
+        self._shared.news.remove_listener(self._on_statuses)
         self._map.end()
         self._beside.end()
         self._further.end()

@@ -105,7 +105,7 @@ class Pages:
         await self._app(dict(scope), receive, send)
 
     def running(self) -> AbstractAsyncContextManager[Any]:
-        """Return a context that ends unused pages for as long as it is open."""
+        """Return a context in which unused pages are ended."""
         return self._app.router.lifespan_context(self._app)
 
     def resources(self) -> Any:
@@ -128,7 +128,7 @@ class Pages:
             return next((session for session in self.sessions() if session.id == asked), None)
         return None
 
-    async def document(self, request: Request) -> str:
+    async def new_page_html(self, request: Request) -> str:
         """Return a new page as HTML."""
         body = b""
 
@@ -142,7 +142,7 @@ class Pages:
         await self({**request.scope, **changed}, request.receive, keep)
         return body.decode()
 
-    async def socket(self, session: ServerSession, scope: Scope, receive: Receive, send: Send) -> None:
+    async def serve_websocket(self, session: ServerSession, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve the websocket of a page until the browser or the service ends it."""
         wait_for_browser(session.document)
         if sys.version_info < (3, 12):

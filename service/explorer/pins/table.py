@@ -11,7 +11,7 @@ from typing import NamedTuple
 import rattle
 from gear_rattle.service.explorer.common.address import Pin
 from gear_rattle.service.explorer.point.parts import SampledAttractors, sampled_attractors, with_letters
-from gear_rattle.service.explorer.point.words import harmonics_in_words, number, percent
+from gear_rattle.service.explorer.point.words import harmonics_in_words, number_text, percent_text
 from gear_rattle.service.harmonics import written_harmonics
 from rattle.models import ADDED, model_at
 from rattle.orbits import region_in_words
@@ -62,21 +62,21 @@ def table_lines(pins: Sequence[Pin], results: Mapping[Pin, PinResults | str]) ->
         Texts of the cells, line by line.
     """
     lines = [
-        ["Damping δ", *(number(each.delta, 6) for each in pins)],
-        ["Eccentricity ε", *(number(each.epsilon, 6) for each in pins)],
-        ["Half-backlash β", *(number(each.beta, 6) for each in pins)],
+        ["Damping δ", *(number_text(each.delta, 6) for each in pins)],
+        ["Eccentricity ε", *(number_text(each.epsilon, 6) for each in pins)],
+        ["Half-backlash β", *(number_text(each.beta, 6) for each in pins)],
     ]
     for name, parameter in ADDED.items():
         values = [dict(each.added).get(name) for each in pins]
         if any(value is not None for value in values):
             head = f"{parameter.label.capitalize()} {parameter.symbol}"
-            lines.append([head, *("–" if value is None else number(value, 6) for value in values)])
+            lines.append([head, *("–" if value is None else number_text(value, 6) for value in values)])
     if any(each.harmonics for each in pins):
         lines.append(["Forcing", *(harmonics_in_words(each.harmonics) if each.harmonics else "–" for each in pins)])
     of_pins = [results.get(each, COMPUTED) for each in pins]
     lines.append(["Region", *(each if isinstance(each, str) else _region_name(each) or "–" for each in of_pins)])
     all_known = [each if isinstance(each, PinResults) else None for each in of_pins]
-    lines.append(["Quiet up to ε", *(number(each.quiet_limit) if each else "" for each in all_known)])
+    lines.append(["Quiet up to ε", *(number_text(each.quiet_limit) if each else "" for each in all_known)])
     lines.append(["Largest λ₁ of rattling", *(_largest_exponent(each) if each else "" for each in all_known)])
     names = dict.fromkeys(name for each in all_known if each for name, _ in _named_motions(each))
     return lines + [[name, *(_cell_text(each, name) for each in all_known)] for name in names]
@@ -96,7 +96,7 @@ def _named_motions(known: PinResults) -> list[tuple[str, rattle.Attractor]]:
 def _largest_exponent(known: PinResults) -> str:
     """Return the largest Lyapunov exponent of the periodic and chaotic attractors; a dash if there are none."""
     rattling = (each.lyapunov[0] for each in known.chances.attractors if each.kind in RATTLING)
-    return number(max(rattling, default=math.nan))
+    return number_text(max(rattling, default=math.nan))
 
 
 def _cell_text(known: PinResults | None, name: str) -> str:
@@ -108,8 +108,8 @@ def _cell_text(known: PinResults | None, name: str) -> str:
 
 def _share_text(each: rattle.Attractor) -> str:
     low, high = each.fraction_interval
-    exponent = f", λ₁ {number(each.lyapunov[0])}" if each.kind in RATTLING else ""
-    return f"{percent(each.fraction)} ({percent(low)}–{percent(high)}){exponent}"
+    exponent = f", λ₁ {number_text(each.lyapunov[0])}" if each.kind in RATTLING else ""
+    return f"{percent_text(each.fraction)} ({percent_text(low)}–{percent_text(high)}){exponent}"
 
 
 def csv_text(pins: Sequence[Pin], results: Mapping[Pin, PinResults | str]) -> str:

@@ -16,7 +16,7 @@ from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.files import asset
 from gear_rattle.service.explorer.pins.table import PinResults, csv_text, results_of_point, table_lines
 from gear_rattle.service.explorer.point.state import open_point_as_pin
-from gear_rattle.service.explorer.point.work import Work
+from gear_rattle.service.explorer.point.work import PointTasks
 from gear_rattle.service.explorer.state.events import PinAdded, PinRemoved, PointOpened
 from gear_rattle.service.explorer.state.store import JOBS, Store
 from rattle import RattleError
@@ -42,9 +42,9 @@ class PinTable(JSComponent):
     def __init__(self, on_action: Callable[[str, int], None], **values: Any) -> None:
         super().__init__(**values)
         self._on_action = on_action
-        self.on_msg(handler_in_event_loop(lambda event: self.press(event.data)))
+        self.on_msg(handler_in_event_loop(lambda event: self.handle_message(event.data)))
 
-    def press(self, message: Any) -> None:
+    def handle_message(self, message: Any) -> None:
         """Carry out the action that a button of the table sends."""
         if isinstance(message, Mapping) and isinstance(number := message.get("pin", 0), int):
             self._on_action(str(message.get("action")), number)
@@ -56,7 +56,7 @@ class Pins:
     def __init__(self, viewer: Viewer, store: Store) -> None:
         self._viewer, self._store = viewer, store
         self._results: dict[Pin, PinResults | str] = {}
-        self._work: dict[Pin, Work] = {}
+        self._work: dict[Pin, PointTasks] = {}
         self.table = PinTable(self._on_table_action, margin=0, sizing_mode="stretch_width")
         self._task: asyncio.Task[None] | None = None
         self._show()
@@ -100,10 +100,10 @@ class Pins:
 
     async def _compute_all(self) -> None:
         while (pin := self._next_pin()) is not None:
-            self._work[pin] = work = Work(self._viewer.front, self._viewer.document, pin.model.name)
+            self._work[pin] = work = PointTasks(self._viewer.front, self._viewer.document, pin.model.name)
             await asyncio.wait([work.start(self._compute_pin(pin, work))])  # also if the pin is removed meanwhile
 
-    async def _compute_pin(self, pin: Pin, work: Work) -> None:
+    async def _compute_pin(self, pin: Pin, work: PointTasks) -> None:
         count = min(COUNT, self._viewer.front.settings.max_point_count)
         result: PinResults | str
         try:

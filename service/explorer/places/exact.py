@@ -32,7 +32,7 @@ KEPT = 8  # most maps of unfinished surveys in memory
 
 
 class ExactPlane(MapPlane):
-    """Map in closed form. `cell` computes the closed forms at the point itself. It blocks: use a thread."""
+    """Map in closed form. `cell_at` computes the closed forms at the point itself. It blocks: use a thread."""
 
     def __init__(self, cells: Cells, found: xr.Dataset, variable: str, index: int) -> None:
         self.id, self.number, self.request, self._evaluated = "", 0, REQUEST, cells
@@ -74,7 +74,7 @@ class ExamplePlane(ExactPlane):
 
 
 class UnfinishedPlane(ExactPlane):
-    """Closed-form map of an unfinished survey, of at most SIDE cells along an axis. `cell` reads computed cells."""
+    """Closed-form map of an unfinished survey, at most SIDE cells along an axis. `cell_at` reads computed cells."""
 
     def __init__(
         self, request: SurveyRequest, survey_id: str, variable: str, index: int, computed: Callable[[], MapPlane]

@@ -11,7 +11,7 @@ from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.point import basins, parts
 from gear_rattle.service.explorer.point.panel import PLACES, PointPanel
 from gear_rattle.service.explorer.point.state import PointState, diagram_line, point_on_line
-from gear_rattle.service.explorer.point.work import Work
+from gear_rattle.service.explorer.point.work import PointTasks
 from rattle.models import AnyGear, model_at
 from rattle.plot import Palette
 
@@ -19,7 +19,7 @@ FINENESS = ((100, "cells"), (300, "refined"))  # (cells a side, method) of the b
 
 
 class DiagramSlider:
-    """Follow the slider along the way of a diagram, which is the line in the (δ, ε) plane along which it is computed.
+    """Follow the slider along the line of a diagram, the line in the (δ, ε) plane along which the diagram is computed.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class DiagramSlider:
     def __init__(
         self,
         panel: PointPanel,
-        work: Work,
+        work: PointTasks,
         gear: AnyGear,
         palette: Palette,
         looked: Callable[[float | None], None],
@@ -102,7 +102,7 @@ class DiagramSlider:
             self._shown = wanted
 
     def _show(self, gear: AnyGear, found: parts.BasinsAndOrbits, wanted: tuple[PointState, int]) -> None:
-        if wanted[0] is not self._wanted[0]:  # another way has been chosen meanwhile
+        if wanted[0] is not self._wanted[0]:  # another diagram has been chosen meanwhile
             return
         picture, is_new = self._panel.picture, gear is not self.gear
         self.gear, self.attractors = gear, found.basins.attractors

@@ -14,7 +14,7 @@ from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.figures import themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.point.parts import PlaneLine
-from gear_rattle.service.explorer.point.words import percent
+from gear_rattle.service.explorer.point.words import percent_text
 from rattle.attractors import PAPER_SPEED
 from rattle.plot import MANIFOLDS, Palette, legend_name
 
@@ -147,9 +147,9 @@ def basins_legend(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: 
     shares = np.bincount(basins.labels.ravel(), minlength=len(basins.attractors)) / basins.labels.size
     for each, share in zip(basins.attractors[:MOST_NAMED], shares, strict=False):
         swatch = f'<span class="swatch" style="background:{palette.colour(each)}"></span>'
-        parts.append(f"<li>{swatch}{legend_name(each)} {percent(share)}</li>")
+        parts.append(f"<li>{swatch}{legend_name(each)} {percent_text(share)}</li>")
     if len(shares) > MOST_NAMED:
-        parts.append(f"<li>and {len(shares) - MOST_NAMED} more, {percent(shares[MOST_NAMED:].sum())} in all</li>")
+        parts.append(f"<li>and {len(shares) - MOST_NAMED} more, {percent_text(shares[MOST_NAMED:].sum())} in all</li>")
     for line in lines:
         shade, dash = STYLES[line.name]
         parts.append(f'<li><span class="stroke" style="border-top:3px {dash} {shade}"></span>{line.name}</li>')

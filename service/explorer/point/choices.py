@@ -17,7 +17,7 @@ from gear_rattle.service.explorer.point.panel import PointPanel
 from gear_rattle.service.explorer.point.parts import DiagramLines
 from gear_rattle.service.explorer.point.state import DIAGRAM, MOTION, PointState
 from gear_rattle.service.explorer.point.words import period_name
-from gear_rattle.service.explorer.point.work import Work, waiting_html
+from gear_rattle.service.explorer.point.work import PointTasks, waiting_html
 from rattle import Machine
 from rattle.models import AnyGear
 from rattle.plot import Palette, legend_name
@@ -44,7 +44,7 @@ class Choices:
     def __init__(
         self,
         panel: PointPanel,
-        work: Work,
+        work: PointTasks,
         gear: AnyGear,
         machine: Machine | None,
         palette: Palette,
@@ -91,7 +91,7 @@ class Choices:
         self._choose(replace(self._chosen, tab=tab))
 
     def offer_results(self, attractors: tuple[rattle.Attractor, ...]) -> None:
-        """Offer the point's attractors, its diagram and tolerances to choose from, once the attractors are known."""
+        """Fill the controls for the motion, the diagram and the tolerances, once the point's attractors are known."""
         self._attractors = attractors
         self._offer_motions()
         self._panel.show_direction(self._chosen.direction)

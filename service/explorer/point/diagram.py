@@ -1,4 +1,4 @@
-"""The picture of a one-parameter diagram through the point."""
+"""Draw the one-parameter diagram through a point, and list its events."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.figures import BESIDE, ink_of, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
-from gear_rattle.service.explorer.common.watch import Watch
+from gear_rattle.service.explorer.common.watch import WidgetWatcher
 from gear_rattle.service.explorer.files import asset
 from gear_rattle.service.explorer.point.parts import DiagramLines, EventImpacts
-from gear_rattle.service.explorer.point.words import count_in_words, multipliers_text, number, table
+from gear_rattle.service.explorer.point.words import count_in_words, html_table, multipliers_text, number_text
 
 MARKERS = {"SN": "circle", "PD": "diamond", "GR": "square"}
 SIGNS = {"SN": "●", "PD": "◆", "GR": "■"}
@@ -28,8 +28,8 @@ NAMES = {"epsilon": "eccentricity ε", "delta": "damping δ"}
 UPWARD, DOWNWARD = {"light": "#4a90d9", "dark": "#7fb3e0"}, "#e8862e"  # colours of states found by sweeps
 DOTS = 3.6, 1.8  # diameters in pixels: where both sweeps find one state, the small dot lies on the large one
 ROOM = 0.04  # margin above and below, relative to the range of speeds
-DENSE, ALL = "dense", "all"  # the speeds that the axis shows
-MOST_THIN = 0.5  # least excess (share of the states less share of the axis) of a range of dense speeds
+DENSE, ALL = "dense", "all"  # choices of the speeds that the axis shows
+MOST_THIN = 0.5  # least excess of a dense range of speeds: its share of all states less its share of the axis
 PLACES = 1e-7, 1e-3  # steps of the parameter and the speed: states that round to one step count once
 HEIGHT, INNER, NARROW = 360, 270, 300  # pixels: height, height of the speed axis, width until a browser sends it
 NAME_ROWS, ROW, LETTER, MOST_NAMES = 4, 15, 6.2, 12  # event names: rows, pixels of a row and a letter, most names
@@ -78,7 +78,7 @@ class DiagramPicture:
             label="Speeds of the diagram", options={"Dense speeds": DENSE, "All speeds": ALL}, visible=False,
             color="primary", variant="outline", stylesheets=[asset("widgets.css")],
         )  # fmt: skip
-        Watch().call_on_change(self.speeds, self._fit_speed_axis)
+        WidgetWatcher().call_on_change(self.speeds, self._fit_speed_axis)
         self._found: DiagramLines | None = None
         self._across: float = NARROW
         self.figure.on_change("inner_width", handler_in_event_loop(self._on_width))  # sent by a browser
@@ -100,7 +100,9 @@ class DiagramPicture:
         for upward, source in self._seen.items():
             which = found.upward == upward
             source.data = {"x": found.x[which], "v": found.v[which]}
-        strokes = sorted(found.strokes, key=lambda each: each.stable)  # stable ones last, so above
+        strokes = sorted(
+            found.strokes, key=lambda each: each.stable
+        )  # stable branches are drawn last, over unstable ones
         self._strokes.data = {
             "x": [each.x for each in strokes],
             "v": [each.v for each in strokes],
@@ -145,7 +147,7 @@ class DiagramPicture:
         }
 
     def mark_position(self, at: float) -> None:
-        """Mark the position on the axis of the place that is shown."""
+        """Mark the parameter of the point whose basins and motion are shown. at: position on the axis."""
         self._here.location = at
 
 
@@ -266,7 +268,7 @@ def diagram_table(found: DiagramLines) -> str:
         multipliers = multipliers_text(each.multipliers) if abs(each.multipliers[0]) < INFINITE else "∞, 0"
         what = f"{MEANINGS[each.kind]} {each.name}".rstrip()
         rows.append((what, each.motion, f'<a href="?point={at}" data-point="{at}">{numbers}</a>', multipliers))
-    return table("Events of the diagram", ("Event", "Motion", "Where", "Multipliers"), rows)
+    return html_table("Events of the diagram", ("Event", "Motion", "Where", "Multipliers"), rows)
 
 
 def diagram_caption(found: DiagramLines) -> str:
@@ -275,9 +277,10 @@ def diagram_caption(found: DiagramLines) -> str:
     motions = count_in_words(len({each.motion for each in found.strokes}), "periodic motion")
     curves = f", among them {', '.join(named)}" if named else ""
     events = count_in_words(len(found.events), "event")
+    span = f"{number_text(found.span[0])} to {number_text(found.span[1])}"
     return (
-        f"Impact speed against the {axis_name(found)}, {number(found.span[0])} to {number(found.span[1])}: {motions}, "
-        f"{events}{curves}. The tab Numbers lists the events."
+        f"Impact speed against the {axis_name(found)}, {span}: {motions}, {events}{curves}. "
+        "The tab Numbers lists the events."
     )
 
 

@@ -14,7 +14,7 @@ import rattle
 from gear_rattle.service.explorer.common.figures import themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.design.rattling import HIGHEST
-from gear_rattle.service.explorer.point.words import number, table
+from gear_rattle.service.explorer.point.words import html_table, number_text
 from rattle import Density, Lines, Machine
 from rattle.intensity import natural_energy
 from rattle.plot import Palette, legend_name
@@ -38,7 +38,7 @@ def intensity_table(
         if each is not None:
             cells = _si_texts(each, machine) if machine else _dimensionless_texts(each, delta)
         rows.append((f"{swatch}{escape(legend_name(attractor))}", *cells))
-    return table("How hard each rattles", ("Motion", *(IN_SI if machine else PLAIN)), rows)
+    return html_table("How hard each rattles", ("Motion", *(IN_SI if machine else PLAIN)), rows)
 
 
 def loudest_in_words(
@@ -55,31 +55,31 @@ def loudest_in_words(
     name = f"{'The loudest motion' if len(known) > 1 else 'Its rattle'}, {legend_name(attractor)},"
     if machine is not None:
         si = machine.in_si(one)
-        level, speed = f"{_decibels(si.level)} dB re 1 pW", f"{number(si.mean_velocity)} m/s"
+        level, speed = f"{_decibels(si.level)} dB re 1 pW", f"{number_text(si.mean_velocity)} m/s"
     else:
-        level, speed = f"{_decibels(one.level(natural_energy(delta)))} dB re 2π²δ²", number(one.mean_speed)
+        level, speed = f"{_decibels(one.level(natural_energy(delta)))} dB re 2π²δ²", number_text(one.mean_speed)
     return f"{name} has {level}, and impacts of a mean speed of {speed}."
 
 
 def _dimensionless_texts(found: rattle.Intensity, delta: float) -> list[str]:
     level = _decibels(found.level(natural_energy(delta)))
     energy = _with_error(found.energy, found.errors.energy)
-    return [number(found.impacts), number(found.mean_speed), number(found.largest_speed), energy, level]
+    return [number_text(found.impacts), number_text(found.mean_speed), number_text(found.largest_speed), energy, level]
 
 
 def _si_texts(found: rattle.Intensity, machine: Machine) -> list[str]:
     si = machine.in_si(found)
-    numbers = [number(each) for each in (si.impacts, si.mean_velocity, si.largest_velocity, si.energy)]
+    numbers = [number_text(each) for each in (si.impacts, si.mean_velocity, si.largest_velocity, si.energy)]
     return [*numbers, _with_error(si.power, si.power_error), _decibels(si.level)]
 
 
 def _decibels(level: float) -> str:
     """Return a level to 0.01 dB: smaller differences are not heard, and rounding errors may make 1e-15 dB of 0 dB."""
-    return number(round(level, 2) + 0.0)
+    return number_text(round(level, 2) + 0.0)
 
 
 def _with_error(value: float, error: float) -> str:
-    return number(value) + (f" ± {number(error, 2)}" if error > 0 else "")
+    return number_text(value) + (f" ± {number_text(error, 2)}" if error > 0 else "")
 
 
 class SpectrumPicture:

@@ -13,7 +13,7 @@ from bokeh.models import Range1d
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.figures import PRINTED
 from gear_rattle.service.explorer.common.text import Text
-from gear_rattle.service.explorer.common.watch import Watch, on_press
+from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.design.tolerance_fields import ToleranceFields
 from gear_rattle.service.explorer.files import asset
 from gear_rattle.service.explorer.point import basins, diagram, loudness, motion
@@ -23,7 +23,7 @@ MARGIN = (0, 4)
 #: Styles with which two pictures stand side by side only if both fit. Panel would always keep room for both.
 NARROW, WRAPPED = ":host { min-width: 0 !important; }", ":host { flex-wrap: wrap; min-width: 0 !important; }"
 WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": MARGIN}
-PLACES = 100  # steps of the slider along the way of the diagram
+PLACES = 100  # steps of the slider along the line of the diagram
 DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
 ALONG = (BASINS, MOTION, DIAGRAM)  # tabs that follow the slider
 
@@ -51,7 +51,7 @@ class PointPanel:
         self.on_direction: Callable[[str], None]
         self.on_place: Callable[[int], None]
         self.on_play: Callable[[float | None], None]
-        self._watch = Watch()
+        self._watch = WidgetWatcher()
         self.likely, self.shares, self.where, self.loudest, self.safe = (self._new_text() for _ in range(5))
         self.under_basins, self.about_lines, self.under_motion, self.under_diagram = (
             self._new_text() for _ in range(4)

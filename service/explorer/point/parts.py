@@ -1,4 +1,4 @@
-"""Compute the parts of the view of one parameter point: functions of a gear, which other processes run."""
+"""Compute the parts of the view of one parameter point. Other processes run these functions of a gear."""
 
 from __future__ import annotations
 
@@ -216,7 +216,7 @@ def margin(gear: Any) -> Margin:
 
 
 def plane_lines(gear: AnyGear, arclength: float = ARCLENGTH) -> PlaneLines:
-    """Return Γ, if the model has one, W^s of A and B, and W^u of A. The default arclength suffices for a screen."""
+    """Return Γ if the model has one, the stable manifolds of the saddles A and B, and the unstable manifold of A."""
     require_capability(Capability.MANIFOLDS, model_at(gear))
     from rattle.plot import gamma_line, manifold_line
 

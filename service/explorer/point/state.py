@@ -58,7 +58,7 @@ class PointState:
 
     @property
     def way(self) -> tuple[str, float | None, Pair | None]:
-        """Direction, span and end of the diagram."""
+        """Choice of the diagram: its direction, its span and its other end, in this order."""
         return self.direction, self.span, self.to
 
     @property

@@ -17,7 +17,7 @@ from gear_rattle.service.explorer.point.choices import Choices
 from gear_rattle.service.explorer.point.panel import PointPanel
 from gear_rattle.service.explorer.point.parts import PlaneLines
 from gear_rattle.service.explorer.point.state import ANSWER, BASINS, DIAGRAM, MOTION, NUMBERS, PointState
-from gear_rattle.service.explorer.point.work import Work, waiting_html
+from gear_rattle.service.explorer.point.work import PointTasks, waiting_html
 from gear_rattle.service.explorer.state.events import PointChanged
 from gear_rattle.service.explorer.state.store import Store
 from gear_rattle.service.state import Front
@@ -60,7 +60,7 @@ class PointView:
         self.store = store
         chosen = PointState.read(store.view.point_state, self._fastest)
         self.panel, self._model, self._machine, self._front = panel, model, machine, front
-        self.work = Work(front, pn.state.curdoc, model.name)
+        self.work = PointTasks(front, pn.state.curdoc, model.name)
         self._orbits: tuple[rattle.Orbit, ...] = ()
         self._found: parts.SampledAttractors | None = None
         self.lines: PlaneLines | None = None
@@ -193,7 +193,7 @@ class PointView:
             self._show_answer(found, SURVEYED)
 
     def _show_answer(self, found: parts.SampledAttractors, note: str = "") -> None:
-        said = escape(words.how_likely(self.gear, found, self._period))
+        said = escape(words.likelihood_in_words(self.gear, found, self._period))
         self.panel.likely.html = f'<p class="answer"><strong>{said}</strong>{note}</p>'
         self.panel.shares.html = words.shares_bar(found, self._palette)
 
@@ -237,7 +237,9 @@ class PointView:
             await self.work.set_text(self.panel.safe, f"<p>{lacking(Capability.MARGIN, self._model)}</p>")
             return
         found = await self.work.compute(parts.margin, self.gear, what="The margin", slow=True)
-        await self.work.set_text(self.panel.safe, f"<p>{escape(words.how_safe(self.gear, found, self._period))}</p>")
+        await self.work.set_text(
+            self.panel.safe, f"<p>{escape(words.margin_in_words(self.gear, found, self._period))}</p>"
+        )
 
     async def _compute_basins(self, side: int, method: str) -> None:
         slow = method != "cells"

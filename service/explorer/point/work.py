@@ -1,4 +1,4 @@
-"""Tasks of the view of one point: other processes compute its parts, its document shows them, all end together."""
+"""Run the tasks of the view of one point: other processes compute its parts, and all tasks end with the view."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from rattle.models import DEFAULT_MODEL
 if TYPE_CHECKING:
     from bokeh.document import Document
 
-GRACE_SECONDS = 15.0  # a running task may end by itself after its view has ended, which keeps its process
+GRACE_SECONDS = 15.0  # seconds for a running task to end by itself; cancelling the task would end its process
 
 Result = TypeVar("Result")
 Arguments = TypeVarTuple("Arguments")
 log = logging.getLogger(__name__)
 
 
-async def prepare(front: Front) -> None:
+async def prepare_processes(front: Front) -> None:
     """Start the processes that compute points, and load their kernels, so that the first click is as fast as others."""
     async with anyio.create_task_group() as tasks:
         for _ in range(front.settings.max_points):
@@ -57,7 +57,7 @@ def waiting_html(what: str) -> str:
     return f'<p class="faint" role="status">computing {escape(what)} …</p>'
 
 
-class Work:
+class PointTasks:
     """Tasks, in the event loop, of the view of one point. document: None if no page shows the view, as in tests."""
 
     def __init__(self, front: Front, document: Document | None, model: str) -> None:

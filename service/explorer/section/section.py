@@ -14,9 +14,9 @@ from gear_rattle.service.explorer.common.address import MapChoice, View
 from gear_rattle.service.explorer.common.drawings import DrawingRunner, Show
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.viewer import Viewer
-from gear_rattle.service.explorer.common.watch import Watch
+from gear_rattle.service.explorer.common.watch import WidgetWatcher
 from gear_rattle.service.explorer.map.planes import map_names
-from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.point.panel import FigurePlace
 from gear_rattle.service.explorer.point.state import DIAGRAM, PointState, machine_and_model
 from gear_rattle.service.explorer.section.picture import ProfilePicture
@@ -34,14 +34,14 @@ NO_WAY = "The end point needs a δ above 0 and an ε of at least 0."
 class ProfileSection:
     """Profile of the survey along the diagram of the open point. below: its panel, which is below the diagram."""
 
-    def __init__(self, shared: Shared, viewer: Viewer, store: Store, theme: str, sheet: str) -> None:
+    def __init__(self, shared: SharedState, viewer: Viewer, store: Store, theme: str, sheet: str) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
         self._theme, self._sheet = theme, sheet
         self.below = FigurePlace()
         self.said = Text("", sheet, margin=(0, 4))
         self._way: tuple[Any, ...] = ()
         self.drawings = DrawingRunner(viewer)
-        self._watch = Watch()
+        self._watch = WidgetWatcher()
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 4)}
         self.variable = pn.widgets.Select(label="Profile of", options={}, width=230, **styled)
         self.low, self.high, self.delta, self.epsilon = (
@@ -97,8 +97,10 @@ class ProfileSection:
             chosen, options = _profile_options(request, view)
             if model != request.gear_model:
                 raise RattleError(OTHER_GEAR)
-            plane = await self._viewer.read(partial(self._shared.plane, job, chosen.variable, chosen.index, view.slice))
-            found = await self._viewer.read(partial(profile_of, plane, ends))
+            plane = await self._viewer.run_in_thread(
+                partial(self._shared.plane, job, chosen.variable, chosen.index, view.slice)
+            )
+            found = await self._viewer.run_in_thread(partial(profile_of, plane, ends))
         except RattleError as error:
             yield partial(self._show_error, str(error))
             return

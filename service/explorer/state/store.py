@@ -90,7 +90,7 @@ class Store:
 
     @property
     def request(self) -> SurveyRequest | None:
-        """Request `whole`, reduced to the chosen slice if the survey has a third axis; None if `whole` is None."""
+        """Request of the chosen slice; without a third axis the same as `whole_request`. None if that is None."""
         whole = self.whole_request
         return whole if whole is None else whole.at(whole.along(self.view.slice))
 

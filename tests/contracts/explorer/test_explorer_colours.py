@@ -9,7 +9,7 @@ import xarray as xr
 from colour_difference import difference, lab_of
 
 from gear_rattle.service.explorer.common.address import DrawnSettings, View
-from gear_rattle.service.explorer.map.controls import LIMIT_NAMES, LOG, OWN, Controls, entered_limits
+from gear_rattle.service.explorer.map.controls import LIMIT_NAMES, LOG, OWN, MapControls, entered_limits
 from gear_rattle.service.explorer.places.example import REQUEST
 from gear_rattle.service.explorer.state.events import MapDrawn
 from gear_rattle.service.explorer.state.store import Store
@@ -69,7 +69,7 @@ def test_limits_of_a_viewer_s_own_are_refused_in_words() -> None:
 def test_own_limits_begin_with_those_of_the_colours_that_are_seen() -> None:
     assert next(iter(LIMIT_NAMES)) == View().limits
     store = Store(View(), REQUEST)
-    controls = Controls(Mock(), store, "")
+    controls = MapControls(Mock(), store, "")
     controls.rule.value = OWN
     assert store.view.limits == "auto"  # nothing is seen whose limits could be taken over
     store.dispatch(MapDrawn(DrawnSettings((0.1, 0.7), False, None)))

@@ -137,7 +137,7 @@ def test_threads_whose_work_was_given_up_keep_their_place(monkeypatch: pytest.Mo
                     raise ValueError("nobody asks")
                 return number
 
-            assert await viewer.read(work) == number
+            assert await viewer.run_in_thread(work) == number
 
         left = [viewer.start(trace(number)) for number in range(3 * THREADS)]
         await eventually(lambda: len(begun) == THREADS)

@@ -22,7 +22,7 @@ from gear_rattle.service.explorer.further.one import NO_FIRST
 from gear_rattle.service.explorer.map import overlays
 from gear_rattle.service.explorer.map.colouring import colouring
 from gear_rattle.service.explorer.map.planes import MapPlane
-from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.state.events import (
     MapAdded,
     MapChanged,
@@ -109,7 +109,7 @@ def _pairs(first: MapPlane, other: MapPlane) -> list[tuple[Any, Any, Any]]:
     return [(np.array([d]), np.array([e]), np.array([o])) for d, o in near for e in first.epsilon]
 
 
-def beside(shown: Shown, shared: Shared | None = None) -> ComparisonMaps:
+def beside(shown: Shown, shared: SharedState | None = None) -> ComparisonMaps:
     """The maps beside that of a page."""
     return ComparisonMaps(shared or shown.shared, shown.viewer, shown.store, shown.map, "light", "")
 

@@ -21,7 +21,7 @@ from gear_rattle.service.explorer.design.tolerance import Tolerance, population_
 from gear_rattle.service.explorer.map.overlays import curve_pieces
 from gear_rattle.service.explorer.map.readout import readout
 from gear_rattle.service.explorer.point.state import machine_and_model
-from gear_rattle.service.explorer.point.work import Work
+from gear_rattle.service.explorer.point.work import PointTasks
 from gear_rattle.service.explorer.state.store import window_of
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest
@@ -51,7 +51,7 @@ def _no_points(monkeypatch: pytest.MonkeyPatch) -> None:
     def start(_work: Any, part: Coroutine[Any, Any, None], _instead_of: Any = None) -> None:
         part.close()
 
-    monkeypatch.setattr(Work, "start", start)
+    monkeypatch.setattr(PointTasks, "start", start)
 
 
 def test_speed_and_eccentricity_are_the_axes_of_a_machine_only(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from gear_rattle.service.explorer.map import planes, shared
 from gear_rattle.service.explorer.map.colouring import NAME, Colouring, colouring, family_places, shown_values
 from gear_rattle.service.explorer.map.cursor import cursor_after_steps, window_with_cursor, zoomed_window
 from gear_rattle.service.explorer.map.figure import MapFigure
-from gear_rattle.service.explorer.map.overlays import points_in
+from gear_rattle.service.explorer.map.overlays import points_in_window
 from gear_rattle.service.explorer.map.planes import Atlas, LeveledPlane, MapBlock, MapPlane
 from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import KEPT
@@ -386,9 +386,9 @@ def test_a_point_that_is_not_in_the_window_has_no_name_in_it() -> None:
     model, window = Impacting(0.8), ((0.4, 1.005), (0.0, 0.3))
     inside = [each for each in codimension_two(0.8) if each.delta <= 1.005]
     assert [each.name for each in inside] == ["COD20"]  # COD21 is at 1.007: its name would reach into the window
-    assert points_in(model, window) == [(each.name, each.delta, each.epsilon) for each in inside]
-    assert points_in(model, ((0.4, 1.005), (0.0, 0.2))) == []
-    assert len(points_in(model, ((0.4, 1.1), (0.0, 0.3)))) == 4
+    assert points_in_window(model, window) == [(each.name, each.delta, each.epsilon) for each in inside]
+    assert points_in_window(model, ((0.4, 1.005), (0.0, 0.2))) == []
+    assert len(points_in_window(model, ((0.4, 1.1), (0.0, 0.3)))) == 4
 
 
 @pytest.mark.parametrize("room", [(250, 400), (700, 550), (1400, 1000)])
@@ -435,7 +435,7 @@ def test_names_of_points_cover_no_mark_and_no_other_name(
     shown = new_map()
     shown.show_window(window)
     shown.mark_pins({"1": (0.77, 0.0985)})
-    points = points_in(Impacting(0.6), window)
+    points = points_in_window(Impacting(0.6), window)
     shown.mark_points(points)
     data = shown.figure.select_one({"name": "points"}).data_source.data
     assert data["name"] == [name for name, _, _ in points]

@@ -123,7 +123,7 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
     at_work: list[Pin] = []
     said: list[str] = []
 
-    class Work:
+    class PointTasks:
         def __init__(self, *_: Any) -> None:
             self._task: asyncio.Task[None] | None = None
 
@@ -172,7 +172,7 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
             store.dispatch(PointOpened((pin.delta, pin.epsilon)))
 
         def press(action: str, number: int = 0) -> Awaitable[None]:
-            pins.table.press({"action": action, "pin": number})
+            pins.table.handle_message({"action": action, "pin": number})
             return settled()
 
         await settled()
@@ -203,7 +203,7 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
         pins.end()
         assert len(stopped) == 1 + MOST_PINS
 
-    monkeypatch.setattr(view, "Work", Work)
+    monkeypatch.setattr(view, "PointTasks", PointTasks)
     asyncio.run(main())
 
 

@@ -39,7 +39,7 @@ from gear_rattle.service.explorer.point.panel import PointPanel
 from gear_rattle.service.explorer.point.parts import DiagramLines, EventImpacts, Stroke
 from gear_rattle.service.explorer.point.state import PointState
 from gear_rattle.service.explorer.point.view import PointView
-from gear_rattle.service.explorer.point.work import prepare
+from gear_rattle.service.explorer.point.work import prepare_processes
 from gear_rattle.service.explorer.state.store import Store
 from gear_rattle.service.operations import diagrams
 from gear_rattle.service.operations.turns import in_turn
@@ -64,9 +64,9 @@ from rattle.stiff import StiffGear
 )  # fmt: skip
 def test_a_sentence_for_an_engineer(delta: float, epsilon: float, likely: list[str], safe: list[str]) -> None:
     gear = rattle.Gear(delta, epsilon)
-    said = words.how_likely(gear, parts.sampled_attractors(gear, 1024))
+    said = words.likelihood_in_words(gear, parts.sampled_attractors(gear, 1024))
     assert all(word in said for word in likely), said
-    said = words.how_safe(gear, parts.margin(gear))
+    said = words.margin_in_words(gear, parts.margin(gear))
     assert all(word in said for word in safe), said
 
 
@@ -74,15 +74,15 @@ def test_the_numbers_of_the_sentence_are_the_library_s() -> None:
     gear = rattle.Gear(0.6, 0.089)
     found = parts.sampled_attractors(gear, 512)
     quiet = next(each for each in gear.attractors(512) if each.kind == "quiet")
-    numbers = [float(x) for x in re.findall(r"([\d.]+) %", words.how_likely(gear, found))]
+    numbers = [float(x) for x in re.findall(r"([\d.]+) %", words.likelihood_in_words(gear, found))]
     low, high = quiet.fraction_interval
     assert numbers[:4] == pytest.approx([100 * quiet.fraction, 95, 100 * low, 100 * high], rel=5e-3)
-    assert words.number(gear.quiet_limit) in words.point_in_words(gear)
+    assert words.number_text(gear.quiet_limit) in words.point_in_words(gear)
     margin = parts.margin(gear)
     assert margin[:3] == gear.boundary_distance(7.0)
     assert margin.leads_to is not None
     assert margin.leads_to.kind != "quiet"
-    assert f"speed {margin.v:.4g}" in words.how_safe(gear, margin)
+    assert f"speed {margin.v:.4g}" in words.margin_in_words(gear, margin)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_the_numbers_of_the_sentence_are_the_library_s() -> None:
     [(0.0, "0 %"), (1.0, "100 %"), (1e-5, "less than 0.05 %"), (1 - 1e-5, "more than 99.95 %"), (0.12345, "12.3 %")],
 )
 def test_shares(value: float, said: str) -> None:
-    assert words.percent(value) == said
+    assert words.percent_text(value) == said
 
 
 @pytest.mark.parametrize(
@@ -186,21 +186,21 @@ def test_numbers_of_things_and_periods() -> None:
     assert [words.count_in_words(count, "event") for count in (0, 1, 2, 1024)] == [
         "0 events", "1 event", "2 events", "1,024 events",
     ]  # fmt: skip
-    assert words.every_periods(1, words.period_name(None)) == "every forcing period"
+    assert words.recurrence_in_words(1, words.period_name(None)) == "every forcing period"
     alone = rattle.Machine(0.003, 5e-4, 1e-4, 1e-5, 0.05, rpm=3000)
-    assert words.every_periods(2, words.period_name(alone)) == "every 2 revolutions"
+    assert words.recurrence_in_words(2, words.period_name(alone)) == "every 2 revolutions"
     other = {"driven_teeth": 31, "driven_inertia": 0.01, "driven_drag": 1e-3, "driven_eccentricity": 1e-5}
     pair = replace(alone, teeth=20, **other)
     assert pair.revolutions == 31
-    assert words.every_periods(2, words.period_name(pair)) == "every 2 forcing periods"
+    assert words.recurrence_in_words(2, words.period_name(pair)) == "every 2 forcing periods"
 
 
 def test_a_table_folds_what_comes_after_six_rows() -> None:
     rows = [(str(i), "x") for i in range(7)]
-    said = words.table("Seven", ("Row", "Text"), rows)
+    said = words.html_table("Seven", ("Row", "Text"), rows)
     assert "<summary>All 7 rows</summary>" in said
     assert said.count("<tr>") == 8  # with the head
-    assert "<details>" not in words.table("Six", ("Row", "Text"), rows[:6])
+    assert "<details>" not in words.html_table("Six", ("Row", "Text"), rows[:6])
 
 
 def test_a_survey_s_cell_answers_where_it_lists_all_attractors() -> None:
@@ -217,7 +217,7 @@ def test_a_survey_s_cell_answers_where_it_lists_all_attractors() -> None:
     for each in found.attractors:
         assert each.fraction == expected[each.name].fraction
         assert each.fraction_interval == pytest.approx(expected[each.name].fraction_interval, abs=1e-12)
-    assert words.how_likely(gear, found) == words.how_likely(
+    assert words.likelihood_in_words(gear, found) == words.likelihood_in_words(
         gear, parts.SampledAttractors(64, tuple(expected.values()), (None,) * len(expected), ("",) * len(expected))
     )
     assert parts.survey_attractors(cell.isel(attractor=slice(0, 1)), 64) is None  # some are not listed
@@ -478,7 +478,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         return found
 
     async def body(front: Front) -> None:
-        await prepare(front)
+        await prepare_processes(front)
         monkeypatch.setattr(work, "in_turn", in_turn_and_noted)
         view = new_view(front, 0.6, 0.1, Impacting(0.6))
         assert "region IV" in view.panel.where.html
@@ -636,9 +636,9 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         await opened(view, "diagram", "under_diagram")
         gear = StiffGear(0.6, 0.075, 0.6, 1e4)
         quiet = next(each for each in gear.attractors(64) if each.kind == "quiet")
-        assert words.percent(quiet.fraction) in view.panel.likely.html
+        assert words.percent_text(quiet.fraction) in view.panel.likely.html
         assert "region III" in view.panel.orbits.html
-        assert words.number(gear.orbits()[0].v) in view.panel.orbits.html
+        assert words.number_text(gear.orbits()[0].v) in view.panel.orbits.html
         named = {each.name for each in gear.orbits() if each.stable}
         assert named
         for name in named:  # known after the attractors were told

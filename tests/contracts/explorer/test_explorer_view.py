@@ -17,17 +17,17 @@ from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.app import create_app
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common.address import KEYBOARD, EnteredMachine, Pair, View
-from gear_rattle.service.explorer.common.news import JobStatus, News
+from gear_rattle.service.explorer.common.news import JobStatus, StatusPublisher
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.design.go_to import GoToPanel
 from gear_rattle.service.explorer.map import shared as map_shared
 from gear_rattle.service.explorer.map import view as map_view
 from gear_rattle.service.explorer.map.beside import RightSide
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
-from gear_rattle.service.explorer.map.controls import Controls
+from gear_rattle.service.explorer.map.controls import MapControls
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.planes import Atlas, MapPlane, maps_of
-from gear_rattle.service.explorer.map.shared import Shared, default_variable, is_closed_form
+from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form
 from gear_rattle.service.explorer.map.survey_map import block_of
 from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.explorer.page.rows import survey_row
@@ -70,12 +70,12 @@ class Here(Viewer):
 class Shown:
     """The map of a page, with its controls and the open point, as the page has them around its store."""
 
-    def __init__(self, shared: Shared, viewer: Viewer, view: View) -> None:
+    def __init__(self, shared: SharedState, viewer: Viewer, view: View) -> None:
         self.shared, self.viewer = shared, viewer
         self.store = store = Store(view, shared.exact.request)
         self.map = MapFigure("light", store.dispatch)
         self.panel = MapView(shared, viewer, store, self.map, "")
-        self.controls = Controls(shared, store, "")
+        self.controls = MapControls(shared, store, "")
         self.go_to = GoToPanel(store, "")
         self.beside = RightSide(
             shared, viewer, store, "light", FigurePlace(), self.go_to.panel, self.panel.readout.pane
@@ -136,7 +136,7 @@ def with_map(
         app = create_app(Settings(data=data, preload=False), no_cluster)
         async with app.router.lifespan_context(app):
             front: Front = app.state.front
-            shared = Shared(front, News(front), Atlas(front), app.state.overlaid, ExactMaps(), looked)
+            shared = SharedState(front, StatusPublisher(front), Atlas(front), app.state.overlaid, ExactMaps(), looked)
             viewer = Here(front, Caller(), Document())
             shown = Shown(shared, viewer, View(overlays=(), is_variable_chosen="variable" in view, **view))
             viewer.document.add_root(shown.map.figure)
