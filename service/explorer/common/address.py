@@ -320,7 +320,7 @@ def _pair_text(pair: Pair) -> str:
 
 def _parse_word(text: str) -> str:
     if not (text.isascii() and text.replace("_", "").isalnum()):
-        raise ValueError(text)
+        raise ValueError(f"A name has letters, digits and underscores only, not {text!r}.")
     return text
 
 
@@ -331,35 +331,35 @@ def _parse_index(text: str) -> int:
 def _parse_family(text: str) -> int:
     number = int(text)
     if not 0 <= number < 2**31:
-        raise ValueError(text)
+        raise ValueError(f"The number of a family is from 0 to 2,147,483,647, not {text!r}.")
     return number
 
 
 def _parse_pair(text: str) -> Pair:
     first, second = (float(part) for part in text.split(","))
     if not (math.isfinite(first) and math.isfinite(second)):
-        raise ValueError(text)
+        raise ValueError(f"Two finite numbers with a comma between them are needed, not {text!r}.")
     return first, second
 
 
 def _parse_window(text: str) -> Pair:
     low, high = _parse_pair(text)
     if not low < high or not math.isfinite(high - low):
-        raise ValueError(text)
+        raise ValueError(f"A window needs a lower end below its upper end, not {text!r}.")
     return low, high
 
 
 def _parse_positive_window(text: str) -> Pair:
     low, high = _parse_window(text)
     if high <= 0:
-        raise ValueError(text)
+        raise ValueError(f"The upper end of a window of δ must be above 0, not {text!r}.")
     return low, high
 
 
 def _parse_point(text: str) -> Pair:
     delta, epsilon = _parse_pair(text)
     if delta <= 0 or epsilon < 0:
-        raise ValueError(text)
+        raise ValueError(f"A point needs a δ above 0 and an ε of at least 0, not {text!r}.")
     return delta, epsilon
 
 
@@ -369,7 +369,7 @@ def _parse_machine(text: str) -> EnteredMachine:
     inertia, drag, backlash, eccentricity, radius, rpm = map(float, numbers)
     more = {name: float(value) for name, _, value in (each.partition(":") for each in parts[NUMBERED:])}
     if not more.keys() <= set(EnteredMachine._fields[NUMBERED:]):
-        raise ValueError(text)
+        raise ValueError(f"A number of the machine has an unknown name: {text!r}.")
     rigid = float(stiffness) if stiffness else None
     found = EnteredMachine(inertia, drag, backlash, eccentricity, radius, rpm, drive, rigid, **more)
     found.machine.gear  # noqa: B018 - raises ParameterError, which is a ValueError
@@ -383,7 +383,7 @@ def _parse_pins(text: str) -> tuple[Pin, ...]:
         plain = [one for one in more if not one.startswith(HARMONIC)]
         added = dict(_parse_added_parameter(one) for one in plain)
         if len(added) < len(plain):
-            raise ValueError(text)
+            raise ValueError(f"A pin has two values of one parameter: {text!r}.")
         harmonics = read_harmonics(one.removeprefix(HARMONIC) for one in more if one.startswith(HARMONIC))
         pin = Pin(*_parse_point(f"{delta},{epsilon}"), float(beta), tuple(added.items()), harmonics)
         pin.model.gear(pin.delta, pin.epsilon)  # raises ParameterError, which is a ValueError
@@ -399,7 +399,7 @@ def _parse_added_parameter(text: str) -> tuple[str, float]:
 def _parse_share(text: str) -> float:
     share = float(text)
     if not 0.0 < share <= MOST_SHARE:
-        raise ValueError(text)
+        raise ValueError(f"The probability of quiet running must be above 0 and at most {MOST_SHARE}, not {text!r}.")
     return share
 
 

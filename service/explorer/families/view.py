@@ -116,7 +116,7 @@ class FamiliesView:
             yield partial(self._show_error, str(error))
             return
         self._known = key, known
-        yield partial(self._show, view.family, known, seen)
+        yield partial(self._show_family, view.family, known, seen)
 
     def _read_families(self, view: View, job: JobRow) -> FamilyMaps:
         place = self._shared.front.directory.store(job.id)
@@ -133,7 +133,7 @@ class FamiliesView:
         plane = self._shared.plane(job, SHARE, view.family, view.slice)
         return FamilyMaps(names, family_description(found, plane, view.family), plane)
 
-    def _show(self, number: int | None, known: FamilyMaps, seen: MapBlock | None) -> None:
+    def _show_family(self, number: int | None, known: FamilyMaps, seen: MapBlock | None) -> None:
         options = {name: str(i) for i, name in enumerate(known.names)}
         self.panel.visible = True
         if known.family is None or seen is None:

@@ -137,7 +137,7 @@ class SharedState:
             await self.front.kernels.require(model.name, patience=math.inf)
             await run_in_threadpool(cache_default_lines, model, window)
         except (RattleError, ValueError, OSError) as error:  # a page that is opened shows the error
-            log.info("the first map cannot be drawn unfinished_map: %s", error)
+            log.info("the first map cannot be drawn beforehand: %s", error)
 
     def _draw_default_map(self) -> tuple[Model, Ranges]:
         """Draw the default map of a page, if this map does not change any more; return its model and its window."""

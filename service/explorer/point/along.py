@@ -96,12 +96,12 @@ class DiagramSlider:
                     found = await self._work.compute(
                         parts.basins_at_other_point, gear, side, method, what="The basins", slow=slow
                     )
-                    await self._work.change(partial(self._show, gear, found, wanted))
+                    await self._work.change(partial(self._show_place, gear, found, wanted))
                     if wanted != self._wanted:
                         break
             self._shown = wanted
 
-    def _show(self, gear: AnyGear, found: parts.BasinsAndOrbits, wanted: tuple[PointState, int]) -> None:
+    def _show_place(self, gear: AnyGear, found: parts.BasinsAndOrbits, wanted: tuple[PointState, int]) -> None:
         if wanted[0] is not self._wanted[0]:  # another diagram has been chosen meanwhile
             return
         picture, is_new = self._panel.picture, gear is not self.gear

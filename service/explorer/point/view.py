@@ -76,13 +76,13 @@ class PointView:
             panel.likely.html = f'<p class="wrong">{escape(str(error))}</p>'
             return
         self._period = words.period_name(machine)
-        self._say_where()
+        self._show_position()
         panel.clear_results()
         self._choices = Choices(
-            panel, self.work, self.gear, machine, self._palette, chosen, self._choose, self._show_own_basins
+            panel, self.work, self.gear, machine, self._palette, chosen, self._dispatch_state, self._show_own_basins
         )
         self._is_there = True
-        self._choose(chosen)
+        self._dispatch_state(chosen)
         self._link_notebook(chosen)
         self._left: dict[str, list[Part]] = {
             ANSWER: [(panel.safe, self._compute_margin)],
@@ -93,11 +93,11 @@ class PointView:
                 (panel.under_basins, partial(self._compute_basins, RESOLUTIONS[1], "refined")),
             ],
         }
-        self._say_what_is_computed()
+        self._show_waiting_texts()
         panel.show_tab(chosen.shown_tab)
         self.work.start(self._fill())
 
-    def _choose(self, chosen: PointState) -> None:
+    def _dispatch_state(self, chosen: PointState) -> None:
         self.store.dispatch(PointChanged(chosen.text()))
 
     def show_state(self) -> None:
@@ -117,13 +117,13 @@ class PointView:
 
     # The methods below compute the parts of the view, in the order in which viewers read them.
 
-    def _say_where(self) -> None:
+    def _show_position(self) -> None:
         """Show where the point is, first of all: removing the last point's results keeps a browser busy for 0.5 s."""
         self.panel.where.html = f"<p>{escape(words.point_in_words(self.gear, self._period))}</p>" + (
             f"<p>{escape(words.machine_in_words(self._machine, self.gear))}</p>" if self._machine else ""
         )
 
-    def _say_what_is_computed(self) -> None:
+    def _show_waiting_texts(self) -> None:
         panel, ready = self.panel, self._front.kernels.has(self._model.name)
         for text, what in (
             (panel.orbits, "the period-one orbits"),

@@ -125,10 +125,10 @@ def test_intensities_are_told_in_both_units() -> None:
         for machine in (MACHINE, None)
     )
     power = MACHINE.intensity(attractors[loud]).power
-    assert f"<td>{loudness.number(power)}</td>" in si
+    assert f"<td>{loudness.number_text(power)}</td>" in si
     assert "<td>100</td>" in si  # impacts a second, as in docs/engineers.md
     assert "<td>103.2</td>" in si
-    assert f"<td>{loudness.number(found[loud].energy)}</td>" in plain  # type: ignore[union-attr]
+    assert f"<td>{loudness.number_text(found[loud].energy)}</td>" in plain  # type: ignore[union-attr]
     lost = replace(attractors[loud], tau=0.1, v=1.0)
     assert rattling.motion_intensities(MACHINE.gear, (lost,)) == (None,)
 

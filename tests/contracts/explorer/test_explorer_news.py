@@ -28,11 +28,11 @@ def test_who_comes_after_the_others_have_left_is_told_of_what_came_meanwhile(tmp
 
         submit(client, "old")
         first = listener("first")
-        client.portal.call(news.listen, first)
+        client.portal.call(news.add_listener, first)
         wait_until(lambda: told["first"])
-        client.portal.call(news.leave, first)
+        client.portal.call(news.remove_listener, first)
         submit(client, "new")
-        client.portal.call(news.listen, listener("second"))
+        client.portal.call(news.add_listener, listener("second"))
         wait_until(lambda: told["second"])
     assert told["first"][0] == ["old"]
     assert told["second"][0] == ["new", "old"]
