@@ -315,7 +315,9 @@ class View:
 
 
 def _pair_text(pair: Pair) -> str:
-    return ",".join(repr(float(value)) for value in pair)  # repr, which reads back as the same number
+    return ",".join(
+        repr(float(value)) for value in pair
+    )  # `repr` writes all digits of a number, so that it is read back unchanged
 
 
 def _parse_word(text: str) -> str:
@@ -372,7 +374,7 @@ def _parse_machine(text: str) -> EnteredMachine:
         raise ValueError(f"A number of the machine has an unknown name: {text!r}.")
     rigid = float(stiffness) if stiffness else None
     found = EnteredMachine(inertia, drag, backlash, eccentricity, radius, rpm, drive, rigid, **more)
-    found.machine.gear  # noqa: B018 - raises ParameterError, which is a ValueError
+    found.machine.gear  # noqa: B018 - raises a ParameterError, which is a ValueError, if no gear is possible
     return found
 
 
@@ -386,7 +388,7 @@ def _parse_pins(text: str) -> tuple[Pin, ...]:
             raise ValueError(f"A pin has two values of one parameter: {text!r}.")
         harmonics = read_harmonics(one.removeprefix(HARMONIC) for one in more if one.startswith(HARMONIC))
         pin = Pin(*_parse_point(f"{delta},{epsilon}"), float(beta), tuple(added.items()), harmonics)
-        pin.model.gear(pin.delta, pin.epsilon)  # raises ParameterError, which is a ValueError
+        pin.model.gear(pin.delta, pin.epsilon)  # raises a ParameterError, which is a ValueError, if no gear is possible
         found.append(pin)
     return tuple(dict.fromkeys(found))
 

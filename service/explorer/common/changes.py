@@ -17,7 +17,7 @@ import panel as pn
 from bokeh.document import Document
 from panel.io.state import set_curdoc
 
-Change = Callable[[], Any]  # returns a coroutine, although Bokeh's type hints do not say so
+Change = Callable[[], Any]  # a function that returns a coroutine, although Bokeh's type hints do not say so
 
 log = logging.getLogger(__name__)
 
@@ -56,12 +56,14 @@ def change_document(document: Document, change: Callable[[], object]) -> None:
             document.hold("combine")  # otherwise Panel sends its own changes separately, after later changes of Bokeh
             try:
                 change()
-            except Exception:  # Bokeh would not report it
+            except Exception:  # Bokeh would not report the error
                 log.exception("a page of the explorer could not be changed")
             finally:
                 document.unhold()
 
-    schedule: Any = document.add_next_tick_callback  # it takes coroutines too, although its type does not say so
+    schedule: Any = (
+        document.add_next_tick_callback
+    )  # Bokeh accepts coroutines here too, although its type hint does not say so
     schedule(apply)
 
 
@@ -81,7 +83,7 @@ async def change_and_wait(document: Document, change: Callable[[], object]) -> N
             change()
         except Exception as raised:
             error = raised
-        if done.done():  # the task that waits was cancelled
+        if done.done():  # the task that waited for the change was cancelled
             return
         if error is None:
             done.set_result(None)

@@ -121,7 +121,7 @@ def place_bars(plot: Any, bars: Sequence[Any], is_below: bool) -> None:
     for bar in bars:
         bar.update(width="auto" if is_below else BAR_WIDTH, height=BAR_WIDTH if is_below else "auto")
     right, below = ([each for each in side if each not in bars] for side in (plot.right, plot.below))
-    if is_below:  # add before removing: a bar that is on neither side loses its view
+    if is_below:  # the bars are added before they are removed, because Bokeh drops the view of a bar on neither side
         plot.below = [*below, *bars]
         plot.right = right
     else:

@@ -25,7 +25,7 @@ class SurveyMenu(JSComponent):
     signed_in = param.Boolean(default=False)
 
     _esm = asset("component.js") + asset("surveys.js")
-    _stylesheets = [asset("surveys.css")]  # noqa: RUF012 - as Panel has it
+    _stylesheets = [asset("surveys.css")]  # noqa: RUF012 - Panel's own components declare this as a list
 
     def __init__(self, on_action: Callable[[str, str, Mapping[str, Any]], None], **values: Any) -> None:
         super().__init__(**values)
@@ -46,4 +46,4 @@ class MapKey(JSComponent):
     chosen = param.List(default=[])
 
     _esm = asset("key.js")
-    _stylesheets = [asset("key.css")]  # noqa: RUF012 - as Panel has it
+    _stylesheets = [asset("key.css")]  # noqa: RUF012 - Panel's own components declare this as a list

@@ -18,7 +18,7 @@ from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.operations.surveys import list_jobs
 from gear_rattle.service.state import Front
 
-LISTED = 100  # most surveys that are read, the newest ones
+LISTED = 100  # most surveys that are listed: the newest ones
 PAUSE = 0.5  # seconds between two readings of the database
 WINDOW = 20.0  # seconds over which a speed is measured
 
@@ -90,7 +90,7 @@ class StatusPublisher:
                 statuses = [self._status_of(job, time.monotonic()) for job in jobs]
                 for listener in self._listeners.intersection(listeners):
                     listener(statuses)
-            with suppress(TimeoutError):  # a new listener ends the pause
+            with suppress(TimeoutError):  # a new listener ends the pause early
                 await asyncio.wait_for(self._arrived.wait(), PAUSE)
 
     def _status_of(self, job: JobRow, now: float) -> JobStatus:

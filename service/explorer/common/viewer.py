@@ -39,7 +39,9 @@ class Viewer:
         self._caller = caller
         self._tasks: set[asyncio.Task[Any]] = set()
         self._threads = asyncio.Semaphore(THREADS)
-        self.tell: Callable[[str], None] = log.warning  # a page replaces this by a message that is visible on it
+        self.tell: Callable[[str], None] = (
+            log.warning
+        )  # a page replaces this function by one that shows the message on the page
         self.ended = False
 
     def require(self, scope: Scope) -> Caller:

@@ -27,8 +27,8 @@ class WidgetWatcher:
                 act_in_event_loop(lambda: act_on_newest(event))
 
         def act_on_newest(event: Any) -> None:
-            if self._newest[widget] is event:  # otherwise a newer event follows
-                with self.paused():  # the page may have written another value meanwhile
+            if self._newest[widget] is event:  # otherwise a newer event of this widget follows
+                with self.paused():  # the page may have written another value of the widget meanwhile
                     setattr(widget, name, event.new)
                 used()
 

@@ -14,7 +14,7 @@ from rattle import Machine, RattleError
 from rattle.machine import DRIVES
 from rattle.models import Model
 
-DIGITS = 12  # significant digits of a number that was converted from SI units
+DIGITS = 12  # significant digits of a number that is converted from SI units
 
 
 class NumberEntry(NamedTuple):
@@ -72,9 +72,9 @@ ABOUT = (
     "<p class=faint>Inertia, drag and base radius are numbers of the first gear. A field with a 2 is for the second "
     "gear; if the field is empty, the number of the first gear is used.</p>"
 )
-BOTH = ("inertia", "drag", "backlash", "radius")  # numbers of every machine
+BOTH = ("inertia", "drag", "backlash", "radius")  # names of the numbers that every machine has
 SECOND = ("teeth", "driven_teeth", "driven_inertia", "driven_drag", "driven_radius")
-PAIR = (*BOTH, *SECOND)  # numbers of the machine of a survey
+PAIR = (*BOTH, *SECOND)  # names of the numbers of a survey's machine
 ERRORS = ("mesh_error", "mesh_error_2", "mesh_error_3")
 POINT = (
     *BOTH, "rpm", "eccentricity", "stiffness", "restitution", "load_torque", *ERRORS, *SECOND, "driven_eccentricity"

@@ -18,7 +18,7 @@ from rattle.parameters import Harmonic
 
 HELD = 0.95  # share of the gears inside the ellipse
 RADIUS = math.sqrt(-2.0 * math.log(1.0 - HELD))  # radius of the ellipse in standard deviations
-SIDES = 96  # sides of the polygon that is drawn for the ellipse
+SIDES = 96  # number of sides of the polygon that is drawn for the ellipse
 COUNT, JUDGED = 8, 256  # initial conditions per gear; largest number of gears that are judged as passing or not
 # Fields of a machine that `rattle.population` does not get under these names.
 NOT_GIVEN = ("speed", "eccentricity", "errors", "driven_errors")

@@ -78,7 +78,11 @@ class FamiliesView:
         )  # fmt: skip
         self._extents: dict[str, Extent] = {}
         self.drawings = DrawingRunner(viewer)
-        self._of: tuple[str, int, int | None] = ("", 0, None)  # survey, slice, family
+        self._of: tuple[str, int, int | None] = (
+            "",
+            0,
+            None,
+        )  # id of the survey, number of the slice, number of the family
         self._known: tuple[tuple[Any, ...], FamilyMaps] | None = None
         store.subscribe(self._on_view_change, "survey", "slice", "family", "delta", "epsilon", "seen", JOBS)
 
@@ -89,7 +93,7 @@ class FamiliesView:
             self._hide_choices()
             self.panel.visible = False
             return
-        if self._of != (of := (view.survey, view.slice, view.family)):  # another family is chosen
+        if self._of != (of := (view.survey, view.slice, view.family)):  # another family, slice or survey was chosen
             if self._of[:2] != of[:2]:
                 self._set_options({}, None)
             self._of = of
@@ -141,7 +145,9 @@ class FamiliesView:
             self._clear_description()
             self._show_message(known.why)
             return
-        self._set_options(options | {known.family.name: str(number)}, number)  # also a family that is not in the list
+        self._set_options(
+            options | {known.family.name: str(number)}, number
+        )  # the chosen family may be beyond the MOST_LISTED families
         self._figure.dim_cells(np.isnan(seen.values) | (seen.values <= 0), seen.box)
         self._extents = {each.direction: each for each in known.family.extents}
         for name, button in self._along.items():

@@ -73,7 +73,7 @@ class ComparisonMap(SurveyMap):
             choices, self.title.pane, plot, self.key.pane, self.links.pane, self.said.pane,
             sizing_mode="stretch_both", margin=0, css_classes=[SHOWN],
         )  # fmt: skip
-        self._further: ComparisonChoice | None = None  # the map that is drawn
+        self._further: ComparisonChoice | None = None  # choice of the map that is drawn
         self._window: Ranges | None = None
         self._reading: asyncio.Task[None] | None = None
 
@@ -207,7 +207,7 @@ class ComparisonMap(SurveyMap):
 
 
 def _title_of(plane: MapPlane, colours: Colouring, job: JobRow, first: JobRow | None, request: SurveyRequest) -> str:
-    if not isinstance(plane, Difference) or first is None:  # the widgets above the map show the rest
+    if not isinstance(plane, Difference) or first is None:  # the widgets above the map show its survey and its variable
         return f"{plane.request.gear_model}{f' ({colours.note})' if colours.note else ''}"
     cells = "the same cells"
     if not plane.is_same_grid:

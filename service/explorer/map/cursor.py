@@ -28,13 +28,13 @@ from gear_rattle.service.explorer.state.store import Store, window_of
 
 FEWEST = 8  # least number of cells across a window for steps of one cell; a narrower window has STEPS steps
 STEPS = 40
-FAR = 0.1  # step with Shift, as a share of the window
-MOST = 1000  # most steps in one message of a key that is held down
+FAR = 0.1  # length of a step with Shift, as a share of the window
+MOST = 1000  # most steps in one message, which a key that is held down sends
 CLOSER = 0.5  # factor of the window's width when a viewer zooms in
 EDGE = 0.25  # distance from the window's edge to a cursor that was outside, as a share of the window
 WIDEST = 3.0  # greatest width of a window, in widths of the survey
 WINDOWS = {"back": "Back to the window before", "forward": "Forward to the window after"}
-GO = "point "  # prefix of a point that a link names
+GO = "point "  # prefix of the command that opens a point of a link
 
 
 class CursorKeys:
@@ -44,7 +44,7 @@ class CursorKeys:
         self._store = store
         keys = ColumnDataSource({"steps": [], "word": [], "number": []})
         keys.on_change("data", handler_in_event_loop(self._on_keys))
-        plot.tags = [keys]  # puts the source into the document, so that pressed keys are sent
+        plot.tags = [keys]  # a tag puts the source into the document, so that a browser can send pressed keys
         for word, icon in (("back", "undo"), ("forward", "redo")):
             code = f"keys.data = {{steps: [0, 0, 0, 0], word: ['{word}'], number: [Date.now()]}}"
             act = CustomJS(args={"keys": keys}, code=code)
@@ -53,11 +53,11 @@ class CursorKeys:
 
     def _on_keys(self, _attribute: str, _old: object, new: Any) -> None:
         view, request = self._store.view, self._store.request
-        if request is None or view.seen is None:  # no map is shown
+        if request is None or view.seen is None:  # keys do nothing while no map is shown
             return
         steps, words = new["steps"], new["word"]
         if len(steps) == 4 and all(isinstance(each, int) and abs(each) <= MOST for each in steps) and any(steps):
-            if request.machine is not None:  # speeds grow to the right, and δ to the left
+            if request.machine is not None:  # a machine's speed grows to the right, and so δ grows to the left
                 steps = [-steps[0], steps[1], -steps[2], steps[3]]
             axes = request.delta.values(), request.epsilon.values()
             at = cursor_after_steps(axes, self.position, self._store.window, steps)

@@ -111,7 +111,7 @@ class MapFigure:
         glyphs.share_models(plot.renderers)
         self._beyond = glyphs.range_arrows(INK[theme][0])
         for mark in self._beyond:
-            plot.add_layout(mark, "right")  # in the centre it would be cut off at the frame
+            plot.add_layout(mark, "right")  # in the centre the arrow would be cut off at the frame
         self._is_narrow, self._is_categorical = False, True
         self._place_bars()
         plot.on_change("outer_width", handler_in_event_loop(self._on_width))

@@ -45,7 +45,7 @@ class MapLines:
 
     def __init__(self, viewer: Viewer, figure: MapFigure) -> None:
         self._viewer, self._figure = viewer, figure
-        self._of: tuple[Hashable, ...] = ()  # survey and model
+        self._of: tuple[Hashable, ...] = ()  # model, and the other values on which all lines depend
         self._tasks: dict[str, tuple[Hashable, asyncio.Task[None]]] = {}
 
     def draw(self, names: Sequence[str], model: Model, window: Ranges, *of: Hashable) -> None:
@@ -70,7 +70,7 @@ class MapLines:
                     task.cancel()
                 self._tasks[name] = asked, self._viewer.start(self._compute_line(name, model, window))
 
-    def _dependencies_of(self, name: str, window: Ranges) -> Hashable:  # noqa: ARG002 - a line may depend on more
+    def _dependencies_of(self, name: str, window: Ranges) -> Hashable:  # noqa: ARG002 - in a subclass some lines depend on other values than the window
         """Return the values, besides the model, on which a line depends."""
         return window
 

@@ -34,8 +34,8 @@ from gear_rattle.workers.survey.values.schema import CELL, Group
 KEPT, KEPT_CELLS = 24, 24_000_000  # most maps in memory, and most cells of all maps together, at 5 bytes a cell
 ENLARGED = 200  # points along an axis of an enlarged window
 SIDE = 512  # most cells that are drawn along an axis, unless the screen is known to have more pixels
-BAND = 1 << 20  # most cells in a reading of several rows of tiles
-SLICE_SECONDS = 1.0  # seconds of reading, after which the cells read so far are drawn
+BAND = 1 << 20  # most cells that are read at once from several rows of tiles
+SLICE_SECONDS = 1.0  # seconds after which reading pauses, so that the cells read so far are drawn
 Key = tuple[str, str, int, int, bool]
 Room = tuple[int, int]  # pixels along (delta, epsilon)
 UNSEEN: Room = (700, 550)  # assumed pixels of a map until the browser has reported them
@@ -204,7 +204,8 @@ class MapPlane:
         names = [
             name
             for name, values in self._dataset.data_vars.items()
-            if values.dims[-2:] == CELL and name not in (LARGEST, SHARE)  # these two follow from the other variables
+            if values.dims[-2:] == CELL
+            and name not in (LARGEST, SHARE)  # these two maps are computed from the other variables
         ]
         return self._dataset[names].isel(epsilon=i, delta=j).load()
 
@@ -326,7 +327,7 @@ class Atlas:
 
     def _plane_class(self, job: JobRow, variable: str) -> type[MapPlane]:
         """Return the class that reads a map of a survey."""
-        if variable in (LARGEST, SHARE):  # levels lack these two variables
+        if variable in (LARGEST, SHARE):  # the pyramid levels lack these two variables
             return MapPlane
         is_large = levels_of(SurveyRequest.model_validate(job.request).shape)
         ended = is_large and job.state == State.SUCCESSFUL

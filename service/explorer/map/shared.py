@@ -107,7 +107,7 @@ def cached_drawing(
 ) -> tuple[MapBlock, Colouring]:
     """Return the drawn cells and the colours of a map that does not change. This cache does not keep the map alive."""
     there = plane()
-    assert there is not None  # the caller holds the map
+    assert there is not None  # the caller holds a reference to the map, so the map still exists
     return _draw_map(there, limits, log, room)
 
 
@@ -136,7 +136,7 @@ class SharedState:
             model, window = await run_in_threadpool(self._draw_default_map)
             await self.front.kernels.require(model.name, patience=math.inf)
             await run_in_threadpool(cache_default_lines, model, window)
-        except (RattleError, ValueError, OSError) as error:  # a page that is opened shows the error
+        except (RattleError, ValueError, OSError) as error:  # a page that is opened later shows the error
             log.info("the first map cannot be drawn beforehand: %s", error)
 
     def _draw_default_map(self) -> tuple[Model, Ranges]:
@@ -169,7 +169,7 @@ class SharedState:
             note = WAITING if job.state == State.ACCEPTED else BEFOREHAND
             return plane, True, block, replace(colours, note=note)
         plane, is_whole = self.atlas.plane(job, *key)
-        if not is_whole or job.state != State.SUCCESSFUL:  # more tiles may come
+        if not is_whole or job.state != State.SUCCESSFUL:  # the map may still change, so its drawing is not cached
             return plane, is_whole, *_draw_map(plane, *how)
         return plane, True, *cached_drawing(ref(plane), *how)
 
@@ -184,7 +184,7 @@ class SharedState:
         if job is None:
             return self.exact.plane(variable, index)
         is_whole = False
-        while not is_whole:  # each call reads for a limited time
+        while not is_whole:  # each call reads for a limited time only
             plane, is_whole = self.atlas.plane(job, variable, index, number)
         return plane
 

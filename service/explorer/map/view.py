@@ -48,10 +48,10 @@ class MapView(SurveyMap):
         self.keys = CursorKeys(viewer.document, figure.figure, store)
         self.readout = Text(HINT, sheet)
         self._reading: asyncio.Task[None] | None = None
-        self._settled: tuple[str, str] | None = None  # id and state of the survey
+        self._settled: tuple[str, str] | None = None  # id and state of the survey when its map was last chosen
         self._marked: tuple[object, ...] = ()
-        self._of: tuple[str, int] | None = None  # the survey and the slice that are drawn
-        for size in ("inner_width", "inner_height"):  # a browser reports them after the first drawing
+        self._of: tuple[str, int] | None = None  # id of the survey and number of the slice that are drawn
+        for size in ("inner_width", "inner_height"):  # a browser reports the size after the first drawing
             figure.figure.on_change(size, handler_in_event_loop(self._on_size))
         self.parts = {
             "title": self.title.pane,

@@ -11,7 +11,7 @@ from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.design.fields import NUMBERS, PAIR, MachineFields, machine_ranges
 from gear_rattle.workers.survey.machine import SurveyedMachine
 
-LEAST_DELTA = 0.1  # least lower end of δ, relative to its upper end
+LEAST_DELTA = 0.1  # least lower end of the range of δ, relative to its upper end
 FIRST = {"rpm": (1000.0, 3000.0), "eccentricity": (1.0, 60.0)}
 
 

@@ -44,7 +44,7 @@ CONTENT_SECURITY = "; ".join(
         "style-src 'self' 'unsafe-inline'",
         "connect-src 'self' blob:",
         "img-src 'self' data: blob:",
-        "media-src data:",  # sounds of motions
+        "media-src data:",  # the sounds of motions are data URLs
         "font-src 'self' data:",
         "worker-src 'self' blob:",
         "form-action 'self'",
@@ -109,7 +109,7 @@ class Explorer:
         return await asyncio.shield(self._loading)
 
     async def _load(self) -> Pages:
-        pages = await run_in_threadpool(self._build_pages)  # imports take more than a second
+        pages = await run_in_threadpool(self._build_pages)  # in a thread, because the imports take more than a second
         await self._running.enter_async_context(pages.running())
         return pages
 
@@ -133,7 +133,7 @@ class Explorer:
         )
         found = Pages(lambda: open_page(shared), TITLE)
         self._head = head_html(found)
-        adopt_handlers()  # the log handlers of Panel
+        adopt_handlers()  # the service formats the log records of Panel's handlers too
         gc.freeze()  # the modules that have just been loaded stay for ever, as in service.web.server
         return found
 

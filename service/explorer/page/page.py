@@ -53,7 +53,7 @@ def open_page(shared: SharedState) -> pn.Template:
     view = View.parse(pn.state.session_args)
     theme = theme_of(view, SCHEME.get())
     config: Any = pn.config
-    config.theme = "dark" if theme == "dark" else "default"  # for this page only
+    config.theme = "dark" if theme == "dark" else "default"  # Panel keeps this setting for the current page only
     page = Page(shared, viewer, view, theme)
     document.js_on_event(DocumentReady, CustomJS(code="arrived()"))
     document.js_on_event(ConnectionLost, CustomJS(code="lost()"))
@@ -142,7 +142,7 @@ class Page:
     async def _learn_statuses(self, statuses: Sequence[JobStatus]) -> None:
         statuses = await self._viewer.run_in_thread(
             lambda: self._with_chosen_survey(statuses)
-        )  # fails if the key was revoked
+        )  # raises an error if the API key was revoked
         self._viewer.change(lambda: self.store.update_surveys({each.job.id: each for each in statuses}))
 
     def _with_chosen_survey(self, statuses: Sequence[JobStatus]) -> Sequence[JobStatus]:
@@ -157,7 +157,9 @@ class Page:
     def _choose_default(self) -> None:
         """Show the default survey if the viewer has chosen none, or if the survey shown by default was deleted."""
         shown, jobs = self.store.view.survey, self.store.jobs
-        gone = shown == self._default_survey and shown not in jobs  # a job status may be older than the deletion
+        gone = (
+            shown == self._default_survey and shown not in jobs
+        )  # a job status that was read before the deletion may still come
         if (not shown or gone) and (first := default_survey(each.job for each in jobs.values())):
             self._default_survey = first.id
             self.store.dispatch(SurveyChosen(first.id))

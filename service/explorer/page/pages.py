@@ -67,7 +67,7 @@ class _PageHandler(Handler):
             with set_curdoc(document):
                 try:
                     self._made[document] = self._open_page()
-                except Exception as error:  # Bokeh would only log it
+                except Exception as error:  # Bokeh would only log the error
                     self._made[document] = error
 
         await session_context.with_locked_document(make)
@@ -123,7 +123,7 @@ class Pages:
 
     def session_of(self, scope: Scope) -> ServerSession | None:
         """Return the session of the page that a websocket names; None if there is no such page."""
-        with suppress(ProtocolError, LookupError, ValueError):  # not a token of this service
+        with suppress(ProtocolError, LookupError, ValueError):  # the text is not a token of this service
             asked = get_session_id("".join(scope["subprotocols"][-1:]))
             return next((session for session in self.sessions() if session.id == asked), None)
         return None

@@ -37,7 +37,7 @@ class PinTable(JSComponent):
     csv = param.String(default="")
 
     _esm = asset("component.js") + asset("pins.js")
-    _stylesheets = [asset("pins.css")]  # noqa: RUF012 - as Panel has it
+    _stylesheets = [asset("pins.css")]  # noqa: RUF012 - Panel's own components declare this as a list
 
     def __init__(self, on_action: Callable[[str, int], None], **values: Any) -> None:
         super().__init__(**values)
@@ -101,7 +101,9 @@ class Pins:
     async def _compute_all(self) -> None:
         while (pin := self._next_pin()) is not None:
             self._work[pin] = work = PointTasks(self._viewer.front, self._viewer.document, pin.model.name)
-            await asyncio.wait([work.start(self._compute_pin(pin, work))])  # also if the pin is removed meanwhile
+            await asyncio.wait(
+                [work.start(self._compute_pin(pin, work))]
+            )  # `wait` raises no error if the pin is removed meanwhile
 
     async def _compute_pin(self, pin: Pin, work: PointTasks) -> None:
         count = min(COUNT, self._viewer.front.settings.max_point_count)

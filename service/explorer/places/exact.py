@@ -90,7 +90,7 @@ class UnfinishedPlane(ExactPlane):
         """Return the survey's variables at a point, or closed forms if not computed; None outside of the survey."""
         if self.value_and_status(delta, epsilon) is None:
             return None
-        with suppress(MissingError):  # raised while the survey waits
+        with suppress(MissingError):  # the error is raised while the survey waits for its turn
             found = self._computed().cell_at(delta, epsilon)
             if found is not None and found["status"]:
                 return found

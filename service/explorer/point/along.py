@@ -15,7 +15,10 @@ from gear_rattle.service.explorer.point.work import PointTasks
 from rattle.models import AnyGear, model_at
 from rattle.plot import Palette
 
-FINENESS = ((100, "cells"), (300, "refined"))  # (cells a side, method) of the basins: first, and if the slider stays
+FINENESS = (
+    (100, "cells"),
+    (300, "refined"),
+)  # (cells along each axis, method) of the basins, first and after the slider has stopped
 
 
 class DiagramSlider:

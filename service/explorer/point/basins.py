@@ -18,7 +18,7 @@ from gear_rattle.service.explorer.point.words import percent_text
 from rattle.attractors import PAPER_SPEED
 from rattle.plot import MANIFOLDS, Palette, legend_name
 
-MOST_NAMED = 24  # basins in the legend
+MOST_NAMED = 24  # most basins that the legend names
 GAMMA = "Γ"
 #: Colour and dashes of each line; both manifolds of a saddle have one colour.
 STYLES = {

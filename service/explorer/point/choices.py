@@ -127,7 +127,7 @@ class Choices:
 
     def _on_place_shown(self, at: float | None) -> None:
         self._choose(replace(self._chosen, at=at))
-        if "diagram" in self._panel.__dict__:  # its picture has been made
+        if "diagram" in self._panel.__dict__:  # the picture of the diagram has been made
             self._panel.diagram.mark_position(self._diagram_position)
         if at is None:
             self._own_again()
@@ -238,7 +238,7 @@ class Choices:
         await self._work.set_text(self._panel.heard, loudness.audio_html(found))
 
     def _on_tolerance(self, widths: Tolerance) -> None:
-        if widths == self._chosen.tolerance:  # the same tolerances again
+        if widths == self._chosen.tolerance:  # the same tolerances were entered again
             self._start_yield(widths)
         else:
             self._choose(replace(self._chosen, tolerance=widths))
@@ -276,7 +276,7 @@ class Choices:
                 parts.diagram, self._gear, direction, span, to, what="The diagram", slow=True
             )
             if way != self._chosen.way:
-                return  # another diagram is being computed
+                return  # another diagram was chosen, and is being computed
             self._known_diagram = found
         await self._work.change(self._show_diagram)
 

@@ -25,9 +25,12 @@ HERE = "#d7191c"
 MEANINGS = {"SN": "saddle-node", "PD": "period doubling", "GR": "grazing"}
 INFINITE = 1e12  # multipliers larger than this are written as ∞; they occur at grazes
 NAMES = {"epsilon": "eccentricity ε", "delta": "damping δ"}
-UPWARD, DOWNWARD = {"light": "#4a90d9", "dark": "#7fb3e0"}, "#e8862e"  # colours of states found by sweeps
+UPWARD, DOWNWARD = (
+    {"light": "#4a90d9", "dark": "#7fb3e0"},
+    "#e8862e",
+)  # colours of the states that upward and downward sweeps found
 DOTS = 3.6, 1.8  # diameters in pixels: where both sweeps find one state, the small dot lies on the large one
-ROOM = 0.04  # margin above and below, relative to the range of speeds
+ROOM = 0.04  # margin above and below the speeds, relative to their range
 DENSE, ALL = "dense", "all"  # choices of the speeds that the axis shows
 MOST_THIN = 0.5  # least excess of a dense range of speeds: its share of all states less its share of the axis
 PLACES = 1e-7, 1e-3  # steps of the parameter and the speed: states that round to one step count once
@@ -81,7 +84,7 @@ class DiagramPicture:
         WidgetWatcher().call_on_change(self.speeds, self._fit_speed_axis)
         self._found: DiagramLines | None = None
         self._across: float = NARROW
-        self.figure.on_change("inner_width", handler_in_event_loop(self._on_width))  # sent by a browser
+        self.figure.on_change("inner_width", handler_in_event_loop(self._on_width))  # a browser sends the width
 
     def clear(self) -> None:
         """Show nothing."""
@@ -135,7 +138,7 @@ class DiagramPicture:
         low, high = speed_range(found) if dense is None or self.speeds.value == ALL else dense
         names = placed_event_names(found, self._across, (low, high))
         rows = 1 + max((each.row for each in names), default=-1)
-        unit = (high - low) / (INNER - rows * ROW)  # speed per pixel
+        unit = (high - low) / (INNER - rows * ROW)  # height of a pixel, as a difference of speed
         self.figure.y_range.update(start=low, end=high + rows * ROW * unit)
         self._names.data = {
             "x": [each.x for each in names],
@@ -159,9 +162,9 @@ class EventName(NamedTuple):
     text: str
     row: int
     align: str
-    left: float  # pixels from the left edge of the picture: beginning of the text
-    line: float  # position of the event, in these pixels
-    right: float  # end of the text, in these pixels
+    left: float  # where the text begins, in pixels from the left edge of the picture
+    line: float  # where the event is, in pixels from the left edge of the picture
+    right: float  # where the text ends, in pixels from the left edge of the picture
 
     def collides_with(self, other: EventName) -> bool:
         """Return whether the texts overlap, or the line down to one event crosses the text of the other."""

@@ -13,7 +13,7 @@ from gear_rattle.service.explorer.common.figures import ink_of, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.point.words import PERIOD, count_in_words, recurrence_in_words
 
-ROOM = 1.12  # extent of the pictures, relative to the walls
+ROOM = 1.12  # extent of the pictures, relative to the distance of the walls from the middle
 
 
 class MotionPictures:

@@ -111,7 +111,7 @@ class PointPanel:
             text.html = ""
         self._tolerance.visible = False
         for name in ("picture", "motions", "spectrum", "diagram"):
-            if name in self.__dict__:  # the picture has been made
+            if name in self.__dict__:  # only pictures that have been made already
                 getattr(self, name).clear()
 
     def _new_text(self, html: str = "") -> Text:

@@ -91,7 +91,10 @@ class PointState:
         """Return the texts that describe the state, by name; values that are the defaults have no text."""
         said = {"attractor": str(self.attractor)} if self.attractor is not None and self.start is None else {}
         if self.start is not None:
-            said |= {"tau": repr(self.start[0]), "v": repr(self.start[1])}  # read back, they are the same numbers
+            said |= {
+                "tau": repr(self.start[0]),
+                "v": repr(self.start[1]),
+            }  # `repr` writes all digits, so that both numbers are read back unchanged
         if self.span is not None:
             said["span"] = repr(self.span)
         if self.to is not None:
@@ -149,7 +152,7 @@ def diagram_line(gear: AnyGear, state: PointState) -> tuple[Pair, Pair]:
 def point_on_line(way: tuple[Pair, Pair], share: float) -> Pair:
     """Return the point (δ, ε) at a fraction `share` of the line between the two ends of `way`."""
     (delta, epsilon), (to_delta, to_epsilon) = way
-    left = 1.0 - share  # so that the ends are exact
+    left = 1.0 - share  # with this form the ends of the line are exact
     return left * delta + share * to_delta, left * epsilon + share * to_epsilon
 
 
@@ -216,6 +219,6 @@ def point_marks(view: View, model: Model, machine: SurveyedMachine | None) -> tu
         lines += [np.full((1, 2), np.nan), np.array([view.point, to])]
     here, state = view.point, PointState.read(view.point_state, 0.0)
     if state.at is not None:
-        with suppress(RattleError):  # no gear is possible here: the panel of the point says so
+        with suppress(RattleError):  # no gear is possible at this point; the panel of the point says so
             here = point_on_line(diagram_line(model.gear(*view.point), state), state.at)
     return here, np.concatenate(lines) if lines else None

@@ -25,9 +25,9 @@ from rattle import Machine
 from rattle.models import Capability, Model, lacking
 from rattle.plot import Palette
 
-COUNT = 1024  # initial conditions of the probabilities
-RESOLUTIONS = (300, 600)  # cells a side of the refined basins, first and last
-PAINT_SECONDS = 0.05  # time for a browser to show words before it lays out pictures
+COUNT = 1024  # number of initial conditions from which the basin fractions are estimated
+RESOLUTIONS = (300, 600)  # cells along each axis of the refined basins, in the first and in the last picture
+PAINT_SECONDS = 0.05  # seconds for a browser to show the words before it lays out pictures
 OF_ONE_COSINE = "The motions A to D and their regions are defined for a forcing of one cosine only."
 SURVEYED = ' <span class="faint">(from the survey\'s grid cell; the point itself is being computed)</span>'
 Part = tuple[Text, Callable[[], Awaitable[None]]]  # the text that shows an error of the work, and the work
@@ -55,7 +55,7 @@ class PointView:
         model: Model,
         machine: Machine | None = None,
     ) -> None:
-        is_possible = delta > 0 and epsilon >= 0  # otherwise `model.gear` below raises the error
+        is_possible = delta > 0 and epsilon >= 0  # if it is not possible, `model.gear` below raises the error
         self._fastest = parts.largest_sampled_speed(delta, epsilon, model.beta) if is_possible else 0.0
         self.store = store
         chosen = PointState.read(store.view.point_state, self._fastest)

@@ -20,8 +20,8 @@ from rattle.plot import Palette, legend_name
 
 MINUS = "\N{MINUS SIGN}"
 ENOUGH = 5e-4  # a positive share below it is written as "less than 0.05 %"
-MOST_HARMONICS = 6  # harmonics that a sentence lists
-MOST_NAMED = 6  # attractors below the bar of shares
+MOST_HARMONICS = 6  # most harmonics that a sentence lists
+MOST_NAMED = 6  # most attractors that are named below the bar of basin fractions
 ROWS = 6  # rows of a table that are shown before a viewer unfolds it
 PERIOD, REVOLUTION = "forcing period", "revolution"
 
@@ -150,7 +150,7 @@ def likelihood_in_words(gear: AnyGear, found: SampledAttractors, period: str = P
     rattling = [(each, letter) for each, letter in pairs if each.kind in ("periodic", "chaotic")]
     below = percent_text(
         float(rattle.wilson_interval(0, found.starts)[1])
-    )  # upper bound for a motion that no start reached
+    )  # upper bound of the basin fraction of a motion that no start reached
     sentences = []
     if quiet:
         low, high = (percent_text(x) for x in quiet.fraction_interval)

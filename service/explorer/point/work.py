@@ -48,7 +48,7 @@ async def _prepare_one(front: Front) -> None:
             what="The kernels",
             advice="",
         )
-    except RattleError as error:  # the first click will load the kernels
+    except RattleError as error:  # the first clicked point will load the kernels itself
         log.info("no process is ready for points yet: %s", error)
 
 

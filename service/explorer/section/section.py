@@ -110,7 +110,7 @@ class ProfileSection:
             limits = self.picture.show(found, span, view.profile_limits if view.profile == chosen else None)
             with self._watch.paused():
                 self.low.value, self.high.value = limits
-            if self._way != (ends, span):  # otherwise keep the axis, which a viewer may have moved
+            if self._way != (ends, span):  # if the diagram is the same, its axis stays as a viewer may have moved it
                 self._way = ends, span
                 self.below.x_range.update(start=span[0], end=span[1])
             self.said.html = f'<p class="faint">{escape(profile_in_words(found))}</p>'
