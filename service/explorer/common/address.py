@@ -315,9 +315,8 @@ class View:
 
 
 def _pair_text(pair: Pair) -> str:
-    return ",".join(
-        repr(float(value)) for value in pair
-    )  # `repr` writes all digits of a number, so that it is read back unchanged
+    # `repr` writes all digits of a number, so that it is read back unchanged
+    return ",".join(repr(float(value)) for value in pair)
 
 
 def _parse_word(text: str) -> str:

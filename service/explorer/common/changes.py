@@ -61,9 +61,8 @@ def change_document(document: Document, change: Callable[[], object]) -> None:
             finally:
                 document.unhold()
 
-    schedule: Any = (
-        document.add_next_tick_callback
-    )  # Bokeh accepts coroutines here too, although its type hint does not say so
+    # Bokeh accepts coroutines here too, although its type hint does not say so
+    schedule: Any = document.add_next_tick_callback
     schedule(apply)
 
 

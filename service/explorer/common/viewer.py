@@ -39,9 +39,8 @@ class Viewer:
         self._caller = caller
         self._tasks: set[asyncio.Task[Any]] = set()
         self._threads = asyncio.Semaphore(THREADS)
-        self.tell: Callable[[str], None] = (
-            log.warning
-        )  # a page replaces this function by one that shows the message on the page
+        # a page replaces this function by one that shows the message on the page
+        self.tell: Callable[[str], None] = log.warning
         self.ended = False
 
     def require(self, scope: Scope) -> Caller:

@@ -158,8 +158,8 @@ def _longest_extent(there: np.ndarray, plane: MapPlane, direction: str) -> Exten
     return Extent(
         direction,
         (middle, beside) if direction == "delta" else (beside, middle),
-        (end - first) / 2 * step
-        + step,  # half the length and one more cell, so that the diagram shows where the family ends
+        # half the length and one more cell, so that the diagram shows where the family ends
+        (end - first) / 2 * step + step,
     )
 
 

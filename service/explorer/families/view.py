@@ -78,11 +78,8 @@ class FamiliesView:
         )  # fmt: skip
         self._extents: dict[str, Extent] = {}
         self.drawings = DrawingRunner(viewer)
-        self._of: tuple[str, int, int | None] = (
-            "",
-            0,
-            None,
-        )  # id of the survey, number of the slice, number of the family
+        # id of the survey, number of the slice, number of the family
+        self._of: tuple[str, int, int | None] = ("", 0, None)
         self._known: tuple[tuple[Any, ...], FamilyMaps] | None = None
         store.subscribe(self._on_view_change, "survey", "slice", "family", "delta", "epsilon", "seen", JOBS)
 
@@ -145,9 +142,8 @@ class FamiliesView:
             self._clear_description()
             self._show_message(known.why)
             return
-        self._set_options(
-            options | {known.family.name: str(number)}, number
-        )  # the chosen family may be beyond the MOST_LISTED families
+        # the chosen family may be beyond the MOST_LISTED families
+        self._set_options(options | {known.family.name: str(number)}, number)
         self._figure.dim_cells(np.isnan(seen.values) | (seen.values <= 0), seen.box)
         self._extents = {each.direction: each for each in known.family.extents}
         for name, button in self._along.items():

@@ -56,9 +56,8 @@ class Colouring:
     reasons: np.ndarray
     reason_colours: tuple[str, ...]
     note: str = ""
-    names: Mapping[str, Pair] = field(
-        default_factory=dict
-    )  # names of regions or families, each with the point (δ, ε) where it is written
+    # names of regions or families, each with the point (δ, ε) where it is written
+    names: Mapping[str, Pair] = field(default_factory=dict)
     beyond: Pair = (0.0, 0.0)  # shares of the values below `low` and above `high`
 
 
@@ -151,15 +150,13 @@ def family_places(block: MapBlock, labels: Mapping[float, str], room: Room) -> d
     least = max(WIDE * min(rows, columns), 1.5)
     large = [code for code in labels if 0 < code < OTHERS and (block.values == code).sum() > 3 * (least - 1) ** 2]
     named = {int(code): _short_name(labels[code]) for code in large}
-    long, tall = (
-        pixels / max(size, 1) for pixels, size in zip(NAME, room, strict=True)
-    )  # size of a name as shares of the map's width and height
+    # size of a name as shares of the map's width and height
+    long, tall = (pixels / max(size, 1) for pixels, size in zip(NAME, room, strict=True))
     places: dict[str, Pair] = {}
     taken: list[Pair] = []
     for code, (i, j, wide) in sorted(widest_of(block.values, named).items(), key=lambda each: -each[1][2]):
-        inside = int(
-            np.clip(j, long / 2 * columns, max(1 - long / 2, long / 2) * columns - 1)
-        )  # the name is moved inwards, so that none of its letters is cut off
+        # the name is moved inwards, so that none of its letters is cut off
+        inside = int(np.clip(j, long / 2 * columns, max(1 - long / 2, long / 2) * columns - 1))
         at = i / rows, inside / columns
         is_free = all(abs(at[0] - y) > tall or abs(at[1] - x) > long for y, x in taken)
         if wide >= least and is_free and block.values[i, inside] == code:

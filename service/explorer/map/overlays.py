@@ -70,7 +70,7 @@ class MapLines:
                     task.cancel()
                 self._tasks[name] = asked, self._viewer.start(self._compute_line(name, model, window))
 
-    def _dependencies_of(self, name: str, window: Ranges) -> Hashable:  # noqa: ARG002 - in a subclass some lines depend on other values than the window
+    def _dependencies_of(self, name: str, window: Ranges) -> Hashable:  # noqa: ARG002 - in a subclass it decides
         """Return the values, besides the model, on which a line depends."""
         return window
 

@@ -204,8 +204,8 @@ class MapPlane:
         names = [
             name
             for name, values in self._dataset.data_vars.items()
-            if values.dims[-2:] == CELL
-            and name not in (LARGEST, SHARE)  # these two maps are computed from the other variables
+            # these two maps are computed from the other variables
+            if values.dims[-2:] == CELL and name not in (LARGEST, SHARE)
         ]
         return self._dataset[names].isel(epsilon=i, delta=j).load()
 

@@ -53,9 +53,8 @@ def readout(
     if machine is not None and delta > 0:
         rows = [*_speed_and_eccentricity(machine, delta, epsilon), *rows]
     if delta > 0 and epsilon >= 0:
-        with suppress(
-            rattle.RattleError
-        ):  # the error is raised if the forcing has harmonics, because regions are not defined then
+        # the error is raised if the forcing has harmonics, because regions are not defined then
+        with suppress(rattle.RattleError):
             region = int(rattle.classify_regions(model.period_one(delta, epsilon)))
             rows.append(("region here", rattle.REGIONS[region]))
     if here is not None:

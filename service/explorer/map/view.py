@@ -108,9 +108,8 @@ class MapView(SurveyMap):
             self.forget_window()  # the finer cells of the window belong to another map
         request = store.request
         is_large = request is not None and max(request.shape) > SIDE
-        room = (
-            self.figure.pixels if is_large or view.variable == LARGEST else ()
-        )  # such a drawing depends on the pixels
+        # such a drawing depends on the pixels
+        room = self.figure.pixels if is_large or view.variable == LARGEST else ()
         what = view.survey, view.slice, chosen, view.limits, view.log, room
         self.drawings.request(what, [] if job is None else [job], partial(self._draw, view, job))
 

@@ -37,11 +37,8 @@ NAMED: dict[str, Ranges] = {
     "Figure 8: where curves meet": FIGURE_8,
 }
 PLANES = {name: name for name in NAMED} | {"own ranges of δ and ε": OWN, "a machine: rpm, µm": MACHINE}
-FINENESS = {
-    "coarse": (31, 30),
-    "medium": (61, 60),
-    "fine": (121, 120),
-}  # numbers of values along the first and the second axis
+# numbers of values along the first and the second axis
+FINENESS = {"coarse": (31, 30), "medium": (61, 60), "fine": (121, 120)}
 FINE = {f"{name}: {across} × {up}, {across * up:,} cells": name for name, (across, up) in FINENESS.items()}
 CELLS = FINENESS["medium"]  # numbers of values along both axes of a new survey of the visible window
 ADVANCED = "Advanced settings"

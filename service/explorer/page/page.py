@@ -140,9 +140,8 @@ class Page:
         self._viewer.start(self._learn_statuses(statuses))
 
     async def _learn_statuses(self, statuses: Sequence[JobStatus]) -> None:
-        statuses = await self._viewer.run_in_thread(
-            lambda: self._with_chosen_survey(statuses)
-        )  # raises an error if the API key was revoked
+        # raises an error if the API key was revoked
+        statuses = await self._viewer.run_in_thread(lambda: self._with_chosen_survey(statuses))
         self._viewer.change(lambda: self.store.update_surveys({each.job.id: each for each in statuses}))
 
     def _with_chosen_survey(self, statuses: Sequence[JobStatus]) -> Sequence[JobStatus]:
@@ -157,9 +156,8 @@ class Page:
     def _choose_default(self) -> None:
         """Show the default survey if the viewer has chosen none, or if the survey shown by default was deleted."""
         shown, jobs = self.store.view.survey, self.store.jobs
-        gone = (
-            shown == self._default_survey and shown not in jobs
-        )  # a job status that was read before the deletion may still come
+        # a job status that was read before the deletion may still come
+        gone = shown == self._default_survey and shown not in jobs
         if (not shown or gone) and (first := default_survey(each.job for each in jobs.values())):
             self._default_survey = first.id
             self.store.dispatch(SurveyChosen(first.id))

@@ -101,9 +101,8 @@ class Pins:
     async def _compute_all(self) -> None:
         while (pin := self._next_pin()) is not None:
             self._work[pin] = work = PointTasks(self._viewer.front, self._viewer.document, pin.model.name)
-            await asyncio.wait(
-                [work.start(self._compute_pin(pin, work))]
-            )  # `wait` raises no error if the pin is removed meanwhile
+            # `wait` raises no error if the pin is removed meanwhile
+            await asyncio.wait([work.start(self._compute_pin(pin, work))])
 
     async def _compute_pin(self, pin: Pin, work: PointTasks) -> None:
         count = min(COUNT, self._viewer.front.settings.max_point_count)

@@ -15,10 +15,8 @@ from gear_rattle.service.explorer.point.work import PointTasks
 from rattle.models import AnyGear, model_at
 from rattle.plot import Palette
 
-FINENESS = (
-    (100, "cells"),
-    (300, "refined"),
-)  # (cells along each axis, method) of the basins, first and after the slider has stopped
+# (cells along each axis, method) of the basins, first and after the slider has stopped
+FINENESS = ((100, "cells"), (300, "refined"))
 
 
 class DiagramSlider:

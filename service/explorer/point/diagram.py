@@ -25,10 +25,8 @@ HERE = "#d7191c"
 MEANINGS = {"SN": "saddle-node", "PD": "period doubling", "GR": "grazing"}
 INFINITE = 1e12  # multipliers larger than this are written as ∞; they occur at grazes
 NAMES = {"epsilon": "eccentricity ε", "delta": "damping δ"}
-UPWARD, DOWNWARD = (
-    {"light": "#4a90d9", "dark": "#7fb3e0"},
-    "#e8862e",
-)  # colours of the states that upward and downward sweeps found
+# colours of the states that upward and downward sweeps found
+UPWARD, DOWNWARD = {"light": "#4a90d9", "dark": "#7fb3e0"}, "#e8862e"
 DOTS = 3.6, 1.8  # diameters in pixels: where both sweeps find one state, the small dot lies on the large one
 ROOM = 0.04  # margin above and below the speeds, relative to their range
 DENSE, ALL = "dense", "all"  # choices of the speeds that the axis shows
@@ -103,9 +101,8 @@ class DiagramPicture:
         for upward, source in self._seen.items():
             which = found.upward == upward
             source.data = {"x": found.x[which], "v": found.v[which]}
-        strokes = sorted(
-            found.strokes, key=lambda each: each.stable
-        )  # stable branches are drawn last, over unstable ones
+        # stable branches are drawn last, over unstable ones
+        strokes = sorted(found.strokes, key=lambda each: each.stable)
         self._strokes.data = {
             "x": [each.x for each in strokes],
             "v": [each.v for each in strokes],

@@ -91,10 +91,8 @@ class PointState:
         """Return the texts that describe the state, by name; values that are the defaults have no text."""
         said = {"attractor": str(self.attractor)} if self.attractor is not None and self.start is None else {}
         if self.start is not None:
-            said |= {
-                "tau": repr(self.start[0]),
-                "v": repr(self.start[1]),
-            }  # `repr` writes all digits, so that both numbers are read back unchanged
+            # `repr` writes all digits, so that both numbers are read back unchanged
+            said |= {"tau": repr(self.start[0]), "v": repr(self.start[1])}
         if self.span is not None:
             said["span"] = repr(self.span)
         if self.to is not None:

@@ -148,9 +148,8 @@ def likelihood_in_words(gear: AnyGear, found: SampledAttractors, period: str = P
     pairs = list(zip(found.attractors, found.letters, strict=True))
     quiet, undecided = (next((x for x, _ in pairs if x.kind == kind), None) for kind in ("quiet", "undecided"))
     rattling = [(each, letter) for each, letter in pairs if each.kind in ("periodic", "chaotic")]
-    below = percent_text(
-        float(rattle.wilson_interval(0, found.starts)[1])
-    )  # upper bound of the basin fraction of a motion that no start reached
+    # upper bound of the basin fraction of a motion that no start reached
+    below = percent_text(float(rattle.wilson_interval(0, found.starts)[1]))
     sentences = []
     if quiet:
         low, high = (percent_text(x) for x in quiet.fraction_interval)
