@@ -39,7 +39,7 @@ POINT = ("x", "y", "marker", "name", "dx", "dy", "to_x", "to_y")
 
 @dataclass(frozen=True)
 class Scale:
-    """Renderers of a map on a linear or on a logarithmic colour scale: Bokeh cannot replace a glyph's mapper later.
+    """Renderers of a map on one colour scale, linear or logarithmic. Bokeh cannot replace a glyph's mapper later.
 
     cells: renderer of the survey's cells. fine: renderer of finer cells in a window. bar: the colour bar.
     """

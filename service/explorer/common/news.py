@@ -37,7 +37,7 @@ log = logging.getLogger(__name__)
 
 
 class StatusPublisher:
-    """Publish job status to listeners in the event loop: soon after a listener joins, and whenever it changes.
+    """Publish job status to listeners in the event loop: soon after a listener joins, and after every change.
 
     A new listener gets no status that was read before it joined, because a page keeps the survey that it finds first.
     """

@@ -44,7 +44,7 @@ class Viewer:
         self.ended = False
 
     def require(self, scope: Scope) -> Caller:
-        """Return the caller if it still has a scope. This method reads the database: call it in a thread.
+        """Return the caller if its API key still has a scope. This method reads the database: call it in a thread.
 
         Returns
         -------
@@ -82,7 +82,7 @@ class Viewer:
         return self._caller is not None and self._caller.may(Scope.SUBMIT)
 
     async def run_in_thread(self, work: Callable[[], Result], scope: Scope = Scope.READ) -> Result:
-        """Run `work` in a thread if the caller has a scope, and return the result.
+        """Run `work` in a thread if the caller's API key has a scope, and return the result.
 
         A running thread cannot be cancelled: it counts among THREADS until it ends. Work that is cancelled while it
         waits for a free thread never begins.

@@ -23,9 +23,9 @@ NARROWEST = 1e-13  # least width of a window
 
 
 class MapAxes:
-    """Axes of a map: δ and ε; for a machine speed and eccentricity, with δ and ε above and on the right.
+    """Axes of a map: δ and ε, or a machine's speed and eccentricity with δ and ε above and on the right.
 
-    Damping falls as speed rises, so for a machine δ rises to the left. is_follower: whether the map shares its ranges
+    Damping falls as speed rises, so for a machine δ rises to the left. is_follower: True if the map shares its ranges
     with another map, which sets this direction.
     """
 

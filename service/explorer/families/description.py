@@ -50,9 +50,10 @@ class Extent:
 class FamilyDescription:
     """Description of one family.
 
-    row: its numbers in the survey's table of families, by name. of_plane: its share of the finished cells. of_samples:
-    its share of the samples of these cells. borders: for each curve, the number of pairs of neighbouring cells that
-    the curve separates and of which only one has the family. extents: its longest row and column of cells.
+    row: the family's numbers in the survey's table of families, by name. of_plane: share of the computed cells that
+    have the family. of_samples: share of all samples that go to the family. borders: for each curve, the number of
+    pairs of neighbouring cells that the curve separates and of which only one has the family. extents: the longest row
+    and the longest column of the family's cells.
     """
 
     name: str

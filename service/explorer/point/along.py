@@ -103,7 +103,7 @@ class DiagramSlider:
             self._shown = wanted
 
     def _show_place(self, gear: AnyGear, found: parts.BasinsAndOrbits, wanted: tuple[PointState, int]) -> None:
-        if wanted[0] is not self._wanted[0]:  # another diagram has been chosen meanwhile
+        if wanted[0] is not self._wanted[0]:  # another diagram was chosen meanwhile
             return
         picture, is_new = self._panel.picture, gear is not self.gear
         self.gear, self.attractors = gear, found.basins.attractors

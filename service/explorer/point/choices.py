@@ -29,7 +29,7 @@ NO_ATTRACTOR = "#8a96a3"  # colour of the motion from a clicked state
 
 
 class Choices:
-    """The motion with its spectrum and sound, the diagram and the tolerances of one point.
+    """Controls of one point: its motion with spectrum and sound, its diagram, and its tolerances.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ def largest_sampled_speed(delta: float, epsilon: float, beta: float) -> float:
 
 
 class SampledAttractors(NamedTuple):
-    """Attractors that samples reached. starts: the number of samples, which is the number of initial conditions.
+    """Attractors that samples reached. starts: the number of samples, each with its own initial condition.
 
     Each attractor has its two Floquet multipliers, or None, and a letter: A to D, or "" if it is none of these motions.
     """

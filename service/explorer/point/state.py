@@ -44,7 +44,7 @@ class PointState:
     at : float | None
         Place whose basins and motion are shown, from 0 to 1 on the line of the diagram; None for the point itself.
     tab : str | None
-        Open tab; None for the tab that the other values need.
+        Open tab; None if the other values decide which tab is open, see `shown_tab`.
     """
 
     attractor: int | None = None

@@ -22,7 +22,7 @@ Ends = tuple[Pair, Pair]
 class Profile:
     """Values (k,) of the cells along a line, NaN where a cell has no value.
 
-    at: positions (k + 1,) from 0 to 1 along the line, at which it passes from one cell into the next.
+    at: positions (k + 1,) from 0 to 1 along the line, at which the line enters or leaves a cell.
 
     names: meaning of each code, empty if values are no codes. gaps: share of the line without values, by reason.
     together: numbers of the survey's cells, along δ and along ε, that were read as one cell.
