@@ -19,15 +19,15 @@ from gear_rattle.workers.survey.axes import Name, Strict, require_visible
 
 MAX_FAILURES = 100  # an answer lists at most this many failed cells
 MOST_NOTES = 10_000  # notes have at most this many characters
-LINES = "\t\n\r"
-JOINERS = "\u200c\u200d"  # invisible characters that some scripts and emoji need; all others could only hide something
+WHITE_SPACE = "\t\n\r"
+JOINERS = "\u200c\u200d"  # invisible characters that some scripts and emoji need; other invisible ones are refused
 
 
-def _legible(text: str) -> str:
-    return require_visible("text of the notes", text, besides=LINES + JOINERS)
+def _require_visible_notes(text: str) -> str:
+    return require_visible("text of the notes", text, besides=WHITE_SPACE + JOINERS)
 
 
-Notes = Annotated[str, Field(max_length=MOST_NOTES), AfterValidator(_legible)]
+Notes = Annotated[str, Field(max_length=MOST_NOTES), AfterValidator(_require_visible_notes)]
 
 
 class Description(Strict):
@@ -40,7 +40,7 @@ class Description(Strict):
 def submit_survey(
     front: Front, caller: Caller, request: AnyRequest, idempotency_key: str | None = None, force: bool = False
 ) -> JobRow:
-    """Accept a survey or a population, or return an identical one that exists.
+    """Accept a survey or a population, or return an identical one that exists. force: always accept a new one.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def submit_survey(
         The data directory is missing.
     """
     check_limits(request, front.settings)
-    front.directory.require()
+    front.directory.require_present()
     job = front.database.accept(
         NewJob(
             name=request.name,
@@ -159,7 +159,7 @@ def describe_survey(front: Front, caller: Caller, survey_id: str, given: Descrip
 
 
 def verify_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> JobRow:
-    """Queue again a survey that has ended or was dismissed, to compute its damaged or missing tiles.
+    """Queue an ended survey again, to check all its tiles and compute damaged or missing ones.
 
     Returns
     -------
@@ -181,7 +181,7 @@ def verify_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = 
 
 def require_owner(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> None:
     """Raise ForbiddenError if the survey was submitted with another key than the caller's."""
-    if not caller.owns(front.database.job(survey_id, kind)):
+    if not caller.is_owner_of(front.database.job(survey_id, kind)):
         raise ForbiddenError(f"Survey {survey_id} was not submitted with this API key. Use the key that submitted it.")
 
 

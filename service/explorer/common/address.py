@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, TypeVar
 from urllib.parse import urlencode
 
-from gear_rattle.service.harmonics import read_harmonics, written_harmonics
+from gear_rattle.service.harmonics import harmonic_texts, read_harmonics
 from gear_rattle.workers.pictures.look import LINES, POINTS, USUAL_SHARE
 from rattle import Machine
 from rattle.curves import NAMES
@@ -100,7 +100,7 @@ class Pin(NamedTuple):
     def address_text(self) -> str:
         """Text of the pin in an address. The parameter UNNAMED is written without its name, as in older addresses."""
         more = [repr(value) if name == UNNAMED else f"{name}:{value!r}" for name, value in self.added]
-        harmonics = [HARMONIC + each for each in written_harmonics(self.harmonics)]
+        harmonics = [HARMONIC + each for each in harmonic_texts(self.harmonics)]
         return ",".join([*map(repr, self[:3]), *more, *harmonics])
 
     @property

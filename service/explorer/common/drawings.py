@@ -43,7 +43,7 @@ class DrawingRunner:
             Yields functions that show the drawing so far. They are called only while `what` is the requested drawing.
         """
         self._wanted = what, tuple((job.id, job.state, job.cells_done) for job in jobs)
-        self._draw, self._pause = draw, 0.0 if all(State(job.state).final for job in jobs) else PAUSE
+        self._draw, self._pause = draw, 0.0 if all(State(job.state).is_final for job in jobs) else PAUSE
         if self._wanted != self._drawn and (self._task is None or self._task.done()):
             self._task = self._viewer.start(self._keep_drawing())
 

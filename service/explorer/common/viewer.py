@@ -63,7 +63,7 @@ class Viewer:
         caller = current_caller(self.front, self._caller)
         if caller is None:
             raise UnauthorizedError("Your API key was revoked, or you have signed out. Sign in again.")
-        if not caller.may(scope):
+        if not caller.has_scope(scope):
             raise ForbiddenError(f"Your API key can only read. This action needs a key with the scope {scope}.")
         return caller
 
@@ -79,7 +79,7 @@ class Viewer:
 
     def may_submit(self) -> bool:
         """Return whether the caller may submit surveys."""
-        return self._caller is not None and self._caller.may(Scope.SUBMIT)
+        return self._caller is not None and self._caller.has_scope(Scope.SUBMIT)
 
     async def run_in_thread(self, work: Callable[[], Result], scope: Scope = Scope.READ) -> Result:
         """Run `work` in a thread if the caller's API key has a scope, and return the result.

@@ -213,7 +213,7 @@ def _title_of(plane: MapPlane, colours: Colouring, job: JobRow, first: JobRow | 
     if not plane.is_same_grid:
         size = " × ".join(str(axis.num) for axis in (request.delta, request.epsilon))
         cells = f"each cell of the first survey with the nearest cell of the second, which has {size} cells"
-    return f"{first.called} less {job.called}, {cells}: {colours.title}"
+    return f"{first.display_name} less {job.display_name}, {cells}: {colours.title}"
 
 
 def key_html(shades: Sequence[Shade]) -> str:

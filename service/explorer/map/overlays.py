@@ -21,7 +21,7 @@ from gear_rattle.service.explorer.map.colouring import Shade
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.state.events import OverlaysChosen, ShareSet
 from gear_rattle.service.explorer.state.store import JOBS, Store, window_of
-from gear_rattle.service.operations.overlaid import Overlaid, limit_band, limit_line
+from gear_rattle.service.operations.overlaid import Overlays, limit_band, limit_line
 from gear_rattle.workers.pictures.look import CRISIS, LIMIT, POINTS, USUAL_SHARE
 from gear_rattle.workers.survey.axes import Window
 from gear_rattle.workers.survey.curves import LOWEST_DELTA, Missing, traced_curve
@@ -82,7 +82,7 @@ class MapLines:
         self._figure.remove_lines()
 
     async def _compute_line(self, name: str, model: Model, window: Ranges) -> None:
-        await self._viewer.front.kernels.require(model.name, patience=math.inf)
+        await self._viewer.front.kernels.wait_until_compiled(model.name, patience=math.inf)
         if name == POINTS:
             points = await self._viewer.run_in_thread(lambda: points_in_window(model, window))
             self._viewer.change(lambda: self._figure.mark_points(points))
@@ -100,7 +100,7 @@ class MapLines:
 class KeyedLines(MapLines):
     """Lines over the first map. panel: the key, in which a viewer chooses lines."""
 
-    def __init__(self, overlaid: Overlaid, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
+    def __init__(self, overlaid: Overlays, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
         super().__init__(viewer, figure)
         self._overlaid, self._store = overlaid, store
         self._listed: tuple[Hashable, ...] = ()
@@ -143,7 +143,7 @@ class KeyedLines(MapLines):
         self._listing = None if window is None else self._viewer.start(self._list_present_lines(model, window))
 
     async def _list_present_lines(self, model: Model, window: Ranges) -> None:
-        await self._viewer.front.kernels.require(model.name, patience=math.inf)
+        await self._viewer.front.kernels.wait_until_compiled(model.name, patience=math.inf)
         absent = await self._viewer.run_in_thread(lambda: absent_lines(model, window))
         self._entries = found = [each for each in self._entries if each["name"] not in absent]
         self._viewer.change(lambda: self.key.param.update(overlays=found))
@@ -171,14 +171,14 @@ class KeyedLines(MapLines):
         if name not in WHOLE:
             await super()._compute_line(name, model, window)
             return
-        await self._viewer.front.kernels.require(model.name, patience=math.inf)
+        await self._viewer.front.kernels.wait_until_compiled(model.name, patience=math.inf)
         self._note_in_key(name, "is being computed …")
         try:
             if name == CRISIS:
-                pieces = [await self._overlaid.crises.of(model)]
+                pieces = [await self._overlaid.crises.crisis_of(model)]
                 self._viewer.change(lambda: self._figure.draw_line(name, pieces))
             else:
-                async for delta, limits in self._overlaid.limits.along(
+                async for delta, limits in self._overlaid.limits.limits_over(
                     model, self._delta_range, self._store.view.share
                 ):
                     self._viewer.change(partial(self._show_limit, delta, limits))

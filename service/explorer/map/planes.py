@@ -69,7 +69,7 @@ class MapPlane:
     is_kept = True  # True if all cells are kept in memory
 
     def __init__(self, front: Front, job: JobRow, variable: str, index: int, number: int = 0) -> None:
-        _, place = front.with_numbers(job.id)
+        _, place = front.job_with_results(job.id)
         self.id, self.number = job.id, job.number
         self._front = front
         request = SurveyRequest.model_validate(job.request)

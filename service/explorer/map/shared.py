@@ -19,7 +19,7 @@ from gear_rattle.service.explorer.map.colouring import Colouring, colouring
 from gear_rattle.service.explorer.map.overlays import cache_default_lines
 from gear_rattle.service.explorer.map.planes import UNSEEN, Atlas, MapBlock, MapPlane, Room, maps_of
 from gear_rattle.service.explorer.state.store import Store, window_of
-from gear_rattle.service.operations.overlaid import Overlaid
+from gear_rattle.service.operations.overlaid import Overlays
 from gear_rattle.service.operations.surveys import list_jobs
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest, map_quantity
@@ -126,7 +126,7 @@ class SharedState:
     front: Front
     news: StatusPublisher
     atlas: Atlas
-    overlaid: Overlaid
+    overlaid: Overlays
     exact: UncomputedMaps
     on_map_drawn: Callable[[], None] = lambda: None
 
@@ -134,7 +134,7 @@ class SharedState:
         """Compute the default map and its lines in advance, because the first page would have to wait for them."""
         try:
             model, window = await run_in_threadpool(self._draw_default_map)
-            await self.front.kernels.require(model.name, patience=math.inf)
+            await self.front.kernels.wait_until_compiled(model.name, patience=math.inf)
             await run_in_threadpool(cache_default_lines, model, window)
         except (RattleError, ValueError, OSError) as error:  # a page that is opened later shows the error
             log.info("the first map cannot be drawn beforehand: %s", error)
@@ -163,7 +163,7 @@ class SharedState:
             The map, whether all tiles computed so far have been read, its drawn cells and their colours.
         """
         key, how = (view.variable, view.index, view.slice), (view.limits, view.log, room)
-        if not State(job.state).final and is_closed_form(SurveyRequest.model_validate(job.request), view.variable):
+        if not State(job.state).is_final and is_closed_form(SurveyRequest.model_validate(job.request), view.variable):
             plane = self.exact.unfinished_map(job, *key, lambda: self.atlas.plane(job, *key)[0])
             block, colours = _draw_map(plane, *how)
             note = WAITING if job.state == State.ACCEPTED else BEFOREHAND

@@ -20,7 +20,7 @@ from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, Room
 from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.state.store import Store, box_of_cells
-from gear_rattle.service.operations.windows import inside, is_coarse
+from gear_rattle.service.operations.windows import clip_to_plane, is_coarse
 from gear_rattle.workers import Frame
 from gear_rattle.workers.pictures.look import is_of_survey_only
 from gear_rattle.workers.pictures.planes import drawn_numbers
@@ -144,7 +144,7 @@ class SurveyMap(ABC):
         self._show_progress("Computing this window …")
         windows = self._shared.overlaid.windows
         try:
-            frames = windows.frames(plane.request, chosen.variable, chosen.index, inside(*window), pixels)
+            frames = windows.frames(plane.request, chosen.variable, chosen.index, clip_to_plane(*window), pixels)
             async with aclosing(frames):
                 async for frame in frames:
                     self.show_finer(block_of(frame))

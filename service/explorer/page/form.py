@@ -17,7 +17,7 @@ from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.page.machine_axes import MachineAxes
 from gear_rattle.service.explorer.page.sample_fields import SampleFields
-from gear_rattle.service.harmonics import EXAMPLE, SHAPE, read_harmonics, written_harmonics
+from gear_rattle.service.harmonics import EXAMPLE, SHAPE, harmonic_texts, read_harmonics
 from gear_rattle.service.operations.estimate import CostEstimate, estimate
 from gear_rattle.service.operations.limits import check_limits
 from gear_rattle.service.operations.surveys import submit_survey
@@ -153,7 +153,7 @@ class SurveyForm:
         self.beta.value, self.model.value = model.beta, model.name
         for each in model.added:
             self.added[each.name].value = model.numbers[each.name]
-        self.harmonics.value = " ".join(written_harmonics(model.at(1.0, 0.0).harmonics))
+        self.harmonics.value = " ".join(harmonic_texts(model.at(1.0, 0.0).harmonics))
 
     @property
     def _is_machine(self) -> bool:

@@ -16,14 +16,14 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import Message, Receive, Scope, Send
 
 from gear_rattle.service.access import login
-from gear_rattle.service.access.origins import require_root
+from gear_rattle.service.access.origins import require_browser_address
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.explorer.common.news import StatusPublisher
 from gear_rattle.service.explorer.page.assets_route import Assets
 from gear_rattle.service.explorer.page.head import SCHEME, head_html, html_after_head
 from gear_rattle.service.jobs.manager import STARTING
 from gear_rattle.service.observability.logs import adopt_handlers
-from gear_rattle.service.operations.overlaid import Overlaid
+from gear_rattle.service.operations.overlaid import Overlays
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
 from gear_rattle.service.web.prefix import public_path
@@ -65,7 +65,7 @@ class Explorer:
         self._settings = settings
         self._front: Front | None = None
         self.news: StatusPublisher | None = None
-        self._overlaid: Overlaid | None = None
+        self._overlaid: Overlays | None = None
         self._shared: SharedState | None = None
         self._loading: asyncio.Future[Pages] | None = None
         self._running = AsyncExitStack()
@@ -82,7 +82,7 @@ class Explorer:
         ]
 
     @asynccontextmanager
-    async def running(self, front: Front, overlaid: Overlaid) -> AsyncIterator[None]:
+    async def running(self, front: Front, overlaid: Overlays) -> AsyncIterator[None]:
         """Return the context in which the application runs: open pages get job status, and closed pages are dropped."""
         self._front, self._overlaid = front, overlaid
         self.news = StatusPublisher(front)
@@ -164,7 +164,7 @@ class Explorer:
     async def _serve_page(self, request: Request) -> Response:
         from gear_rattle.service.explorer.common.viewer import CALLER
 
-        require_root(request.headers, public_path("/"))
+        require_browser_address(request.headers, public_path("/"))
         pages = await self.load()
         if len(pages.sessions()) >= self._settings.max_pages:
             raise UnavailableError("Too many pages of the explorer are open. Close some, and try again in a minute.")
@@ -203,7 +203,7 @@ class _Socket:
             code = message.get("code", 0)
             return message
 
-        with scope["app"].state.front.revocations.ending(caller) as visit:
+        with scope["app"].state.front.revocations.cancel_when_revoked(caller) as visit:
             await pages.serve_websocket(session, scope, receive_noting_code, send)
             if code in LEFT:
                 session.request_expiration()  # otherwise the computations of the closed page would go on

@@ -169,7 +169,7 @@ class Page:
 
     def _show_rows(self) -> None:
         """Show the surveys in the list."""
-        view, jobs, owns = self.store.view, self.store.jobs, self._viewer.caller.owns
+        view, jobs, owns = self.store.view, self.store.jobs, self._viewer.caller.is_owner_of
         if self.store.has_surveys:
             rows = [survey_row(each, view, owns(each.job)) for each in jobs.values()]
             with self._watch.paused():
@@ -252,7 +252,7 @@ class Page:
     async def _remove(self, action: str, survey_id: str) -> None:
         def remove() -> None:
             front = self._shared.front
-            ended = find_job(front, survey_id).shown[0].final
+            ended = find_job(front, survey_id).shown_status[0].is_final
             if ended == (action == "delete"):  # "cancel" must not delete a survey that has just ended
                 remove_survey(front, self._viewer.require(Scope.SUBMIT), survey_id)
 

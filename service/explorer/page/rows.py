@@ -8,7 +8,7 @@ from gear_rattle.service.explorer.common.address import View
 from gear_rattle.service.explorer.common.news import JobStatus
 from gear_rattle.service.explorer.design.fields import NUMBERS, PAIR, machine_ranges, text_in_unit
 from gear_rattle.service.explorer.map.picture import picture_query, third_axis_names
-from gear_rattle.service.harmonics import written_harmonics
+from gear_rattle.service.harmonics import harmonic_texts
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.pictures.look import LARGEST
 from gear_rattle.workers.survey.families import FAMILY
@@ -20,13 +20,13 @@ STORED = {LARGEST: FAMILY}  # {map that is not stored: the stored variable from 
 def survey_row(status: JobStatus, view: View, owned: bool) -> dict[str, Any]:
     """Return a survey's row of the list, for this view. owned: whether the survey belongs to the caller."""
     job = status.job
-    state, message = job.shown
+    state, message = job.shown_status
     submitted = ["submitted", job.created[:16].replace("T", " ") + " UTC"]
     size, facts = _size_and_facts(job.request) if job.is_readable else ("", [])
     chosen = job.id == view.survey and job.is_readable
     return {
         "id": job.id,
-        "name": job.called,
+        "name": job.display_name,
         "title": job.name,
         "notes": job.notes,
         "size": size,
@@ -53,7 +53,7 @@ def _size_and_facts(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
         ["ε", _value_text(epsilon)],
         ["β", _value_text(request["beta"])],
         *([each.symbol, _value_text(request[name])] for name, each in ADDED.items() if request.get(name)),
-        *([["harmonics", " ".join(written_harmonics(request["harmonics"]))]] if request.get("harmonics") else []),
+        *([["harmonics", " ".join(harmonic_texts(request["harmonics"]))]] if request.get("harmonics") else []),
         ["computes", ", ".join(request["quantities"])],
         ["sample", f"{request['initial_conditions']['count']} initial conditions"],
     ]

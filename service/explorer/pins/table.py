@@ -12,7 +12,7 @@ import rattle
 from gear_rattle.service.explorer.common.address import Pin
 from gear_rattle.service.explorer.point.parts import SampledAttractors, sampled_attractors, with_letters
 from gear_rattle.service.explorer.point.words import harmonics_in_words, number_text, percent_text
-from gear_rattle.service.harmonics import written_harmonics
+from gear_rattle.service.harmonics import harmonic_texts
 from rattle.models import ADDED, model_at
 from rattle.orbits import region_in_words
 from rattle.plot import legend_name
@@ -129,7 +129,7 @@ def csv_text(pins: Sequence[Pin], results: Mapping[Pin, PinResults | str]) -> st
         if not isinstance(found := results.get(pin), PinResults):
             continue
         added = (dict(pin.added).get(name, "") for name in ADDED)
-        here = *pin[:3], *added, " ".join(written_harmonics(pin.harmonics)), _region_name(found), found.quiet_limit
+        here = *pin[:3], *added, " ".join(harmonic_texts(pin.harmonics)), _region_name(found), found.quiet_limit
         for each, letter in zip(found.chances.attractors, found.chances.letters, strict=True):
             writer.writerow(
                 (

@@ -124,7 +124,7 @@ class PointView:
         )
 
     def _show_waiting_texts(self) -> None:
-        panel, ready = self.panel, self._front.kernels.has(self._model.name)
+        panel, ready = self.panel, self._front.kernels.is_compiled(self._model.name)
         for text, what in (
             (panel.orbits, "the period-one orbits"),
             (panel.likely, "how likely quiet running is"), (panel.under_basins, "the basins"),

@@ -11,7 +11,7 @@ import rattle
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.design.fields import ERRORS
 from gear_rattle.service.explorer.point.parts import Margin, PeriodOneOrbits, SampledAttractors
-from gear_rattle.service.harmonics import written_harmonics
+from gear_rattle.service.harmonics import harmonic_texts
 from rattle import Machine
 from rattle.models import AnyGear, model_at
 from rattle.orbits import region_in_words
@@ -251,7 +251,7 @@ def notebook_link(gear: AnyGear, direction: str, span: float | None, to: Pair | 
     """Return the link to this point as a notebook, with the diagram that is shown."""
     at = gear.parameters.point()
     along = {"direction": direction, "span": span} if to is None else {"to_delta": to[0], "to_epsilon": to[1]}
-    harmonics = [("harmonic", each) for each in written_harmonics(gear.parameters.harmonics)]
+    harmonics = [("harmonic", each) for each in harmonic_texts(gear.parameters.harmonics)]
     asked = (*at.items(), *along.items(), *harmonics)
     query = urlencode([(name, value) for name, value in asked if value is not None])
     link = f'<a href="v1/notebook?{escape(query)}" download>A notebook</a>'

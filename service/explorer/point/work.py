@@ -16,7 +16,7 @@ import rattle
 from gear_rattle.service.explorer.common.changes import change_and_wait
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.point import parts
-from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.state import Front
 from rattle import RattleError
 from rattle.models import DEFAULT_MODEL
@@ -40,7 +40,7 @@ async def prepare_processes(front: Front) -> None:
 
 async def _prepare_one(front: Front) -> None:
     try:
-        await in_turn(
+        await compute_in_process(
             front,
             parts.warm_up,
             rattle.Gear(0.6, 0.1),
@@ -88,7 +88,7 @@ class PointTasks:
 
     async def wait_for_kernels(self) -> None:
         """Wait, as long as it takes, until the kernels of the model are compiled."""
-        await self._front.kernels.require(self._model, patience=math.inf)
+        await self._front.kernels.wait_until_compiled(self._model, patience=math.inf)
         self._require_open()
 
     async def compute(
@@ -104,9 +104,9 @@ class PointTasks:
             The return value of the function.
         """
         await self.wait_for_kernels()
-        async with self._front.slow_points.one() if slow else nullcontext():
+        async with self._front.slow_point_limiter.foreground_slot() if slow else nullcontext():
             self._require_open()
-            found = await in_turn(
+            found = await compute_in_process(
                 self._front,
                 compute,
                 *arguments,

@@ -23,7 +23,7 @@ from gear_rattle.service.explorer.design.tolerance import RADIUS, Tolerance
 from gear_rattle.service.explorer.point import loudness, parts
 from gear_rattle.service.explorer.point.panel import PointPanel
 from gear_rattle.service.operations import design_limits
-from gear_rattle.service.operations.design_limits import DesignLimits, coarse_first
+from gear_rattle.service.operations.design_limits import DesignLimits, dampings_coarse_first
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
 from rattle.models import AnyGear, Impacting, Stiff
@@ -93,27 +93,27 @@ def test_a_design_limit_is_found_once_coarse_first(tmp_path: Path, monkeypatch: 
         return work(*arguments)
 
     async def body(front: Front) -> None:
-        monkeypatch.setattr(design_limits, "in_turn", here)
+        monkeypatch.setattr(design_limits, "compute_in_process", here)
         monkeypatch.setattr(design_limits, "COUNT", 64)
-        monkeypatch.setattr(design_limits, "VALUES", 5)
+        monkeypatch.setattr(design_limits, "DAMPINGS", 5)
         known = DesignLimits(front)
-        drawn = [found async for found in known.along(Impacting(0.6), (0.5, 0.9), 0.8)]
+        drawn = [found async for found in known.limits_over(Impacting(0.6), (0.5, 0.9), 0.8)]
         assert [delta.size for delta, _ in drawn] == [1, 2, 3, 4, 5, 5]
         assert asked == pytest.approx([0.5, 0.9, 0.7, 0.6, 0.8])
         delta, found = drawn[-1]
         assert np.all(np.diff(delta) > 0)
         exact = rattle.design_limit({"delta": 0.7, "beta": 0.6}, "epsilon", 0.8, count=64)
         np.testing.assert_array_equal(found[:, 2], exact)
-        again = [delta.size async for delta, _ in known.along(Impacting(0.6), (0.5, 0.9), 0.8)]
+        again = [delta.size async for delta, _ in known.limits_over(Impacting(0.6), (0.5, 0.9), 0.8)]
         assert (again, len(asked)) == ([5], 5)
 
     with_front(tmp_path, body)
 
 
 def test_every_value_of_a_limit_is_looked_at_once() -> None:
-    found = coarse_first((0.4, 1.0))
-    assert len(found) == len(set(found)) == design_limits.VALUES
-    assert sorted(found) == np.linspace(0.4, 1.0, design_limits.VALUES).tolist()
+    found = dampings_coarse_first((0.4, 1.0))
+    assert len(found) == len(set(found)) == design_limits.DAMPINGS
+    assert sorted(found) == np.linspace(0.4, 1.0, design_limits.DAMPINGS).tolist()
 
 
 def test_intensities_are_told_in_both_units() -> None:

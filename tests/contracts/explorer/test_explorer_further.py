@@ -230,7 +230,7 @@ def test_lines_are_sent_once_and_taken_away_with_their_gear(tmp_path: Path, monk
         async def ready(*_: Any, **__: Any) -> None:
             """Kernels, which are not what is waited for here."""
 
-        monkeypatch.setattr(front.kernels, "require", ready)
+        monkeypatch.setattr(front.kernels, "wait_until_compiled", ready)
         shown.choose(first)
         shown.follow(other)
         shown.store.dispatch(MapAdded(ComparisonChoice(first.id, "region")))

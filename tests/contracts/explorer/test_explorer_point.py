@@ -42,7 +42,7 @@ from gear_rattle.service.explorer.point.view import PointView
 from gear_rattle.service.explorer.point.work import prepare_processes
 from gear_rattle.service.explorer.state.store import Store
 from gear_rattle.service.operations import diagrams
-from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
 from rattle.models import AnyGear, Impacting, Model, Stiff
@@ -467,19 +467,19 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
     computed: dict[str, set[int]] = {}
     known: dict[str, Any] = {}  # by what is asked: the second view needs most of it again
 
-    async def in_turn_and_noted(front: Front, *work: Any, **words: Any) -> Any:
+    async def in_process_and_noted(front: Front, *work: Any, **words: Any) -> Any:
         if (asked := repr(work)) in known:
             return known[asked]
         if work[0] is parts.basins:
             work = (*work[:2], work[2] // COARSER, work[3])
-        process, found = await in_turn(front, with_process, *work, **words)
+        process, found = await compute_in_process(front, with_process, *work, **words)
         computed.setdefault(words["what"], set()).add(process)
         known[asked] = found
         return found
 
     async def body(front: Front) -> None:
         await prepare_processes(front)
-        monkeypatch.setattr(work, "in_turn", in_turn_and_noted)
+        monkeypatch.setattr(work, "compute_in_process", in_process_and_noted)
         view = new_view(front, 0.6, 0.1, Impacting(0.6))
         assert "region IV" in view.panel.where.html
         assert "2.602, 0.2109" in view.panel.orbits.html
@@ -556,13 +556,13 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
 def test_a_view_that_is_put_away_computes_and_changes_nothing_more(tmp_path: Path) -> None:
     async def body(front: Front) -> None:
         view = new_view(front, 0.6, 0.1, Impacting(0.6))
-        await eventually(lambda: front.points.borrowed_tokens > 0)
+        await eventually(lambda: front.point_limiter.borrowed_tokens > 0)
         view.stop()
         said = view.panel.likely.html
         await eventually(lambda: not view.work.tasks)  # what was at work has ended, and nothing can follow
         assert view.panel.likely.html == said
-        assert front.points.borrowed_tokens == 0
-        assert front.points.statistics().tasks_waiting == 0
+        assert front.point_limiter.borrowed_tokens == 0
+        assert front.point_limiter.statistics().tasks_waiting == 0
 
     with_front(tmp_path, body)
 

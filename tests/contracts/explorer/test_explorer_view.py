@@ -196,7 +196,7 @@ def test_what_the_first_page_shows_is_found_before_anybody_looks(
         """Kernels, which are not what is waited for here."""
 
     async def body(front: Front, shown: Shown) -> None:
-        monkeypatch.setattr(front.kernels, "require", ready)
+        monkeypatch.setattr(front.kernels, "wait_until_compiled", ready)
         job = done(front, REGIONS) if is_there else None
         await shown.shared.prepare()
         assert len(drawn) == 1

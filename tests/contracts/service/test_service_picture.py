@@ -266,8 +266,8 @@ def test_lines_that_take_long_are_found_once_and_given_up_with_whoever_asked(
         asked.append(given)
         yield np.array([0.5, 0.8]), np.array([[0.04, np.nan], [0.03, np.nan], [0.05, np.nan]])
 
-    monkeypatch.setattr(overlaid.crises, "of", crisis)
-    monkeypatch.setattr(overlaid.limits, "along", along)
+    monkeypatch.setattr(overlaid.crises, "crisis_of", crisis)
+    monkeypatch.setattr(overlaid.limits, "limits_over", along)
     here = f"/v1/surveys/{survey_id}/map.svg"
     answers = [
         client.get(here, params={"lines": lines, "share": 0.75})
@@ -288,7 +288,7 @@ def test_lines_that_take_long_are_found_once_and_given_up_with_whoever_asked(
             left.set()
         raise AssertionError
 
-    monkeypatch.setattr(overlaid.crises, "of", for_ever)
+    monkeypatch.setattr(overlaid.crises, "crisis_of", for_ever)
     monkeypatch.setattr(picture, "LOOK_SECONDS", 0.01)
     monkeypatch.setattr(Request, "is_disconnected", gone)
     answer = client.get(here, params={"lines": "crisis"})
