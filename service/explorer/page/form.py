@@ -118,7 +118,7 @@ class SurveyForm:
         )  # fmt: skip
         for widget, used in (
             (self.plane, self._on_plane), (self.model, self._on_model), (self.harmonics, self._on_model),
-            (self.fine, self._on_fine), *((count, self._on_count) for count in self.counts),
+            (self.fine, self._on_fineness), *((count, self._on_count) for count in self.counts),
         ):  # fmt: skip
             widget.param.watch(handler_in_event_loop(used), "value")
         for widget in self.panel.select(pn.widgets.WidgetBase):
@@ -213,7 +213,7 @@ class SurveyForm:
             widget.visible = name in self._entered_parameters
         self.sample.offer_groups([str(group) for group in groups_of(self.model.value, bool(self._harmonic_texts))])
 
-    def _on_fine(self, *_: Any) -> None:
+    def _on_fineness(self, *_: Any) -> None:
         for widget, count in zip(self.counts, FINENESS.get(self.fine.value, ()), strict=False):
             widget.value = count
 

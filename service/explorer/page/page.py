@@ -91,7 +91,7 @@ class Page:
         save = pn.widgets.Button(
             label="New survey from this view", stylesheets=[sheet], margin=(2, 8, 2, 0), css_classes=["save"]
         )
-        on_press(save, self._save_window)
+        on_press(save, self._open_form_for_view)
         # The form has a column of its own, because Panel sets all children of a column anew when one is inserted.
         self._entering = pn.Column(sizing_mode="stretch_width", margin=0)
         self._side = pn.Column(
@@ -141,10 +141,10 @@ class Page:
 
     async def _learn_statuses(self, statuses: Sequence[JobStatus]) -> None:
         # raises an error if the API key was revoked
-        statuses = await self._viewer.run_in_thread(lambda: self._with_chosen_survey(statuses))
+        statuses = await self._viewer.run_in_thread(lambda: self._add_chosen_survey(statuses))
         self._viewer.change(lambda: self.store.update_surveys({each.job.id: each for each in statuses}))
 
-    def _with_chosen_survey(self, statuses: Sequence[JobStatus]) -> Sequence[JobStatus]:
+    def _add_chosen_survey(self, statuses: Sequence[JobStatus]) -> Sequence[JobStatus]:
         """Return the statuses, and also the status of the survey in the address if the newest surveys lack it."""
         asked = self.store.view.survey
         if asked and all(each.job.id != asked for each in statuses):
@@ -210,7 +210,7 @@ class Page:
 
         self._viewer.start(show())
 
-    def _save_window(self) -> None:
+    def _open_form_for_view(self) -> None:
         store = self.store
         form = self._open_form()
         form.fill_window(store.window, store.model, store.machine)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import rattle
 from gear_rattle.service.explorer.common.address import Pin
-from gear_rattle.service.explorer.point.parts import SampledAttractors, sampled_attractors, with_letters
+from gear_rattle.service.explorer.point.parts import SampledAttractors, add_letters, sampled_attractors
 from gear_rattle.service.explorer.point.words import harmonics_in_words, number_text, percent_text
 from gear_rattle.service.harmonics import harmonic_texts
 from rattle.models import ADDED, model_at
@@ -44,7 +44,7 @@ def results_of_point(pin: Pin, count: int) -> PinResults:
     if gear.parameters.harmonics:
         return PinResults(None, gear.quiet_limit, found)
     if not model_at(gear).in_closed_form:
-        found = with_letters(found, gear.orbits())
+        found = add_letters(found, gear.orbits())
     return PinResults(gear.region(), gear.quiet_limit, found)
 
 

@@ -176,7 +176,7 @@ def speed_range(found: DiagramLines) -> Pair:
     speeds = [each for each in (found.v, found.marks.v, *(one.v for one in found.strokes)) if each.size]
     if not speeds:
         return 0.0, 7.0
-    return _with_room(min(float(each.min()) for each in speeds), max(float(each.max()) for each in speeds))
+    return _add_margin(min(float(each.min()) for each in speeds), max(float(each.max()) for each in speeds))
 
 
 def dense_speed_range(found: DiagramLines) -> Pair | None:
@@ -200,10 +200,10 @@ def dense_speed_range(found: DiagramLines) -> Pair | None:
     excess = np.maximum.accumulate(below) + ranks + 1 / v.size - share
     end = int(excess.argmax())
     start = int(below[: end + 1].argmax())
-    return _with_room(float(v[start]), float(v[end])) if excess[end] > MOST_THIN and end > start else None
+    return _add_margin(float(v[start]), float(v[end])) if excess[end] > MOST_THIN and end > start else None
 
 
-def _with_room(low: float, high: float) -> Pair:
+def _add_margin(low: float, high: float) -> Pair:
     room = ROOM * (high - low or high or 1.0)
     return low - room, high + room
 

@@ -63,14 +63,14 @@ def loudest_in_words(
 
 def _dimensionless_texts(found: rattle.Intensity, delta: float) -> list[str]:
     level = _decibels(found.level(natural_energy(delta)))
-    energy = _with_error(found.energy, found.errors.energy)
+    energy = _value_with_error(found.energy, found.errors.energy)
     return [number_text(found.impacts), number_text(found.mean_speed), number_text(found.largest_speed), energy, level]
 
 
 def _si_texts(found: rattle.Intensity, machine: Machine) -> list[str]:
     si = machine.in_si(found)
     numbers = [number_text(each) for each in (si.impacts, si.mean_velocity, si.largest_velocity, si.energy)]
-    return [*numbers, _with_error(si.power, si.power_error), _decibels(si.level)]
+    return [*numbers, _value_with_error(si.power, si.power_error), _decibels(si.level)]
 
 
 def _decibels(level: float) -> str:
@@ -78,7 +78,7 @@ def _decibels(level: float) -> str:
     return number_text(round(level, 2) + 0.0)
 
 
-def _with_error(value: float, error: float) -> str:
+def _value_with_error(value: float, error: float) -> str:
     return number_text(value) + (f" ± {number_text(error, 2)}" if error > 0 else "")
 
 

@@ -193,7 +193,7 @@ def _multipliers(gear: AnyGear, attractor: rattle.Attractor) -> tuple[complex, c
     return complex(first), complex(second)
 
 
-def with_letters(found: SampledAttractors, orbits: Iterable[rattle.Orbit]) -> SampledAttractors:
+def add_letters(found: SampledAttractors, orbits: Iterable[rattle.Orbit]) -> SampledAttractors:
     """Return `found`, with the letter of each attractor that is one of these period-one orbits."""
     return found._replace(letters=tuple(_letter(orbits, each) for each in found.attractors))
 

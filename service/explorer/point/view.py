@@ -222,7 +222,7 @@ class PointView:
         def show() -> None:
             self._show_orbits(found)
             if self._found is not None:
-                self._show_attractors(parts.with_letters(self._found, found.orbits))
+                self._show_attractors(parts.add_letters(self._found, found.orbits))
             if self._basins is not None and not self._choices.is_away:
                 self.panel.picture.show_orbits(found.orbits)
 
