@@ -40,7 +40,7 @@ NO_NUMBERS = "The families of this survey are known once the survey is computed.
 ALONG = {"delta": "Its diagram along δ", "epsilon": "Its diagram along ε"}
 
 
-class FamilyMaps(NamedTuple):
+class FamilyData(NamedTuple):
     """Families read from a survey, the same for all windows.
 
     names: the names of the first families. family: the description of the chosen family, None without one. plane: the
@@ -80,7 +80,7 @@ class FamiliesView:
         self.drawings = DrawingRunner(viewer)
         # id of the survey, number of the slice, number of the family
         self._of: tuple[str, int, int | None] = ("", 0, None)
-        self._known: tuple[tuple[Any, ...], FamilyMaps] | None = None
+        self._known: tuple[tuple[Any, ...], FamilyData] | None = None
         store.subscribe(self._on_view_change, "survey", "slice", "family", "delta", "epsilon", "seen", JOBS)
 
     def _on_view_change(self) -> None:
@@ -103,7 +103,7 @@ class FamiliesView:
         key = view.slice, view.family, job.id, job.state, job.cells_done
         before = self._known[1] if self._known is not None and self._known[0] == key else None
 
-        def read() -> tuple[FamilyMaps, MapBlock | None]:
+        def read() -> tuple[FamilyData, MapBlock | None]:
             known = before or self._read_families(view, job)
             if known.plane is None:
                 return known, None
@@ -119,22 +119,22 @@ class FamiliesView:
         self._known = key, known
         yield partial(self._show_family, view.family, known, seen)
 
-    def _read_families(self, view: View, job: JobRow) -> FamilyMaps:
+    def _read_families(self, view: View, job: JobRow) -> FamilyData:
         place = self._shared.front.directory.store(job.id)
         if not place.exists():
             raise MissingError(NO_NUMBERS)
         found = stored_families(place, SurveyRequest.model_validate(job.request), view.slice)
         names = first_family_names(found)
         if view.family is None:
-            return FamilyMaps(names)
+            return FamilyData(names)
         try:
             require_family(found, view.family)
         except SurveyError as error:
-            return FamilyMaps(names, why=str(error))
+            return FamilyData(names, why=str(error))
         plane = self._shared.plane(job, SHARE, view.family, view.slice)
-        return FamilyMaps(names, family_description(found, plane, view.family), plane)
+        return FamilyData(names, family_description(found, plane, view.family), plane)
 
-    def _show_family(self, number: int | None, known: FamilyMaps, seen: MapBlock | None) -> None:
+    def _show_family(self, number: int | None, known: FamilyData, seen: MapBlock | None) -> None:
         options = {name: str(i) for i, name in enumerate(known.names)}
         self.panel.visible = True
         if known.family is None or seen is None:

@@ -145,18 +145,18 @@ class MapPlane:
             _cell_range(axis, span) for axis, span in zip((self.delta, self.epsilon), window or self.box, strict=True)
         )
         part = part_for(self._levels, (i, j), (end_i, end_j), room[::-1])
-        seen, (rows, columns) = self._displayed_largest(part) if anywhere else self._displayed(part), part.at
+        seen, (rows, columns) = self._largest_to_display(part) if anywhere else self._cells_to_display(part), part.at
         across, along = (part.level.cells if part.level else (1, 1))[::-1]
         delta, epsilon = centres(self.delta, across)[columns], centres(self.epsilon, along)[rows]
         box = _covered_range(self.delta, across, columns), _covered_range(self.epsilon, along, rows)
         return MapBlock(delta, epsilon, seen.values, seen.status, box, seen.shares, seen.without)
 
-    def _displayed(self, part: LevelPart) -> DisplayedCells:
+    def _cells_to_display(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
             return DisplayedCells(*self._values_and_status(*part.at))
         return of_cells(self.plane, *self._values_and_status(*_covered_cells(part)), part.level)
 
-    def _displayed_largest(self, part: LevelPart) -> DisplayedCells:
+    def _largest_to_display(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
             return DisplayedCells(*self._values_and_status(*part.at))
         values, status = self._values_and_status(*_covered_cells(part))
@@ -224,9 +224,9 @@ class LeveledPlane(MapPlane):
         """Return True: a completed survey has no new tiles."""
         return True
 
-    def _displayed(self, part: LevelPart) -> DisplayedCells:
+    def _cells_to_display(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
-            return super()._displayed(part)
+            return super()._cells_to_display(part)
         return of_level(self.plane, self._open_level(part.level.path), self._index, part.level, part.at)
 
     def _open_level(self, path: str) -> xr.Dataset:
