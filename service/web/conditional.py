@@ -18,6 +18,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gear_rattle.workers.survey.version import code_version
 
+SERVICE = Path(__file__).parents[1]  # the folder with the code of all answers
+
 #: Cache-Control: the client must ask each time whether its copy is still valid, and gets 304 if it is.
 REVALIDATE = "no-cache"
 #: Cache-Control of answers that change rarely: answers that depend on the query and the code only, and files of a
@@ -120,6 +122,6 @@ def _digest(*parts: bytes) -> str:
 
 @cache
 def _answer_version() -> str:
-    """Return a hash of the code of the library, of surveys, and of this folder, `service/web`."""
-    sources = sorted(Path(__file__).parent.rglob("*.py"))
+    """Return a hash of the code of the library, of surveys, and of the service."""
+    sources = sorted(SERVICE.rglob("*.py"))
     return _digest(code_version().encode(), *(path.read_bytes() for path in sources))
