@@ -14,7 +14,7 @@ PAUSE = 1.0  # seconds between two drawings of a running survey
 Show = Callable[[], object]
 
 
-class Drawings:
+class DrawingRunner:
     """Runs one drawing at a time, because the thread of a cancelled drawing would go on.
 
     If several drawings are requested meanwhile, only the newest follows. While a survey runs, PAUSE seconds pass
@@ -29,7 +29,7 @@ class Drawings:
         self._pause = 0.0
         self._task: asyncio.Task[None] | None = None
 
-    def want(self, what: Hashable, jobs: Sequence[JobRow], draw: Callable[[], AsyncGenerator[Show, None]]) -> None:
+    def request(self, what: Hashable, jobs: Sequence[JobRow], draw: Callable[[], AsyncGenerator[Show, None]]) -> None:
         """Request a drawing of surveys, unless the same drawing is finished or under way.
 
         Parameters

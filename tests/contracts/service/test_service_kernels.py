@@ -185,11 +185,11 @@ for delta, epsilon, beta in ((0.5, 0.25, 0.6), (1.5, 0.4, 0.3))[: 1 if added els
     gear = model.gear(delta, epsilon)
     orbits_document(gear)
     intensities(gear, 16, None, 0, 100_000)
-    point_parts.chances(gear, 16)
+    point_parts.sampled_attractors(gear, 16)
     for method in ("cells", "refined", "direct"):
         point_parts.basins(gear, 20, method)
     point_parts.motion_from(gear, 0.3, 4.0, 1.0, 2)
-    point_parts.lines(gear)
+    point_parts.plane_lines(gear)
     if Capability.MARGIN in model.has:
         point_parts.margin(gear)
     for direction in diagrams.SPANS:
