@@ -15,7 +15,7 @@ from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
 from rattle.flight.first_impact import OK
 from rattle.intensity.motions import ENDLESS, period_limits
-from rattle.intensity.visit import COLUMNS, IMPULSE, TIME, mean_force_at, summed
+from rattle.intensity.visit import COLUMNS, IMPULSE, TIME, mean_force_at, sum_impacts
 from rattle.numerics.compile import kernel
 from rattle.orbits.return_map import point_of
 
@@ -25,7 +25,7 @@ MOST_IMPACTS = 1_000_000
 
 
 @kernel
-def imbalances(cell, returns, periods, tau, v, cells, sums, found):
+def write_impulse_imbalances(cell, returns, periods, tau, v, cells, sums, found):
     """Write |balance/2πδ − 1| of the motions (n,) to `found`; NaN for a motion that cannot be followed.
 
     Each motion is followed for returns[i] returns to Σ⁺ or periods[i] forcing periods, whichever ends first. If both
@@ -38,7 +38,7 @@ def imbalances(cell, returns, periods, tau, v, cells, sums, found):
         most = periods[i]
         if returns[i] == ENDLESS and most == math.inf:
             most = max(PERIODS, RELAXATIONS / point.delta)
-        status, _tau, _v, _time = summed(tau[i], v[i], returns[i], most, MOST_IMPACTS, point, sums)
+        status, _tau, _v, _time = sum_impacts(tau[i], v[i], returns[i], most, MOST_IMPACTS, point, sums)
         balance = 0.5 * sums[0, IMPULSE] / (0.5 * mean_force_at(point) * sums[0, TIME])
         found[i] = abs(balance - 1.0) if status == OK else math.nan
 
@@ -65,6 +65,6 @@ def impulse_balance_errors(table: AttractorTable, cells: Any) -> NDArray[np.floa
     returns, periods = period_limits(table.m, table.n_plus, table.contacts)
     returns = np.where(table.kind == Outcome.PERIODIC, returns, ENDLESS)
     columns = (x[rows] for x in (table.cell, returns, periods, table.tau, table.v))
-    imbalances(*columns, cells, np.zeros((1, COLUMNS)), found)
+    write_impulse_imbalances(*columns, cells, np.zeros((1, COLUMNS)), found)
     errors[rows] = found
     return errors

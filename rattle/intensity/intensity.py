@@ -21,7 +21,7 @@ from rattle.intensity.motions import (
     require_lasting,
     watched_periods,
 )
-from rattle.intensity.runs import sums_of
+from rattle.intensity.runs import sums_with_contacts
 from rattle.intensity.visit import (
     COLUMNS,
     CONTACT,
@@ -32,7 +32,7 @@ from rattle.intensity.visit import (
     SPEED,
     SQUARE,
     TIME,
-    summed,
+    sum_impacts,
 )
 from rattle.orbits.iterates import MOST_IMPACTS
 
@@ -130,26 +130,26 @@ def intensity(motion: Motion, point: Any, periods: float | None) -> Intensity:
     if kind == "undecided":
         return UNDECIDED
     if kind == "periodic" and contacts_of(motion):
-        return _intensity(sums_of(impacts_of(motion, point, None), motion.m)[None], EXACT)
+        return _intensity_from_sums(sums_with_contacts(impacts_of(motion, point, None), motion.m)[None], EXACT)
     if kind == "periodic":
         sums = np.zeros((1, COLUMNS))
-        status, tau, v, _ = summed(motion.tau, motion.v, motion.n_plus, math.inf, MOST_IMPACTS, point, sums)
+        status, tau, v, _ = sum_impacts(motion.tau, motion.v, motion.n_plus, math.inf, MOST_IMPACTS, point, sums)
         require_closed(motion, status, tau, v, sums[0, FASTEST])
         sums[0, TIME] = np.rint(sums[0, TIME])
-        return _intensity(sums, EXACT)
+        return _intensity_from_sums(sums, EXACT)
     periods = watched_periods(point.delta, periods)
     sums = np.zeros((BATCHES, COLUMNS))
-    status, _tau, _v, time = summed(motion.tau, motion.v, ENDLESS, periods, MOST_IMPACTS, point, sums)
+    status, _tau, _v, time = sum_impacts(motion.tau, motion.v, ENDLESS, periods, MOST_IMPACTS, point, sums)
     require_lasting(status, time, periods)
-    return _intensity(sums, Errors(*map(float, half_widths(sums))))
+    return _intensity_from_sums(sums, Errors(*map(float, half_widths(sums))))
 
 
-def _intensity(sums: Array, errors: Errors) -> Intensity:
-    plus, minus, mean, largest, energy, contact, impulse = map(float, rates(sums))
+def _intensity_from_sums(sums: Array, errors: Errors) -> Intensity:
+    plus, minus, mean, largest, energy, contact, impulse = map(float, intensity_rates(sums))
     return Intensity(plus, minus, mean, largest, energy, contact, impulse, errors)
 
 
-def rates(sums: Array) -> tuple[Array, ...]:
+def intensity_rates(sums: Array) -> tuple[Array, ...]:
     """Return the fields of `Intensity` in order, each (…,), from sums (…, batches, COLUMNS)."""
     total = sums.sum(axis=-2)
     per_period = total / total[..., TIME, None]

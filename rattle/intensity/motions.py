@@ -74,7 +74,7 @@ def period_limits(m: Any, n_plus: Any, contacts: Any) -> tuple[Any, Any]:
     return np.where(held, ENDLESS, n_plus)[()], np.where(held, np.asarray(m) - ROUNDING, math.inf)[()]
 
 
-def limits_of(motion: Motion) -> tuple[int, float]:
+def period_limits_of(motion: Motion) -> tuple[int, float]:
     """Return the result of `period_limits` for one motion."""
     returns, periods = period_limits(motion.m, motion.n_plus, contacts_of(motion))
     return int(returns), float(periods)

@@ -31,11 +31,13 @@ def sound(
     impacts = impacts_of(motion, point, seconds / turn)
     # on rigid walls the force of a contact phase is static and makes no sound
     strikes = impacts.speed + impacts.departure if math.isinf(stiffness) else impacts.impulse
-    return np.asarray(rung((impacts.time - motion.tau) * turn, strikes, round(seconds * rate), rate, ring, decay))
+    return np.asarray(
+        ringing_samples((impacts.time - motion.tau) * turn, strikes, round(seconds * rate), rate, ring, decay)
+    )
 
 
 @kernel
-def rung(time: Array, size: Array, count: int, rate: float, ring: float, decay: float) -> Array:
+def ringing_samples(time: Array, size: Array, count: int, rate: float, ring: float, decay: float) -> Array:
     """Return Σ size e^(−s/decay) sin(2π ring s) at `count` samples, s being the time since each impact (times rise)."""
     heard, x, y, j = np.empty(count), 0.0, 0.0, 0
     fade = math.exp(-1.0 / (decay * rate))

@@ -76,12 +76,12 @@ def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resol
     if kind == "chaotic":
         length = float(resolution)
         impacts = impacts_of(motion, point, 0.5 * (SEGMENTS + 1) * length)
-        return _density(impacts, order, motion.tau, length, point, stiffness)
+        return _welch_density(impacts, order, motion.tau, length, point, stiffness)
     if kind == "quiet":
-        pressing = _pressing(order, point)
+        pressing = _force_line_amplitudes(order, point)
         return Lines(order, np.asarray(-response(order, point.delta, stiffness) * pressing))
     impacts = impacts_of(motion, point, None)
-    return Lines(order, np.asarray(force_of(impacts, order, point, stiffness) / -motion.m))
+    return Lines(order, np.asarray(force_transform(impacts, order, point, stiffness) / -motion.m))
 
 
 def response(order: ArrayLike, delta: float, stiffness: float) -> NDArray[np.complex128]:
@@ -90,35 +90,36 @@ def response(order: ArrayLike, delta: float, stiffness: float) -> NDArray[np.com
     return np.asarray(1.0 / (1.0 + (1j * delta * omega - omega * omega) / (2.0 * stiffness)))
 
 
-def force_of(impacts: Impacts, order: Array, point: Any, stiffness: float) -> NDArray[np.complex128]:
+def force_transform(impacts: Impacts, order: Array, point: Any, stiffness: float) -> NDArray[np.complex128]:
     """Return ∫ e^(−2πi order t) force dt at orders (n,), for the force of these impacts, positive away from Σ⁺."""
     found = np.empty(order.size, np.complex128)
     rows = max(1, LARGEST_MATRIX // max(1, impacts.time.size))
     for first in range(0, order.size, rows):
         part = slice(first, first + rows)
-        found[part] = _transformed(impacts, TWO_PI * order[part, None], point).sum(axis=1)
+        found[part] = _impact_transforms(impacts, TWO_PI * order[part, None], point).sum(axis=1)
     return response(order, point.delta, stiffness) * found
 
 
-def _transformed(impacts: Impacts, omega: Array, point: Any) -> NDArray[np.complex128]:
+def _impact_transforms(impacts: Impacts, omega: Array, point: Any) -> NDArray[np.complex128]:
     """Return the bracket in the formula of this module at each ω, for each impact."""
     begin, end = impacts.time, impacts.time + impacts.duration
     speeds = impacts.speed * np.exp(-1j * omega * begin) + impacts.departure * np.exp(-1j * omega * end)
     found = impacts.wall * speeds
     if impacts.duration.any():
         found += sum(
-            size * _lasting(frequency - omega, begin, impacts.duration) for frequency, size in force_lines(point)
+            size * _contact_integrals(frequency - omega, begin, impacts.duration)
+            for frequency, size in force_lines(point)
         )
     return found
 
 
-def _lasting(frequency: Array, begin: Array, duration: Array) -> NDArray[np.complex128]:
+def _contact_integrals(frequency: Array, begin: Array, duration: Array) -> NDArray[np.complex128]:
     """Return ∫ e^(i frequency t) dt over each contact, from `begin` on for `duration`."""
     middle = begin + 0.5 * duration
     return np.asarray(duration * np.sinc(frequency * duration / TWO_PI) * np.exp(1j * frequency * middle))
 
 
-def _pressing(order: Array, point: Any) -> NDArray[np.complex128]:
+def _force_line_amplitudes(order: Array, point: Any) -> NDArray[np.complex128]:
     """Return the amplitudes (n,) of the terms of the contact force at whole orders from 0 on."""
     lines = np.zeros(order.size, np.complex128)
     for frequency, size in force_lines(point):
@@ -127,7 +128,9 @@ def _pressing(order: Array, point: Any) -> NDArray[np.complex128]:
     return lines
 
 
-def _density(impacts: Impacts, order: Array, start: float, length: float, point: Any, stiffness: float) -> Density:
+def _welch_density(
+    impacts: Impacts, order: Array, start: float, length: float, point: Any, stiffness: float
+) -> Density:
     """Return Welch's estimate over half-overlapping segments with Hann's window.
 
     The exact train of impulses is transformed, so nothing is sampled and no order is aliased. The formula for the
@@ -141,17 +144,17 @@ def _density(impacts: Impacts, order: Array, start: float, length: float, point:
     """
     from scipy.special import chdtri  # imported here because it is slow to load
 
-    time, weight = _pushes(impacts, point)
+    time, weight = _impulse_train(impacts, point)
     begin = start + 0.5 * length * np.arange(SEGMENTS)
     first, last = np.searchsorted(time, begin), np.searchsorted(time, begin + length)
-    power = periodograms(time, weight, begin, first, last, length, order.size)
+    power = summed_periodograms(time, weight, begin, first, last, length, order.size)
     density = power / SEGMENTS * np.abs(response(order, point.delta, stiffness)) ** 2
     freedom = 36.0 * SEGMENTS**2 / (19.0 * SEGMENTS - 1.0)
     low, high = (freedom / chdtri(freedom, share) for share in (0.025, 0.975))
     return Density(order, density, low * density, high * density)
 
 
-def _pushes(impacts: Impacts, point: Any) -> tuple[Array, Array]:
+def _impulse_train(impacts: Impacts, point: Any) -> tuple[Array, Array]:
     """Return rising times and sizes (n,) of the walls' impulses; the force in a contact counts as a few impulses."""
     if not impacts.duration.any():
         return impacts.time, impacts.wall * impacts.impulse
@@ -165,7 +168,7 @@ def _pushes(impacts: Impacts, point: Any) -> tuple[Array, Array]:
 
 
 @kernel
-def periodograms(
+def summed_periodograms(
     time: Array, weight: Array, begin: Array, first: Array, last: Array, length: float, count: int
 ) -> Array:
     """Return |∫ window e^(−2πikt/length) of impulses|²/∫ window², summed over the segments, for k = 0 … count − 1.

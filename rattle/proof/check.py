@@ -40,7 +40,7 @@ def require(ok: bool, why: str) -> None:
         raise Refused(why)
 
 
-def exact_fraction(text: str) -> Interval:
+def interval_of_text(text: str) -> Interval:
     """Return a narrow interval that contains the exact number in a text, a decimal or a ratio. Raises Refused."""
     require(bool(NUMBER.fullmatch(text)), f"{text[:40]!r} must be a decimal or a ratio of integers")
     number = Fraction(text)
@@ -69,7 +69,7 @@ class CertifiedMotion:
     def __init__(self, document: Any) -> None:
         names = ["delta", "epsilon", "beta", *{"impacting": [], "stiff": ["kappa"]}[document["model"]]]
         require({*document["parameters"]} == {*names}, f"`parameters` must be {', '.join(names)}")
-        self.delta, self.epsilon, self.beta, *kappa = (exact_fraction(document["parameters"][name]) for name in names)
+        self.delta, self.epsilon, self.beta, *kappa = (interval_of_text(document["parameters"][name]) for name in names)
         self.itinerary, (self.m, *counts) = document["walls"], document["label"]
         whole = all(type(x) is int for x in [self.m, *self.itinerary]) and self.m > 0 and {*self.itinerary} <= {1, -1}
         require(
@@ -87,9 +87,9 @@ class CertifiedMotion:
         self.centre = [
             x
             for t, v, sign in zip(times, speeds, signs, strict=True)
-            for x in (exact_fraction(t), sign * exact_fraction(v))
+            for x in (interval_of_text(t), sign * interval_of_text(v))
         ]
-        self.radii = [exact_fraction(document[name]) for name in ("time_radius", "speed_radius")] * len(self.walls)
+        self.radii = [interval_of_text(document[name]) for name in ("time_radius", "speed_radius")] * len(self.walls)
         require(
             is_positive(self.delta, self.beta, *kappa, *self.radii),
             "delta, beta, kappa and both radii must be positive",
@@ -112,7 +112,7 @@ class CertifiedMotion:
         """
         values, rows = [], []
         for p in self.pieces(x):
-            (y, v), (c, s, c1, s1) = p.after(p.duration), p.tangent(p.duration)
+            (y, v), (c, s, c1, s1) = p.state_after(p.duration), p.tangent(p.duration)
             start, end = p.force(ZERO) - self.delta * p.w, p.force(p.duration) - self.delta * v - p.k * y
             values += [y - (p.target - p.wall) * self.beta, self.turns * v - p.next]
             by_y, by_v = (-c * p.w - s * start, s, v, ZERO), (-c1 * p.w - s1 * start, s1, end, ZERO - self.turns)
@@ -122,7 +122,7 @@ class CertifiedMotion:
                     rows[-1][unknown] += sign * value
         return values, rows
 
-    def enclosed(self) -> list[Interval]:
+    def enclose_motion(self) -> list[Interval]:
         """Return intervals that contain the only motion of the box, by Lemma 2 (Krawczyk). Raises Refused."""
         x, n, spread = self.centre, len(self.centre), [radius * UNIT for radius in self.radii]
         values, rows = self.equations(x)
@@ -152,7 +152,7 @@ class CertifiedMotion:
                 is_positive(p.duration, *speeds),
                 f"piece {i} is not proved to last, and to start and end on the right side of its walls",
             )
-            require(p.stays(), f"piece {i} is not proved to reach its end before another event")
+            require(p.is_uninterrupted(), f"piece {i} is not proved to reach its end before another event")
 
     def require_least_period(self, x: Sequence[Interval]) -> None:
         """Raise Refused unless m forcing periods are proved to be the least period (Lemma 7)."""
@@ -197,14 +197,14 @@ class MotionPiece:
         stiff, loss = self.k - TWO_PI**2, TWO_PI * self.delta
         a, b, size = -(TWO_PI**2) * self.epsilon, -loss * self.epsilon, stiff**2 + loss**2
         self.cosine, self.sine = (a * stiff - b * loss) / size, (b * stiff + a * loss) / size
-        self.y0, self.v0 = self.driven(ZERO)
+        self.y0, self.v0 = self.forced_solution(ZERO)
 
     def force(self, u: Interval) -> Interval:
         """Return the contact force g (1.2), a time u after the start of the piece."""
         sine, cosine = sine_and_cosine(self.t + u)
         return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
 
-    def driven(self, u: Interval) -> tuple[Interval, Interval]:
+    def forced_solution(self, u: Interval) -> tuple[Interval, Interval]:
         """Return the particular (forced) solution and its derivative, a time u after the start of the piece."""
         sine, cosine = sine_and_cosine(self.t + u)
         y, v = self.cosine * cosine + self.sine * sine, TWO_PI * (self.sine * cosine - self.cosine * sine)
@@ -221,15 +221,15 @@ class MotionPiece:
             c, s = kept * (cosine + self.delta * sine / (2 * rate)), kept * sine / rate
         return c, s, -self.k * s, c - self.delta * s
 
-    def after(self, u: Interval) -> tuple[Interval, Interval]:
+    def state_after(self, u: Interval) -> tuple[Interval, Interval]:
         """Return y and y', a time u after the start of the piece."""
-        (c, s, c1, s1), (y, v), pushed = self.tangent(u), self.driven(u), self.w - self.v0
+        (c, s, c1, s1), (y, v), pushed = self.tangent(u), self.forced_solution(u), self.w - self.v0
         return y - c * self.y0 + s * pushed, v - c1 * self.y0 + s1 * pushed
 
-    def stays(self) -> bool:
+    def is_uninterrupted(self) -> bool:
         """Return whether a flight is proved to meet no wall, or a contact not to end, before its stated end."""
 
-        def clear(y: Interval) -> bool:
+        def is_clear(y: Interval) -> bool:
             """Return whether at the displacement y a flight is between the walls, or a contact beyond its wall."""
             free = (1 - self.wall) * self.beta - y, (1 + self.wall) * self.beta + y
             return is_positive(self.wall * y) if self.k != 0 else is_positive(*free)
@@ -238,12 +238,12 @@ class MotionPiece:
         for _ in range(MOST_PARTS):  # at both ends y is clear or on a wall: so between if y' has one sign
             low, high = parts.pop()
             part, middle = IV.mpf([low, high]), (low + high).mid / 2
-            slope = self.after(part)[1]
+            slope = self.state_after(part)[1]
             if not (is_positive(slope) or is_positive(-slope)):
-                y = self.after(middle)[0]
-                if not clear(y):
+                y = self.state_after(middle)[0]
+                if not is_clear(y):
                     return False
-                if not clear(y + slope * (part - middle)):  # by the mean value theorem
+                if not is_clear(y + slope * (part - middle)):  # by the mean value theorem
                     parts += [(low, middle), (middle, high)]
             if not parts:
                 return True
@@ -265,13 +265,13 @@ def check(text: str) -> str:
         document = json.loads(text)
         require(document["format"] == 1, "`format` must be 1")
         motion = CertifiedMotion(document)
-        x = motion.enclosed()
+        x = motion.enclose_motion()
         motion.require_admissible(x)
         motion.require_least_period(x)
         trace, determinant = motion.trace(x), IV.exp(-motion.delta * motion.m) * (1 + SLACK)
         claims = [document["trace"], document["determinant"], *document["multipliers"]]
         for x, ends in zip([trace, determinant, *roots(trace, determinant)], claims, strict=True):
-            low, high = (exact_fraction(end) for end in ends)
+            low, high = (interval_of_text(end) for end in ends)
             ok = is_positive(x - low, high - x) or x == low == high == ZERO
             require(ok, f"trace, determinant or a multiplier is not proved to be between {' and '.join(ends)}")
         room = 1 + determinant - trace, 1 + determinant + trace

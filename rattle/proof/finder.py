@@ -14,10 +14,20 @@ from rattle._version import __version__
 from rattle.errors import NotProvedError
 from rattle.orbits.periodic import Periodic
 from rattle.proof import impacting, stiff
-from rattle.proof.balls import BITS, VERSIONS, arb, around, ball, ends, exactly, nearest, precision
+from rattle.proof.balls import (
+    BITS,
+    VERSIONS,
+    arb,
+    ball,
+    ends,
+    exact_midpoint,
+    interval_ball,
+    precision,
+    rounded_midpoint,
+)
 from rattle.proof.certificate import Certificate, Ends, Verdict
 from rattle.proof.flights import ModelPlane
-from rattle.proof.krawczyk import MOST_MOVED, Evaluated, enclosed
+from rattle.proof.krawczyk import MOST_MOVED, Evaluated, enclose_zero
 
 #: A published enclosure is wider than its ball by this multiple of the ball's width: other programs round differently.
 ROOM = 10**4
@@ -46,18 +56,18 @@ class MotionSystem(Evaluated, Protocol):
         """Raise NotProvedError unless every flight and contact is proved not to end before its stated time."""
 
 
-def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
+def prove_motion(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
     """Return the certificate of a computed motion at exact parameters. Raises NotProvedError."""
     with precision(BITS if len(orbit.walls) <= LONG else 2 * BITS):
-        motions, start = motions_of(orbit, parameters)
-        found = enclosed(motions, start)
+        motions, start = equations_and_guess(orbit, parameters)
+        found = enclose_zero(motions, start)
         motion = motions(found.zero)
         motion.require_admissible()
         require_least_period(found.zero, orbit.walls, orbit.m)
-        speeds = [nearest(each, PLACES) for each in motion.speeds]
-        box = motions([around(each, found.radius) for each in found.centre])
+        speeds = [rounded_midpoint(each, PLACES) for each in motion.speeds]
+        box = motions([interval_ball(each, found.radius) for each in found.centre])
         trace, determinant = motion.trace, (-ball(parameters["delta"]) * orbit.m).exp()
-        require_same(orbit, speeds, trace)
+        require_stated_values(orbit, speeds, trace)
         return Certificate(
             model=stiff.MODEL if stiff.ADDED in parameters else impacting.MODEL,
             parameters=parameters,
@@ -66,16 +76,16 @@ def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
             times=tuple(found.centre),
             speeds=tuple(speeds),
             time_radius=found.radius,
-            speed_radius=radius_of(box.speeds, speeds),
-            trace=published(trace),
-            determinant=published(determinant),
+            speed_radius=radius_upper_bound(box.speeds, speeds),
+            trace=widened_ends(trace),
+            determinant=widened_ends(determinant),
             multipliers=multipliers(trace, determinant),
             verdict=verdict_of(trace, determinant),
             versions={"gear-rattle": __version__, **VERSIONS},
         )
 
 
-def motions_of(
+def equations_and_guess(
     orbit: Periodic, parameters: dict[str, Fraction]
 ) -> tuple[Callable[[Sequence[arb]], MotionSystem], NDArray[np.float64]]:
     """Return the equations for motions with the walls of a computed motion, and the times from which to solve them."""
@@ -83,10 +93,12 @@ def motions_of(
     if stiff.ADDED not in parameters:
         return impacting.ImpactingSystem(plane, orbit.walls, orbit.m), orbit.departures
     times = np.stack([orbit.times, orbit.departures], axis=-1)
-    return stiff.StiffSystem(stiff.Walls(plane, ball(parameters[stiff.ADDED])), orbit.walls, orbit.m), times.ravel()
+    return stiff.StiffSystem(
+        stiff.StiffParameters(plane, ball(parameters[stiff.ADDED])), orbit.walls, orbit.m
+    ), times.ravel()
 
 
-def require_same(orbit: Periodic, speeds: Sequence[Fraction], trace: arb) -> None:
+def require_stated_values(orbit: Periodic, speeds: Sequence[Fraction], trace: arb) -> None:
     """Raise NotProvedError if the stated speeds or multipliers of a computed motion differ from the proved ones."""
     each = len(speeds) // len(orbit.walls)
     departures = [float(speed) for speed in speeds[each - 1 :: each]]
@@ -133,16 +145,16 @@ def multipliers(trace: arb, determinant: arb) -> tuple[Ends, Ends, Ends, Ends]:
     """Return enclosures of the real and the imaginary part of the first multiplier, then of the second."""
     zero, half, square = (Fraction(0), Fraction(0)), trace / 2, trace * trace / 4 - determinant
     if square > 0:
-        return published(half + square.sqrt()), zero, published(half - square.sqrt()), zero
+        return widened_ends(half + square.sqrt()), zero, widened_ends(half - square.sqrt()), zero
     if square < 0:
         root = (-square).sqrt()
-        return published(half), published(root), published(half), published(-root)
+        return widened_ends(half), widened_ends(root), widened_ends(half), widened_ends(-root)
     spread = arb(0, 1) * square.abs_upper().sqrt()  # the multipliers are equal, or too close to be separated
-    both = published(half + spread), published(spread)
+    both = widened_ends(half + spread), widened_ends(spread)
     return both + both
 
 
-def published(x: arb) -> Ends:
+def widened_ends(x: arb) -> Ends:
     """Return the ends of an enclosure in few digits, wider than the ball. Raises NotProvedError if it is infinite."""
     if not x.is_finite():
         raise NotProvedError(
@@ -155,10 +167,10 @@ def published(x: arb) -> Ends:
     return (low // unit - 1) * unit, (-(-high // unit) + 1) * unit
 
 
-def radius_of(box: Sequence[arb], centres: Sequence[Fraction]) -> Fraction:
+def radius_upper_bound(box: Sequence[arb], centres: Sequence[Fraction]) -> Fraction:
     """Return an upper bound, of two digits, of the distances of the balls in `box` from their `centres`."""
     apart = (abs(each - ball(centre)) for each, centre in zip(box, centres, strict=True))
-    widest = exactly(reduce(arb.max, apart).upper())
+    widest = exact_midpoint(reduce(arb.max, apart).upper())
     unit = Fraction(1, 10**30)
     while 100 * unit < widest:
         unit *= 10

@@ -49,7 +49,7 @@ class ModelPlane:
         return self.delta * self.drift - self.forcing * cosine - self.delta * self.swing * sine
 
     @cached_property
-    def edges(self) -> tuple[arb, ...]:
+    def force_zero_phases(self) -> tuple[arb, ...]:
         """The two phases at which g vanishes (Lemma 4); empty below the quiet limit. Raises NotProvedError at it."""
         share = 2 * self.delta / (self.epsilon * (4 * PI() ** 2 + self.delta**2).sqrt())
         if share > 1:
@@ -87,7 +87,7 @@ class FlightEnclosure:
     w1_t0: arb
     w1_t1: arb
 
-    def at(self, t: arb) -> tuple[arb, arb]:
+    def state_at(self, t: arb) -> tuple[arb, arb]:
         """Return Φ(t) − Φ(t0) and Φ'(t), by (1.4) and (1.5)."""
         plane, sine, cosine = self.plane, *(2 * t).sin_cos_pi()
         kept = (-plane.delta * (t - self.t0)).exp()
@@ -131,7 +131,7 @@ def sign(x: arb) -> int:
     return UP if x > 0 else DOWN if x < 0 else 0
 
 
-def require_first(flight: FlightEnclosure, wall: int, target: int, name: str) -> None:
+def require_first_impact(flight: FlightEnclosure, wall: int, target: int, name: str) -> None:
     """Prove that the flight leaves `wall` and that its first impact is its end on `target` (Lemma 3).
 
     The proof: the speeds at both ends are not 0, and all extrema of Φ between them are strictly between the walls.
@@ -178,12 +178,12 @@ def extrema(flight: FlightEnclosure, name: str) -> Iterator[tuple[int, arb]]:
         If the sign of Φ' at a zero of g is undecided.
     """
     places = [flight.t0]
-    for time in [*cuts(flight), flight.t1]:
+    for time in [*force_zero_times(flight), flight.t1]:
         if places[-1] < time:
             places.append(time)
         else:  # two times that balls do not separate count as one, at which Φ' must have one sign
             places[-1] = places[-1].union(time)
-    signs = [sign(flight.at(place)[1]) for place in places]
+    signs = [sign(flight.state_at(place)[1]) for place in places]
     if not all(signs):
         raise NotProvedError(f"{name} has an extremum too close to a zero of the contact force, so it stays undecided")
     for (start, end), (before, after) in zip(pairwise(places), pairwise(signs), strict=True):
@@ -191,10 +191,10 @@ def extrema(flight: FlightEnclosure, name: str) -> Iterator[tuple[int, arb]]:
             yield after, extremum(flight, start, end, name)
 
 
-def cuts(flight: FlightEnclosure) -> list[arb]:
+def force_zero_times(flight: FlightEnclosure) -> list[arb]:
     """Return the times at which g vanishes during a flight, in order; times at its very ends may be among them."""
     found = []
-    for edge in flight.plane.edges:
+    for edge in flight.plane.force_zero_phases:
         number = math.floor(float((flight.t0 - edge).mid())) - 1
         while not edge + number > flight.t1:
             if not edge + number < flight.t0:
@@ -219,15 +219,15 @@ def extremum(flight: FlightEnclosure, start: arb, end: arb, name: str) -> arb:
     NotProvedError
         If the guess of t* is not between start and end.
     """
-    turn = arb(_turn(flight, float(start.mid()), float(end.mid())))
+    turn = arb(_guess_extremum_time(flight, float(start.mid()), float(end.mid())))
     if not (turn > start and turn < end):
         raise NotProvedError(f"{name} has an extremum too close to its end or to a zero of the contact force")
-    height, slope = flight.at(turn)
+    height, slope = flight.state_at(turn)
     length = end - start
     return height + arb(0, 1) * length * (flight.plane.delta * length).exp() * slope
 
 
-def _turn(flight: FlightEnclosure, start: float, end: float) -> float:
+def _guess_extremum_time(flight: FlightEnclosure, start: float, end: float) -> float:
     """Return a guess, in doubles, of the time at which Φ' changes sign. The bound of `extremum` holds for any guess."""
     delta, epsilon = float(flight.plane.delta), float(flight.plane.epsilon)
     t0, rest = float(flight.t0), float(flight.rest)

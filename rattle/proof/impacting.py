@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rattle.proof.balls import arb, arb_mat
-from rattle.proof.flights import FlightEnclosure, ModelPlane, flight, require_first
+from rattle.proof.flights import FlightEnclosure, ModelPlane, flight, require_first_impact
 
 #: Name of this model in certificates.
 MODEL = "impacting"
@@ -62,7 +62,7 @@ class ImpactEnclosures:
         """Raise NotProvedError unless the end of every flight is proved to be its first impact."""
         for i, each in enumerate(self.flights):
             target = self.walls[(i + 1) % len(self.walls)]
-            require_first(each, self.walls[i], target, f"the flight after impact {i + 1}")
+            require_first_impact(each, self.walls[i], target, f"the flight after impact {i + 1}")
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.errors import NotProvedError
-from rattle.proof.balls import arb, arb_mat, around, ball, nearest, tight
+from rattle.proof.balls import arb, arb_mat, ball, interval_ball, rounded_midpoint, tight_radius
 
 #: Half-widths of the boxes, in the order in which they are tried: uniqueness in a larger box says more.
 RADII = tuple(Fraction(1, 10**k) for k in (11, 13, 15, 17, 20))
@@ -47,7 +47,7 @@ class Enclosure:
     zero: list[arb]
 
 
-def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
+def enclose_zero(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
     """Return a proved enclosure of the zero near a computed zero.
 
     Let X be a box with the centre c, and C any matrix. If K(X) = c − C R(c) + (1 − C ∂R(X)) (X − c) lies inside X, then
@@ -72,15 +72,15 @@ def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
     """
     about, centre = refined_zero(equations, start)
     x = [ball(each) for each in centre]
-    step, small = about * column(equations(x).residual), tight()
+    step, small = about * column(equations(x).residual), tight_radius()
     for radius in RADII:
         limit = ball(radius)
-        moved = _moved(equations, x, step, about, [around(Fraction(0), radius)] * len(x))
+        moved = _krawczyk_image(equations, x, step, about, [interval_ball(Fraction(0), radius)] * len(x))
         if all(abs(each) < limit for each in moved):
             for _ in range(MOST_REPEATED):
                 if all(each.rad() < small for each in moved):
                     break
-                moved = _moved(equations, x, step, about, moved)  # also contains the zero
+                moved = _krawczyk_image(equations, x, step, about, moved)  # also contains the zero
             return Enclosure(centre, radius, [a + b for a, b in zip(x, moved, strict=True)])
     raise NotProvedError("no box around the motion is mapped into itself: the motion is too close to a bifurcation")
 
@@ -102,7 +102,7 @@ def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_
     """
     x = [arb(float(each)) for each in start]
     here = equations(x)
-    about = inverse(here.jacobian)
+    about = approximate_inverse(here.jacobian)
     step = (about * column(here.residual)).entries()
     moved = max(abs(float(each)) for each in step)
     if not moved < MOST_MOVED:
@@ -111,10 +111,10 @@ def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_
         )
     x = [(a - b).mid() for a, b in zip(x, step, strict=True)]
     step = (about * column(equations(x).residual)).entries()
-    return about, [nearest(a - b, PLACES) for a, b in zip(x, step, strict=True)]
+    return about, [rounded_midpoint(a - b, PLACES) for a, b in zip(x, step, strict=True)]
 
 
-def inverse(matrix: arb_mat) -> arb_mat:
+def approximate_inverse(matrix: arb_mat) -> arb_mat:
     """Return an approximate inverse (n, n) of a matrix, in doubles. Raises NotProvedError if the matrix is singular."""
     middle = np.array([[float(each) for each in row] for row in matrix.tolist()])
     try:
@@ -133,7 +133,9 @@ def column(entries: Sequence[arb]) -> arb_mat:
     return arb_mat(len(entries), 1, list(entries))
 
 
-def _moved(equations: Equations, x: Sequence[arb], step: arb_mat, about: arb_mat, box: Sequence[arb]) -> list[arb]:
+def _krawczyk_image(
+    equations: Equations, x: Sequence[arb], step: arb_mat, about: arb_mat, box: Sequence[arb]
+) -> list[arb]:
     """Return K(x + box) − x for Krawczyk's operator K; `about` is the matrix C, and step = C R(x)."""
     n = len(x)
     unit = arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])

@@ -12,7 +12,7 @@ from functools import cached_property
 
 from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb, arb_mat
-from rattle.proof.flights import FlightEnclosure, ModelPlane, flight, require_first
+from rattle.proof.flights import FlightEnclosure, ModelPlane, flight, require_first_impact
 
 #: Name of this model in certificates.
 MODEL = "stiff"
@@ -23,26 +23,26 @@ MOST_PARTS = 2000
 
 
 @dataclass(frozen=True)
-class Walls:
+class StiffParameters:
     """The parameters of the stiff gear, with the stiffness κ in `kappa`, and its motion in contact with a wall."""
 
     plane: ModelPlane
     kappa: arb
 
     @cached_property
-    def response(self) -> tuple[arb, arb]:
+    def steady_amplitudes(self) -> tuple[arb, arb]:
         """The amplitudes P and Q of cos 2πt and sin 2πt in the steady motion, (1.12) and (1.13)."""
         stiff, loss = 2 * self.kappa - 4 * PI() ** 2, 2 * PI() * self.plane.delta
         a, b, size = -self.plane.forcing, -self.plane.delta * self.plane.swing, stiff * stiff + loss * loss
         return (a * stiff - b * loss) / size, (b * stiff + a * loss) / size
 
     @cached_property
-    def mean(self) -> arb:
+    def steady_mean(self) -> arb:
         """The mean 4πδ/2κ of the steady motion."""
         return self.plane.delta * self.plane.drift / (2 * self.kappa)
 
     @cached_property
-    def rate(self) -> arb:
+    def free_frequency(self) -> arb:
         """√(2κ − δ²/4), the frequency of free oscillations in contact."""
         square = 2 * self.kappa - self.plane.delta**2 / 4
         if not square > 0:
@@ -51,17 +51,17 @@ class Walls:
             )
         return square.sqrt()
 
-    def steady(self, t: arb) -> tuple[arb, arb]:
+    def steady_motion(self, t: arb) -> tuple[arb, arb]:
         """Return y and y' of the steady motion, the permanent contact (1.11)."""
-        (a, b), (sine, cosine) = self.response, (2 * t).sin_cos_pi()
-        return self.mean + a * cosine + b * sine, 2 * PI() * (b * cosine - a * sine)
+        (a, b), (sine, cosine) = self.steady_amplitudes, (2 * t).sin_cos_pi()
+        return self.steady_mean + a * cosine + b * sine, 2 * PI() * (b * cosine - a * sine)
 
     def tangent(self, u: arb) -> tuple[arb, arb, arb, arb]:
         """Return the tangent map (C, S, −2κS, C − δS) of (y, y') over a time u in contact, (1.14) and (1.15)."""
         delta = self.plane.delta
-        sine, cosine = (self.rate * u).sin_cos()
+        sine, cosine = (self.free_frequency * u).sin_cos()
         kept = (-delta * u / 2).exp()
-        s = kept * sine / self.rate
+        s = kept * sine / self.free_frequency
         c = kept * cosine + delta * s / 2
         return c, s, -2 * self.kappa * s, c - delta * s
 
@@ -74,15 +74,15 @@ class Walls:
 class ContactEnclosure:
     """A contact that begins at time t0 with velocity w and ends at time t1."""
 
-    walls: Walls
+    walls: StiffParameters
     t0: arb
     t1: arb
     w: arb
 
     @cached_property
-    def start(self) -> tuple[arb, arb]:
+    def initial_deviation(self) -> tuple[arb, arb]:
         """The state (y, y') at t0, minus that of the steady motion."""
-        y, v = self.walls.steady(self.t0)
+        y, v = self.walls.steady_motion(self.t0)
         return -y, self.w - v
 
     @cached_property
@@ -91,17 +91,17 @@ class ContactEnclosure:
         return self.walls.tangent(self.t1 - self.t0)
 
     @cached_property
-    def end(self) -> tuple[arb, arb]:
+    def final_state(self) -> tuple[arb, arb]:
         """The state (y, y') at t1."""
-        return self._moved(self.t1, self.tangent)
+        return self._state_from_tangent(self.t1, self.tangent)
 
-    def at(self, t: arb) -> tuple[arb, arb]:
+    def state_at(self, t: arb) -> tuple[arb, arb]:
         """Return y and y' at time t."""
-        return self._moved(t, self.walls.tangent(t - self.t0))
+        return self._state_from_tangent(t, self.walls.tangent(t - self.t0))
 
-    def _moved(self, t: arb, tangent: tuple[arb, arb, arb, arb]) -> tuple[arb, arb]:
+    def _state_from_tangent(self, t: arb, tangent: tuple[arb, arb, arb, arb]) -> tuple[arb, arb]:
         """Return y and y' at time t, from the tangent map from t0 to t."""
-        (moved, pushed), (y, v), (c, s, c1, s1) = self.start, self.walls.steady(t), tangent
+        (moved, pushed), (y, v), (c, s, c1, s1) = self.initial_deviation, self.walls.steady_motion(t), tangent
         return y + c * moved + s * pushed, v + c1 * moved + s1 * pushed
 
 
@@ -112,7 +112,7 @@ class Contacts:
     The unknowns (2c,) are the times at which each contact begins and ends.
     """
 
-    walls: Walls
+    walls: StiffParameters
     itinerary: tuple[int, ...]
     contacts: list[ContactEnclosure]
     flights: list[FlightEnclosure]
@@ -121,7 +121,9 @@ class Contacts:
     def residual(self) -> list[arb]:
         """R (2c,): y at the end of each contact, and its final velocity minus the next flight's initial velocity."""
         pairs = zip(self.contacts, self.flights, strict=True)
-        return [each for contact, after in pairs for each in (contact.end[0], contact.end[1] - after.w0)]
+        return [
+            each for contact, after in pairs for each in (contact.final_state[0], contact.final_state[1] - after.w0)
+        ]
 
     @property
     def jacobian(self) -> arb_mat:
@@ -130,7 +132,7 @@ class Contacts:
         matrix = [[arb(0)] * n for _ in range(n)]
         for i, (contact, after) in enumerate(zip(self.contacts, self.flights, strict=True)):
             before, begin, end = self.flights[i - 1], 2 * i, 2 * i + 1
-            (c, s, c1, s1), (y, v) = contact.tangent, contact.end
+            (c, s, c1, s1), (y, v) = contact.tangent, contact.final_state
             pull = self.walls.force(contact.t0) - delta * contact.w
             push = self.walls.force(contact.t1) - delta * v - 2 * self.walls.kappa * y
             for row, by_y, by_v, by_end in ((begin, c, s, v), (end, c1, s1, push)):
@@ -162,15 +164,15 @@ class Contacts:
         """Raise NotProvedError unless every contact and every flight is proved not to end before its stated time."""
         for i, (contact, after) in enumerate(zip(self.contacts, self.flights, strict=True)):
             wall, target = self.itinerary[i], self.itinerary[(i + 1) % len(self.itinerary)]
-            require_lasts(contact, wall, f"contact {i + 1}")
-            require_first(after, wall, target, f"the flight after contact {i + 1}")
+            require_contact_lasts(contact, wall, f"contact {i + 1}")
+            require_first_impact(after, wall, target, f"the flight after contact {i + 1}")
 
 
 @dataclass(frozen=True)
 class StiffSystem:
     """The equations of motions that touch these walls (c,) in m forcing periods, for the times (2c,) of contacts."""
 
-    walls: Walls
+    walls: StiffParameters
     itinerary: tuple[int, ...]
     m: int
 
@@ -189,7 +191,7 @@ class StiffSystem:
         return Contacts(self.walls, self.itinerary, contacts, flights)
 
 
-def require_lasts(contact: ContactEnclosure, wall: int, name: str) -> None:
+def require_contact_lasts(contact: ContactEnclosure, wall: int, name: str) -> None:
     """Prove that wall · y > 0 between the beginning and the end of a contact, by bisection of its time (Lemma 6).
 
     At both ends of each part wall · y > 0 is proved, or y = 0 at an end of the contact. So wall · y > 0 within the part
@@ -210,9 +212,9 @@ def require_lasts(contact: ContactEnclosure, wall: int, name: str) -> None:
     for _ in range(MOST_PARTS):
         start, end = parts.pop()
         part = start.union(end)
-        middle, slope = part.mid(), contact.at(part)[1]
+        middle, slope = part.mid(), contact.state_at(part)[1]
         if not (slope > 0 or slope < 0):
-            y = wall * contact.at(middle)[0]
+            y = wall * contact.state_at(middle)[0]
             if not y > 0:
                 break
             if not y + wall * slope * (part - middle) > 0:

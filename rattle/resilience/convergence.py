@@ -14,7 +14,7 @@ from rattle.flight.law import wrapped
 from rattle.models import AnyGear
 from rattle.numerics.sampling import wilson_interval
 from rattle.resilience.accumulate import accumulated
-from rattle.resilience.gears import States, sample_of, unit_of
+from rattle.resilience.gears import States, sample_of, speed_unit_of
 
 Array = NDArray[np.float64]
 #: Default observation time in relaxation times 1/δ.
@@ -40,14 +40,14 @@ class Convergence:
     @property
     def median(self) -> Array:
         """The median time to each attractor, NaN where no time is known."""
-        return self._of(np.median)
+        return self._per_attractor(np.median)
 
     @property
     def largest(self) -> Array:
         """The largest known time to each attractor, NaN where no time is known."""
-        return self._of(np.max)
+        return self._per_attractor(np.max)
 
-    def _of(self, function: object) -> Array:
+    def _per_attractor(self, function: object) -> Array:
         """Return the value of a function of the known times, for each attractor; NaN where no time is known."""
         assert callable(function)
         times = (self.time[(self.which == i) & np.isfinite(self.time)] for i in range(len(self.attractors)))
@@ -151,13 +151,13 @@ def convergence(
     require(within < 0.5, f"within must be below 0.5, half a forcing period, got {within}")
     tau, v = sample_of(gear, count, v_max, seed, states)
     found = gear.reached(tau, v)
-    points = [_points(gear, each) for each in found.attractors]
-    arrival = _Arrival(found.which, points, within, unit_of(gear))
+    points = [_departures_of(gear, each) for each in found.attractors]
+    arrival = _Arrival(found.which, points, within, speed_unit_of(gear))
     time = accumulated(gear, tau, v, arrival, RELAXATIONS / gear.delta if periods is None else periods)
     return Convergence(found.attractors, found.which, time, within)
 
 
-def _points(gear: AnyGear, attractor: Attractor) -> Array | None:
+def _departures_of(gear: AnyGear, attractor: Attractor) -> Array | None:
     """Return the departures (k, 2) of a periodic attractor, no rows for quiet motion, and None for other attractors."""
     if attractor.kind == "quiet":
         return np.zeros((0, 2))

@@ -17,7 +17,7 @@ from rattle.errors import RattleError, require, require_integer, require_pair
 from rattle.flight.law import wrapped
 from rattle.models import AnyGear
 from rattle.orbits.iterates import fold
-from rattle.resilience.gears import unit_of
+from rattle.resilience.gears import speed_unit_of
 
 Array = NDArray[np.float64]
 #: A bisection ends when the two states are closer than the first distance; they have separated at the second.
@@ -81,10 +81,10 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
     pair = np.array([require_pair(name, state) for name, state in (("one", one), ("other", other))])
     require(bool((pair[:, 1] > 0.0).all()), "speeds must be greater than 0")
     pair[:, 0] = fold(pair[:, 0])
-    unit, made = unit_of(gear), 0
+    unit, made = speed_unit_of(gear), 0
     for _ in range(turns):
-        pair = _together(gear, pair, unit)
-        found = _saddle(gear, pair[0], unit)
+        pair = _bisect(gear, pair, unit)
+        found = _find_saddle(gear, pair[0], unit)
         if found is not None and found[1] < ARRIVED:
             orbit, distance = found
             return EdgeState(orbit.tau, orbit.v, orbit, distance, made)
@@ -103,7 +103,7 @@ def _distance(pair: Array, unit: float) -> float:
     return float(np.hypot(wrapped(pair[1, 0] - pair[0, 0]), (pair[1, 1] - pair[0, 1]) / unit))
 
 
-def _together(gear: AnyGear, pair: Array, unit: float) -> Array:
+def _bisect(gear: AnyGear, pair: Array, unit: float) -> Array:
     """Return two states on both sides of the basin boundary, closer than TOGETHER, on the line between `pair`."""
     share = np.arange(PARTS + 1) / PARTS
     while True:
@@ -119,7 +119,7 @@ def _together(gear: AnyGear, pair: Array, unit: float) -> Array:
             return pair
 
 
-def _saddle(gear: AnyGear, state: Array, unit: float) -> tuple[Any, float] | None:
+def _find_saddle(gear: AnyGear, state: Array, unit: float) -> tuple[Any, float] | None:
     """Return the unstable periodic motion nearest to a state, and its distance; None if none is CLOSE to the state."""
     best = None
     for n in range(1, LONGEST + 1):

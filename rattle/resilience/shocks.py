@@ -12,7 +12,7 @@ from rattle.attractors.speeds import SpeedLimit, sampled_speed
 from rattle.attractors.table import Attractor
 from rattle.errors import RattleError, require, require_finite
 from rattle.models import AnyGear
-from rattle.resilience.gears import same, unit_of
+from rattle.resilience.gears import is_same_attractor, speed_unit_of
 
 Array = NDArray[np.float64]
 #: Number of shocks of each sign that are tried from a state in one scan.
@@ -23,7 +23,7 @@ ROUNDS = 3
 HALVINGS = 5
 #: Number of phases at which shocks are applied to quiet motion.
 PHASES = 64
-#: A departure at this speed stands for a motion at rest on Σ⁺, in units of `unit_of`.
+#: A departure at this speed stands for a motion at rest on Σ⁺, in units of `speed_unit_of`.
 AT_REST = 1e-6
 #: Shocks are applied to at most this number of states of a chaotic attractor or of a long orbit.
 MOST_STATES = 64
@@ -94,15 +94,15 @@ def smallest_shock(
         f"the attractor must be quiet, periodic or chaotic, got {attractor.kind!r}, which has no known basin",
     )
     if phase is not None:
-        states, departure = _at_phase(gear, attractor, require_finite("phase", phase) % 1.0)
+        states, departure = _states_at_phase(gear, attractor, require_finite("phase", phase) % 1.0)
     else:
-        states, departure = _at_departures(gear, attractor), _changed
+        states, departure = _states_at_departures(gear, attractor), _departure_from_wall
     search = _ShockSearch(gear, attractor, states, departure, highest)
     search.run()
-    return search.found()
+    return search.smallest()
 
 
-def _at_departures(gear: AnyGear, attractor: Attractor) -> list[_State]:
+def _states_at_departures(gear: AnyGear, attractor: Attractor) -> list[_State]:
     """Return the states of an attractor at its departures from Σ⁺; for quiet motion, states at PHASES phases."""
     if attractor.kind == "quiet":
         return [_State(float(tau), gear.beta, 0.0) for tau in (np.arange(PHASES) + 0.5) / PHASES]
@@ -111,16 +111,16 @@ def _at_departures(gear: AnyGear, attractor: Attractor) -> list[_State]:
     return [_State(float(tau), gear.beta, -float(v)) for tau, v in zip(orbit.tau, orbit.v, strict=True)]
 
 
-def _changed(state: _State, change: float) -> tuple[float, float] | None:
+def _departure_from_wall(state: _State, change: float) -> tuple[float, float] | None:
     """Return the departure (τ, v) after a shock to a state on Σ⁺, or None if the shock is towards the wall."""
     v = -(state.velocity + change)
     return (state.tau, v) if v > 0.0 else None
 
 
-def _at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple[list[_State], Departure]:
+def _states_at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple[list[_State], Departure]:
     """Return the states of an attractor at a phase, and a function that returns their departure after a shock."""
     if attractor.kind == "quiet":
-        return [_State(phase, gear.beta, 0.0)], _changed
+        return [_State(phase, gear.beta, 0.0)], _departure_from_wall
     require(
         attractor.kind == "periodic",
         "phase can be given for quiet or periodic motion only: leave it out for a chaotic attractor",
@@ -137,7 +137,7 @@ def _at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple[list[_
             tau, v = gear.departure(state.tau, state.position, state.velocity + change)
         except RattleError:
             return None
-        return tau, max(v, AT_REST * unit_of(gear))
+        return tau, max(v, AT_REST * speed_unit_of(gear))
 
     return states, departure
 
@@ -169,7 +169,7 @@ class _ShockSearch:
         for _ in range(HALVINGS):
             self._scan(np.array([self.state]), np.array([self.way]), self.low, self.high)
 
-    def found(self) -> LeastShock:
+    def smallest(self) -> LeastShock:
         """Return the smallest shock that the scans found."""
         state = self.states[self.state]
         if self.to is None:
@@ -186,7 +186,7 @@ class _ShockSearch:
         tau, v = np.array([each for each, ok in zip(after, there, strict=True) if ok] or np.zeros((0, 2))).T
         found = self.gear.reached(np.append(self.attractor.tau, tau), np.append(self.attractor.v, v))
         own = found.which[0]
-        if not same(found.attractors[own], self.attractor, unit_of(self.gear)):
+        if not is_same_attractor(found.attractors[own], self.attractor, speed_unit_of(self.gear)):
             raise RattleError(
                 f"the given {self.attractor.kind} motion is no attractor of this gear: pass one of gear.attractors()"
             )

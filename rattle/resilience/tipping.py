@@ -13,9 +13,9 @@ from rattle.errors import require
 from rattle.flight.forcing import phase_of_entry
 from rattle.models import AnyGear
 from rattle.numerics.sampling import wilson_interval
-from rattle.resilience.gears import States, sample_of, unit_of
+from rattle.resilience.gears import States, sample_of, speed_unit_of
 
-#: Speed of the departure that stands for a motion at rest on Σ⁺, in units of `unit_of`.
+#: Speed of the departure that stands for a motion at rest on Σ⁺, in units of `speed_unit_of`.
 SLOW = 1e-4
 
 
@@ -48,7 +48,7 @@ class Tipping:
         return wilson_interval(self.number, np.broadcast_to(self.number.sum(axis=1, keepdims=True), self.number.shape))
 
 
-def lift_off(gear: AnyGear) -> tuple[float, float]:
+def departure_from_rest(gear: AnyGear) -> tuple[float, float]:
     """Return a very slow departure that stands for a motion at rest on Σ⁺.
 
     The departure is at the phase at which the contact force becomes 0; below the quiet limit, where the force is always
@@ -60,7 +60,7 @@ def lift_off(gear: AnyGear) -> tuple[float, float]:
         Phase and speed.
     """
     most = min(1.0, gear.quiet_limit / gear.epsilon) if gear.epsilon > 0.0 else 1.0
-    return phase_of_entry(gear.delta, most), SLOW * unit_of(gear)
+    return phase_of_entry(gear.delta, most), SLOW * speed_unit_of(gear)
 
 
 def tipping(
@@ -95,7 +95,7 @@ def tipping(
     require(before.parameters.model == after.parameters.model, "both gears must be of one model")
     tau, v = sample_of(before, count, v_max, seed, states)
     first = before.reached(tau, v)
-    on = [lift_off(after) if each.kind == "quiet" else (each.tau, each.v) for each in first.attractors]
+    on = [departure_from_rest(after) if each.kind == "quiet" else (each.tau, each.v) for each in first.attractors]
     then = after.reached(np.append(tau, [x for x, _ in on]), np.append(v, [y for _, y in on]))
     shape = len(first.attractors), len(then.attractors)
     each = first.which * shape[1] + then.which[: tau.size]

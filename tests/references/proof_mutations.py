@@ -76,8 +76,8 @@ MUTATIONS = {
     ),
     "a steady motion with a wrong sign": (
         "stiff",
-        "self.mean + a * cosine + b * sine",
-        "self.mean + a * cosine - b * sine",
+        "self.steady_mean + a * cosine + b * sine",
+        "self.steady_mean + a * cosine - b * sine",
     ),
     "a contact that turns unseen": ("stiff", "if not (slope > 0 or slope < 0):", "if slope > 0 and slope < 0:"),
     "a contact without its mean value bound": (
@@ -92,15 +92,15 @@ MUTATIONS = {
     ),
     "a flight that is looked at for the wrong amplitude": (
         "areas/one_impact",
-        "if not over(most) > -2 * piece.beta:",
-        "if not over(least) > -2 * piece.beta:",
+        "if not height_over(most) > -2 * piece.beta:",
+        "if not height_over(least) > -2 * piece.beta:",
     ),
     "a flip that only part of a block has passed": (
         "areas/one_impact",
         "True if upper(x) < lower(limit)",
         "True if lower(x) < lower(limit)",
     ),
-    "a mean value without its derivative": ("areas/piece", " + of(arb_series([at, 1]))[1] * (at - middle)", ""),
+    "a mean value without its derivative": ("areas/piece", " + function(arb_series([at, 1]))[1] * (at - middle)", ""),
     "cells that are empty for a part of a block": (
         "areas/two_impacts",
         "self.square < low or",
@@ -119,8 +119,8 @@ MUTATIONS = {
     ),
     "a graze that is compared with the wrong edge": (
         "areas/two_impacts",
-        "self.combination(-1) < -high",
-        "self.combination(-1) < -low",
+        "self.square_plus_speed(-1) < -high",
+        "self.square_plus_speed(-1) < -low",
     ),
     "one motion counted for none": ("areas/two_impacts", "return sides == [", "return sides != ["),
     "quiet beyond its limit": ("areas/quiet", "True if piece.epsilon < share", "True if piece.epsilon.lower() < share"),

@@ -58,20 +58,22 @@ def columns(delta: Ends, number: int) -> list[Ends]:
     return list(pairwise(places))
 
 
-def proved(beta: Fraction, delta: Ends, epsilon: Ends) -> list[ProvedBlock]:
+def prove_column(beta: Fraction, delta: Ends, epsilon: Ends) -> list[ProvedBlock]:
     """Return all blocks that are proved in the column `delta` of a plane whose ends in ε are `epsilon`."""
     prover, found = Prover(beta), []
     with precision(BITS):
         for kind, parts in CUT.items():
             for part in columns(delta, parts):
-                for claim, low, high in expected(kind, float(beta), part, epsilon):
-                    limits = _within(low, high, epsilon)
-                    found += [ProvedBlock(claim, beta, part, ends) for ends in _proved(prover, claim, part, limits)]
-        found += _captured(beta, delta, epsilon)
+                for claim, low, high in expected_spans(kind, float(beta), part, epsilon):
+                    limits = _rounded_inwards(low, high, epsilon)
+                    found += [
+                        ProvedBlock(claim, beta, part, ends) for ends in _prove_ranges(prover, claim, part, limits)
+                    ]
+        found += _prove_captures(beta, delta, epsilon)
     return found
 
 
-def _captured(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[ProvedBlock]:
+def _prove_captures(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[ProvedBlock]:
     """Yield blocks whose upper ends are shares of the quiet limit, each with a proved capture speed."""
     low, limit = epsilon[0], float(quiet_limit(float(delta[0])))
     for share in CAPTURED_TO:
@@ -91,17 +93,17 @@ def _captured(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[ProvedBloc
         low = high
 
 
-def _within(low: float, high: float, plane: Ends) -> Ends:
+def _rounded_inwards(low: float, high: float, plane: Ends) -> Ends:
     """Return the range from low to high, rounded inwards to PLACES decimals; an edge of the plane stays exact."""
     unit = Fraction(1, 10**PLACES)
     least = plane[0] if low <= float(plane[0]) else (floor(Fraction(low) / unit) + 1) * unit
     return least, plane[1] if high >= float(plane[1]) else floor(Fraction(high) / unit) * unit
 
 
-def _proved(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 0) -> list[Ends]:
+def _prove_ranges(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 0) -> list[Ends]:
     """Return the ε ranges within `limits` on which the claim is proved, over all δ of a column."""
 
-    def proves(low: Fraction, high: Fraction) -> bool:
+    def is_proved(low: Fraction, high: Fraction) -> bool:
         try:
             prover.require(claim, delta, (low, high))
         except NotProvedError:
@@ -113,20 +115,20 @@ def _proved(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 
         return []
     starts = [low, *(low + margin for margin in MARGINS)]
     stops = [high, *(high - margin for margin in MARGINS)]
-    begin = next((a for a, b in pairwise(starts) if b < high and proves(a, b)), starts[-1])
-    end = next((a for a, b in pairwise(stops) if low < b and proves(b, a)), stops[-1])
+    begin = next((a for a, b in pairwise(starts) if b < high and is_proved(a, b)), starts[-1])
+    end = next((a for a, b in pairwise(stops) if low < b and is_proved(b, a)), stops[-1])
     if not begin < end:
         return []
-    if proves(begin, end):
+    if is_proved(begin, end):
         return [(begin, end)]
     if depth == DEEPEST:
         return []
     middle = floor((begin + end) / 2 * 10**PLACES) * Fraction(1, 10**PLACES)
     halves = ((begin, middle), (middle, end))
-    return [ends for half in halves for ends in _proved(prover, claim, delta, half, depth + 1)]
+    return [ends for half in halves for ends in _prove_ranges(prover, claim, delta, half, depth + 1)]
 
 
-def expected(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
+def expected_spans(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
     """Return the spans of ε on which each claim of a kind holds in double precision.
 
     kind: a key of CUT. In a span the claim holds at both ends and in the middle of the column's δ interval.
@@ -137,7 +139,7 @@ def expected(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
         (claim, low, high) of each span.
     """
     places = [float(delta[0]), float(sum(delta)) / 2, float(delta[1])]
-    found = [_spans(kind, place, beta, epsilon) for place in places]
+    found = [_spans_at(kind, place, beta, epsilon) for place in places]
     spans = found[0]
     for others in found[1:]:
         both = [
@@ -148,22 +150,22 @@ def expected(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
     return spans
 
 
-def _spans(kind: str, delta: float, beta: float, epsilon: Ends) -> list[Span]:
+def _spans_at(kind: str, delta: float, beta: float, epsilon: Ends) -> list[Span]:
     """Return the spans of ε on which each claim of a kind holds in double precision at one δ."""
-    grid = _places(delta, beta, epsilon)
-    here = _claims(kind, delta, grid, beta)
+    grid = _epsilon_grid(delta, beta, epsilon)
+    here = _claims_at(kind, delta, grid, beta)
     changes = np.flatnonzero(here[1:] != here[:-1])
     low, high = grid[changes], grid[changes + 1]
     for _ in range(HALVED):
         middle = (low + high) / 2
-        same = _claims(kind, delta, middle, beta) == here[changes]
+        same = _claims_at(kind, delta, middle, beta) == here[changes]
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     ends = [grid[0], *((low + high) / 2), grid[-1]]
     claims = here[[0, *(changes + 1)]]
     return [(str(claim), *each) for claim, each in zip(claims, pairwise(ends), strict=True) if claim]
 
 
-def _places(delta: float, beta: float, epsilon: Ends) -> NDArray[np.float64]:
+def _epsilon_grid(delta: float, beta: float, epsilon: Ends) -> NDArray[np.float64]:
     """Return the ε at which claims are computed: equal steps, and points on both sides of the curves of A and C."""
     low, high = (float(end) for end in epsilon)
     # two of these curves may be closer than a step
@@ -172,7 +174,7 @@ def _places(delta: float, beta: float, epsilon: Ends) -> NDArray[np.float64]:
     return np.unique([*np.linspace(low, high, SEEN), *beside[(beside > low) & (beside < high)]])
 
 
-def _claims(kind: str, delta: float, epsilon: NDArray[np.float64], beta: float) -> NDArray[np.str_]:
+def _claims_at(kind: str, delta: float, epsilon: NDArray[np.float64], beta: float) -> NDArray[np.str_]:
     """Return the claim of a kind that holds at each point, "" where none holds."""
     if kind == QUIET:
         return np.where(epsilon < quiet_limit(delta), QUIET, LOUD)

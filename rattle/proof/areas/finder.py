@@ -46,7 +46,7 @@ class Prover:
     def _require_whole(self, piece: PlanePiece, claim: str, delta: Ends) -> None:
         """Raise NotProvedError unless the claim is proved on a piece as a whole, without cutting it."""
         if claim in (QUIET, LOUD):
-            if quiet.possible(piece) is not (claim == QUIET):
+            if quiet.is_quiet_possible(piece) is not (claim == QUIET):
                 raise NotProvedError(f"it is not proved that {claim} on the whole block: try a smaller block")
             return
         states = CLAIMS[claim]

@@ -28,7 +28,7 @@ Number = TypeVar("Number", arb, arb_series)
 Equation = tuple[arb_series, arb_series, arb_series]
 
 
-class Enclosed(NamedTuple):
+class EnclosedFunctions(NamedTuple):
     """Several functions of (s, δ), enclosed over a cell by the mean value theorem.
 
     centre: the values at the centre of the cell.
@@ -117,9 +117,9 @@ class SolutionCell:
                 f"near s = {float(middle):.4f} a cell of width {NARROWEST:.0e} does not decide which motions B or D "
                 "exist: try a smaller block"
             )
-        return self.between(self.start, middle), self.between(middle, self.end)
+        return self.cell_between(self.start, middle), self.cell_between(middle, self.end)
 
-    def between(self, start: arb, end: arb) -> SolutionCell:
+    def cell_between(self, start: arb, end: arb) -> SolutionCell:
         """Return the cell start ≤ s ≤ end at the same δ and β."""
         return SolutionCell(start, end, self.delta, self.beta)
 
@@ -129,7 +129,7 @@ class SolutionCell:
         return [m + f * ds + g * dd for m, f, g in zip(centre, by_s, by_delta, strict=True)]
 
     @cached_property
-    def equations(self) -> tuple[Enclosed, Enclosed]:
+    def equations(self) -> tuple[EnclosedFunctions, EnclosedFunctions]:
         """The equations (16.2) and (16.3), each as enclosures of (factor of X, factor of Y, right side)."""
         s, delta, beta = self.s, self.delta, self.beta
         at_centre = closure_equations(arb_series([s.mid()]), arb_series([delta.mid()]), beta)
@@ -139,7 +139,9 @@ class SolutionCell:
             ([term[0] for term in centre], [term[1] for term in by_s], [term[1] for term in by_delta])
             for centre, by_s, by_delta in zip(at_centre, along_s, along_delta, strict=True)
         )
-        return Enclosed(*first, self._mean_value(*first)), Enclosed(*second, self._mean_value(*second))
+        return EnclosedFunctions(*first, self._mean_value(*first)), EnclosedFunctions(
+            *second, self._mean_value(*second)
+        )
 
     @cached_property
     def least_epsilon(self) -> arb:
@@ -151,7 +153,7 @@ class SolutionCell:
         return max((lower(bound) for bound in bounds), key=float)
 
     @cached_property
-    def solution(self) -> Enclosed:
+    def solution(self) -> EnclosedFunctions:
         """The solution X, Y of the closure equations, and its speeds v and u, as enclosures of (X, Y, v, u)."""
         first, second = self.equations
         rough = solve_linear(first.over, second.over)
@@ -176,7 +178,7 @@ class SolutionCell:
         at_centre = (arb_series([number]) for number in (s.mid(), delta.mid(), *xy_centre))
         speeds_centre = [speed[0] for speed in speed_series(*at_centre)]
         speeds = self._mean_value(speeds_centre, speeds_s, speeds_delta)
-        return Enclosed(
+        return EnclosedFunctions(
             centre=[*xy_centre, *speeds_centre],
             by_s=[*xy_s, *speeds_s],
             by_delta=[*xy_delta, *speeds_delta],
@@ -184,7 +186,7 @@ class SolutionCell:
         )
 
     @cached_property
-    def solvable(self) -> bool:
+    def is_solvable(self) -> bool:
         """True if the closure equations are proved to have one solution at each s and δ, with finite enclosures."""
         (a11, a12, _), (a21, a22, _) = (equation.over for equation in self.equations)
         regular = not (a11 * a22 - a12 * a21).contains(0)
@@ -208,7 +210,7 @@ class SolutionCell:
         x, y, *_ = self.solution.centre
         return self._mean_value([x * x + y * y], [self.square_by_s], [self.square_by_delta])[0]
 
-    def combination(self, sign: int) -> arb:
+    def square_plus_speed(self, sign: int) -> arb:
         """Return sign · ε² + λu over the cell, for a λ ≥ 0 with which this sum hardly changes with s (Lemma 17)."""
         x, y, _, u = self.solution.centre
         u_s, u_delta = self.solution.by_s[3], self.solution.by_delta[3]
@@ -228,16 +230,16 @@ class SolutionCell:
         """
         if self.least_epsilon > epsilon:
             return True
-        if not self.solvable:
+        if not self.is_solvable:
             return False
         _, _, v, u = self.solution.over
-        low, high = squares(epsilon)
+        low, high = square_range(epsilon)
         if v < 0 or u < 0 or self.square < low or self.square > high:
             return True
         # where u ≥ 0, ±ε² ≤ ±ε² + λu
-        return bool(self.combination(1) < low or self.combination(-1) < -high)
+        return bool(self.square_plus_speed(1) < low or self.square_plus_speed(-1) < -high)
 
-    def all_are(self, letter: str, epsilon: arb) -> bool | None:
+    def all_solutions_are(self, letter: str, epsilon: arb) -> bool | None:
         """Return whether all solutions of the cell with an ε in this ball are admissible motions B (or D).
 
         Returns
@@ -249,17 +251,19 @@ class SolutionCell:
         """
         if self.has_no_motion(epsilon):
             return False
-        if not self.solvable:
+        if not self.is_solvable:
             return None
         slope = SLOPE_SIGN[letter] * self.square_by_s
         if slope < 0:
             return False
         if not (slope > 0 and self.solution.over[2] > 0):
             return None
-        low, high = squares(epsilon)
+        low, high = square_range(epsilon)
         reaches_sigma_minus = self.solution.over[3] > 0
         # or ε is proved to be outside the ball wherever u ≤ 0, since ±ε² ≥ ±ε² + λu there
-        reaches_sigma_minus = reaches_sigma_minus or self.combination(1) > high or self.combination(-1) > -low
+        reaches_sigma_minus = (
+            reaches_sigma_minus or self.square_plus_speed(1) > high or self.square_plus_speed(-1) > -low
+        )
         return True if reaches_sigma_minus and self.is_monotone_between_impacts else None
 
     @cached_property
@@ -333,7 +337,7 @@ class SolutionCell:
         return True if above > 0 and below > 0 else None
 
 
-def squares(epsilon: arb) -> tuple[arb, arb]:
+def square_range(epsilon: arb) -> tuple[arb, arb]:
     """Return the least and the largest ε² in a ball of ε ≥ 0, whose lower end rounding may have made negative."""
     least = lower(epsilon)
     return least**2 if least > 0 else arb(0), upper(epsilon) ** 2
@@ -368,7 +372,7 @@ def motions(piece: PlanePiece, cells: tuple[SolutionCell, SolutionCell], letter:
     waiting = list(reversed(cells))
     while waiting:
         cell = waiting.pop()
-        answer = cell.all_are(letter, piece.epsilon)
+        answer = cell.all_solutions_are(letter, piece.epsilon)
         if answer is None:
             waiting += reversed(cell.halves)
         else:
@@ -376,7 +380,7 @@ def motions(piece: PlanePiece, cells: tuple[SolutionCell, SolutionCell], letter:
     if decided[0][0] or decided[-1][0]:
         raise NotProvedError(f"motions {letter} are not excluded at s = 0 and s = 1: try a smaller block")
     runs = [[cell for _, cell in group] for answer, group in groupby(decided, lambda each: each[0]) if answer]
-    return [run for run in runs if _crosses(piece, run, letter)]
+    return [run for run in runs if _crosses_block(piece, run, letter)]
 
 
 def attracts(piece: PlanePiece, run: Iterable[SolutionCell]) -> bool:
@@ -406,7 +410,7 @@ def attracts(piece: PlanePiece, run: Iterable[SolutionCell]) -> bool:
     return True in verdicts
 
 
-def _crosses(piece: PlanePiece, run: list[SolutionCell], letter: str) -> bool:
+def _crosses_block(piece: PlanePiece, run: list[SolutionCell], letter: str) -> bool:
     """Return whether ε(s), monotone over a run of cells, takes each ε of the piece exactly once.
 
     The neighbours of the run have no motion with an ε of the piece. So at both ends of the run ε(s) is outside the ε
@@ -422,7 +426,7 @@ def _crosses(piece: PlanePiece, run: list[SolutionCell], letter: str) -> bool:
     NotProvedError
         If the side is undecided at one end.
     """
-    (low, high), sides = squares(piece.epsilon), []
+    (low, high), sides = square_range(piece.epsilon), []
     for s in (run[0].start, run[-1].end):
         square = SolutionCell(s, s, piece.delta.mid(), piece.beta).square
         sides.append(1 if square > high else -1 if square < low else 0)

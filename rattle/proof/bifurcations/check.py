@@ -25,7 +25,7 @@ from rattle.proof.check import (
     Interval,
     MotionPiece,
     Refused,
-    exact_fraction,
+    interval_of_text,
     is_positive,
     require,
     sine_and_cosine,
@@ -52,51 +52,51 @@ class ParameterJet:
     def __init__(self, value: Interval, slopes: Sequence[Interval] = ()) -> None:
         self.value, self.slopes = value, slopes
 
-    def chained(self, value: Interval, slope: Interval) -> "ParameterJet":
+    def chain_rule(self, value: Interval, slope: Interval) -> "ParameterJet":
         """Return f(self) by the chain rule, where `value` is the value of f and `slope` its derivative."""
         return ParameterJet(value, [slope * each for each in self.slopes])
 
-    def combined(self, other: Any, value: Interval, by: Interval, by_other: Interval) -> "ParameterJet":
+    def chain_rule_of_two(self, other: Any, value: Interval, by: Interval, by_other: Interval) -> "ParameterJet":
         """Return f(self, other) by the chain rule, where `by` and `by_other` are the partial derivatives of f."""
         own, others = self.slopes or [ZERO] * len(other.slopes), other.slopes or [ZERO] * len(self.slopes)
         return ParameterJet(value, [by * a + by_other * b for a, b in zip(own, others, strict=True)])
 
     def __add__(self, other: Any) -> "ParameterJet":
         """Return the sum."""
-        other = jet(other)
-        return self.combined(other, self.value + other.value, ZERO + 1, ZERO + 1)
+        other = as_jet(other)
+        return self.chain_rule_of_two(other, self.value + other.value, ZERO + 1, ZERO + 1)
 
     def __mul__(self, other: Any) -> "ParameterJet":
         """Return the product."""
-        other = jet(other)
-        return self.combined(other, self.value * other.value, other.value, self.value)
+        other = as_jet(other)
+        return self.chain_rule_of_two(other, self.value * other.value, other.value, self.value)
 
     def __neg__(self) -> "ParameterJet":
         """Return the negative."""
-        return self.chained(-self.value, ZERO - 1)
+        return self.chain_rule(-self.value, ZERO - 1)
 
     def __sub__(self, other: Any) -> "ParameterJet":
         """Return the difference."""
-        return self + -jet(other)
+        return self + -as_jet(other)
 
     def __truediv__(self, other: "ParameterJet") -> "ParameterJet":
         """Return the quotient."""
-        return self * other.chained(1 / other.value, -1 / other.value**2)
+        return self * other.chain_rule(1 / other.value, -1 / other.value**2)
 
     __radd__, __rmul__ = __add__, __mul__
 
     def exp(self) -> "ParameterJet":
         """Return the exponential."""
         value = IV.exp(self.value) * (1 + SLACK)
-        return self.chained(value, value)
+        return self.chain_rule(value, value)
 
-    def turned(self) -> "tuple[ParameterJet, ParameterJet]":
+    def sine_and_cosine(self) -> "tuple[ParameterJet, ParameterJet]":
         """Return the sine and the cosine of 2π times this number."""
         sine, cosine = sine_and_cosine(self.value)
-        return self.chained(sine, TWO_PI * cosine), self.chained(cosine, -TWO_PI * sine)
+        return self.chain_rule(sine, TWO_PI * cosine), self.chain_rule(cosine, -TWO_PI * sine)
 
 
-def jet(x: Any) -> ParameterJet:
+def as_jet(x: Any) -> ParameterJet:
     """Return x as a jet; a number becomes a constant."""
     return x if isinstance(x, ParameterJet) else ParameterJet(ZERO + x)
 
@@ -134,10 +134,10 @@ class Bifurcation:
             len(known) + len(solved) == 3 and len(solved) == (2 if self.point else 1),
             "`solved` must have one parameter, and two for a codimension-two point",
         )
-        self.known = {name: exact_fraction(value) for name, value in known.items()}
+        self.known = {name: interval_of_text(value) for name, value in known.items()}
         self.free = [name for name in FREE if name in solved]
-        self.ends = [[exact_fraction(end) for end in solved[name]] for name in self.free]
-        self.times, self.radius = [exact_fraction(t) for t in document["times"]], exact_fraction(document["radius"])
+        self.ends = [[interval_of_text(end) for end in solved[name]] for name in self.free]
+        self.times, self.radius = [interval_of_text(t) for t in document["times"]], interval_of_text(document["radius"])
         require(
             len(self.times) == self.n and is_positive(*self.known.values()),
             "`times` must have one number for each wall, and the known parameters must be positive",
@@ -166,14 +166,14 @@ class Bifurcation:
         """Return the values at x of all equations, which are 0 at the bifurcation point, and their derivatives."""
         unit = [[ZERO + (i == j) for j in range(len(x))] for i in range(len(x))]
         at = [ParameterJet(value, slopes) for value, slopes in zip(x, unit, strict=True)]
-        delta, epsilon = (jet(each) for each in self.parameters(at))
-        values, pieces, turn = [], [], jet(TWO_PI)
+        delta, epsilon = (as_jet(each) for each in self.parameters(at))
+        values, pieces, turn = [], [], as_jet(TWO_PI)
         for i in range(self.n):
             j = (i + 1) % self.n
             t, w, t1, w1 = at[2 * i], at[2 * i + 1], at[2 * j] + (0 if j else self.m), at[2 * j + 1]
-            (sine, cosine), (sine1, cosine1) = t.turned(), t1.turned()
+            (sine, cosine), (sine1, cosine1) = t.sine_and_cosine(), t1.sine_and_cosine()
             kept = (-(delta * (t1 - t))).exp()
-            reach, pushed = (jet(1) - kept) / delta, w - 2 * turn + turn * epsilon * sine
+            reach, pushed = (as_jet(1) - kept) / delta, w - 2 * turn + turn * epsilon * sine
             y = reach * pushed + 2 * turn * (t1 - t) + epsilon * (cosine1 - cosine)
             v = kept * pushed + 2 * turn - turn * epsilon * sine1
             values += [y - (self.walls[j] - self.walls[i]) * self.known["beta"], -v - w1]
@@ -182,10 +182,10 @@ class Bifurcation:
         if self.impact is not None:
             values.append(at[2 * self.impact + 1])
         if self.kind != "GR" or self.point:
-            values.append(self.condition(pieces, delta))
+            values.append(self.bifurcation_condition(pieces, delta))
         return [each.value for each in values], [each.slopes for each in values]
 
-    def condition(self, pieces: Sequence[Any], delta: ParameterJet) -> ParameterJet:
+    def bifurcation_condition(self, pieces: Sequence[Any], delta: ParameterJet) -> ParameterJet:
         """Return the function of the tangent map of (Φ, Φ') that is 0 at the bifurcation point.
 
         The map starts at the grazing impact, or for a saddle-node or flip at the first impact. pieces: for each flight
@@ -196,7 +196,7 @@ class Bifurcation:
         ParameterJet
             The function, times the product of the velocities after all impacts but the graze.
         """
-        a, b, c, d, speeds = jet(1), jet(0), jet(0), jet(1), jet(1)
+        a, b, c, d, speeds = as_jet(1), as_jet(0), as_jet(0), as_jet(1), as_jet(1)
         first = self.impact or 0
         for i in range(self.n):
             reach, kept, push, w = pieces[(first + i) % self.n]
@@ -212,7 +212,7 @@ class Bifurcation:
         }  # fmt: skip
         return conditions[self.point or self.kind]
 
-    def enclosed(self) -> list[Interval]:
+    def enclose_point(self) -> list[Interval]:
         """Return intervals that contain the only zero of the box, by Lemma 2 (Krawczyk). Raises Refused."""
         x = self.centre()
         size = len(x)
@@ -235,7 +235,7 @@ class Bifurcation:
             spread = moved
         return [a + b for a, b in zip(x, spread, strict=True)]
 
-    def require_happens(self, x: Sequence[Interval]) -> None:
+    def require_admissible(self, x: Sequence[Interval]) -> None:
         """Raise Refused unless each flight joins two walls, meets no wall between, and only the graze has speed 0."""
         delta, epsilon = self.parameters(x)
         motion: Any = SimpleNamespace(
@@ -249,7 +249,7 @@ class Bifurcation:
                 f"piece {i + 1} is not proved to start from the inner side of its wall",
             )
             grazes = i == self.impact, j == self.impact
-            require(stays(piece, *grazes), f"piece {i + 1} is not proved to meet no wall before its end")
+            require(meets_no_wall(piece, *grazes), f"piece {i + 1} is not proved to meet no wall before its end")
 
     def require_least_period(self, x: Sequence[Interval]) -> None:
         """Raise Refused unless m forcing periods are proved to be the least period (Lemma 7)."""
@@ -266,11 +266,11 @@ class Bifurcation:
                 )
 
 
-def stays(piece: MotionPiece, begins_grazing: bool, ends_grazing: bool) -> bool:
+def meets_no_wall(piece: MotionPiece, begins_grazing: bool, ends_grazing: bool) -> bool:
     """Return whether it is proved that a piece meets no wall between its ends, one of which may be a graze.
 
     At the graze Φ' = 0 and Φ'' points away from the wall. Φ'' is proved to keep this sign during a short time next to
-    the graze, so Φ is strictly inside the wall there. The rest of the piece is proved by `lasts`.
+    the graze, so Φ is strictly inside the wall there. The rest of the piece is proved by `stays_between_walls_during`.
 
     Returns
     -------
@@ -278,28 +278,28 @@ def stays(piece: MotionPiece, begins_grazing: bool, ends_grazing: bool) -> bool:
         False if undecided.
     """
     if not (begins_grazing or ends_grazing):
-        return piece.stays()
+        return piece.is_uninterrupted()
     wall = piece.wall if begins_grazing else piece.target
     part = piece.duration.b
     for _ in range(MOST_PARTS):
         part = part / 2
         u = IV.mpf([0, part.b]) if begins_grazing else IV.mpf([(piece.duration - part).a, piece.duration.b])
-        if is_positive(-wall * (piece.force(u) - piece.delta * piece.after(u)[1])):
+        if is_positive(-wall * (piece.force(u) - piece.delta * piece.state_after(u)[1])):
             break
     else:
         return False
     low, high = (part.a, piece.duration.b) if begins_grazing else (ZERO, (piece.duration - part).b)
     ends = [IV.mpf(low), IV.mpf(high)]
-    beside = piece.after(ends[0] if begins_grazing else ends[1])[0]
-    return clear(piece, beside) and lasts(piece, *ends)
+    beside = piece.state_after(ends[0] if begins_grazing else ends[1])[0]
+    return is_between_walls(piece, beside) and stays_between_walls_during(piece, *ends)
 
 
-def clear(piece: MotionPiece, y: Interval) -> bool:
+def is_between_walls(piece: MotionPiece, y: Interval) -> bool:
     """Return whether y, the displacement since the start of the piece, is strictly between the walls."""
     return is_positive((1 - piece.wall) * piece.beta - y, (1 + piece.wall) * piece.beta + y)
 
 
-def lasts(piece: MotionPiece, low: Interval, high: Interval) -> bool:
+def stays_between_walls_during(piece: MotionPiece, low: Interval, high: Interval) -> bool:
     """Return whether a piece is proved to be strictly between the walls from the time `low` to the time `high`.
 
     At these two times after its start the piece must be between the walls or on one of them.
@@ -313,12 +313,12 @@ def lasts(piece: MotionPiece, low: Interval, high: Interval) -> bool:
     for _ in range(MOST_PARTS):
         low, high = parts.pop()
         part, middle = IV.mpf([low, high]), (low + high).mid / 2
-        slope = piece.after(part)[1]
+        slope = piece.state_after(part)[1]
         if not (is_positive(slope) or is_positive(-slope)):
-            y = piece.after(middle)[0]
-            if not clear(piece, y):
+            y = piece.state_after(middle)[0]
+            if not is_between_walls(piece, y):
                 return False
-            if not clear(piece, y + slope * (part - middle)):
+            if not is_between_walls(piece, y + slope * (part - middle)):
                 parts += [(low, middle), (middle, high)]
         if not parts:
             return True
@@ -334,7 +334,7 @@ def check(text: str) -> str:
             "`format` and `theorem` must be 1 and 'bifurcation'",
         )
         claim = Bifurcation(document)
-        x = claim.enclosed()
+        x = claim.enclose_point()
         for value, (low, high) in zip(x[2 * claim.n :], claim.ends, strict=True):
             require(
                 is_positive(value - low, high - value), "a parameter in `solved` is not proved to be between its ends"
@@ -345,7 +345,7 @@ def check(text: str) -> str:
                 "a time is not proved to be within `radius` of its centre",
             )
         require(is_positive(*claim.parameters(x)), "delta and epsilon are not proved to be positive")
-        claim.require_happens(x)
+        claim.require_admissible(x)
         claim.require_least_period(x)
         side = {"G1": 1, "G2": -1}.get(claim.name, 0)
         require(

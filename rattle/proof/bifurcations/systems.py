@@ -20,7 +20,7 @@ from rattle.continuation.conditions import MULTIPLIER, Kind
 from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb, arb_mat, arb_series
 from rattle.proof.bifurcations.corners import CONDITIONS
-from rattle.proof.flights import UP, FlightEnclosure, ModelPlane, extrema, require_first
+from rattle.proof.flights import UP, FlightEnclosure, ModelPlane, extrema, require_first_impact
 from rattle.proof.impacting import ImpactingSystem
 
 Series = arb_series
@@ -28,7 +28,7 @@ Series = arb_series
 FREE = ("delta", "epsilon")
 
 
-class Between(NamedTuple):
+class FlightVelocities(NamedTuple):
     """The velocities w0 and w1 at the ends t0 and t1 of a flight, and the derivatives, as series: w0_t0 is ∂w0/∂t0."""
 
     w0: Series
@@ -62,7 +62,7 @@ class CurveMotion:
 
 
 @dataclass(frozen=True)
-class System:
+class ExtendedSystem:
     """The extended system of a motion.
 
     beta: the half-backlash. known: the known parameters among δ and ε, by name. side: the vector l (n,) of the equation
@@ -93,13 +93,13 @@ class System:
 class EvaluatedSystem:
     """An extended system, evaluated at its unknowns `at`."""
 
-    system: System
+    system: ExtendedSystem
     at: Sequence[arb]
 
     @property
     def residual(self) -> list[arb]:
         """The values (N,) of all equations."""
-        return [each[0] for each in self._values([arb_series([x]) for x in self.at])]
+        return [each[0] for each in self._equation_values([arb_series([x]) for x in self.at])]
 
     @cached_property
     def jacobian(self) -> arb_mat:
@@ -107,10 +107,10 @@ class EvaluatedSystem:
         columns = []
         for k in range(len(self.at)):
             moved = [arb_series([x, 1] if j == k else [x]) for j, x in enumerate(self.at)]
-            columns.append([each[1] for each in self._values(moved)])
+            columns.append([each[1] for each in self._equation_values(moved)])
         return arb_mat(columns).transpose()
 
-    def _values(self, at: list[Series]) -> list[Series]:
+    def _equation_values(self, at: list[Series]) -> list[Series]:
         """Return all equations as series: R; for a graze also w₁ and the condition; else J(μ) φ and ⟨l, φ⟩ − 1."""
         motion, (delta, epsilon) = self.system.motion, self.system.parameters(at)
         n, times = motion.n, at[: motion.n]
@@ -126,15 +126,15 @@ class EvaluatedSystem:
         if motion.impact is not None:
             values.append(flights[motion.impact - 1].w1)
         if motion.point is not None:
-            values.append(_condition(motion.point, delta, epsilon, times))
+            values.append(_codimension_two_condition(motion.point, delta, epsilon, times))
         if motion.kind is not Kind.GRAZING:
             phi, turn = at[-n:], int(MULTIPLIER[motion.kind])
-            values += [_row(flights, phi, i, turn) for i in range(n)]
+            values += [_row_of_product(flights, phi, i, turn) for i in range(n)]
             values.append(sum((x * side for x, side in zip(phi, self.system.side, strict=True)), zero) - 1)
         return values
 
 
-def _row(flights: Sequence[Between], phi: Sequence[Series], i: int, turn: int) -> Series:
+def _row_of_product(flights: Sequence[FlightVelocities], phi: Sequence[Series], i: int, turn: int) -> Series:
     """Return row i of J(μ) φ; turn: the multiplier μ = ±1, by which φ changes over a period."""
     n, here, before = len(flights), flights[i], flights[i - 1]
     after = phi[(i + 1) % n] * (turn if i + 1 == n else 1)
@@ -142,13 +142,13 @@ def _row(flights: Sequence[Between], phi: Sequence[Series], i: int, turn: int) -
     return (here.w0_t0 + before.w1_t1) * phi[i] + here.w0_t1 * after + before.w1_t0 * earlier
 
 
-def _condition(point: str, delta: Series, epsilon: Series, times: Sequence[Series]) -> Series:
+def _codimension_two_condition(point: str, delta: Series, epsilon: Series, times: Sequence[Series]) -> Series:
     """Return the function that is 0 at a codimension-two point, besides the equations of the graze of C."""
     x = epsilon * (2 * PI() * times[0]).cos()
     return CONDITIONS[point](delta, x, times[1] - times[0], (-delta).exp())
 
 
-def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: arb) -> Between:
+def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: arb) -> FlightVelocities:
     """Return the velocities of the flight between two times and their derivatives, (1.7) to (1.10), as series."""
     two_pi = 2 * PI()
     swing, forcing = two_pi * epsilon, two_pi * two_pi * epsilon
@@ -157,7 +157,7 @@ def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distan
     pull = delta / (1 - decay)
     rest = (2 * two_pi * (t1 - t0) + epsilon * (cos1 - cos0) - distance) * pull
     w0, w1 = 2 * two_pi - swing * sin0 - rest, 2 * two_pi - swing * sin1 - rest * decay
-    return Between(
+    return FlightVelocities(
         w0,
         w1,
         w0_t0=w0 * pull + delta * rest - forcing * cos0,
@@ -167,7 +167,7 @@ def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distan
     )
 
 
-def require_happens(system: System, zero: Sequence[arb]) -> None:
+def require_admissible_at(system: ExtendedSystem, zero: Sequence[arb]) -> None:
     """Raise NotProvedError unless the motion is proved to be admissible: it meets exactly its walls.
 
     All speeds must be proved not to be 0, except at the grazing impact, where the motion touches the wall from inside.
@@ -183,12 +183,12 @@ def require_happens(system: System, zero: Sequence[arb]) -> None:
         target, name = walls[(i + 1) % len(walls)], f"the flight after impact {i + 1}, without the grazing impact,"
         if i == (grazed - 1) % len(walls):
             time = times[grazed] if grazed else times[0] + motion.m
-            require_touches(each, walls[i], target, motion.walls[grazed], time, name)
+            require_only_graze(each, walls[i], target, motion.walls[grazed], time, name)
         else:
-            require_first(each, walls[i], target, name)
+            require_first_impact(each, walls[i], target, name)
 
 
-def require_touches(each: FlightEnclosure, wall: int, target: int, touched: int, time: arb, name: str) -> None:
+def require_only_graze(each: FlightEnclosure, wall: int, target: int, touched: int, time: arb, name: str) -> None:
     """Prove that a flight that grazes the wall `touched` at `time` meets no other wall before its end.
 
     Φ has an extremum at that time if the contact force g there is directed away from the wall. All other extrema must

@@ -54,7 +54,7 @@ class HSet:
         return arb_mat([[ball(self.unstable[i]), ball(self.stable[i])] for i in range(2)])
 
     @cached_property
-    def coordinates(self) -> arb_mat:
+    def inverse_matrix(self) -> arb_mat:
         """The matrix that maps (t, v) − centre to (ξ, η). Raises NotProvedError if the set has no area."""
         (a, b), (c, d) = self.matrix.tolist()
         size = a * d - b * c
@@ -76,7 +76,7 @@ class HSet:
 
 
 @dataclass
-class Mapped:
+class MappedSet:
     """A set, and the images under Π of its parts; its motions meet `walls` between two impacts on Σ⁺."""
 
     plane: ModelPlane
@@ -98,14 +98,14 @@ class Mapped:
 
     def require_covers(self, target: HSet, periods: int) -> None:
         """Raise NotProvedError unless the set covers `target`, shifted by this number of forcing periods."""
-        left = self._side(target, periods, EDGES[-1])
-        right = self._side(target, periods, EDGES[1])
+        left = self._side_of_edge(target, periods, EDGES[-1])
+        right = self._side_of_edge(target, periods, EDGES[1])
         if left == right:
             raise NotProvedError("both edges of a set are mapped to the same side of the next set")
         for _ in self._sides_of_parts(target, periods, WHOLE, inside=True):
             pass
 
-    def _side(self, target: HSet, periods: int, edge: SetPart) -> int:
+    def _side_of_edge(self, target: HSet, periods: int, edge: SetPart) -> int:
         """Return the side of `target` to which the whole edge is mapped: 1 or −1. Raises NotProvedError."""
         sides = set(self._sides_of_parts(target, periods, edge, inside=False))
         if len(sides) != 1:
@@ -135,7 +135,7 @@ class Mapped:
             found = self.image(here)
             grown = [1.0, 1.0]
             if found is not None:
-                (xi, eta), grown = _seen_from(target, periods, found)
+                (xi, eta), grown = _coordinates_in(target, periods, found)
                 if xi > 1 or xi < -1:
                     yield 1 if xi > 1 else -1
                     continue
@@ -147,10 +147,10 @@ class Mapped:
             parts += _halves(here, grown)
 
 
-def _seen_from(target: HSet, periods: int, found: Image) -> tuple[tuple[arb, arb], list[float]]:
+def _coordinates_in(target: HSet, periods: int, found: Image) -> tuple[tuple[arb, arb], list[float]]:
     """Return ξ and η of an image in the target's coordinates, and how much each side of the part adds to ξ or η."""
     away = arb_mat(2, 1, [found.middle[0] - periods, found.middle[1]]) - target.middle
-    start, slope = target.coordinates * away, target.coordinates * found.slope
+    start, slope = target.inverse_matrix * away, target.inverse_matrix * found.slope
     xi, eta = (start[i, 0] + arb(0, 1) * sum((abs(slope[i, j]) for j in range(2)), arb(0)) for i in range(2))
     return (xi, eta), [max(float(abs(slope[i, j]).upper()) for i in range(2)) for j in range(2)]
 

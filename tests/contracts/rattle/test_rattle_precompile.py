@@ -17,7 +17,7 @@ import sys
 import numpy as np
 import rattle
 from rattle.intensity.balance import impulse_balance_errors
-from rattle.intensity.table import intensities_of, one_by_one
+from rattle.intensity.table import intensities_of, follow_one_by_one
 from rattle.impacting.attractors.classifier import cells_of
 from rattle.impacting.attractors.stretch import stretch
 from rattle.impacting.bifurcations.curves import trace
@@ -37,7 +37,7 @@ if kappa is None:
     rattle.grazing("G2", delta, 0.7)
 else:
     gear, table = StiffGear(0.5, 0.1, 0.7, kappa), classifier.attractors_of(delta, epsilon, beta, kappa, count=32)
-    cells, stretched = classifier.cells_of(Parameters.of("stiff", delta, epsilon, beta, kappa=kappa)), one_by_one
+    cells, stretched = classifier.cells_of(Parameters.of("stiff", delta, epsilon, beta, kappa=kappa)), follow_one_by_one
 gear.orbits()
 impulse_balance_errors(table, cells)
 intensities_of(table, cells, stretched)

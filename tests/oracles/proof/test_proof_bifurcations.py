@@ -175,7 +175,7 @@ def test_a_flight_that_turns_before_the_wall_does_not_touch_it(points):
 
         def touches(gap, time):
             here = replace(plane, beta=gap)
-            return systems.require_touches(
+            return systems.require_only_graze(
                 flight(here, start, start + 1, turn, turn, arb(0)), 1, 1, -1, time, "the flight"
             )
 

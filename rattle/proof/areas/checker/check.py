@@ -10,7 +10,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
-from .intervals import IV, BlockRefused, Interval, exact, interval_between, require
+from .intervals import IV, BlockRefused, Interval, interval_between, number_from_text, require
 from .one_impact import OneImpact
 from .quiet import Capture, require_possible
 from .two_impacts import Column
@@ -41,7 +41,7 @@ column = lru_cache(maxsize=64)(Column)  # all claims with the same δ interval s
 def prove_claim(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
     """Raise BlockRefused unless a claim is proved on a block as a whole, or on its halves in δ."""
     try:
-        prove_whole(claim, beta, delta, epsilon)
+        prove_on_whole_block(claim, beta, delta, epsilon)
     except BlockRefused:
         if depth == DEEPEST:
             raise
@@ -50,7 +50,7 @@ def prove_claim(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: i
             prove_claim(claim, beta, part, epsilon, depth + 1)
 
 
-def prove_whole(claim: str, beta: Fraction, delta: Ends, epsilon: Ends) -> None:
+def prove_on_whole_block(claim: str, beta: Fraction, delta: Ends, epsilon: Ends) -> None:
     """Raise BlockRefused unless a claim is proved on a block as a whole, without cutting it."""
     d, e = interval_between(*delta), interval_between(*epsilon)
     if claim in QUIET:
@@ -68,7 +68,9 @@ def prove_whole(claim: str, beta: Fraction, delta: Ends, epsilon: Ends) -> None:
 def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, depth: int = 0) -> None:
     """Raise BlockRefused unless quiet is proved to capture all motions slower than `speed`, on a block or its parts."""
     try:
-        Capture(interval_between(*delta), interval_between(*epsilon), interval_between(beta, beta)).require_below(speed)
+        Capture(
+            interval_between(*delta), interval_between(*epsilon), interval_between(beta, beta)
+        ).require_captures_below(speed)
     except BlockRefused:
         if depth == DEEPEST_CAPTURE:
             raise
@@ -103,11 +105,11 @@ def check(text: str) -> str:
     try:
         document = json.loads(text)
         require((document["format"], document["theorem"]) == (1, "area"), "`format` and `theorem` must be 1 and 'area'")
-        claim, beta = document["claim"], exact(document["beta"])
-        delta, epsilon = (ends_of(document[name]) for name in ("delta", "epsilon"))
+        claim, beta = document["claim"], number_from_text(document["beta"])
+        delta, epsilon = (ends_from_texts(document[name]) for name in ("delta", "epsilon"))
         require(beta > 0 and delta[0] > 0, "`beta` and `delta` must be positive")
         if claim == CAPTURES:
-            speed = exact(document["speed"])
+            speed = number_from_text(document["speed"])
             require(speed > 0, "`speed` must be positive")
             prove_captured(beta, delta, epsilon, interval_between(speed, speed))
             claim += f" below {document['speed']}"
@@ -119,9 +121,9 @@ def check(text: str) -> str:
     return f"{claim}, δ {' to '.join(document['delta'])}, ε {' to '.join(document['epsilon'])}"
 
 
-def ends_of(texts: Any) -> Ends:
+def ends_from_texts(texts: Any) -> Ends:
     """Return both ends of an interval from their texts. Raises BlockRefused."""
-    low, high = (exact(each) for each in texts)
+    low, high = (number_from_text(each) for each in texts)
     require(low <= high, "the lower end of an interval is above its upper end")
     return low, high
 

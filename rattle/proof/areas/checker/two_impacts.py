@@ -16,11 +16,11 @@ from .intervals import (
     Interval,
     Jet,
     ParameterBox,
-    decayed,
+    exp_minus,
     force_of_phase,
     interval_between,
-    less,
-    middle,
+    is_less,
+    midpoint,
     require,
     sine_and_cosine_of,
 )
@@ -32,15 +32,16 @@ SHORTEST = 2.0**-13
 Part = tuple[Fraction, Fraction]
 
 
-class Terms:
+class EquationTerms:
     """The terms of all equations: s, δ, a = e^(−δs), b = e^(−δ(1−s)), E = e^(−δ), sin πs and cos πs."""
 
     def __init__(self, s: Jet, d: Jet) -> None:
-        self.s, self.d, self.a, self.b, self.end = s, d, (d * s).decay(), (d * (1 - s)).decay(), d.decay()
+        self.s, self.d = s, d
+        self.a, self.b, self.end = (d * s).exp_minus(), (d * (1 - s)).exp_minus(), d.exp_minus()
         self.sine, self.cosine = s.sine_and_cosine(1)
 
 
-def half_way_equations(t: Terms, beta: Interval) -> list[Jet]:
+def half_way_equations(t: EquationTerms, beta: Interval) -> list[Jet]:
     """Return the equations (16.10) and (16.11), each as the factor of Z₁, the factor of Z₂ and the right side."""
     late, lost = 1 - t.b, 1 - t.end
     both, k = (1 - t.a) * late, (1 - t.a) / (t.d * lost) * (4 * PI)
@@ -49,7 +50,7 @@ def half_way_equations(t: Terms, beta: Interval) -> list[Jet]:
     return [*first, *second]
 
 
-def speeds_and_square(t: Terms, z: list[Jet]) -> list[Jet]:
+def speeds_and_square(t: EquationTerms, z: list[Jet]) -> list[Jet]:
     """Return the speed v after Σ⁺ (16.12), the speed u after Σ⁻ (16.13) and ε² = Z₁² + Z₂²."""
     mean, apart, lost = t.cosine * z[0], t.sine * z[1], 1 - t.end
     p = ((1 - t.b) * (2 - mean) + (1 + t.b) * apart) / lost
@@ -59,7 +60,7 @@ def speeds_and_square(t: Terms, z: list[Jet]) -> list[Jet]:
     return [v, u, z[0] * z[0] + z[1] * z[1]]
 
 
-def margins(t: Terms, z: list[Jet]) -> list[Jet]:
+def stability_margins(t: EquationTerms, z: list[Jet]) -> list[Jet]:
     """Return the stability margins (1 + E − T) uv and (1 + E + T) uv, where T is the trace of the tangent map.
 
     T is the trace of a product of matrices: [[1, S], [0, 1 − δS]] of each flight, S = (1 − e^(−δt))/δ for its duration
@@ -86,12 +87,12 @@ class Cell(ParameterBox):
     def __init__(self, s: Interval, d: Interval, beta: Interval) -> None:
         super().__init__(s, d)
         self.known: dict[Callable[..., list[Jet]], list[Jet]] = {}
-        self.over, self.mid = Terms(*self.jets), Terms(*self.centre)
+        self.over, self.mid = EquationTerms(*self.jets), EquationTerms(*self.centre)
         over, centre = (half_way_equations(terms, beta) for terms in (self.over, self.mid))
         # a Z₁ + c Z₂ = b and e Z₁ + g Z₂ = h
         a, c, b, e, g, h = (self.mean_value(m.x, o) for m, o in zip(centre, over, strict=True))
         self.least_squares = [b**2 / (a**2 + c**2), h**2 / (e**2 + g**2)]  # lower bounds of ε², as in (16.8)
-        self.solvable = less(ZERO, a * g - c * e) or less(a * g - c * e, ZERO)
+        self.solvable = is_less(ZERO, a * g - c * e) or is_less(a * g - c * e, ZERO)
         if self.solvable:
 
             def solve(right: Interval, other: Interval) -> tuple[Interval, Interval]:
@@ -108,10 +109,10 @@ class Cell(ParameterBox):
             self.z = [
                 Jet(self.mean_value(m.x, Jet(x, p, q)), p, q) for m, x, p, q in zip(self.z0, z, by_s, by_d, strict=True)
             ]
-            self.v, self.u, self.square = self.enclosed(speeds_and_square)
+            self.v, self.u, self.square = self.enclose(speeds_and_square)
             self.middle = [each.x for each in speeds_and_square(self.mid, self.z0)]
 
-    def enclosed(self, of: Callable[..., list[Jet]]) -> list[Jet]:
+    def enclose(self, of: Callable[..., list[Jet]]) -> list[Jet]:
         """Return values and derivatives over the cell of several functions, which `of` computes from terms and Z."""
         if of not in self.known:
             centre, over = of(self.mid, self.z0), of(self.over, self.z)
@@ -120,15 +121,17 @@ class Cell(ParameterBox):
 
     def has_no_motion(self, low: Interval, high: Interval) -> bool:
         """Return whether no solution of the cell has speeds v > 0 and u > 0 and low ≤ ε² ≤ high."""
-        if any(less(high, bound) for bound in self.least_squares):
+        if any(is_less(high, bound) for bound in self.least_squares):
             return True
         if not self.solvable:
             return False
-        if less(self.v.x, ZERO) or less(self.u.x, ZERO) or less(self.square.x, low) or less(high, self.square.x):
+        if is_less(self.v.x, ZERO) or is_less(self.u.x, ZERO):
             return True
-        return less(self.combination(1), low) or less(self.combination(-1), -high)
+        if is_less(self.square.x, low) or is_less(high, self.square.x):
+            return True
+        return is_less(self.square_plus_speed(1), low) or is_less(self.square_plus_speed(-1), -high)
 
-    def all_are(self, slope: int, low: Interval, high: Interval) -> bool | None:
+    def all_solutions_are(self, slope: int, low: Interval, high: Interval) -> bool | None:
         """Return whether all solutions with low ≤ ε² ≤ high are admissible and dε/ds has the sign `slope`.
 
         Returns
@@ -136,15 +139,17 @@ class Cell(ParameterBox):
         bool | None
             True if all are, False if none is, None if undecided.
         """
-        if self.has_no_motion(low, high) or (self.solvable and less(slope * self.square.s, ZERO)):
+        if self.has_no_motion(low, high) or (self.solvable and is_less(slope * self.square.s, ZERO)):
             return False
-        if not (self.solvable and less(ZERO, slope * self.square.s) and less(ZERO, self.v.x)):
+        if not (self.solvable and is_less(ZERO, slope * self.square.s) and is_less(ZERO, self.v.x)):
             return None
         # u > 0, at least wherever low ≤ ε² ≤ high
-        reaches = less(ZERO, self.u.x) or less(high, self.combination(1)) or less(-low, self.combination(-1))
-        return True if reaches and self.is_monotone(-1, ZERO, self.s) and self.is_monotone(1, self.s, ONE) else None
+        reaches = is_less(ZERO, self.u.x) or is_less(high, self.square_plus_speed(1))
+        if not (reaches or is_less(-low, self.square_plus_speed(-1))):
+            return None
+        return True if self.is_monotone(-1, ZERO, self.s) and self.is_monotone(1, self.s, ONE) else None
 
-    def combination(self, sign: int) -> Interval:
+    def square_plus_speed(self, sign: int) -> Interval:
         """Return sign · ε² + λu over the cell, for a λ ≥ 0 with which this sum hardly changes with s (Lemma 17)."""
         factor = max(0.0, -sign * float(self.square.s.mid.a) / float(self.u.s.mid.a))
         _, u, square = self.middle
@@ -159,11 +164,11 @@ class Cell(ParameterBox):
             t = IV.mpf([start.a if first else low, end.b if last else high])
             push = sign * self.force_at(t)
             # sign · e^(δt) Φ' grows if push > 0, and falls if push < 0: its sign at one end of the part is enough
-            at, known = (low, first) if less(ZERO, push) else (high, last) if less(push, ZERO) else (t, False)
-            if not (known or less(ZERO, sign * self.velocity(sign, at))):
-                if less(high - low, SHORTEST):
+            at, known = (low, first) if is_less(ZERO, push) else (high, last) if is_less(push, ZERO) else (t, False)
+            if not (known or is_less(ZERO, sign * self.velocity(sign, at))):
+                if is_less(high - low, SHORTEST):
                     return False
-                parts += [(low, middle(t).a), (middle(t).a, high)]
+                parts += [(low, midpoint(t).a), (midpoint(t).a, high)]
         return True
 
     def force_at(self, t: Interval) -> Interval:
@@ -177,12 +182,12 @@ class Cell(ParameterBox):
         departure, w = (ZERO, -self.v.x) if sign < 0 else (self.s, self.u.x)
         z1, z2 = (z.x for z in self.z)
 
-        def driven(at: Interval) -> Interval:
+        def forced_velocity(at: Interval) -> Interval:
             """Return the velocity of the particular solution 4πt + ε cos 2πt of the flight's equation."""
             sine, cosine = sine_and_cosine_of(2 * PI * at - PI * self.s)
             return 4 * PI - 2 * PI * (z1 * cosine + z2 * sine)
 
-        return driven(t) + (w - driven(departure)) * decayed(self.d * (t - departure))
+        return forced_velocity(t) + (w - forced_velocity(departure)) * exp_minus(self.d * (t - departure))
 
 
 class Column:
@@ -204,7 +209,7 @@ class Column:
         decided, parts = [], [(Fraction(0), Fraction(1))]
         while parts:
             first, last = parts.pop()
-            answer = self.cell(first, last).all_are(slope, low, high)
+            answer = self.cell(first, last).all_solutions_are(slope, low, high)
             if answer is None:
                 wide = last - first > self.narrowest
                 require(wide, f"near s = {float(first):.4f} it is undecided whether B or D exists")
@@ -213,16 +218,18 @@ class Column:
                 decided.append((answer, (first, last)))
         require(not decided[0][0] and not decided[-1][0], "B or D is not excluded at s = 0 and s = 1")
         runs = [[part for _, part in group] for answer, group in groupby(decided, lambda each: each[0]) if answer]
-        return [run for run in runs if self.crosses(run, slope, low, high)]
+        return [run for run in runs if self.crosses_block(run, slope, low, high)]
 
-    def crosses(self, run: list[Part], slope: int, low: Interval, high: Interval) -> bool:
+    def crosses_block(self, run: list[Part], slope: int, low: Interval, high: Interval) -> bool:
         """Return whether ε²(s) takes each value from low to high exactly once along a run of parts, or none of them."""
         # at each end of the run ε² is outside low … high, by continuity on the same side at every δ: one δ decides it
         sides = []
         for s in (run[0][0], run[-1][1]):
-            square = Cell(interval_between(s, s), middle(self.d), self.beta).square.x
-            require(less(square, low) or less(high, square), "it is undecided where the solutions leave the block")
-            sides.append(1 if less(high, square) else -1)
+            square = Cell(interval_between(s, s), midpoint(self.d), self.beta).square.x
+            require(
+                is_less(square, low) or is_less(high, square), "it is undecided where the solutions leave the block"
+            )
+            sides.append(1 if is_less(high, square) else -1)
         return sides == [-slope, slope]
 
     def attracts(self, run: list[Part], low: Interval, high: Interval) -> bool:
@@ -233,9 +240,9 @@ class Column:
             cell = self.cell(first, last)
             if cell.has_no_motion(low, high):
                 continue
-            above, below = (each.x for each in cell.enclosed(margins))
-            inside = less(ZERO, above) and less(ZERO, below)
-            if inside or less(above, ZERO) or less(below, ZERO):
+            above, below = (each.x for each in cell.enclose(stability_margins))
+            inside = is_less(ZERO, above) and is_less(ZERO, below)
+            if inside or is_less(above, ZERO) or is_less(below, ZERO):
                 verdicts.add(inside)
                 require(len(verdicts) == 1, "a motion attracts at some points of the block and not at others")
             else:
