@@ -32,7 +32,10 @@ def impact_arrays(count: int) -> Impacts:
 def impacts_of(motion: Motion, point: Any, periods: float | None) -> Impacts:
     """Return the result of `Rattling.impacts`. point: the parameter point for kernels."""
     kind = kind_of(motion)
-    require(periods is not None or kind in ("quiet", "periodic"), f"a {kind} motion needs a number of periods")
+    require(
+        periods is not None or kind in ("quiet", "periodic"),
+        f"periods must be given: a {kind} motion has no period of its own",
+    )
     periods = math.inf if periods is None else require_number("periods", periods, positive=True)
     if kind == "quiet":
         return impact_arrays(0)
@@ -87,7 +90,9 @@ def _repeat_period(one: Impacts, motion: Motion, periods: float) -> Impacts:
     if periods == math.inf:
         return one
     times = math.ceil(periods / motion.m)
-    require(times * one.time.size <= MOST_IMPACTS, f"more than {MOST_IMPACTS} impacts: give fewer periods")
+    require(
+        times * one.time.size <= MOST_IMPACTS, f"the motion makes more than {MOST_IMPACTS} impacts: give fewer periods"
+    )
     time = (one.time + motion.m * np.arange(times)[:, None]).ravel()
     kept = time <= motion.tau + periods + ROUNDING
     return Impacts(time[kept], *(np.tile(column, times)[kept] for column in one[1:]))

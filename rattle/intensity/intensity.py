@@ -150,7 +150,7 @@ def _intensity_from_sums(sums: Array, errors: Errors) -> Intensity:
 
 
 def intensity_rates(sums: Array) -> tuple[Array, ...]:
-    """Return the fields of `Intensity` in order, each (…,), from sums (…, batches, COLUMNS)."""
+    """Return the fields of `Intensity` in order, each (…,), from sums (…, batches, COLUMNS) of `sum_impacts`."""
     total = sums.sum(axis=-2)
     per_period = total / total[..., TIME, None]
     return (
@@ -165,7 +165,9 @@ def intensity_rates(sums: Array) -> tuple[Array, ...]:
 
 
 def half_widths(sums: Array) -> tuple[Array, ...]:
-    """Return the fields of `Errors` in order, from sums (…, BATCHES, COLUMNS), as ratio estimates over batches.
+    """Return the fields of `Errors` in order, from sums (…, BATCHES, COLUMNS) of `sum_impacts`.
+
+    Each field of `Intensity` is the ratio of two sums. The scatter of the batches about this ratio gives its error.
 
     Returns
     -------

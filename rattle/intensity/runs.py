@@ -34,7 +34,7 @@ from rattle.orbits.return_map import point_of
 def list_impacts_in_cell(
     cell: int, tau: float, v: float, returns: int, periods: float, cells: Any, impacts: Impacts
 ) -> tuple[int, float, float, int]:
-    """Do the work of `list_impacts` for one of many cells."""
+    """Follow a motion in the cell number `cell` and write its impacts, as `list_impacts` does at one point."""
     return list_impacts(tau, v, returns, periods, point_of(cell, cells), impacts)
 
 
@@ -45,12 +45,12 @@ def _list_in_cell(cell: int, cells: Any, tau: float, v: float, returns: int, per
 def collect_impacts_in_cell(
     cell: int, cells: Any, tau: float, v: float, returns: int, periods: float
 ) -> tuple[int, float, float, Impacts]:
-    """Return the result of `rattle.intensity.impacts.collect_impacts` in one of many cells."""
+    """Return the result of `rattle.intensity.impacts.collect_impacts` for a motion in the cell number `cell`."""
     return collect_impacts(tau, v, returns, periods, partial(_list_in_cell, cell, cells))
 
 
 def sums_with_contacts(impacts: Impacts, m: int) -> NDArray[np.float64]:
-    """Return the sums (COLUMNS,) over the impacts of one period of m forcing periods.
+    """Return the sums (COLUMNS,) over the impacts of one period of a motion with contact phases.
 
     Parameters
     ----------

@@ -71,7 +71,7 @@ def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resol
         )
     spacing = 1.0 / {"quiet": 1, "periodic": motion.m, "chaotic": resolution}[kind]
     count = int(highest / spacing * (1.0 + 1e-12)) + 1
-    require(count <= MOST_ORDERS, f"more than {MOST_ORDERS} orders: give a smaller highest")
+    require(count <= MOST_ORDERS, f"the spectrum would have more than {MOST_ORDERS} orders: give a smaller highest")
     order = np.asarray(spacing * np.arange(count), np.float64)
     if kind == "chaotic":
         length = float(resolution)
@@ -85,7 +85,7 @@ def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resol
 
 
 def response(order: ArrayLike, delta: float, stiffness: float) -> NDArray[np.complex128]:
-    """Return T of the module's formula at orders of any shape; T = 1 for infinite stiffness."""
+    """Return T = 2k/(2k − ω² + iδω) at orders ω/2π of any shape, k being the stiffness; 1 for infinite stiffness."""
     omega = TWO_PI * np.asarray(order, np.float64)
     return np.asarray(1.0 / (1.0 + (1j * delta * omega - omega * omega) / (2.0 * stiffness)))
 
@@ -101,7 +101,16 @@ def force_transform(impacts: Impacts, order: Array, point: Any, stiffness: float
 
 
 def _impact_transforms(impacts: Impacts, omega: Array, point: Any) -> NDArray[np.complex128]:
-    """Return the bracket in the formula of this module at each ω, for each impact."""
+    """Return the Fourier transform at each ω (k, 1) of the force of each impact (n,) on a rigid wall.
+
+    An impact at time t with the speeds u before and w after it, and the duration d, contributes
+    ±(u e^(−iωt) + w e^(−iω(t + d))) + ∫ h e^(−iωs) ds, where h is the contact force. The sign is + at Σ⁺.
+
+    Returns
+    -------
+    NDArray[np.complex128]
+        The transforms (k, n).
+    """
     begin, end = impacts.time, impacts.time + impacts.duration
     speeds = impacts.speed * np.exp(-1j * omega * begin) + impacts.departure * np.exp(-1j * omega * end)
     found = impacts.wall * speeds
@@ -114,7 +123,7 @@ def _impact_transforms(impacts: Impacts, omega: Array, point: Any) -> NDArray[np
 
 
 def _contact_integrals(frequency: Array, begin: Array, duration: Array) -> NDArray[np.complex128]:
-    """Return ∫ e^(i frequency t) dt over each contact, from `begin` on for `duration`."""
+    """Return ∫ e^(i frequency t) dt over each contact, from `begin` to `begin` + `duration`."""
     middle = begin + 0.5 * duration
     return np.asarray(duration * np.sinc(frequency * duration / TWO_PI) * np.exp(1j * frequency * middle))
 
@@ -155,7 +164,13 @@ def _welch_density(
 
 
 def _impulse_train(impacts: Impacts, point: Any) -> tuple[Array, Array]:
-    """Return rising times and sizes (n,) of the walls' impulses; the force in a contact counts as a few impulses."""
+    """Return the impulses of a motion on both walls; impulses at nodes of a quadrature replace the force in a contact.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        The times (n,), in rising order, and the sizes (n,), positive at Σ⁺.
+    """
     if not impacts.duration.any():
         return impacts.time, impacts.wall * impacts.impulse
     begin, wall, half = impacts.time, impacts.wall, 0.5 * impacts.duration[:, None]
@@ -171,9 +186,10 @@ def _impulse_train(impacts: Impacts, point: Any) -> tuple[Array, Array]:
 def summed_periodograms(
     time: Array, weight: Array, begin: Array, first: Array, last: Array, length: float, count: int
 ) -> Array:
-    """Return |∫ window e^(−2πikt/length) of impulses|²/∫ window², summed over the segments, for k = 0 … count − 1.
+    """Return |∫ window e^(−2πikt/length) df|²/∫ window² dt, summed over all segments, for k = 0 … count − 1.
 
-    Segment q begins at begin[q] and has the impulses first[q] to last[q].
+    f are impulses of the sizes `weight` at the times `time`; the window is Hann's. Segment q begins at the time
+    begin[q], lasts `length`, and has the impulses from number first[q] to number last[q] − 1.
 
     Returns
     -------

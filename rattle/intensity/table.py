@@ -50,13 +50,16 @@ class Intensities(NamedTuple):
     impulse_error: Array
 
 
-# number of fields that are not errors; their values for quiet motion, except the impulse
+# number of fields that are not half-widths; values of these fields for quiet motion, except the impulse
 EXACT, OF_QUIET = 7, (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 @kernel
 def write_period_sums(cell, n_plus, tau, v, cells, sums):
-    """Write sums (n, COLUMNS), zero before, over one period of each motion (n,); NaN if a motion does not close."""
+    """Write sums (n, COLUMNS) over the impacts of one period of each motion (n,).
+
+    `sums` must be zero at the start. The sums of a motion that does not close become NaN.
+    """
     for i in range(cell.size):
         point = point_of(cell[i], cells)
         status, tau1, v1, _time = sum_impacts(tau[i], v[i], n_plus[i], np.inf, MOST_IMPACTS, point, sums[i : i + 1])
@@ -85,7 +88,7 @@ def _sums_of_contact_motion(table: AttractorTable, row: int, cells: Any) -> Arra
 def write_batch_sums(cell, tau, v, periods, cells, sums):
     """Write sums (n, BATCHES, COLUMNS) over the impacts of each motion (n,) in periods[i] forcing periods.
 
-    The sums are zero at the start. The sums of a motion that becomes quiet are NaN.
+    `sums` must be zero at the start. The sums of a motion that becomes quiet become NaN.
     """
     for i in range(cell.size):
         point = point_of(cell[i], cells)
@@ -95,7 +98,7 @@ def write_batch_sums(cell, tau, v, periods, cells, sums):
 
 
 def follow_one_by_one(cell: NDArray[np.int64], tau: Array, v: Array, longer: Array, cells: Any) -> Array:
-    """Return the sums of a `Stretch`, one motion after another, for a gear whose map is not computed in lanes."""
+    """Return the sums of a `Stretch`, by following one motion after another instead of many in vector lanes."""
     sums = np.zeros((cell.size, BATCHES, COLUMNS))
     write_batch_sums(cell, tau, v, STRETCH * longer, cells, sums)
     return sums

@@ -10,9 +10,8 @@ from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import folded
 from rattle.numerics.compile import inline, kernel
 
-COLUMNS = (
-    8  # columns of the sums of `sum_impacts`: time, impacts on each wall, Σv, Σv², time in contact, impulse, largest v
-)
+# columns of the sums of `sum_impacts`: time, impacts on each wall, Σv, Σv², time in contact, impulse, largest v
+COLUMNS = 8
 TIME, ON_PLUS, ON_MINUS, SPEED, SQUARE, CONTACT, IMPULSE, FASTEST = range(COLUMNS)
 
 

@@ -17,7 +17,7 @@ from rattle.resilience.gears import SAME_POINT, speed_unit_of
 Array = NDArray[np.float64]
 SADDLE_NODE, FLIP, GRAZE = "saddle-node", "flip", "graze"
 CRISIS, QUIET_LIMIT, SAMPLING, CONTINUES, UNKNOWN = "crisis", "quiet limit", "sampling", "continues", "unknown"
-#: Smallest step of continuation, as a share of the way from one point of the path to the next.
+#: Smallest step of continuation, as a share of the distance between two neighbouring points of the path.
 LEAST_STEP = 1e-9
 #: Orbits with more impacts are not followed, because an orbit of a hundred impacts would take half a minute.
 LONGEST = 32
@@ -25,9 +25,10 @@ LONGEST = 32
 FARTHEST = 0.1
 #: A multiplier that is closer to ±1 than this, where an orbit is about to end, counts as ±1.
 AT_ONE = 0.01
-#: The end of an orbit is extrapolated from two values whose ratio is larger than this.
+#: The end of an orbit is extrapolated from two values of a function of its multipliers whose ratio exceeds this.
 CLEARLY = 1.5
-#: Distance beyond the end of an orbit, as a share of the way, at which its virtual continuation is sought.
+#: Distance beyond the end of an orbit, as a share of the distance between two points of the path, at which a virtual
+#: continuation of the orbit is sought.
 BESIDE = 1e-3
 
 
@@ -91,14 +92,15 @@ def find_orbit_end(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> O
 
 
 def _distance_to_zero(trail: list[tuple[float, Any]], sign: float, power: int) -> float:
-    """Return how far beyond the last point of a trail ((1 + sign λ₁)(1 + sign λ₂))^power becomes 0.
+    """Extrapolate to where ((1 + sign λ₁)(1 + sign λ₂))^power becomes 0, λ₁ and λ₂ being an orbit's multipliers.
 
-    trail: the shares of the way at which the orbit was found, with its multipliers λ₁ and λ₂ there.
+    trail: the multipliers of the orbit where it was found, each pair after its position, which is a share of the way
+    from one point of the path to the next.
 
     Returns
     -------
     float
-        The distance as a share of the way, by linear extrapolation; 0 if the values do not differ enough.
+        The distance from the last position to the zero, as such a share; 0 if the values do not differ enough.
     """
     known = [(share, float(np.real(np.prod(1.0 + sign * np.array(pair)))) ** power) for share, pair in trail]
     last, rest = known[-1]
@@ -129,7 +131,8 @@ def distance_after_part(gear: AnyGear, label: TrackedOrbit, found: Any) -> float
     Returns
     -------
     float
-        The distance, with speeds in units of `speed_unit_of`; 0 for a motion that closes.
+        The distance, with speeds in units of `speed_unit_of`; 0 for a motion that closes after a part of its period,
+        inf if its period has no parts.
     """
     m, n_plus, n_minus = label.label
     parts = [n for n in range(2, m + 1) if not (m % n or n_plus % n or n_minus % n)]
@@ -150,14 +153,15 @@ def _was_doubled(gear: AnyGear, at: TrackedOrbit) -> bool:
 def _cause_of_end(
     start: Parameters, end: Parameters, last: Any, at: TrackedOrbit, trail: list[tuple[float, Any]]
 ) -> tuple[str, float]:
-    """Return why an orbit is about to end, and the distance to its end as a share of the way, 0 if unknown.
+    """Return why an orbit that was followed from `start` towards `end` is about to end, and how far its end is.
 
-    last, at: the orbit at the last step. trail: the shares of the way so far, with the orbit's multipliers.
+    last, at: the orbit at the last step. trail: the positions so far, as shares of the way from `start` to `end`, each
+    with the orbit's multipliers there.
 
     Returns
     -------
     tuple[str, float]
-        The cause and the distance.
+        The cause, and the distance to the end as a share of the way; 0 if the distance is unknown.
     """
     multipliers, share = np.array(last.multipliers), trail[-1][0]
     if np.abs(multipliers - 1.0).min() < AT_ONE:

@@ -17,7 +17,7 @@ from rattle.resilience.accumulate import accumulated
 from rattle.resilience.gears import States, sample_of, speed_unit_of
 
 Array = NDArray[np.float64]
-#: Default observation time in relaxation times 1/δ.
+#: Default observation time, in relaxation times 1/δ.
 RELAXATIONS = 300.0
 
 
@@ -26,10 +26,9 @@ class Convergence:
     """The arrivals of samples (n,) at their attractors.
 
     attractors: the attractors, the largest basin fraction first. which (n,): the index of each sample's attractor.
-    time (n,): forcing periods until the sample departs from Σ⁺ nearer than `within` to its quiet or periodic
-    attractor for the first time. The time is NaN for chaotic and undecided samples, and for samples that did not arrive
-    within the observation time.
-    within: the distance at which a sample counts as arrived.
+    time (n,): forcing periods until the sample has arrived at its quiet or periodic attractor: until it departs from Σ⁺
+    nearer to the attractor than the distance `within` for the first time. The time is NaN for chaotic and undecided
+    samples, and for samples that did not arrive within the observation time.
     """
 
     attractors: tuple[Attractor, ...]
@@ -74,11 +73,11 @@ class Convergence:
 
 
 class _Arrival:
-    """Accumulate the first time at which each sample is near its attractor.
+    """An `Accumulator` of the first time at which each sample is near its attractor.
 
-    which: the index of each sample's attractor. points: for each attractor its departures (k, 2); no rows for quiet
-    motion, and None for attractors whose arrival is not defined. near: the distance at which a sample has arrived.
-    unit: the unit of speeds in this distance.
+    which: the index of each sample's attractor. points: for each attractor its departures (τ, v) from Σ⁺ (k, 2); no
+    rows for quiet motion, and None for chaotic and undecided motion, at which samples never arrive. near: the distance
+    below which a sample has arrived. unit: the unit of speeds in this distance.
     """
 
     def __init__(self, which: NDArray[np.int64], points: list[Array | None], near: float, unit: float) -> None:
@@ -95,7 +94,9 @@ class _Arrival:
         for i, points in enumerate(self.points):
             mine = np.flatnonzero((self.which[sample] == i) & ~there)
             if points is None or not mine.size:
-                there[mine] = points is None  # these samples are not followed: their arrival is not defined
+                there[mine] = (
+                    points is None
+                )  # samples of chaotic and undecided motion are not followed: they never arrive
                 continue
             if not len(points):
                 there[mine] = v[mine] < self.near * self.unit

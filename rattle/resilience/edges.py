@@ -20,19 +20,20 @@ from rattle.orbits.iterates import fold
 from rattle.resilience.gears import speed_unit_of
 
 Array = NDArray[np.float64]
-#: A bisection ends when the two states are closer than the first distance; they have separated at the second.
+#: A bisection ends when the two states are closer than TOGETHER. They are then followed until they are APART. Both are
+#: distances with speeds in units of `speed_unit_of`.
 TOGETHER, APART = 1e-12, 1e-6
 #: Number of parts into which each step of a bisection divides the line between the states.
 PARTS = 64
-#: Default of `turns`, the number of bisections.
+#: Default of `turns`, the largest number of bisections.
 MOST_TURNS = 200
-#: Saddles with up to this number of impacts on Σ⁺ a period are searched.
+#: Largest number of impacts on Σ⁺ per period of the saddles that are sought.
 LONGEST = 8
 #: A saddle with more impacts replaces a saddle with fewer only if its distance is smaller by this factor. Otherwise it
 #: may be the shorter saddle, run through several times.
 TWICE = 0.1
-#: Distance of a state from itself after some impacts below which a saddle is sought with Newton's method; and distance
-#: of a state from a saddle below which the saddle is the edge state.
+#: Newton's method seeks a saddle near a state that returns after some impacts to within CLOSE of itself. A saddle is
+#: the edge state if a state on the boundary is nearer to it than ARRIVED. Speeds are in units of `speed_unit_of`.
 CLOSE, ARRIVED = 1e-2, 1e-5
 
 
@@ -40,8 +41,8 @@ CLOSE, ARRIVED = 1e-2, 1e-5
 class EdgeState:
     """The edge state on the boundary between two basins.
 
-    tau, v: phase and speed of one state on the edge state. distance: the accuracy of this state.
-    orbit: the edge state as an unstable periodic motion; None if this was not found, because the motion has more than
+    tau, v: phase and speed of one departure from Σ⁺ on the edge state. distance: the accuracy of this state.
+    orbit: the edge state as an unstable periodic motion; None if no such motion was found, because it has more than
     eight impacts on Σ⁺ or the edge state is chaotic.
     impacts: the number of impacts on Σ⁺ that the search followed.
     """
@@ -104,7 +105,15 @@ def _distance(pair: Array, unit: float) -> float:
 
 
 def _bisect(gear: AnyGear, pair: Array, unit: float) -> Array:
-    """Return two states on both sides of the basin boundary, closer than TOGETHER, on the line between `pair`."""
+    """Return two states on the line between `pair`, on both sides of the basin boundary and closer than TOGETHER.
+
+    If rounding stops the bisection before, they are farther apart.
+
+    Returns
+    -------
+    Array
+        The states (2, 2), the one in the basin of pair[0] first.
+    """
     share = np.arange(PARTS + 1) / PARTS
     while True:
         step = np.array([wrapped(pair[1, 0] - pair[0, 0]), pair[1, 1] - pair[0, 1]])
@@ -120,7 +129,17 @@ def _bisect(gear: AnyGear, pair: Array, unit: float) -> Array:
 
 
 def _find_saddle(gear: AnyGear, state: Array, unit: float) -> tuple[Any, float] | None:
-    """Return the unstable periodic motion nearest to a state, and its distance; None if none is CLOSE to the state."""
+    """Return an unstable periodic motion near a state, and its distance from the state; None if none is found.
+
+    For each number of impacts on Σ⁺ up to LONGEST after which the motion from the state is closer to the state than
+    CLOSE, Newton's method starts from the state. A motion with more impacts is returned only if it is much nearer than
+    the motions with fewer (TWICE).
+
+    Returns
+    -------
+    tuple[Any, float] | None
+        The motion and the distance, with speeds in the given unit.
+    """
     best = None
     for n in range(1, LONGEST + 1):
         after = gear.iterate(state[0], state[1], n)

@@ -24,7 +24,18 @@ SAME_POINT = 1e-6
 
 
 def sample_of(gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, states: States = None) -> tuple[Array, Array]:
-    """Return the initial states (τ, v) of `Gear.attractors`, or `states` as flat arrays. Raises ParameterError."""
+    """Return the initial states (τ, v) that `Gear.attractors` draws, or `states` if given, as flat arrays.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        τ and v (n,).
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    """
     if states is not None:
         tau, v, _shape = states_of(*states)
         return tau, v
@@ -101,5 +112,5 @@ def path_points(path: ArrayLike, beta: float, added: Mapping[str, float | None],
 
 
 def _model_with_parameters(more: int) -> type[Model]:
-    """Return the first model that adds this number of parameters, or the default model."""
+    """Return the first model with this number of parameters besides δ, ε and β; the default model if none has it."""
     return next((model for model in MODELS.values() if len(model.added) == max(more, 0)), MODELS[DEFAULT_MODEL])

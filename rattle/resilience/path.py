@@ -40,7 +40,7 @@ PERIODS = 200.0
 CHAOTIC_STATES = 16
 #: Two points are on the same attractor if τ and v differ by less than this, with speeds in units of `speed_unit_of`.
 SAME_POINT = 1e-6
-#: Stands for a family's number where a motion is chaotic, but no chaotic family is known at that step.
+#: This stands for the number of a family if a motion becomes chaotic at a step without a known chaotic family.
 CHAOS_THERE = -2
 
 
@@ -94,7 +94,7 @@ class GlobalContinuation:
         return tuple(int(x) for x in np.unique(self.family) if x >= 0)
 
     def label(self, number: int) -> tuple[str, int, int, int]:
-        """Return kind, m, n₊ and n₋ of a family."""
+        """Return the label of a family: kind, m, n₊ and n₋."""
         row = self._rows_of_family(number)[0]
         return KINDS[self.attractors.kind[row]], *self.attractors.label(row)
 
@@ -110,7 +110,14 @@ class GlobalContinuation:
         return np.where(won >= 0, low, np.nan), np.where(won >= 0, high, np.nan)
 
     def means(self, name: str, number: int) -> tuple[Array, Array]:
-        """Return the mean of a quantity over the samples of a family at each step (n,), and its standard error."""
+        """Return the mean of a quantity over the samples of a family, and its standard error, at each step (n,).
+
+        Returns
+        -------
+        tuple[Array, Array]
+            Means and standard errors; NaN at steps where no sample of the family has a known value. A standard error is
+            also NaN where only one sample has.
+        """
         mine = np.isin(self.which, self._rows_of_family(number))
         values = np.where(mine, self.quantities[name], 0.0)
         known = np.where(mine, ~np.isnan(self.quantities[name]), False)
@@ -209,9 +216,9 @@ def global_continuation(
 
 
 class _ChangeFinder:
-    """Find the beginnings and ends of families along a path, and their causes.
+    """The search for the beginnings and ends of families along a path, and for their causes.
 
-    here: for each step a mapping from the number of each family that exists there to its row in the table.
+    here: for each step {number of a family: row of its attractor in the table}, for the families that exist there.
     """
 
     def __init__(self, points: Parameters, attractors: AttractorTable, family: NDArray[np.int64]) -> None:
@@ -239,11 +246,19 @@ class _ChangeFinder:
         return sorted(explained.values(), key=lambda change: (change.step, change.low, change.family))
 
     def _row_where_it_exists(self, family: int, step: int, begins: bool) -> int:
-        """Return the row of a family that begins or ends after a step, at the step where it exists."""
+        """Return the row of a family that begins or ends between `step` and `step` + 1, where the family exists."""
         return self.here[step + begins][family]
 
     def _explain(self, family: int, step: int, begins: bool, others: dict[tuple[int, int, bool], Change]) -> Change:
-        """Return the change of a family after a step, with its cause. others: the changes explained so far."""
+        """Return the beginning or the end of a family between `step` and `step` + 1, with its cause.
+
+        others: the changes explained so far, by family, step and whether the family begins.
+
+        Returns
+        -------
+        Change
+            The change.
+        """
         row, where, away = self._row_where_it_exists(family, step, begins), step + begins, step + 1 - begins
         kind, gears = self.rows.kind[row], (gear_at(self.points, where), gear_at(self.points, away))
         end = OrbitEnd(UNKNOWN, 0.0, 1.0)
@@ -261,30 +276,40 @@ class _ChangeFinder:
         elif (because := others.get((other, step, not begins))) is not None:
             return Change(family, step, begins, *because[3:6], other)
         elif other >= 0:
-            end = OrbitEnd(CRISIS, 0.0, 1.0)  # chaos becomes chaos that visits other states
+            end = OrbitEnd(CRISIS, 0.0, 1.0)  # the chaotic motion goes to a chaotic attractor that visits other states
         elif other == CHAOS_THERE:
             end, other = OrbitEnd(SAMPLING, 0.0, 1.0), -1
         return self._as_change(family, step, begins, end, other)
 
     def _as_change(self, family: int, step: int, begins: bool, end: OrbitEnd, other: int) -> Change:
-        """Return a change as a record; the shares low and high of `end` count from the step where the family exists."""
+        """Return the record of a change that has this end.
+
+        `end.low` and `end.high` are shares of the way from the step where the family exists to the neighbouring step.
+
+        Returns
+        -------
+        Change
+            The record, in which `low` and `high` are positions along the path.
+        """
         low, high = (step + 1 - end.high, step + 1 - end.low) if begins else (step + end.low, step + end.high)
         return Change(family, step, begins, end.cause, float(low), float(high), other)
 
     def _family_reached(self, row: int, step: int, gear: AnyGear, there: AnyGear) -> int:
-        """Return the family at a step that most states of an attractor go to.
+        """Return the family that motions on an attractor go to when the parameters jump to those of a step.
+
+        For a chaotic attractor it is the family that most of CHAOTIC_STATES states go to.
 
         row: the row of the attractor. gear, there: the gears at the attractor's own step and at `step`.
 
         Returns
         -------
         int
-            The number of the family; CHAOS_THERE if the motion becomes chaotic but belongs to no known family; −1 if no
-            family is known.
+            The number of the family; CHAOS_THERE if the motions become chaotic and belong to no known family; −1 if
+            they go to another attractor without a family, or are not followed.
         """
         tau, v = float(self.rows.tau[row]), float(self.rows.v[row])
         if self.rows.kind[row] == Outcome.CHAOTIC and model_at(there).rests_late(there.delta, there.epsilon):
-            return -1  # a motion on its way to rest would make very many impacts there
+            return -1  # a motion that comes to rest would make too many impacts there to be followed
         many = CHAOTIC_STATES if self.rows.kind[row] == Outcome.CHAOTIC else 1
         on = gear.iterate(tau, v, 7 * np.arange(many))
         goes = there.reached(on.tau, on.v).attractors[0]
@@ -305,7 +330,7 @@ class _ChangeFinder:
         return -1
 
     def _is_attractor_of_row(self, goes: Attractor, row: int, unit: float) -> bool:
-        """Return whether an attractor is the attractor in a row of the table. unit: the unit of speeds."""
+        """Return whether an attractor is the one in a row of the table; speeds are compared in this unit."""
         label = KINDS[self.rows.kind[row]], *self.rows.label(row)
         if label != (goes.kind, goes.m, goes.n_plus, goes.n_minus):
             return False

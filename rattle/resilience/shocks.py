@@ -17,9 +17,10 @@ from rattle.resilience.gears import is_same_attractor, speed_unit_of
 Array = NDArray[np.float64]
 #: Number of shocks of each sign that are tried from a state in one scan.
 SCANNED = 64
-#: Number of scans of all states. Each tries shocks up to the smallest that was found before.
+#: Number of scans of all states. Each scan tries shocks up to the smallest fatal shock that was found before.
 ROUNDS = 3
-#: Number of further scans of the best state. Each narrows the interval of the smallest shock by the factor SCANNED.
+#: Number of further scans, of the state with the smallest fatal shock. Each scan narrows the interval that contains
+#: this shock by the factor SCANNED.
 HALVINGS = 5
 #: Number of phases at which shocks are applied to quiet motion.
 PHASES = 64
@@ -37,7 +38,7 @@ class LeastShock(NamedTuple):
     tau: the phase of the shock. position, velocity: Φ and Φ' before the shock.
     to: the attractor that the motion goes to, None if no shock was found.
     error: the accuracy of `change`. A shock that is smaller by `error` was tried from the same state, and did not
-    suffice.
+    suffice. tau, position, velocity and error are NaN if no shock was found.
     """
 
     change: float
@@ -118,7 +119,7 @@ def _departure_from_wall(state: _State, change: float) -> tuple[float, float] | 
 
 
 def _states_at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple[list[_State], Departure]:
-    """Return the states of an attractor at a phase, and a function that returns their departure after a shock."""
+    """Return the states of an attractor at a phase, and a function that returns the departure after a shock to one."""
     if attractor.kind == "quiet":
         return [_State(phase, gear.beta, 0.0)], _departure_from_wall
     require(
@@ -145,8 +146,9 @@ def _states_at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple
 class _ShockSearch:
     """The search of the smallest shock.
 
-    state, way: the index of the best state, and the sign of the best shock. low, high: from this state a shock of size
-    `low` does not suffice, and one of size `high` does. to: the attractor after the shock.
+    state, way: the index of the state from which the smallest fatal shock was found, and the sign of this shock. low,
+    high: from this state a shock of size `low` does not suffice, and a shock of size `high` does. to: the attractor
+    after the shock; None, and `high` is inf, as long as no fatal shock is found.
     """
 
     def __init__(
@@ -159,7 +161,7 @@ class _ShockSearch:
         self.to: Attractor | None = None
 
     def run(self) -> None:
-        """Scan all states ROUNDS times up to the smallest known shock; then narrow the shock of the best state."""
+        """Scan all states ROUNDS times, then the state with the smallest fatal shock HALVINGS times more finely."""
         every, both = np.arange(len(self.states)), np.array([-1.0, 1.0])
         for _ in range(ROUNDS):
             limit = min(self.high, self.highest)
@@ -170,14 +172,22 @@ class _ShockSearch:
             self._scan(np.array([self.state]), np.array([self.way]), self.low, self.high)
 
     def smallest(self) -> LeastShock:
-        """Return the smallest shock that the scans found."""
+        """Return the smallest fatal shock that the scans found; its change is inf if they found none."""
         state = self.states[self.state]
         if self.to is None:
             return LeastShock(np.inf, np.nan, np.nan, np.nan, None, np.nan)
         return LeastShock(self.way * self.high, *state, self.to, self.high - self.low)
 
     def _scan(self, states: NDArray[np.int64], ways: Array, low: float, high: float) -> None:
-        """Try SCANNED sizes of shock from low to high, with the signs `ways`, from these states. Raises RattleError."""
+        """Try shocks with SCANNED sizes from low to high and the signs `ways` from these states.
+
+        The smallest shock after which the motion goes to another attractor becomes the best one.
+
+        Raises
+        ------
+        RattleError
+            If the attractor from which the shocks start is no attractor of the gear.
+        """
         size = low + (high - low) * np.arange(1, SCANNED + 1) / SCANNED
         tried = [(int(i), float(way), k) for i in states for way in ways for k in range(SCANNED)]
         after = [self.departure(self.states[i], way * float(size[k])) for i, way, k in tried]

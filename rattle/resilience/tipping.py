@@ -25,8 +25,8 @@ class Tipping:
 
     before, after: the attractors at the first and at the second point, the largest basin fraction first.
     number: for each pair (i, j) the number of samples in the basin of before[i] at the first point and in the basin of
-    after[j] at the second. goes: for each attractor in `before`, the index in `after` of the attractor that a motion on
-    it goes to after the jump.
+    after[j] at the second point. goes: for each attractor in `before`, the index in `after` of the attractor to which
+    its motion goes after the jump of the parameters.
     """
 
     before: tuple[Attractor, ...]
@@ -36,7 +36,7 @@ class Tipping:
 
     @property
     def probability(self) -> NDArray[np.float64]:
-        """The tipping probabilities (before, after): the share of each basin before the jump in each basin after it.
+        """The tipping probabilities: row i has the shares of the basin of before[i] that lie in each basin of `after`.
 
         The sum of each row is 1. Source: Kaszás, Feudel and Tél, Scientific Reports 9 (2019) 8654.
         """
