@@ -1,8 +1,8 @@
 """Ball arithmetic with python-flint, which the extra `proof` installs.
 
 A ball is an interval midpoint ± radius. The result of an operation is a ball that contains the results for all numbers
-of the operands. A comparison is True only if it holds for all numbers of both balls. So a condition that is undecided
-is refused if it is written `if not (x > 0)`.
+of the operands. A comparison is True only if it holds for all numbers of both balls. Proofs therefore write
+`if not (x > 0)` before they refuse: this also refuses where the sign of x is undecided.
 """
 
 import threading
@@ -40,7 +40,7 @@ def precision(bits: int = BITS) -> Iterator[None]:
 
 
 def tight_radius() -> float:
-    """Return 2^(−0.7 p) at the precision of p bits: a ball of smaller radius is narrow enough for all later steps."""
+    """Return 2^(−0.7 p) at a precision of p bits: balls of smaller radius are narrow enough for all later steps."""
     return float(2.0 ** (-0.7 * ctx.prec))
 
 
@@ -66,7 +66,7 @@ def exact_midpoint(x: arb) -> Fraction:
 
 
 def rounded_midpoint(x: arb, places: int) -> Fraction:
-    """Return a number with `places` decimals near the midpoint of a ball."""
+    """Return the midpoint of a ball, rounded down to `places` decimals."""
     mantissa, exponent = (int(each) for each in x.mid().man_exp())
     whole = mantissa * 10**places
     return Fraction(whole << exponent if exponent >= 0 else whole >> -exponent, 10**places)

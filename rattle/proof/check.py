@@ -61,7 +61,7 @@ class CertifiedMotion:
     """The motion that a certificate states.
 
     itinerary: the walls of its impacts or contacts, 1 for Σ⁺ and −1 for Σ⁻. walls: the wall of each event.
-    m: its forcing periods. k: the stiffness of the piece after each kind of event.
+    m: its forcing periods. k: the stiffness in its pieces, in turn: [0], or [2κ, 0] for a contact and a flight.
     turns: factor of the velocity at an event, −1 at an impact and 1 at the beginning or the end of a contact.
     centre, radii: the centre and the half-widths of the box of the unknowns x.
     """
@@ -123,7 +123,7 @@ class CertifiedMotion:
         return values, rows
 
     def enclose_motion(self) -> list[Interval]:
-        """Return intervals that contain the only motion of the box, by Lemma 2 (Krawczyk). Raises Refused."""
+        """Return intervals that contain the only motion in the box (Lemma 2 of docs/proofs.md). Raises Refused."""
         x, n, spread = self.centre, len(self.centre), [radius * UNIT for radius in self.radii]
         values, rows = self.equations(x)
         about = (fp.matrix([[row.get(j, ZERO).mid for j in range(n)] for row in rows]) ** -1).tolist()
@@ -150,12 +150,12 @@ class CertifiedMotion:
             speeds = side * p.w, (-p.wall if p.k != 0 else p.target) * self.turns * p.next
             require(
                 is_positive(p.duration, *speeds),
-                f"piece {i} is not proved to last, and to start and end on the right side of its walls",
+                f"piece {i} is not proved to take time, and to start and end with velocities that its walls allow",
             )
             require(p.is_uninterrupted(), f"piece {i} is not proved to reach its end before another event")
 
     def require_least_period(self, x: Sequence[Interval]) -> None:
-        """Raise Refused unless m forcing periods are proved to be the least period (Lemma 7)."""
+        """Raise Refused unless m forcing periods are proved to be the least period (Lemma 7 of docs/proofs.md)."""
         n, times = len(self.itinerary), [*x[::2], *(t + self.m for t in x[::2])]
         for parts in range(2, n + 1):
             shift = n // parts
@@ -168,7 +168,7 @@ class CertifiedMotion:
                 )
 
     def trace(self, x: Sequence[Interval]) -> Interval:
-        """Return the trace of the tangent map of (Φ, Φ') over the period (Lemma 8)."""
+        """Return the trace of the tangent map of (Φ, Φ') over the period, as in Lemma 8 of docs/proofs.md."""
         a, b, c, d = ZERO + 1, ZERO, ZERO, ZERO + 1
         for p in self.pieces(x):
             e, f, g, h = p.tangent(p.duration)
@@ -184,8 +184,9 @@ class MotionPiece:
     """The piece of a motion from event i to the next, where y = Φ − Φ(event i) solves y'' + δy' + ky = g(t).
 
     t, w: time and velocity at the start; next: velocity after the next event; duration: time between the events.
-    unknowns: the numbers of t, w, the next time and `next` among the unknowns. wall, target: walls of both events.
-    cosine, sine: amplitudes of the particular solution (1.12), (1.13). y0, v0: its value and derivative at the start.
+    unknowns: the indices of t, w, the next time and `next` among the unknowns. wall, target: walls of both events.
+    cosine, sine: P and Q of the particular solution, (1.12) and (1.13) of docs/proofs.md. y0, v0: the value and the
+    derivative of this solution at the start.
     """
 
     def __init__(self, motion: CertifiedMotion, i: int, x: Sequence[Interval]) -> None:
@@ -200,7 +201,7 @@ class MotionPiece:
         self.y0, self.v0 = self.forced_solution(ZERO)
 
     def force(self, u: Interval) -> Interval:
-        """Return the contact force g (1.2), a time u after the start of the piece."""
+        """Return the contact force g, (1.2) of docs/proofs.md, a time u after the start of the piece."""
         sine, cosine = sine_and_cosine(self.t + u)
         return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
 
@@ -212,7 +213,7 @@ class MotionPiece:
         return y + 2 * TWO_PI * (u if flies else self.delta / self.k), v + (2 * TWO_PI if flies else 0)
 
     def tangent(self, u: Interval) -> tuple[Interval, Interval, Interval, Interval]:
-        """Return C, S, −kS and C − δS, the map of (y, y') over a time u without forcing, (1.14) and (1.15)."""
+        """Return (C, S, −kS, C − δS), the map of (y, y') over a time u without forcing (1.15 of docs/proofs.md)."""
         c, kept = ZERO + 1, IV.exp(-self.delta * u / 2) * (1 + SLACK)
         s = (1 - kept**2) / self.delta
         if self.k != 0:
@@ -227,7 +228,7 @@ class MotionPiece:
         return y - c * self.y0 + s * pushed, v - c1 * self.y0 + s1 * pushed
 
     def is_uninterrupted(self) -> bool:
-        """Return whether a flight is proved to meet no wall, or a contact not to end, before its stated end."""
+        """Return whether a flight is proved to meet no wall, or a contact not to end, before its end (Lemma 6)."""
 
         def is_clear(y: Interval) -> bool:
             """Return whether at the displacement y a flight is between the walls, or a contact beyond its wall."""
@@ -235,7 +236,9 @@ class MotionPiece:
             return is_positive(self.wall * y) if self.k != 0 else is_positive(*free)
 
         parts = [(ZERO, self.duration.b)]
-        for _ in range(MOST_PARTS):  # at both ends y is clear or on a wall: so between if y' has one sign
+        for _ in range(
+            MOST_PARTS
+        ):  # at both ends of a part y is clear or on a wall, so if y' has one sign y is clear between
             low, high = parts.pop()
             part, middle = IV.mpf([low, high]), (low + high).mid / 2
             slope = self.state_after(part)[1]

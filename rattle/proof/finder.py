@@ -37,7 +37,7 @@ FINEST = Fraction(1, 10**12)
 PLACES = 25
 #: Largest relative difference between the stated and the proved trace that rounding can explain.
 SAME_TRACE = 1e-6
-#: Most impacts of a motion that is proved with BITS; longer motions need twice the bits.
+#: Most impacts of a motion that is proved with the precision BITS; longer motions are proved with twice as many bits.
 LONG = 16
 
 
@@ -88,7 +88,7 @@ def prove_motion(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificat
 def equations_and_guess(
     orbit: Periodic, parameters: dict[str, Fraction]
 ) -> tuple[Callable[[Sequence[arb]], MotionSystem], NDArray[np.float64]]:
-    """Return the equations for motions with the walls of a computed motion, and the times from which to solve them."""
+    """Return the equations of motions with the walls of a computed motion, and its times as a first guess."""
     plane = ModelPlane(*(ball(parameters[name]) for name in ("delta", "epsilon", "beta")))
     if stiff.ADDED not in parameters:
         return impacting.ImpactingSystem(plane, orbit.walls, orbit.m), orbit.departures
@@ -111,7 +111,7 @@ def require_stated_values(orbit: Periodic, speeds: Sequence[Fraction], trace: ar
 
 
 def require_least_period(times: Sequence[arb], walls: Sequence[int], m: int) -> None:
-    """Raise NotProvedError unless m forcing periods are proved to be the least period of the motion (Lemma 7)."""
+    """Raise NotProvedError unless m forcing periods are proved to be the least period: Lemma 7 of docs/proofs.md."""
     n, order = len(walls), tuple(walls)
     each = len(times) // n
     for parts in range(2, m + 1):
@@ -126,7 +126,7 @@ def require_least_period(times: Sequence[arb], walls: Sequence[int], m: int) -> 
 
 
 def verdict_of(trace: arb, determinant: arb) -> Verdict:
-    """Return the stability that the trace and the determinant of the tangent map prove (Lemma 8).
+    """Return the stability that the trace and the determinant of the tangent map prove (Lemma 8 of docs/proofs.md).
 
     The multipliers are the roots of λ² − trace λ + determinant, with 0 < determinant < 1. Both are inside the unit
     circle if and only if |trace| < 1 + determinant, and one is outside if |trace| > 1 + determinant.
@@ -155,7 +155,7 @@ def multipliers(trace: arb, determinant: arb) -> tuple[Ends, Ends, Ends, Ends]:
 
 
 def widened_ends(x: arb) -> Ends:
-    """Return the ends of an enclosure in few digits, wider than the ball. Raises NotProvedError if it is infinite."""
+    """Return the ends, in few digits, of an interval wider than the ball x. Raises NotProvedError if x is infinite."""
     if not x.is_finite():
         raise NotProvedError(
             "the multipliers are not enclosed: the motion is too long or too unstable for the precision"
@@ -168,7 +168,7 @@ def widened_ends(x: arb) -> Ends:
 
 
 def radius_upper_bound(box: Sequence[arb], centres: Sequence[Fraction]) -> Fraction:
-    """Return an upper bound, of two digits, of the distances of the balls in `box` from their `centres`."""
+    """Return an upper bound, in two digits, of the distance of every number of the balls in `box` from its centre."""
     apart = (abs(each - ball(centre)) for each, centre in zip(box, centres, strict=True))
     widest = exact_midpoint(reduce(arb.max, apart).upper())
     unit = Fraction(1, 10**30)

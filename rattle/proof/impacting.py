@@ -19,7 +19,7 @@ MODEL = "impacting"
 
 @dataclass(frozen=True)
 class ImpactEnclosures:
-    """The flights (n,) of a motion; flight i starts at impact i. The unknowns are the times (n,) of the impacts."""
+    """The flights (n,) between given times (n,) of impacts; flight i starts at impact i on walls[i]."""
 
     walls: tuple[int, ...]
     flights: list[FlightEnclosure]
@@ -31,7 +31,7 @@ class ImpactEnclosures:
 
     @property
     def jacobian(self) -> arb_mat:
-        """The Jacobian ∂R/∂t (n, n)."""
+        """The Jacobian ∂R/∂t (n, n) of the residual with respect to the times of the impacts."""
         n = len(self.flights)
         matrix = [[arb(0)] * n for _ in range(n)]
         for i, here in enumerate(self.flights):
@@ -74,7 +74,7 @@ class ImpactingSystem:
     m: int
 
     def __call__(self, times: Sequence[arb]) -> ImpactEnclosures:
-        """Return the flights between these times. They form a motion if R = 0; else an impact is not elastic."""
+        """Return the flights between these times; they form a motion if their residual R is 0."""
         n, turns = len(times), [(2 * time).sin_cos_pi() for time in times]
         flights = [
             flight(

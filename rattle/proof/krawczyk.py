@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rattle.errors import NotProvedError
 from rattle.proof.balls import arb, arb_mat, ball, interval_ball, rounded_midpoint, tight_radius
 
-#: Half-widths of the boxes, in the order in which they are tried: uniqueness in a larger box says more.
+#: Half-widths of the boxes, the largest first, because uniqueness in a larger box says more.
 RADII = tuple(Fraction(1, 10**k) for k in (11, 13, 15, 17, 20))
 #: Decimals to which the centre of a box is rounded.
 PLACES = 28
@@ -115,7 +115,7 @@ def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_
 
 
 def approximate_inverse(matrix: arb_mat) -> arb_mat:
-    """Return an approximate inverse (n, n) of a matrix, in doubles. Raises NotProvedError if the matrix is singular."""
+    """Return an approximate inverse (n, n), computed in doubles. Raises NotProvedError if the matrix is singular."""
     middle = np.array([[float(each) for each in row] for row in matrix.tolist()])
     try:
         found = np.linalg.inv(middle)
@@ -136,7 +136,7 @@ def column(entries: Sequence[arb]) -> arb_mat:
 def _krawczyk_image(
     equations: Equations, x: Sequence[arb], step: arb_mat, about: arb_mat, box: Sequence[arb]
 ) -> list[arb]:
-    """Return K(x + box) − x for Krawczyk's operator K; `about` is the matrix C, and step = C R(x)."""
+    """Return K(x + box) − x for Krawczyk's operator K (`enclose_zero`); `about` is its matrix C, and step is C R(x)."""
     n = len(x)
     unit = arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
     jacobian = equations([a + b for a, b in zip(x, box, strict=True)]).jacobian

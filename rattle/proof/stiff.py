@@ -1,4 +1,4 @@
-"""A periodic motion of the stiff gear in ball arithmetic, whose unknowns are the times of its contacts.
+"""A periodic motion of the stiff gear in ball arithmetic: the unknowns are the times of its contacts.
 
 Beyond Σ± the penetration y = Φ ∓ β obeys y'' + δy' + 2κy = g(t) (1.3 of docs/proofs.md). A contact begins with y = 0
 and the final velocity of the flight before it. It ends with y = 0 and the initial velocity of the flight after it.
@@ -24,26 +24,26 @@ MOST_PARTS = 2000
 
 @dataclass(frozen=True)
 class StiffParameters:
-    """The parameters of the stiff gear, with the stiffness κ in `kappa`, and its motion in contact with a wall."""
+    """The parameters δ, ε, β and κ of the stiff gear, and quantities of its contacts that follow from them alone."""
 
     plane: ModelPlane
     kappa: arb
 
     @cached_property
     def steady_amplitudes(self) -> tuple[arb, arb]:
-        """The amplitudes P and Q of cos 2πt and sin 2πt in the steady motion, (1.12) and (1.13)."""
+        """The amplitudes P and Q of cos 2πt and sin 2πt in the steady motion, (1.12) and (1.13) of docs/proofs.md."""
         stiff, loss = 2 * self.kappa - 4 * PI() ** 2, 2 * PI() * self.plane.delta
         a, b, size = -self.plane.forcing, -self.plane.delta * self.plane.swing, stiff * stiff + loss * loss
         return (a * stiff - b * loss) / size, (b * stiff + a * loss) / size
 
     @cached_property
     def steady_mean(self) -> arb:
-        """The mean 4πδ/2κ of the steady motion."""
+        """The mean 4πδ/2κ of the steady motion, the permanent contact."""
         return self.plane.delta * self.plane.drift / (2 * self.kappa)
 
     @cached_property
     def free_frequency(self) -> arb:
-        """√(2κ − δ²/4), the frequency of free oscillations in contact."""
+        """√(2κ − δ²/4), the angular frequency of free oscillations in contact. Raises NotProvedError if overdamped."""
         square = 2 * self.kappa - self.plane.delta**2 / 4
         if not square > 0:
             raise NotProvedError(
@@ -52,12 +52,12 @@ class StiffParameters:
         return square.sqrt()
 
     def steady_motion(self, t: arb) -> tuple[arb, arb]:
-        """Return y and y' of the steady motion, the permanent contact (1.11)."""
+        """Return y and y' of the steady motion, the permanent contact: (1.11) of docs/proofs.md."""
         (a, b), (sine, cosine) = self.steady_amplitudes, (2 * t).sin_cos_pi()
         return self.steady_mean + a * cosine + b * sine, 2 * PI() * (b * cosine - a * sine)
 
     def tangent(self, u: arb) -> tuple[arb, arb, arb, arb]:
-        """Return the tangent map (C, S, −2κS, C − δS) of (y, y') over a time u in contact, (1.14) and (1.15)."""
+        """Return the tangent map (C, S, −2κS, C − δS) of (y, y') over a time u in contact: (1.15) of docs/proofs.md."""
         delta = self.plane.delta
         sine, cosine = (self.free_frequency * u).sin_cos()
         kept = (-delta * u / 2).exp()
@@ -72,7 +72,7 @@ class StiffParameters:
 
 @dataclass(frozen=True)
 class ContactEnclosure:
-    """A contact that begins at time t0 with velocity w and ends at time t1."""
+    """A contact that begins at time t0 with y = 0 and the velocity w, and ends at time t1."""
 
     walls: StiffParameters
     t0: arb
@@ -81,7 +81,7 @@ class ContactEnclosure:
 
     @cached_property
     def initial_deviation(self) -> tuple[arb, arb]:
-        """The state (y, y') at t0, minus that of the steady motion."""
+        """The state (y, y') at t0 minus the state of the steady motion, the permanent contact."""
         y, v = self.walls.steady_motion(self.t0)
         return -y, self.w - v
 
@@ -100,7 +100,7 @@ class ContactEnclosure:
         return self._state_from_tangent(t, self.walls.tangent(t - self.t0))
 
     def _state_from_tangent(self, t: arb, tangent: tuple[arb, arb, arb, arb]) -> tuple[arb, arb]:
-        """Return y and y' at time t, from the tangent map from t0 to t."""
+        """Return y and y' at time t, from the tangent map between t0 and t."""
         (moved, pushed), (y, v), (c, s, c1, s1) = self.initial_deviation, self.walls.steady_motion(t), tangent
         return y + c * moved + s * pushed, v + c1 * moved + s1 * pushed
 
@@ -177,7 +177,7 @@ class StiffSystem:
     m: int
 
     def __call__(self, times: Sequence[arb]) -> Contacts:
-        """Return the contacts and flights between these times. They form a motion if R = 0; else they do not join."""
+        """Return the contacts and flights between these times; they form a motion if their residual R is 0."""
         c, n, plane = len(self.itinerary), len(times), self.walls.plane
         turns = [(2 * time).sin_cos_pi() for time in times]
         flights = [
@@ -192,10 +192,11 @@ class StiffSystem:
 
 
 def require_contact_lasts(contact: ContactEnclosure, wall: int, name: str) -> None:
-    """Prove that wall · y > 0 between the beginning and the end of a contact, by bisection of its time (Lemma 6).
+    """Prove that wall · y > 0 between the beginning and the end of a contact (Lemma 6 of docs/proofs.md).
 
-    At both ends of each part wall · y > 0 is proved, or y = 0 at an end of the contact. So wall · y > 0 within the part
-    if y' has one sign there; if not, the mean value theorem bounds y.
+    The time of the contact is bisected. At both ends of each part wall · y > 0 is proved, or y = 0 because the contact
+    begins or ends there. So wall · y > 0 within the part if y' has one sign there; if not, the mean value theorem
+    bounds y.
 
     Raises
     ------
@@ -207,7 +208,7 @@ def require_contact_lasts(contact: ContactEnclosure, wall: int, name: str) -> No
             f"the duration of {name} is not proved to be positive: its times are wrong, or enclosed too widely"
         )
     if not wall * contact.w > 0:
-        raise NotProvedError(f"{name} is not proved to begin from inside the walls: it may graze")
+        raise NotProvedError(f"{name} is not proved to begin with a velocity into its wall: it may graze")
     parts = [(contact.t0.lower(), contact.t1.upper())]
     for _ in range(MOST_PARTS):
         start, end = parts.pop()

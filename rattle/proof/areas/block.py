@@ -45,7 +45,7 @@ CLAIMS: dict[str, dict[str, ClaimedState]] = {
     **{claim: {letter: _SADDLE} for letter, claim in SADDLE.items()},
     **{claim: {letter: _NONE} for letter, claim in ABSENT.items()},
 }
-#: Claims about quiet running.
+#: Claims about quiet running. "quiet captures": motions slower than a given speed become quiet.
 QUIET, LOUD, CAPTURED = "quiet is possible", "quiet is impossible", "quiet captures"
 
 
@@ -83,5 +83,5 @@ class ProvedBlock:
         return document if self.speed is None else {**document, "speed": text(self.speed)}
 
     def json(self) -> str:
-        """Return the document, on one line."""
+        """Return the block as JSON text on one line."""
         return json.dumps(self.document(), ensure_ascii=False)

@@ -19,7 +19,7 @@ from rattle.proof.balls import PI, arb, arb_series
 
 #: Number of parts of a forcing period; the bounds are computed over each part.
 PARTS = 128
-#: Largest allowed ratio of h²Q to 2δ; the rest of the damping makes v³/g decay.
+#: Largest allowed ratio of h²Q to 2δ, (20.5) of docs/proofs.md. v³/g decays from impact to impact if it is below 1.
 GROWTH_SHARE = 0.95
 
 
@@ -42,7 +42,7 @@ def require_captures(piece: PlanePiece, speed: Fraction) -> None:
 
 
 def _scaled_force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """Return γ = g/4πδ = 1 − share cos 2πt and its first three derivatives, at a time t after the minimum of γ."""
+    """Return γ = g/4πδ = 1 − share cos 2πt and three derivatives of it, at a time t after a minimum of the force g."""
     sine, cosine = (2 * t).sin_cos_pi()
     turn = 2 * PI()
     return 1 - share * cosine, turn * share * sine, turn**2 * share * cosine, -(turn**3) * share * sine
@@ -51,9 +51,10 @@ def _scaled_force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
 def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
     """Return a bound H such that every bounce returns to Σ⁺ within 2H in the time x, without reaching Σ⁻.
 
-    invariant: an upper bound of v³/g at the impacts. Let v be the speed at which a bounce starts, at x = 0, and "least"
-    the minimum of g during 2H, both in units in which the mean of g is 1. A bounce returns within 2H if v < H · least,
-    because y ≤ x (v − x least/2). It stays lower than y = v²/(2 least).
+    x is the time of equation (20.2) of docs/proofs.md. invariant: an upper bound of v³/g at the impacts. Let v be the
+    speed at which a bounce starts, at x = 0, and "least" the minimum of g during 2H, both in units in which the mean of
+    g is 1. A bounce returns within 2H if v < H · least, because its height is y ≤ x (v − x least/2). It stays lower
+    than y = v²/(2 least).
 
     Returns
     -------
@@ -70,7 +71,7 @@ def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
         here = hull(arb(i) / PARTS, arb(i + 1) / PARTS)
         v = upper(invariant * upper(_scaled_force(here, share)[0])).root(3)
         h = upper(v / (1 - upper(share))) * (1 + arb(2.0**-10))
-        for _ in range(4):  # a shorter bounce sees less of g, so its minimum is larger and the bound H smaller
+        for _ in range(4):  # with a shorter bounce the minimum of g during it is larger, so the next bound H is smaller
             time = upper(-(1 - 2 * h * piece.delta).log() / piece.delta)
             least = _scaled_force(hull(here, here + time), share)[0].lower()
             if not least > 0:
@@ -84,7 +85,7 @@ def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
 
 
 def _growth_coefficient(middle: arb, h: arb, delta: arb, share: arb) -> arb:
-    """Return Q (20.4) for all bounces whose middle is in the ball `middle` and which last at most 2h in x."""
+    """Return Q, (20.4) of docs/proofs.md, for bounces with the middle in a ball that last at most 2h in the time x."""
     w = hull(1 / (1 + delta * h), 1 / (1 - delta * h))  # e^(δ(t − t₀)) along the bounce
     time = hull(-(1 + delta * h).log() / delta, -(1 - delta * h).log() / delta)
     a, a1, _, _ = _acceleration_derivatives(middle, arb(1), delta, share)
@@ -98,7 +99,7 @@ def _growth_coefficient(middle: arb, h: arb, delta: arb, share: arb) -> arb:
 
 
 def _acceleration_derivatives(t: arb, w: arb, delta: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """Return a = w²γ and its first three derivatives with respect to x, where w = e^(δ(t − t₀)) = dt/dx."""
+    """Return a = w²γ and three derivatives of it by the time x of (20.2), docs/proofs.md; w = dt/dx = e^(δ(t − t₀))."""
     g, g1, g2, g3 = _scaled_force(t, share)
     first, second = 2 * delta * g + g1, 6 * delta**2 * g + 5 * delta * g1 + g2
     third = 24 * delta**3 * g + 26 * delta**2 * g1 + 9 * delta * g2 + g3

@@ -62,7 +62,7 @@ class Prover:
 
 
 def _find_one_impact(piece: PlanePiece, letter: str, state: ClaimedState) -> tuple[int | None, bool | None]:
-    """Return how many motions A (or C) exist, and whether the motion attracts; None where undecided or not claimed."""
+    """Return how many motions A (or C) exist, and whether A (or C) attracts; None if undecided or not claimed."""
     exists = one_impact.exists(piece, letter)
     if exists and state is not ClaimedState.THERE:
         return 1, one_impact.attracts(piece, letter)
@@ -87,6 +87,8 @@ def require_state(letter: str, state: ClaimedState, number: int | None, attracts
     if number is None:
         raise NotProvedError(f"it is undecided whether {letter} exists on the block: try a smaller block")
     if number != (state is not ClaimedState.NONE):
-        raise NotProvedError(f"the block has {number} motions {letter}, which contradicts the claim {str(state)!r}")
+        raise NotProvedError(
+            f"the block has {number} motions {letter}, but the claim gives {letter} the state {str(state)!r}"
+        )
     if state in (ClaimedState.ATTRACTING, ClaimedState.SADDLE) and attracts is not (state is ClaimedState.ATTRACTING):
         raise NotProvedError(f"{letter} is not proved to be {state} on the whole block: try a smaller block")

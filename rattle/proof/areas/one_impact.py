@@ -14,25 +14,25 @@ from rattle.proof.balls import PI, arb, arb_series
 
 
 def minus_y(delta: arb_series) -> arb_series:
-    """Return −Y = δ coth(δ/2) − 2, from (15.1)."""
+    """Return −Y = −ε sin 2πτ = δ coth(δ/2) − 2, τ the phase of the impact: (15.1) of docs/proofs.md."""
     end = (-delta).exp()
     return delta * (1 + end) / (1 - end) - 2
 
 
 def x_at_flip(delta: arb_series) -> arb_series:
-    """Return the X at which C flips, δ² coth(δ/2)/2π (15.4)."""
+    """Return the X = ε cos 2πτ at which C flips, δ² coth(δ/2)/2π: (15.4) of docs/proofs.md."""
     return delta * (minus_y(delta) + 2) / (2 * PI())
 
 
 def flight_height(s: arb, delta: arb_series, x: arb) -> arb_series:
-    """Return the displacement F(s; δ, X) from Σ⁺ (15.3), as a power series in δ."""
+    """Return the displacement F(s; δ, X) from Σ⁺, (15.3) of docs/proofs.md, as a power series in δ."""
     end, kept = (-delta).exp(), (-delta * s).exp()
     sine, cosine = (2 * s).sin_cos_pi()
     return 4 * PI() * (s - (1 - kept) / (1 - end)) - x * (1 - cosine) + minus_y(delta) * sine
 
 
 def slope_enclosure(s: arb, delta: arb, x: arb) -> arb:
-    """Return the speed ∂F/∂s over balls of s, δ and X."""
+    """Return the velocity ∂F/∂s over balls of s, δ and X, where F is (15.3) of docs/proofs.md."""
     sine, cosine = (2 * s).sin_cos_pi()
     driven = 2 - 2 * delta * (-delta * s).exp() / (1 - (-delta).exp()) - x * sine
     return 2 * PI() * (driven + minus_y(arb_series([delta]))[0] * cosine)
@@ -69,7 +69,7 @@ def attracts(piece: PlanePiece, letter: str) -> bool | None:
 
 
 def x_enclosure(piece: PlanePiece, letter: str, y: arb) -> arb:
-    """Return X = ±√(ε² − Y²) over the points of the piece at which ε ≥ |Y|."""
+    """Return X = ±√(ε² − Y²), (15.2) of docs/proofs.md, over the points of the piece at which ε ≥ |Y|."""
     least, most = (end * end - far * far for end, far in zip(_ends(piece.epsilon), _ends(y)[::-1], strict=True))
     x = hull(least.sqrt() if least > 0 else arb(0), most.sqrt())
     return x if letter == "C" else -x
@@ -81,7 +81,15 @@ def _ends(x: arb) -> tuple[arb, arb]:
 
 
 def _stays_between_walls(piece: PlanePiece, least: arb, most: arb) -> bool:
-    """Return whether it is proved that −2β < F < 0 for 0 < s < 1, for all δ of the piece and least ≤ X ≤ most."""
+    """Return whether −2β < F < 0 is proved for 0 < s < 1, for all δ of the piece and least ≤ X ≤ most.
+
+    F(s; δ, X), (15.3) of docs/proofs.md, is the displacement from Σ⁺ at a time s after the impact.
+
+    Returns
+    -------
+    bool
+        False if undecided.
+    """
     parts = [(arb(0), arb(1))]
     while parts:
         start, end = parts.pop()
@@ -94,7 +102,7 @@ def _stays_between_walls(piece: PlanePiece, least: arb, most: arb) -> bool:
 
 
 def _stays_between_walls_during(piece: PlanePiece, start: arb, end: arb, least: arb, most: arb) -> bool:
-    """Return whether the proof of `_stays_between_walls` succeeds for start ≤ s ≤ end.
+    """Return whether −2β < F < 0 is proved for start ≤ s ≤ end, as `_stays_between_walls` does for 0 < s < 1.
 
     F vanishes at s = 0 and s = 1, so next to these ends the sign of ∂F/∂s proves F < 0.
 
@@ -119,7 +127,7 @@ def _stays_between_walls_during(piece: PlanePiece, start: arb, end: arb, least: 
 
 
 def _passes_sigma_minus(piece: PlanePiece, least: arb) -> bool:
-    """Return whether it is proved that F < −2β at one time s, for all δ of the piece and all X ≥ least."""
+    """Return whether the displacement F < −2β is proved at one time s, for all δ of the piece and X ≥ least."""
     s = arb(_time_of_minimum(float(piece.delta.mid()), float(least.mid())))
     return bool(
         0 < s < 1 and mean_value_enclosure(lambda delta: flight_height(s, delta, least), piece.delta) < -2 * piece.beta
@@ -127,7 +135,7 @@ def _passes_sigma_minus(piece: PlanePiece, least: arb) -> bool:
 
 
 def _time_of_minimum(delta: float, x: float) -> float:
-    """Return a guess, in double precision, of the time s at which F is least. A bad guess only makes a proof fail."""
+    """Return a guess, in doubles, of the time s at which the displacement F is least. If it is bad, a proof fails."""
     s, step = 0.5, 0.5
     for _ in range(4):
         near = s + np.linspace(-step, step, 101)[1:-1]

@@ -1,4 +1,4 @@
-"""Quiet motion over a piece of the plane: the contact force g is positive at all times if and only if (20.1) holds."""
+"""Prove on a piece of the plane whether quiet motion is possible: whether ε is below the quiet limit."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ class EnclosedFunctions(NamedTuple):
 
 
 def closure_equations(s: arb_series, delta: arb_series, beta: arb) -> tuple[Equation, Equation]:
-    """Return the equations (16.2) and (16.3), each as (factor of X, factor of Y, right side)."""
+    """Return equations (16.2) and (16.3) of docs/proofs.md, each as (factor of X, factor of Y, right side)."""
     a, b, end = (-delta * s).exp(), (-delta * (1 - s)).exp(), (-delta).exp()
     sine, cosine = (2 * PI() * s).sin(), (2 * PI() * s).cos()
     down, up = 1 - 2 * a + end, 1 - 2 * b + end
@@ -54,7 +54,7 @@ def closure_equations(s: arb_series, delta: arb_series, beta: arb) -> tuple[Equa
 
 
 def speed_series(s: arb_series, delta: arb_series, x: arb_series, y: arb_series) -> tuple[arb_series, arb_series]:
-    """Return the speeds v after the impact on Σ⁺ and u after the impact on Σ⁻, by (16.4) to (16.7)."""
+    """Return the speeds v after the impact on Σ⁺ and u after that on Σ⁻, (16.4) to (16.7) of docs/proofs.md."""
     later = y * (2 * PI() * s).cos() + x * (2 * PI() * s).sin()
     a, b, lost = (-delta * s).exp(), (-delta * (1 - s)).exp(), 1 - (-delta).exp()
     p = 4 * PI() * (2 - y - b * (2 - later)) / lost
@@ -65,7 +65,7 @@ def speed_series(s: arb_series, delta: arb_series, x: arb_series, y: arb_series)
 
 
 def margin_series(s: arb_series, delta: arb_series, solution: Sequence[arb_series]) -> list[arb_series]:
-    """Return the stability margins (1 + E − T) uv/2 and (1 + E + T) uv/2, by (19.2) and (19.3).
+    """Return the stability margins (1 + E − T) uv/2 and (1 + E + T) uv/2, (19.2) and (19.3) of docs/proofs.md.
 
     E = e^(−δ) is the determinant, and T the trace, of the tangent map over the forcing period.
 
@@ -130,7 +130,7 @@ class SolutionCell:
 
     @cached_property
     def equations(self) -> tuple[EnclosedFunctions, EnclosedFunctions]:
-        """The equations (16.2) and (16.3), each as enclosures of (factor of X, factor of Y, right side)."""
+        """Enclosures of (16.2) and (16.3), docs/proofs.md: of the factors of X and of Y and the right side of each."""
         s, delta, beta = self.s, self.delta, self.beta
         at_centre = closure_equations(arb_series([s.mid()]), arb_series([delta.mid()]), beta)
         along_s = closure_equations(arb_series([s, 1]), arb_series([delta]), beta)
@@ -145,7 +145,7 @@ class SolutionCell:
 
     @cached_property
     def least_epsilon(self) -> arb:
-        """Return a lower bound of ε for all solutions of the cell, by (16.8)."""
+        """Return a lower bound of ε for all solutions of the cell, by (16.8) of docs/proofs.md."""
         bounds = []
         for equation in self.equations:
             factor_x, factor_y, right = equation.over
@@ -206,14 +206,15 @@ class SolutionCell:
 
     @cached_property
     def square(self) -> arb:
-        """The square ε² over the cell."""
+        """An enclosure of ε² = X² + Y² over the cell."""
         x, y, *_ = self.solution.centre
         return self._mean_value([x * x + y * y], [self.square_by_s], [self.square_by_delta])[0]
 
     def square_plus_speed(self, sign: int) -> arb:
-        """Return sign · ε² + λu over the cell, for a λ ≥ 0 with which this sum hardly changes with s (Lemma 17)."""
+        """Return bounds of sign · ε² + λu over the cell, u the speed after Σ⁻, for a λ ≥ 0 that makes them narrow."""
         x, y, _, u = self.solution.centre
         u_s, u_delta = self.solution.by_s[3], self.solution.by_delta[3]
+        # with this λ the derivative of the sum by s is nearly 0 (Lemma 17 of docs/proofs.md)
         factor = max(0.0, -sign * float(self.square_by_s.mid()) / float(u_s.mid()))
         centre = sign * (x * x + y * y) + factor * u
         by_s = sign * self.square_by_s + factor * u_s
@@ -236,7 +237,7 @@ class SolutionCell:
         low, high = square_range(epsilon)
         if v < 0 or u < 0 or self.square < low or self.square > high:
             return True
-        # where u ≥ 0, ±ε² ≤ ±ε² + λu
+        # where u ≥ 0, ±ε² ≤ ±ε² + λu, so these bounds show that ε is outside the ball
         return bool(self.square_plus_speed(1) < low or self.square_plus_speed(-1) < -high)
 
     def all_solutions_are(self, letter: str, epsilon: arb) -> bool | None:
@@ -260,7 +261,7 @@ class SolutionCell:
             return None
         low, high = square_range(epsilon)
         reaches_sigma_minus = self.solution.over[3] > 0
-        # or ε is proved to be outside the ball wherever u ≤ 0, since ±ε² ≥ ±ε² + λu there
+        # where u ≤ 0, ±ε² ≥ ±ε² + λu, so it is enough if these bounds show that ε is outside the ball there
         reaches_sigma_minus = (
             reaches_sigma_minus or self.square_plus_speed(1) > high or self.square_plus_speed(-1) > -low
         )
@@ -268,13 +269,13 @@ class SolutionCell:
 
     @cached_property
     def is_monotone_between_impacts(self) -> bool:
-        """True if Φ is proved to fall all the way from Σ⁺ to Σ⁻ and to rise all the way back (Lemma 18)."""
+        """True if Φ is proved to fall all the way from Σ⁺ to Σ⁻ and to rise all the way back, by Lemma 18."""
         falls = self._slope_has_sign(-1, arb(0), lower(self.s))
         return falls and self._slope_has_sign(1, upper(self.s), arb(1))
 
     def _slope_has_sign(self, sign: int, start: arb, end: arb) -> bool:
         """Return whether Φ' is proved to have this sign between the times `start` and `end` after the impact on Σ⁺."""
-        # Φ' has the sign at the impacts themselves, which are the ends of each flight: v > 0 and u > 0
+        # at the impacts, which are the ends of each flight, Φ' has this sign because v > 0 and u > 0
         parts = [(start, end)]
         while parts:
             low, high = parts.pop()
@@ -307,7 +308,7 @@ class SolutionCell:
         return force_at_phase(self.delta, x * cosine - y * sine, y * cosine + x * sine)
 
     def slope(self, t: arb, sign: int) -> arb:
-        """Return Φ' at the time t after the impact on Σ⁺, on the flight to Σ⁻ (sign −1) or back (1), by (18.1)."""
+        """Return Φ' a time t after the impact on Σ⁺, on the flight to Σ⁻ (sign −1) or back (1), by (18.1)."""
         x, y, v, u = self.solution.over
         departure, start = (self.s, u) if sign > 0 else (arb(0), -v)
         sine, cosine = (2 * t).sin_cos_pi()
@@ -378,7 +379,7 @@ def motions(piece: PlanePiece, cells: tuple[SolutionCell, SolutionCell], letter:
         else:
             decided.append((answer, cell))
     if decided[0][0] or decided[-1][0]:
-        raise NotProvedError(f"motions {letter} are not excluded at s = 0 and s = 1: try a smaller block")
+        raise NotProvedError(f"it is not proved that no motion {letter} has s = 0 or s = 1: try a smaller block")
     runs = [[cell for _, cell in group] for answer, group in groupby(decided, lambda each: each[0]) if answer]
     return [run for run in runs if _crosses_block(piece, run, letter)]
 
@@ -406,7 +407,7 @@ def attracts(piece: PlanePiece, run: Iterable[SolutionCell]) -> bool:
             else:
                 verdicts.add(verdict)
         if len(verdicts) > 1:
-            raise NotProvedError("a motion of two impacts changes its stability within the block: try a smaller block")
+            raise NotProvedError("a motion P(1,1,1) changes its stability within the block: try a smaller block")
     return True in verdicts
 
 

@@ -37,9 +37,9 @@ RADIUS = IV.mpf(10) ** -16
 FASTER = 1000
 #: Parameters that may be unknowns.
 FREE = ("delta", "epsilon")
-#: Walls and grazing impact of the motions P(1,1,0), P(1,1,1), and of P(1,1,1) that grazes Σ⁻.
+#: Walls and grazing impact of P(1,1,0), of P(1,1,1), and of P(1,1,1) with a graze on Σ⁻.
 P11, P111, GRAZE = ([1], None), ([1, -1], None), ([1, -1], 1)
-#: Walls and grazing impact for each kind and name. A certificate of any other motion has its kind as its name.
+#: {(kind, name): (walls, grazing impact)}. A certificate of any other motion has its kind as its name.
 NAMES = {
     ("SN", "SN1"): P11, ("PD", "PDC"): P11, ("SN", "SN2"): P111, ("PD", "PD1"): P111, ("PD", "PD2"): P111,
     **{("GR", name): GRAZE for name in ("G1", "G2", "COD20", "COD21", "COD22", "COD23")},
@@ -47,17 +47,20 @@ NAMES = {
 
 
 class ParameterJet:
-    """A number with its derivatives with respect to all unknowns, as intervals. A constant has no slopes."""
+    """A number (`value`) with its derivatives with respect to all unknowns (`slopes`), as intervals.
+
+    A constant has an empty list of slopes.
+    """
 
     def __init__(self, value: Interval, slopes: Sequence[Interval] = ()) -> None:
         self.value, self.slopes = value, slopes
 
     def chain_rule(self, value: Interval, slope: Interval) -> "ParameterJet":
-        """Return f(self) by the chain rule, where `value` is the value of f and `slope` its derivative."""
+        """Return f(self) by the chain rule; `value` is the value of f here and `slope` its derivative."""
         return ParameterJet(value, [slope * each for each in self.slopes])
 
     def chain_rule_of_two(self, other: Any, value: Interval, by: Interval, by_other: Interval) -> "ParameterJet":
-        """Return f(self, other) by the chain rule, where `by` and `by_other` are the partial derivatives of f."""
+        """Return f(self, other) by the chain rule; `value` is f here, `by` and `by_other` its partial derivatives."""
         own, others = self.slopes or [ZERO] * len(other.slopes), other.slopes or [ZERO] * len(self.slopes)
         return ParameterJet(value, [by * a + by_other * b for a, b in zip(own, others, strict=True)])
 
@@ -91,18 +94,23 @@ class ParameterJet:
         return self.chain_rule(value, value)
 
     def sine_and_cosine(self) -> "tuple[ParameterJet, ParameterJet]":
-        """Return the sine and the cosine of 2π times this number."""
+        """Return the sine and the cosine of 2πx, x being this number."""
         sine, cosine = sine_and_cosine(self.value)
         return self.chain_rule(sine, TWO_PI * cosine), self.chain_rule(cosine, -TWO_PI * sine)
 
 
 def as_jet(x: Any) -> ParameterJet:
-    """Return x as a jet; a number becomes a constant."""
+    """Return x if it is a jet, or the constant jet of a number x."""
     return x if isinstance(x, ParameterJet) else ParameterJet(ZERO + x)
 
 
 class Bifurcation:
-    """The statement of a certificate: walls, kind, known parameters, and the ends of the unknown parameters."""
+    """The statement of a certificate: the walls and the kind of its motion, and the parameters.
+
+    n: the number of impacts. impact: the number of the grazing impact, from 0, or None. point: the name of a
+    codimension-two point, or None. known: {name: exact value} of the known parameters. free, ends: the names of the
+    other parameters, and both ends of the interval that contains each.
+    """
 
     def __init__(self, document: Any) -> None:
         require(document["model"] == "impacting", "`model` must be 'impacting'")
@@ -111,12 +119,15 @@ class Bifurcation:
         whole = [self.m, *self.walls] + ([] if self.impact is None else [self.impact])
         require(
             all(type(x) is int for x in whole) and self.m > 0 and {*self.walls} <= {1, -1},
-            "`walls` and `m` are invalid",
+            "`walls` must be 1 and -1, and `m` and `impact` whole numbers, with `m` positive",
         )
-        require(self.kind in ("SN", "PD", "GR") and (self.impact is None) == (self.kind != "GR"), "`kind` is invalid")
+        require(
+            self.kind in ("SN", "PD", "GR") and (self.impact is None) == (self.kind != "GR"),
+            "`kind` must be SN, PD or GR, and `impact` must be a number for GR and null for the others",
+        )
         require(
             self.impact is None or 0 <= self.impact < self.n > 1,
-            "`impact`, the number of the grazing impact, is invalid",
+            "`impact`, the index of the grazing impact, must be from 0 to the number of walls, 2 at least, minus 1",
         )
         if self.name != self.kind:
             meant = NAMES.get((self.kind, self.name))
@@ -144,12 +155,12 @@ class Bifurcation:
         )
 
     def parameters(self, at: Sequence[Any]) -> list[Any]:
-        """Return δ and ε at the unknowns `at`."""
+        """Return [δ, ε]: the exact value of a known parameter, an unknown one's entry in the unknowns `at`."""
         free = iter(at[2 * self.n :])
         return [self.known[name] if name in self.known else next(free) for name in FREE]
 
     def centre(self) -> list[Interval]:
-        """Return the centre of the box of unknowns; its velocities are those of the flights between `times`."""
+        """Return the centre of the box of the unknowns, with the velocities of the flights between the given times."""
         free = [(low + high) / 2 for low, high in self.ends]
         delta, epsilon = self.parameters([ZERO] * (2 * self.n) + free)
         found = []
@@ -189,7 +200,7 @@ class Bifurcation:
         """Return the function of the tangent map of (Φ, Φ') that is 0 at the bifurcation point.
 
         The map starts at the grazing impact, or for a saddle-node or flip at the first impact. pieces: for each flight
-        (1 − e^(−δt))/δ and e^(−δt) for its duration t, −2g at its end (None at the graze), and the velocity after it.
+        of duration t (1 − e^(−δt))/δ, e^(−δt), −2g at its end (None at the graze), and the velocity after its end.
 
         Returns
         -------
@@ -213,7 +224,7 @@ class Bifurcation:
         return conditions[self.point or self.kind]
 
     def enclose_point(self) -> list[Interval]:
-        """Return intervals that contain the only zero of the box, by Lemma 2 (Krawczyk). Raises Refused."""
+        """Return intervals that contain the only zero in the box (Lemma 2 of docs/proofs.md). Raises Refused."""
         x = self.centre()
         size = len(x)
         radii = [RADIUS * (FASTER if i < 2 * self.n and i % 2 else 1) for i in range(size)]
@@ -236,7 +247,7 @@ class Bifurcation:
         return [a + b for a, b in zip(x, spread, strict=True)]
 
     def require_admissible(self, x: Sequence[Interval]) -> None:
-        """Raise Refused unless each flight joins two walls, meets no wall between, and only the graze has speed 0."""
+        """Raise Refused unless each flight meets no wall between its ends and only the graze has speed 0."""
         delta, epsilon = self.parameters(x)
         motion: Any = SimpleNamespace(
             walls=self.walls, m=self.m, k=[ZERO], delta=delta, epsilon=epsilon, beta=self.known["beta"]
@@ -252,7 +263,7 @@ class Bifurcation:
             require(meets_no_wall(piece, *grazes), f"piece {i + 1} is not proved to meet no wall before its end")
 
     def require_least_period(self, x: Sequence[Interval]) -> None:
-        """Raise Refused unless m forcing periods are proved to be the least period (Lemma 7)."""
+        """Raise Refused unless m forcing periods are proved to be the least period (Lemma 7 of docs/proofs.md)."""
         made = [i for i in range(self.n) if i != self.impact]
         walls, times = [self.walls[i] for i in made], [x[2 * i] for i in made]
         times += [t + self.m for t in times]
@@ -267,7 +278,7 @@ class Bifurcation:
 
 
 def meets_no_wall(piece: MotionPiece, begins_grazing: bool, ends_grazing: bool) -> bool:
-    """Return whether it is proved that a piece meets no wall between its ends, one of which may be a graze.
+    """Return whether a piece is proved to meet no wall between its ends, one of which may be a graze.
 
     At the graze Φ' = 0 and Φ'' points away from the wall. Φ'' is proved to keep this sign during a short time next to
     the graze, so Φ is strictly inside the wall there. The rest of the piece is proved by `stays_between_walls_during`.

@@ -4,7 +4,8 @@ Notation: τ is the phase of the departure from Σ⁺; X = ε cos 2πτ; s is th
 E = e^(−δ); w₁ and w₀ are the velocities before and after the impact on Σ⁺. The trace of C is
 T = 1 + E − 4π (1 − E) X/δ² (Lemma 9 of docs/proofs.md).
 
-COD20: T = −1 − E, the flip of C. COD21: T = 2√E, a double multiplier. COD22: X = 0, that is T = 1 + E.
+COD20: T = −1 − E, the flip of C. COD21: T = 2√E, a double multiplier. COD22: X = 0, that is T = 1 + E, where A and C
+are born.
 COD23: ∂(w₀ + w₁)/∂τ = 0, the form at the graze of det J(1) + det J(−1) = 0 for the motion that makes the impact
 (`rattle.impacting.bifurcations`).
 """
@@ -38,7 +39,7 @@ def _birth_residual(_delta: Series, x: Series, _s: Series, _end: Series) -> Seri
 
 
 Condition = Callable[[Series, Series, Series, Series], Series]
-#: For each point the function of (δ, X, s, E) that is 0 there, besides the equations of the graze.
+#: {name of a point: the function of (δ, X, s, E) that is 0 at the point, besides the equations of the graze}.
 CONDITIONS: dict[str, Condition] = {
     "COD20": _flip_residual,
     "COD21": _double_multiplier_residual,

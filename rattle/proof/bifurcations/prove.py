@@ -98,7 +98,15 @@ def certify_curve_point(
 def _first_guesses(
     definition: Definition, delta: float, epsilon: float, beta: float, motion: tuple[float, float] | None
 ) -> Sequence[Array]:
-    """Return first guesses (n + 2,) of the unknowns: the given motion if it meets these walls, else closed forms."""
+    """Return first guesses (n + 2,) of the impact times, δ and ε: the given motion, or closed forms.
+
+    The given motion is used if it meets the walls of the curve and the curve is no graze.
+
+    Returns
+    -------
+    Sequence[Array]
+        The guesses.
+    """
     if motion is not None and definition.impact is None:
         itinerary, x = follow_impacts(delta, epsilon, beta, *motion, definition.walls.count(1))
         if itinerary.walls == definition.walls:
@@ -107,7 +115,15 @@ def _first_guesses(
 
 
 def _relative_distance(x: Array, delta: float, epsilon: float, tau: float | None) -> float:
-    """Return the largest of the relative distances of x from δ and ε, and the distance in phase from τ if given."""
+    """Return the distance of the unknowns x from (δ, ε, τ): the largest of three distances.
+
+    The distances from δ and ε are relative. The distance in phase from τ is left out if τ is None.
+
+    Returns
+    -------
+    float
+        The largest distance.
+    """
     phase = 0.0 if tau is None else abs((x[0] - tau + 0.5) % 1.0 - 0.5)
     return float(max(abs(x[-2] - delta) / delta, abs(x[-1] - epsilon) / epsilon, phase))
 
@@ -140,7 +156,7 @@ def certify_event(event: Event, beta: Exact | None = None) -> BifurcationCertifi
     require(float(number) == itinerary.beta, f"beta must be that of the event, {itinerary.beta!r}, got {beta}")
     x = with_value(condition(itinerary, event.kind, event.impact), event.unknowns, -2, event.delta)
     if x is None:
-        raise NotProvedError("Newton's method does not converge to the event at its damping")
+        raise NotProvedError("Newton's method does not converge to the event at its damping: compute the branch again")
     motion = CurveMotion(tuple(int(wall) for wall in itinerary.walls), itinerary.m, event.kind, event.impact)
     return _prove_solution(str(event.kind), motion, x, number, {"delta": exact_number("delta", event.delta)})
 
@@ -169,7 +185,9 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
         solved = (with_value(problem, guess, -2, point.delta) for guess in graze.starts(point.delta, half))
         near = [x for x in solved if x is not None and abs(x[-1] - point.epsilon) < SAME_PLACE]
         if not near:
-            raise NotProvedError(f"Newton's method finds no grazing motion at {point.name}")
+            raise NotProvedError(
+                f"Newton's method finds no grazing motion at {point.name}, so this point is not proved"
+            )
         motion = CurveMotion(graze.walls, 1, graze.kind, graze.impact, point.name)
         found.append(_prove_solution(point.name, motion, near[0], number, {}))
     return tuple(found)
@@ -178,7 +196,7 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
 def _prove_solution(
     name: str, motion: CurveMotion, x: Array, beta: Fraction, known: dict[str, Fraction]
 ) -> BifurcationCertificate:
-    """Return the certificate of the solution near the computed unknowns x (n + 2,)."""
+    """Return the certificate of the point near the computed impact times, δ and ε, which are in x (n + 2,)."""
     n, free = motion.n, [i for i, parameter in enumerate(FREE) if parameter not in known]
     phi = _null_vector(motion, x, float(beta))
     start = np.concatenate([x[:n], x[n:][free], phi])
@@ -200,7 +218,7 @@ def _prove_solution(
 
 
 def _null_vector(motion: CurveMotion, x: Array, beta: float) -> Array:
-    """Return the null vector φ (n,) of J(μ), with length 1; an empty array for a graze."""
+    """Return the null vector φ (n,) of the Jacobian J(μ), with length 1, μ = ±1; an empty array for a graze."""
     if motion.kind is Kind.GRAZING:
         return np.empty(0)
     itinerary = Itinerary(motion.walls, motion.m, beta)
@@ -208,7 +226,7 @@ def _null_vector(motion: CurveMotion, x: Array, beta: float) -> Array:
 
 
 def _widened_ends(x: arb) -> Ends:
-    """Return the ends of an enclosure in 30 decimals, wider than the ball."""
+    """Return the ends, in 30 decimals, of an interval wider than the ball x."""
     low, high = ends(x)
     room = max(ROOM * (high - low), LEAST)
     unit = Fraction(1, 10**30)

@@ -29,7 +29,10 @@ FREE = ("delta", "epsilon")
 
 
 class FlightVelocities(NamedTuple):
-    """The velocities w0 and w1 at the ends t0 and t1 of a flight, and the derivatives, as series: w0_t0 is ∂w0/∂t0."""
+    """The velocities w0 and w1 of a flight at its ends t0 and t1, and their derivatives; w0_t0 is ∂w0/∂t0.
+
+    All are power series of first order in one of the unknowns.
+    """
 
     w0: Series
     w1: Series
@@ -63,9 +66,9 @@ class CurveMotion:
 
 @dataclass(frozen=True)
 class ExtendedSystem:
-    """The extended system of a motion.
+    """The extended system of a bifurcating motion, as a function of its unknowns.
 
-    beta: the half-backlash. known: the known parameters among δ and ε, by name. side: the vector l (n,) of the equation
+    beta: the half-backlash. known: {name: value} of δ or ε, whichever is known. side: the vector l (n,) of the equation
     ⟨l, φ⟩ = 1; empty for a graze.
     """
 
@@ -75,11 +78,11 @@ class ExtendedSystem:
     side: Sequence[float] = ()
 
     def __call__(self, at: Sequence[arb]) -> EvaluatedSystem:
-        """Evaluate the equations at the unknowns (N,): the times, the unknown parameters of δ and ε, then φ."""
+        """Evaluate the equations at the unknowns (N,): the impact times, the unknown ones of δ and ε, then φ."""
         return EvaluatedSystem(self, at)
 
     def parameters(self, at: Sequence[Any]) -> tuple[Any, Any]:
-        """Return δ and ε: a known parameter as a ball, an unknown parameter as the ball or series that `at` has."""
+        """Return δ and ε: a known parameter as a ball, an unknown parameter as its entry in the unknowns `at`."""
         free = iter(at[self.motion.n :])
         delta, epsilon = (self.known[name] if name in self.known else next(free) for name in FREE)
         return delta, epsilon
@@ -111,7 +114,7 @@ class EvaluatedSystem:
         return arb_mat(columns).transpose()
 
     def _equation_values(self, at: list[Series]) -> list[Series]:
-        """Return all equations as series: R; for a graze also w₁ and the condition; else J(μ) φ and ⟨l, φ⟩ − 1."""
+        """Return the values of all equations: R; for a graze w₁ and a condition; otherwise J(μ) φ and ⟨l, φ⟩ − 1."""
         motion, (delta, epsilon) = self.system.motion, self.system.parameters(at)
         n, times = motion.n, at[: motion.n]
         zero = arb_series([0])
@@ -135,7 +138,7 @@ class EvaluatedSystem:
 
 
 def _row_of_product(flights: Sequence[FlightVelocities], phi: Sequence[Series], i: int, turn: int) -> Series:
-    """Return row i of J(μ) φ; turn: the multiplier μ = ±1, by which φ changes over a period."""
+    """Return entry i of the product J(μ) φ; turn: the multiplier μ = ±1, by which φ changes over a period."""
     n, here, before = len(flights), flights[i], flights[i - 1]
     after = phi[(i + 1) % n] * (turn if i + 1 == n else 1)
     earlier = phi[i - 1] * (turn if i == 0 else 1)
@@ -143,13 +146,13 @@ def _row_of_product(flights: Sequence[FlightVelocities], phi: Sequence[Series], 
 
 
 def _codimension_two_condition(point: str, delta: Series, epsilon: Series, times: Sequence[Series]) -> Series:
-    """Return the function that is 0 at a codimension-two point, besides the equations of the graze of C."""
+    """Return the function that is 0 at a codimension-two point, besides the equations of the grazing motion C."""
     x = epsilon * (2 * PI() * times[0]).cos()
     return CONDITIONS[point](delta, x, times[1] - times[0], (-delta).exp())
 
 
 def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: arb) -> FlightVelocities:
-    """Return the velocities of the flight between two times and their derivatives, (1.7) to (1.10), as series."""
+    """Return the velocities of the flight between two times, by (1.7) to (1.10) of docs/proofs.md."""
     two_pi = 2 * PI()
     swing, forcing = two_pi * epsilon, two_pi * two_pi * epsilon
     (sin0, cos0), (sin1, cos1) = (((two_pi * t).sin(), (two_pi * t).cos()) for t in (t0, t1))
@@ -189,10 +192,10 @@ def require_admissible_at(system: ExtendedSystem, zero: Sequence[arb]) -> None:
 
 
 def require_only_graze(each: FlightEnclosure, wall: int, target: int, touched: int, time: arb, name: str) -> None:
-    """Prove that a flight that grazes the wall `touched` at `time` meets no other wall before its end.
+    """Prove that a flight from `wall` to `target` that grazes the wall `touched` at `time` touches no wall otherwise.
 
-    Φ has an extremum at that time if the contact force g there is directed away from the wall. All other extrema must
-    be strictly between the walls.
+    Φ has an extremum at that time if the contact force g then points away from the wall. All other extrema must be
+    strictly between the walls.
 
     Raises
     ------
@@ -201,8 +204,8 @@ def require_only_graze(each: FlightEnclosure, wall: int, target: int, touched: i
     """
     push = each.plane.force(*(2 * time).sin_cos_pi())
     if not (-touched * push > 0 and each.t0 < time < each.t1 and -wall * each.w0 > 0 and target * each.w1 > 0):
-        raise NotProvedError(f"{name} may start or end behind a wall, or not turn where it grazes")
+        raise NotProvedError(f"{name} is not proved to start and end inside the walls and to turn at its graze")
     above, below = each.plane.beta * (1 - wall), -each.plane.beta * (1 + wall)
     close = [turn for turn, height in extrema(each, name) if not (height > below if turn == UP else height < above)]
     if close != [-touched]:
-        raise NotProvedError(f"{name} may touch a wall besides where it grazes")
+        raise NotProvedError(f"{name} is not proved to touch a wall at its graze alone")

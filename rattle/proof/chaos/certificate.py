@@ -14,7 +14,7 @@ THEOREM = "horseshoe"
 
 @dataclass(frozen=True)
 class Loop:
-    """A chain of L coverings from set 0 through other sets back to set 0.
+    """A chain of L sets from set 0 through other sets back to set 0, each of which Π stretches across the next.
 
     sets: the numbers (L − 1,) of the other sets, in order.
     sigma_minus: for each step (L,) the number of impacts on Σ⁻.
@@ -83,5 +83,5 @@ class HorseshoeCertificate:
         }
 
     def json(self) -> str:
-        """Return the document, on one line."""
+        """Return the certificate as JSON text on one line."""
         return json.dumps(self.document(), ensure_ascii=False)

@@ -30,13 +30,13 @@ MOST_PARTS, MOST_TIMES = 4000, 300
 #: Largest numbers of sets and loops, and of steps of a loop.
 MOST_SETS, MOST_LOOPS, MOST_LENGTH = 2000, 200, 100
 Vector = tuple[Interval, Interval]
-Part = tuple[float, float, float, float]  # ξ and η of its middle, half widths in ξ and η
+Part = tuple[float, float, float, float]  # a part of a set: ξ and η of its middle, half widths in ξ and η
 #: The whole of a set, and its edges ξ = −1 and ξ = 1.
 WHOLE, EDGES = (0.0, 0.0, 1.0, 1.0), ((-1.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 1.0))
 
 
 class CheckedBundle:
-    """The flights that leave a wall at (time, velocity) = middle + a sides[0] + b sides[1] with |a|, |b| ≤ 1.
+    """The flights that leave a wall at (time, velocity) = middle + a sides[0] + b sides[1], where |a|, |b| ≤ 1.
 
     hull: intervals that contain the times and the velocities of all departures.
     """
@@ -46,7 +46,7 @@ class CheckedBundle:
         self.hull = tuple(x + UNIT * (abs(a) + abs(b)) for x, a, b in zip(middle, *sides, strict=True))
 
     def flight_state(self, start: Vector, t: Interval) -> Vector:
-        """Return Φ(t) − Φ(t₀) and Φ'(t) for flights from `start` = (t₀, w₀), by (1.4) to (1.6)."""
+        """Return Φ(t) − Φ(t₀) and Φ'(t) for flights from `start` = (t₀, w₀), by (1.4) to (1.6) of docs/proofs.md."""
         (sine, cosine), (sine1, cosine1), d, e = (
             sine_and_cosine(start[0]),
             sine_and_cosine(t),
@@ -58,11 +58,11 @@ class CheckedBundle:
         return y, 2 * TWO_PI - TWO_PI * e * sine1 + kept * pushed
 
     def decay_factor(self, start: Vector, t: Interval) -> Interval:
-        """Return e^(−δ(t − t₀))."""
+        """Return e^(−δ(t − t₀)) for flights from `start` = (t₀, w₀)."""
         return IV.exp(-self.plane.delta * (t - start[0])) * (1 + SLACK)
 
     def state_derivatives(self, t: Interval) -> tuple[Vector, Vector]:
-        """Return the derivatives of Φ(t) and Φ'(t) with respect to a and b, over all flights of the bundle."""
+        """Return the derivatives of Φ(t) and Φ'(t) with respect to the coordinates a and b of the departures."""
         # with c = e^(−δ(t − t₀)), s = (1 − c)/δ and w₀' = Φ'' at the departure: ∂Φ/∂t₀ = −(w₀ + s w₀'), ∂Φ/∂w₀ = s,
         # ∂Φ'/∂t₀ = −c w₀', ∂Φ'/∂w₀ = c
         c = self.decay_factor((self.hull[0], self.hull[1]), t)
@@ -168,7 +168,7 @@ class CheckedBundle:
         raise Refused("a flight does not reach its wall within 8 forcing periods")
 
     def stays_between_walls(self, arrival: Interval) -> bool:
-        """Return whether all flights are proved to be between the walls until the time `arrival` (Lemma 6)."""
+        """Return whether all flights of the bundle are proved to meet no wall until the time `arrival` (Lemma 6)."""
         parts = [(IV.mpf(self.hull[0].a), IV.mpf(arrival.b))]
         above, below = (1 - self.wall) * self.plane.beta, (1 + self.wall) * self.plane.beta
         for _ in range(MOST_TIMES):
@@ -187,8 +187,9 @@ class CheckedBundle:
 class HorseshoeClaim:
     """The statement of a certificate: parameters, sets and loops.
 
-    sets, numbers: each set as six intervals and as six exact numbers, centre (t, v), `unstable` and `stable`.
-    loops: for each loop its sets, the impacts on Σ⁻ in each step, and the forcing periods of each step.
+    sets, numbers: each set as six intervals and as six exact numbers: the two coordinates of its centre (t, v), of its
+    half side `unstable` and of its half side `stable`. loops: for each loop the numbers of its sets, the impacts on Σ⁻
+    in each step, and the forcing periods of each step.
     """
 
     def __init__(self, document: Any) -> None:
@@ -203,16 +204,19 @@ class HorseshoeClaim:
         require(0 < len(document["sets"]) <= MOST_SETS, f"the number of sets must be from 1 to {MOST_SETS}")
         self.sets = [[interval_of_text(number) for number in each] for each in document["sets"]]
         self.numbers = [[Fraction(number) for number in each] for each in document["sets"]]
-        require(all(len(each) == 6 for each in self.sets), "a set must be six numbers")
+        require(all(len(each) == 6 for each in self.sets), "each set must be six numbers")
         self.loops = [(each["sets"], each["sigma_minus"], each["periods"]) for each in document["loops"]]
         require(1 < len(self.loops) <= MOST_LOOPS, f"the number of loops must be from 2 to {MOST_LOOPS}")
         for sets, words, periods in self.loops:
             whole = all(type(x) is int and x >= 0 for x in [*sets, *words]) and all(type(x) is int for x in periods)
             fits = len(words) == len(periods) == len(sets) + 1 <= MOST_LENGTH and all(x < len(self.sets) for x in sets)
-            require(whole and fits and max(words) <= MOST_LENGTH and sum(periods) > 0, "a loop is invalid")
+            require(
+                whole and fits and max(words) <= MOST_LENGTH and sum(periods) > 0,
+                "a loop must have numbers of sets, of impacts on Σ⁻ and of forcing periods, one set fewer than steps",
+            )
 
     def force(self, t: Interval) -> Interval:
-        """Return the contact force g(t) (1.2)."""
+        """Return the contact force g(t), (1.2) of docs/proofs.md."""
         sine, cosine = sine_and_cosine(t)
         return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
 
@@ -240,7 +244,7 @@ class HorseshoeClaim:
     def coordinates_in(
         self, target: int, periods: int, found: tuple[Vector, tuple[Vector, Vector]]
     ) -> tuple[Vector, list[Any]]:
-        """Return ξ and η of an image in the target's coordinates, and how much each side of the image adds to them."""
+        """Return ξ and η of an image in the coordinates of the set `target`, and how much each side adds to them."""
         (t, v, a, c, b, d), (middle, sides) = self.sets[target], found
         size = a * d - b * c
         require(is_positive(size) or is_positive(-size), "the sides of a set are parallel, so it has no area")
@@ -250,7 +254,7 @@ class HorseshoeClaim:
         return (xi, eta), [max(float(abs(x).b) for x in each) for each in added]
 
     def require_covers(self, source: int, target: int, word: int, periods: int) -> None:
-        """Raise Refused unless the set `source` covers the set `target` (Lemma 11).
+        """Raise Refused unless the set `source` covers the set `target` (Lemma 11 of docs/proofs.md).
 
         In the target's coordinates Π maps one edge ξ = ±1 of the source to ξ < −1 and the other to ξ > 1, and no point
         of the source to |ξ| ≤ 1 ≤ |η|.
@@ -263,7 +267,7 @@ class HorseshoeClaim:
         self.sides_of_parts(source, target, word, periods, WHOLE, inside=True)
 
     def sides_of_parts(self, source: int, target: int, word: int, periods: int, part: Part, inside: bool) -> set[int]:
-        """Return the sides of the target to which a part is mapped; the part is cut until each side is proved.
+        """Return the sides of the set `target` to which parts of the set `source` are mapped, once all are proved.
 
         Returns
         -------
@@ -293,7 +297,7 @@ class HorseshoeClaim:
         raise Refused(f"set {source} is not proved to cover set {target}")
 
     def require_disjoint(self, one: int, other: int) -> None:
-        """Raise Refused unless a line along a side separates two sets, whose times are taken modulo 1."""
+        """Raise Refused unless two sets are proved to be disjoint, with times taken modulo 1."""
         for periods in (-2, -1, 0, 1, 2):
             a, b = self.corners(one, 0), self.corners(other, periods)
             normals = [(c[i][1] - c[0][1], c[0][0] - c[i][0]) for c in (a, b) for i in (1, 2)]

@@ -22,7 +22,7 @@ from rattle.proof.flights import ModelPlane
 Pair = tuple[Fraction, Fraction]
 #: Most parts into which a set is cut.
 MOST_PIECES = 12_000
-#: Smallest half-width of a part, as a share of that of its set.
+#: Smallest half-width of a part, as a share of the half-width of its set.
 FINEST = 2.0**-12
 
 
@@ -77,7 +77,11 @@ class HSet:
 
 @dataclass
 class MappedSet:
-    """A set, and the images under Π of its parts; its motions meet `walls` between two impacts on Σ⁺."""
+    """A set, and the images under Π of its parts.
+
+    walls: the walls that the motions from the set must meet between two impacts on Σ⁺. images: {part: its image}, None
+    for a part whose motions are not proved to meet these walls.
+    """
 
     plane: ModelPlane
     source: HSet
@@ -85,7 +89,7 @@ class MappedSet:
     images: dict[SetPart, Image | None] = field(default_factory=dict)
 
     def image(self, part: SetPart) -> Image | None:
-        """Return the image of a part, or None if its motions are not proved to meet `walls`."""
+        """Return the image of a part, or None if the motions from the part are not proved to meet `walls`."""
         if part not in self.images:
             matrix = self.source.matrix
             centre = self.source.middle + matrix * arb_mat(2, 1, [part.xi, part.eta])
@@ -106,10 +110,10 @@ class MappedSet:
             pass
 
     def _side_of_edge(self, target: HSet, periods: int, edge: SetPart) -> int:
-        """Return the side of `target` to which the whole edge is mapped: 1 or −1. Raises NotProvedError."""
+        """Return the side of `target` to which the whole edge is mapped: 1 (ξ > 1) or −1. Raises NotProvedError."""
         sides = set(self._sides_of_parts(target, periods, edge, inside=False))
         if len(sides) != 1:
-            raise NotProvedError("an edge of a set is not mapped to one side of the next set")
+            raise NotProvedError("an edge of a set is mapped to both sides of the next set")
         return sides.pop()
 
     def _sides_of_parts(self, target: HSet, periods: int, part: SetPart, inside: bool) -> Iterator[int]:
@@ -148,7 +152,7 @@ class MappedSet:
 
 
 def _coordinates_in(target: HSet, periods: int, found: Image) -> tuple[tuple[arb, arb], list[float]]:
-    """Return ξ and η of an image in the target's coordinates, and how much each side of the part adds to ξ or η."""
+    """Return ξ and η of an image in the target's coordinates, and how much each side of the image adds to them."""
     away = arb_mat(2, 1, [found.middle[0] - periods, found.middle[1]]) - target.middle
     start, slope = target.inverse_matrix * away, target.inverse_matrix * found.slope
     xi, eta = (start[i, 0] + arb(0, 1) * sum((abs(slope[i, j]) for j in range(2)), arb(0)) for i in range(2))
@@ -156,7 +160,7 @@ def _coordinates_in(target: HSet, periods: int, found: Image) -> tuple[tuple[arb
 
 
 def _is_refuted(xi: arb, eta: arb, grown: Sequence[float], inside: bool) -> bool:
-    """Return whether cutting further cannot help: the image is small already, or it is where it must not be."""
+    """Return whether cutting a part further cannot help, because its image is small or is where it must not be."""
     return max(grown) < FINEST * 8 or bool(abs(xi) < 1 and (abs(eta) > 1 or not inside))
 
 
@@ -165,7 +169,7 @@ def _halves(part: SetPart, grown: Sequence[float]) -> list[SetPart]:
     xi, eta, width, height = part
     if max(width, height) < FINEST:
         raise NotProvedError(
-            "which walls the motions of a set meet is undecided, even in its smallest parts: use a smaller set"
+            "it is undecided which walls the motions from a set meet, even from its smallest parts: use a smaller set"
         )
     if (grown[0] * (width > 0), width) >= (grown[1], height):
         return [SetPart(xi + side * width / 2, eta, width / 2, height) for side in (-1, 1)]

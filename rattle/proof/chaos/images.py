@@ -1,6 +1,7 @@
-"""Enclosures of the impact map Π on a small set of departures (t, v) from Σ⁺: t the time, v the speed.
+"""Enclosures of the impact map Π on a small set of departures (t, v) from Σ⁺, t the time and v the speed.
 
-Lemma 14 of docs/proofs.md. A set is a parallelogram middle + sides [−1, 1]²; all flights from it form a bundle.
+The method is Lemma 14 of docs/proofs.md. A set is a parallelogram middle + sides [−1, 1]². All flights from a set form
+a bundle; the flight from its middle is the middle flight.
 """
 
 from __future__ import annotations
@@ -16,8 +17,7 @@ from rattle.flight.forcing import DRIFT
 from rattle.proof.balls import arb, arb_mat
 from rattle.proof.flights import FlightEnclosure, ModelPlane, require_first_impact, sign
 
-#: Factor by which the guessed interval of arrival times is widened after each refusal, and most times that it is
-#: widened.
+#: Factor by which the guessed interval of arrival times is widened at each trial; number of trials.
 GROWN = 1.25
 MOST_GROWN = 6
 #: Newton steps for the arrival time of the middle flight.
@@ -40,9 +40,9 @@ class Image(NamedTuple):
 
 @dataclass(frozen=True)
 class Arrival:
-    """The end of the middle flight of a bundle, and derivatives over the whole bundle.
+    """The end of the flight from the middle of a set, and derivatives over all flights from the set.
 
-    time, velocity: time and velocity of the middle flight at its end. slope: derivatives (2, 2) of time and velocity at
+    time, velocity: time and velocity at the end of this flight. slope: derivatives (2, 2) of time and velocity at
     the end with respect to time and velocity of departure.
     """
 
@@ -78,9 +78,9 @@ def image(plane: ModelPlane, centre: tuple[arb, arb], sides: arb_mat, walls: Seq
 
 
 def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
-    """Return when and with which velocity a bundle's flights end, if their first impact is proved to be on `target`.
+    """Return when and with which velocity flights from a set end, if their first impact is proved to be on `target`.
 
-    The departures are at the times and velocities middle + sides [−1, 1]².
+    The flights leave `wall` at the times and velocities middle + sides [−1, 1]².
 
     Returns
     -------
@@ -142,33 +142,33 @@ class FlightBundle:
         return t0, w0
 
     def middle_flight(self, t: arb) -> FlightEnclosure:
-        """Return the middle flight of the bundle until the time t."""
+        """Return an enclosure of the flight that starts at the middle of the set, until the time t."""
         return _flight_from_start(self.plane, *self.middle, t)
 
     def enclosing_flight(self, t: arb) -> FlightEnclosure:
-        """Return an enclosure of all flights of the bundle until the time t."""
+        """Return an enclosure of all flights that start in the set, until the time t."""
         return _flight_from_start(self.plane, *self.hull, t)
 
     def height(self, t: arb) -> arb:
-        """Return Φ(t) − Φ(t₀) over all flights of the bundle, by the mean value theorem."""
+        """Return Φ(t) − Φ(t₀) over all flights that start in the set, by the mean value theorem."""
         return self._state_component(t, 0)
 
     def speed(self, t: arb) -> arb:
-        """Return Φ'(t) over all flights of the bundle, by the mean value theorem."""
+        """Return Φ'(t) over all flights that start in the set, by the mean value theorem."""
         return self._state_component(t, 1)
 
     def _state_component(self, t: arb, which: int) -> arb:
-        """Return Φ(t) − Φ(t₀) (which: 0) or Φ'(t) (1) over all flights of the bundle."""
+        """Return Φ(t) − Φ(t₀) if `which` is 0, Φ'(t) if it is 1, over all flights that start in the set."""
         by_t0, by_w0 = _flight_derivatives(self.enclosing_flight(t), t)
         return self.middle_flight(t).state_at(t)[which] + arb(0, 1) * spread_of_sides(
             self.sides, by_t0[which], by_w0[which]
         )
 
     def require_no_other_impact(self, here: FlightEnclosure, wall: int, target: int, name: str) -> None:
-        """Prove that the flights `here` of the bundle meet no wall before their end on `target`.
+        """Prove that all flights of the bundle, enclosed in `here`, meet no wall before their end on `target`.
 
-        The proof is by the extrema of the flights (Lemma 3). Where this is undecided, the time is bisected until in
-        each part Φ' has one sign or Φ is strictly between the walls (Lemma 6).
+        Their extrema are tried first (Lemma 3 of docs/proofs.md). If these do not decide, the time is bisected until
+        in each part Φ' has one sign or Φ is strictly between the walls (Lemma 6).
 
         Raises
         ------
@@ -198,7 +198,7 @@ class FlightBundle:
 
 
 def _flight_from_start(plane: ModelPlane, t0: arb, w0: arb, t1: arb) -> FlightEnclosure:
-    """Return the flight from time t0 and velocity w0 until t1, with NaN for the derivatives by times."""
+    """Return the flight from time t0 and velocity w0 until t1; its derivatives with respect to times are NaN."""
     (sin0, cos0), sin1 = (2 * t0).sin_cos_pi(), (2 * t1).sin_pi()
     rest, decay, none = plane.drift - plane.swing * sin0 - w0, (-plane.delta * (t1 - t0)).exp(), arb.nan()
     w1 = plane.drift - plane.swing * sin1 - rest * decay
@@ -206,7 +206,7 @@ def _flight_from_start(plane: ModelPlane, t0: arb, w0: arb, t1: arb) -> FlightEn
 
 
 def _flight_derivatives(here: FlightEnclosure, t: arb) -> tuple[tuple[arb, arb], tuple[arb, arb]]:
-    """Return the derivatives of Φ − Φ(t₀) and Φ' at the time t: first both with respect to t₀, then to w₀."""
+    """Return the derivatives of Φ − Φ(t₀) and Φ' at the time t: both with respect to t₀, then both to w₀."""
     plane, (sin0, _) = here.plane, (2 * here.t0).sin_cos_pi()
     kept = (-plane.delta * (t - here.t0)).exp()
     reach = (1 - kept) / plane.delta
@@ -215,7 +215,7 @@ def _flight_derivatives(here: FlightEnclosure, t: arb) -> tuple[tuple[arb, arb],
 
 
 def _middle_arrival_time(plane: ModelPlane, middle: tuple[arb, arb], wall: int, target: int) -> arb:
-    """Return the time at which the middle flight ends on `target`, as a small ball. Raises NotProvedError."""
+    """Return the time at which the flight from (time, velocity) = middle ends on `target`. Raises NotProvedError."""
     numbers = (float(each) for each in (*middle, plane.delta, plane.epsilon, plane.beta))
     t0, w0, delta, epsilon, beta = numbers
     status, length, met, _ = first_impact.first_impact(wall, float(law.folded(t0)), w0, delta, epsilon, beta, DRIFT)[:4]

@@ -21,7 +21,7 @@ from rattle.proof.flights import ModelPlane
 
 #: Number of found horseshoes that are tried; the one with the largest entropy is kept.
 PLACES_TRIED = 3
-#: The middle of a set, as a part of it.
+#: The part of a set that is its middle alone.
 POINT = SetPart(0.0, 0.0, 0.0, 0.0)
 #: Unit to which the published entropy is rounded down.
 DIGITS = Fraction(1, 10**4)
@@ -76,7 +76,7 @@ def _prove_loops(
     """Return the certificate of all loops of a horseshoe that are proved, or None if fewer than two are proved."""
     hub = _exact_set(found.hub)
     sets, loops = [hub], list[Loop]()
-    sources: dict[tuple[int, int], MappedSet] = {}  # all loops share the images of the hub's parts
+    sources: dict[tuple[int, int], MappedSet] = {}  # all loops share the images of the parts of set 0
     for each in found.loops:
         new = [_exact_set(box) for box in each.boxes]
         numbers = range(len(sets), len(sets) + len(new))
@@ -117,7 +117,7 @@ def _prove_chain(
 
 
 def _exact_set(box: search.StateBox) -> HSet:
-    """Return a computed box as a set with exact numbers of few digits, its time shifted to [0, 1)."""
+    """Return the set with exact numbers of few digits that is close to a computed box, its time shifted to [0, 1)."""
     t, v = (Fraction(f"{x:.15f}") for x in (float(box.centre[0]) % 1.0, float(box.centre[1])))
     unstable, stable = (tuple(Fraction(f"{x:.8e}") for x in column) for column in np.asarray(box.sides).T)
     return HSet((t, v), (unstable[0], unstable[1]), (stable[0], stable[1]))
@@ -152,7 +152,7 @@ def are_separated(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
 
 
 def entropy_lower_bound(lengths: Sequence[int]) -> Fraction:
-    """Return a lower bound h of the entropy, for which Σ e^(−h length) ≥ 1 is proved (Lemma 13); 0 if none is found."""
+    """Return a lower bound h of the entropy: Σ e^(−h length) ≥ 1 (Lemma 13 of docs/proofs.md); 0 if none is found."""
     h = Fraction(math.floor(search.entropy_of_lengths(lengths) / DIGITS)) * DIGITS
     while h > 0:
         if sum(((-ball(h) * length).exp() for length in lengths), arb(0)) >= 1:

@@ -36,35 +36,41 @@ SIZES = (0.03, 0.02, 0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4)
 SHAPES = (0.5, 1.0, 2.0, 4.0, 8.0)
 #: Most impacts on Σ⁺ in a loop.
 MOST_STEPS = 16
-#: Most hubs whose loops are computed; most returns with one word (its numbers of impacts on Σ⁻); most words of a hub.
+#: Most hubs whose loops are computed; most returns to a hub with the same word (numbers of impacts on Σ⁻); most words
+#: of one hub.
 TRIED, EACH, MOST_WORDS = 100, 3, 40
-#: Number of hubs with one centre that are tried before hubs with the next centre.
+#: Number of hubs with the same centre that are tried before hubs with another centre.
 TOGETHER = 2
-#: Least |ξ| that both ends of an image reach in the next set; ratio of the height of a set to that of the image in it.
+#: Least |ξ| that both ends of an image reach in the next set; also the ratio of the height of a set to the height of
+#: the image in it.
 ROOM = 1.2
-#: Largest |η| of an image in the hub.
+#: Largest |η|, in the coordinates of the hub, of an image that crosses the hub.
 HIGHEST = 0.95
-#: Largest ratio of the stretches by Π in a hub; least cosine of the angles between its image and the mean direction.
+#: Largest ratio of the factors by which Π stretches parts of a hub; least cosine of the angles between the directions
+#: of the hub's image and their mean.
 UNEVEN, FLAT = 6.0, 0.9
-#: Newton steps for the states of a set that Π maps to the edges of the next set.
+#: Number of Newton steps with which the states are found that Π maps to given ξ of the next set.
 CORRECTED = 3
-#: Times that the best loops are chosen again, with the entropy of the choice before.
+#: Number of times that the best loops are chosen, each time with the entropy of the loops chosen before.
 SCHEDULED = 4
 #: Step of finite differences.
 NEAR = 1e-7
-#: Trial lengths of a set, as ratios to the length that the linear map suggests.
+#: Half lengths of a set that are tried, as ratios to the half length that the linearised map suggests.
 GROWTH = 1.08 ** np.arange(-12, 40)
 
 
 class StateBox(NamedTuple):
-    """A parallelogram centre + ξ unstable + η stable, |ξ|, |η| ≤ 1: centre (2,), sides (2, 2) as columns."""
+    """A parallelogram of states, centre + sides @ (ξ, η) with |ξ|, |η| ≤ 1.
+
+    centre (2,): time and speed. sides (2, 2): half sides along the unstable and the stable direction, as columns.
+    """
 
     centre: Array
     sides: Array
 
 
 class LoopCandidate(NamedTuple):
-    """A loop of a hub.
+    """A loop that may be proved: a chain of sets from the hub back to the hub.
 
     boxes: the sets between two visits to the hub. words: for each step the number of impacts on Σ⁻.
     strip: the ends in ξ of the part of the hub that goes through the loop.
@@ -76,7 +82,7 @@ class LoopCandidate(NamedTuple):
 
 
 class HorseshoeCandidate(NamedTuple):
-    """A candidate of a horseshoe: a hub and its loops."""
+    """A candidate for a horseshoe: a hub, which is a parallelogram of states, and the loops from it back to it."""
 
     hub: StateBox
     loops: tuple[LoopCandidate, ...]
@@ -158,7 +164,7 @@ def search_horseshoes(gear: Gear) -> Iterator[HorseshoeCandidate]:
 
 
 def _chaotic_motions(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
-    """Return k chaotic motions: states (STEPS + 1, k, 2), and numbers of impacts on Σ⁻ (STEPS, k)."""
+    """Return k motions that seem chaotic: states (STEPS + 1, k, 2), and numbers of impacts on Σ⁻ (STEPS, k)."""
     rng = np.random.default_rng(SEED)
     speed = np.sqrt(16 * np.pi * gear.delta * gear.beta) + 2 * np.pi * gear.epsilon
     states = [np.column_stack([rng.uniform(0, 1, STATES), rng.uniform(0, 1.6 * speed, STATES)])]
@@ -214,7 +220,7 @@ def _unit_preimage(tangent: Array, x: Array) -> Array:
 
 
 def _grid_of_box(box: StateBox, across: int, high: int) -> Array:
-    """Return a grid of states (across, high, 2) of a box; across, high: numbers of points along ξ, η."""
+    """Return a grid of states (across, high, 2) in a box, with `across` points along ξ and `high` points along η."""
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, across), np.linspace(-1, 1, high), indexing="ij"), -1)
     return np.asarray(box.centre + grid @ box.sides.T)
 
@@ -246,7 +252,7 @@ def _returns_to_hub(hub: StateBox, states: Array, words: NDArray[np.int64]) -> I
 
 
 def _best_loops(pi: ReturnMap, hub: StateBox, segments: Sequence[OrbitSegment]) -> list[LoopCandidate]:
-    """Return the loops with disjoint strips of the hub that give the largest entropy h."""
+    """Return the loops along these motions whose strips of the hub are disjoint and that give the largest entropy."""
     found = [loop for segment in segments if (loop := _loop_along(pi, hub, segment)) is not None]
     found.sort(key=lambda loop: loop.strip[1])
     # for a trial rate, choose disjoint strips with the largest Σ e^(−rate length); repeat with the entropy that results
@@ -268,7 +274,7 @@ def _entropy_of_loops(loops: Sequence[LoopCandidate]) -> float:
 
 
 def _loop_along(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> LoopCandidate | None:
-    """Return the loop along a motion, or None if Π does not stretch the hub along this motion across the hub."""
+    """Return the loop along a motion from the hub to the hub, or None if Π does not stretch the hub along it."""
     x, words, steps = segment.states, segment.words, len(segment.words)
     if steps == 1:
         high, strip = _image_across(pi, hub, hub, words[0])
@@ -305,7 +311,15 @@ def _loop_along(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> LoopCand
 def _least_half_length(
     pi: ReturnMap, x: Array, unstable: Array, stretched: Array, target: StateBox, word: int
 ) -> float | None:
-    """Return the least half length of a set around x that Π stretches across the target, or None if none is found."""
+    """Return the least half length of a segment around x, along `unstable`, that Π stretches across the target.
+
+    stretched: the derivative of Π along `unstable`. word: the number of impacts on Σ⁻ that the motions must make.
+
+    Returns
+    -------
+    float | None
+        None if no half length of GROWTH suffices.
+    """
     back = np.linalg.inv(target.sides)
     speed = abs(float((back @ stretched)[0]))
     if not speed > 0:

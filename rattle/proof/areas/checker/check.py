@@ -20,7 +20,7 @@ DEEPEST = 5
 #: Most times that a block with the claim "quiet captures" is halved, in ε and δ in turn.
 DEEPEST_CAPTURE = 2
 NONE, THERE, ATTRACTING, SADDLE = "none", "there", "attracting", "a saddle"
-#: The states of the motions A to D that the claim of each region states.
+#: The states of the motions A to D that the claim "the block is in this region" gives them.
 REGIONS = {
     "I": {"A": NONE, "B": NONE, "C": NONE, "D": NONE},
     "II": {"A": SADDLE, "B": NONE, "C": THERE, "D": NONE},
@@ -28,14 +28,14 @@ REGIONS = {
     "IV": {"A": SADDLE, "B": SADDLE, "C": THERE, "D": SADDLE},
     "V": {"A": SADDLE, "B": NONE, "C": NONE, "D": THERE},
 }
-#: The states of motions that each claim states; a claim says nothing about motions that are missing here.
+#: The states that each claim gives to motions; a claim says nothing about motions that are missing here.
 CLAIMS = REGIONS | {
     f"{letter} {words}": {letter: state}
     for letter in "CD" for words, state in (("attracts", ATTRACTING), ("is a saddle", SADDLE), ("is not there", NONE))
 }  # fmt: skip
 QUIET, CAPTURES = {"quiet is possible": True, "quiet is impossible": False}, "quiet captures"
 Ends = tuple[Fraction, Fraction]
-column = lru_cache(maxsize=64)(Column)  # all claims with the same δ interval share its cells
+column = lru_cache(maxsize=64)(Column)  # all claims about the same δ interval share its cells
 
 
 def prove_claim(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
@@ -92,7 +92,7 @@ def state_of_one_impact(
 
 
 def state_of_two_impacts(slope: int, state: str, cells: Column, squares: tuple[Interval, Interval]) -> str:
-    """Return the proved state of B (slope −1) or D (1), as `state_of_one_impact` does for A and C."""
+    """Return the proved state of B (slope −1) or D (1); its stability only if the claimed `state` names it."""
     runs = cells.motions(slope, *squares)
     require(len(runs) < 2, f"there are {len(runs)} motions {'D' if slope > 0 else 'B'}, where at most one is claimed")
     if not runs:
@@ -101,7 +101,7 @@ def state_of_two_impacts(slope: int, state: str, cells: Column, squares: tuple[I
 
 
 def check(text: str) -> str:
-    """Prove the claim of a JSON document about a block, and return it in words. Raises BlockRefused."""
+    """Prove the claim that a JSON document makes about a block, and return the claim in words. Raises BlockRefused."""
     try:
         document = json.loads(text)
         require((document["format"], document["theorem"]) == (1, "area"), "`format` and `theorem` must be 1 and 'area'")
@@ -114,7 +114,7 @@ def check(text: str) -> str:
             prove_captured(beta, delta, epsilon, interval_between(speed, speed))
             claim += f" below {document['speed']}"
         else:
-            require(claim in CLAIMS or claim in QUIET, f"the claim {claim!r} is unknown")
+            require(claim in CLAIMS or claim in QUIET, f"the claim {claim!r} is not one that this program can check")
             prove_claim(claim, beta, delta, epsilon)
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
         raise BlockRefused(f"the document is incomplete or malformed: {error}") from error
@@ -124,7 +124,7 @@ def check(text: str) -> str:
 def ends_from_texts(texts: Any) -> Ends:
     """Return both ends of an interval from their texts. Raises BlockRefused."""
     low, high = (number_from_text(each) for each in texts)
-    require(low <= high, "the lower end of an interval is above its upper end")
+    require(low <= high, "the first end of `delta` and of `epsilon` must not be above the second end")
     return low, high
 
 

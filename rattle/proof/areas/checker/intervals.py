@@ -1,6 +1,7 @@
-"""Interval arithmetic of the checker, and numbers with their derivatives with respect to s and δ.
+"""Interval arithmetic of the checker, and numbers with their derivatives with respect to the time s and the damping δ.
 
-The operations + − × ÷ and roots are mpmath's. Its values of pi, sin and cos are widened by 2⁻⁶⁰, of exp by 2⁻⁶⁰ exp.
+The operations + − × ÷ and roots are mpmath's. Its values of pi, sin and cos are widened by 2⁻⁶⁰, and those of exp by
+the relative amount 2⁻⁶⁰.
 """
 
 import re
@@ -48,17 +49,17 @@ def is_less(x: Any, y: Any) -> bool:
 
 
 def multiply_enclosures(x: Interval, y: Interval) -> Interval:
-    """Return the product of two enclosures; nothing is computed if one of them is ZERO, as most derivatives are."""
+    """Return the product of two enclosures. It is not computed if one of them is the constant ZERO."""
     return ZERO if x is ZERO or y is ZERO else x * y
 
 
 def add_enclosures(x: Interval, y: Interval) -> Interval:
-    """Return the sum of two enclosures; nothing is computed if one of them is ZERO."""
+    """Return the sum of two enclosures. It is not computed if one of them is the constant ZERO."""
     return y if x is ZERO else x if y is ZERO else x + y
 
 
 class Jet:
-    """A number x with its derivatives by the time s, in `s`, and by the damping δ, in `d`, all as intervals."""
+    """A number x with its derivatives with respect to the time s (`s`) and to the damping δ (`d`), all as intervals."""
 
     __slots__ = ("d", "s", "x")
 
@@ -102,16 +103,16 @@ class Jet:
         return Jet(x, ZERO if s is ZERO else s / y.x, ZERO if d is ZERO else d / y.x)
 
     def chain_rule(self, x: Interval, slope: Interval) -> "Jet":
-        """Return f(self) by the chain rule, where x is the value of f and slope its derivative."""
+        """Return f(self) with its derivatives, by the chain rule; x is the value of f here and slope is f'."""
         return Jet(x, multiply_enclosures(slope, self.s), multiply_enclosures(slope, self.d))
 
     def exp_minus(self) -> "Jet":
-        """Return e^(−x) for this number x."""
+        """Return e^(−x), for this number x."""
         x = exp_minus(self.x)
         return self.chain_rule(x, -x)
 
     def sine_and_cosine(self, factor: int) -> "tuple[Jet, Jet]":
-        """Return the sine and the cosine of factor · π x."""
+        """Return the sine and the cosine of factor · πx, for this number x."""
         sine, cosine = sine_and_cosine_of(factor * PI * self.x)
         return self.chain_rule(sine, factor * PI * cosine), self.chain_rule(cosine, -factor * PI * sine)
 
@@ -127,13 +128,22 @@ def sine_and_cosine_of(angle: Interval) -> tuple[Interval, Interval]:
 
 
 def exp_minus(x: Interval) -> Interval:
-    """Return e^(−x)."""
+    """Return an enclosure of e^(−x)."""
     return IV.exp(-x) * (1 + SLACK)
 
 
 def force_of_phase(d: Any, cosine: Any, sine: Any) -> Any:
     """Return the contact force g at damping d and a time t, from cosine = ε cos 2πt and sine = ε sin 2πt."""
     return d * (4 * PI) - cosine * (4 * PI**2) - d * sine * (2 * PI)
+
+
+class EquationTerms:
+    """Terms of (16.10) to (16.13), docs/proofs.md: s, δ, a = e^(−δs), b = e^(−δ(1−s)), E = e^(−δ), sin πs, cos πs."""
+
+    def __init__(self, s: Jet, d: Jet) -> None:
+        self.s, self.d = s, d
+        self.a, self.b, self.end = (d * s).exp_minus(), (d * (1 - s)).exp_minus(), d.exp_minus()
+        self.sine, self.cosine = s.sine_and_cosine(1)
 
 
 class ParameterBox:

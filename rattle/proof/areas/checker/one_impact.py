@@ -12,13 +12,13 @@ PLACES = 32
 
 
 def y_of_damping(d: Jet) -> Jet:
-    """Return Y = ε sin 2πτ (15.1)."""
+    """Return Y = ε sin 2πτ = 2 − δ coth(δ/2), (15.1) of docs/proofs.md, for the damping d."""
     end = d.exp_minus()
     return 2 - d * (1 + end) / (1 - end)
 
 
 def height_at(t: Jet, d: Jet, x: Interval) -> Jet:
-    """Return the displacement Φ − β at a time t after the impact (15.3), for x = X and the initial speed 2πδ."""
+    """Return the displacement Φ − β at a time t after the impact, (15.3) of docs/proofs.md, for δ = d and X = x."""
     sine, cosine = t.sine_and_cosine(2)
     y = y_of_damping(d)
     rest = ((2 - y + d) * (2 * PI)) / d
@@ -28,7 +28,8 @@ def height_at(t: Jet, d: Jet, x: Interval) -> Jet:
 class OneImpact:
     """The motion A or C over a block: all δ of the interval d, and low ≤ ε² ≤ high.
 
-    born: the closure equations have a solution at all points of the block; unborn: at none.
+    born: True if (15.1) and (15.2) are proved to have a solution at all points of the block. unborn: True if they are
+    proved to have a solution at none. x: an enclosure of X over the block.
     """
 
     def __init__(self, letter: str, d: Interval, beta: Interval, low: Interval, high: Interval) -> None:
@@ -42,16 +43,16 @@ class OneImpact:
             self.x = x if letter == "C" else -x
 
     def exists(self) -> bool:
-        """Return whether the motion exists: True at all points of the block, or False at all of them."""
+        """Return True if the motion exists at all points of the block, False if at none. Raises BlockRefused."""
         if self.unborn:
             return False
         if self.born and self.stays_between_walls():
             return True
-        require(self.passes_sigma_minus(), f"it is undecided whether {self.letter} exists")
+        require(self.passes_sigma_minus(), f"it is undecided whether {self.letter} exists on the whole block")
         return False
 
     def stays_between_walls(self) -> bool:
-        """Return whether −2β < Φ − β < 0 is proved at all times between two impacts."""
+        """Return whether −2β < Φ − β < 0 is proved at all times between two impacts, for all points of the block."""
         parts = [(ZERO, ONE)]
         while parts:
             low, high = parts.pop()
@@ -68,7 +69,7 @@ class OneImpact:
         return True
 
     def passes_sigma_minus(self) -> bool:
-        """Return whether the flight is proved to be beyond Σ⁻ at one time t, the same at all points of the block."""
+        """Return whether the flight is proved to be beyond Σ⁻ at one time t, for all points of the block."""
         t, step, d = ONE / 2, ONE / 2, Jet(midpoint(self.d))
         for _ in range(3):
             places = [midpoint(t + step * i / PLACES) for i in range(1 - PLACES, PLACES)]
@@ -81,16 +82,16 @@ class OneImpact:
         )
 
     def attracts(self) -> bool:
-        """Return whether the motion attracts: True at all points of the block, or False at all of them."""
+        """Return True if the motion attracts at all points of the block, False if at none. Raises BlockRefused."""
         box = ParameterBox(ZERO, self.d)
 
         def flip_x(d: Jet) -> Jet:
-            """Return the X at which C flips (15.4); the motion attracts if its X is between 0 and this value."""
+            """Return the X at which C flips, (15.4) of docs/proofs.md; a motion with 0 < X < this value attracts."""
             end = d.exp_minus()
             return d * d * (1 + end) / (1 - end) * (1 / (2 * PI))
 
         flip = box.mean_value(flip_x(box.centre[1]).x, flip_x(box.jets[1]))
         inside = is_less(ZERO, self.x) and is_less(self.x, flip)
         outside = is_less(self.x, ZERO) or is_less(flip, self.x)
-        require(inside or outside, f"it is undecided whether {self.letter} attracts")
+        require(inside or outside, f"it is undecided whether {self.letter} attracts on the whole block")
         return inside

@@ -1,4 +1,7 @@
-"""Quiet motion: whether it is possible (20.1), and the speed below which it captures every motion (Lemma 21)."""
+"""Quiet motion: whether it is possible (20.1), and below which speed every motion becomes quiet (Lemma 21).
+
+The equations and the lemma are in docs/proofs.md.
+"""
 
 from fractions import Fraction
 
@@ -6,24 +9,25 @@ from .intervals import IV, PI, ZERO, Interval, exp_minus, interval_between, is_l
 
 #: Number of parts of a forcing period; the bounds are computed over each part.
 PARTS = 192
-#: Largest allowed ratio of h²Q to 2δ; the rest of the damping makes v³/g decay.
+#: Largest allowed ratio of h²Q to 2δ, (20.5) of docs/proofs.md. v³/g decays from impact to impact if it is below 1.
 GROWTH_SHARE = IV.mpf(96) / 100
-#: Relative widening of a logarithm, and of a root that is computed from it.
+#: Factor that widens a logarithm, or a root that is computed as e^(logarithm/3), by the relative amount 2⁻⁵⁰.
 UP = IV.mpf([1 - 2.0**-50, 1 + 2.0**-50])
 
 
 def require_possible(d: Interval, e: Interval, possible: bool) -> None:
-    """Raise BlockRefused unless quiet motion is proved possible (impossible), by (20.1) at the block's worst corner."""
+    """Raise BlockRefused unless (20.1) of docs/proofs.md proves quiet motion possible, or impossible, on the block."""
     low, high = e.b * IV.sqrt(4 * PI**2 + d.a**2), 2 * d.a
     if not possible:
         low, high = 2 * d.b, e.a * IV.sqrt(4 * PI**2 + d.b**2)
-    require(is_less(low, high), "the block is not proved to be on one side of the quiet limit")
+    require(is_less(low, high), "the block is not proved to be on the claimed side of the quiet limit")
 
 
 class Capture:
-    """Bounces on Σ⁺ over a block below the quiet limit, in units in which the mean of g is 1: g = 1 − r cos θ > 0.
+    """Bounds of bounces on Σ⁺ over a block below the quiet limit, by Lemmas 20 and 21 of docs/proofs.md.
 
-    r: ε divided by the quiet limit. weakest: a lower bound of g.
+    Speeds and the contact force g are in units in which the mean of g is 1: g = 1 − r cos θ > 0, where θ is 2π times
+    the time after a minimum of g. r: ε divided by the quiet limit. weakest: a lower bound of g.
     """
 
     def __init__(self, d: Interval, e: Interval, beta: Interval) -> None:
@@ -48,12 +52,12 @@ class Capture:
             )
 
     def force_terms(self, t: Interval) -> tuple[Interval, Interval, Interval]:
-        """Return g = 1 − r cos θ, r sin θ and r cos θ for θ = 2πt, at a time t after the minimum of g."""
+        """Return the contact force g = 1 − r cos θ, and r sin θ and r cos θ, for θ = 2πt; g is least at t = 0."""
         sine, cosine = sine_and_cosine_of(2 * PI * t)
         return 1 - self.r * cosine, self.r * sine, self.r * cosine
 
     def half_duration_bound(self, t: Interval, v: Interval) -> Interval:
-        """Return a bound of half the duration, in the time of (20.2), of bounces that start at t with speed ≤ v."""
+        """Return a bound of half the duration of bounces that start at t with speeds ≤ v, in the time x of (20.2)."""
         half = found = (v / self.weakest).b * 1.001
         for _ in range(4):
             require(is_less(2 * half * self.d, 1), "the duration of a bounce is not bounded")
@@ -65,7 +69,7 @@ class Capture:
         return found
 
     def growth_coefficient(self, t: Interval, h: Interval) -> Interval:
-        """Return Q (20.4) for all bounces whose middle is in t and whose half duration is at most h."""
+        """Return Q, (20.4) of docs/proofs.md, for bounces with the middle in t that last at most 2h in the time x."""
         late, early = (IV.ln(1 / (1 - self.d * h)) * UP).b, (IV.ln(1 + self.d * h) * UP).b
         span = IV.mpf([-early, late])
         one, _, _, centre = self.log_derivatives(t, ZERO)
@@ -77,11 +81,11 @@ class Capture:
         more = 1 / (1 - part * ratio**2)
         return (third / 5 - one * second / 3) / below + 2 * ratio**3 * IV.mpf([1, more.b]) - p3 / 3
 
-    def log_derivatives(self, t: Interval, x: Interval) -> tuple[Interval, Interval, Interval, Interval]:
-        """Return three derivatives of ln a with respect to the time of (20.2), and a = e^(2x) g, for x = δ(t − t₀)."""
-        w, (g, sine, cosine) = exp_minus(-x), self.force_terms(t)
+    def log_derivatives(self, t: Interval, z: Interval) -> tuple[Interval, Interval, Interval, Interval]:
+        """Return three derivatives of ln a by the time x of (20.2), docs/proofs.md, and a = e^(2z) g; z = δ(t − t₀)."""
+        w, (g, sine, cosine) = exp_minus(-z), self.force_terms(t)
         k, d = 2 * PI, self.d
-        f1, b, c = k * sine / g, k**2 * cosine / g, -(k**3) * sine / g  # g', g'', g''' over g
+        f1, b, c = k * sine / g, k**2 * cosine / g, -(k**3) * sine / g  # g'/g, g''/g and g'''/g
         f2, f3 = b - f1**2, c - 3 * f1 * b + 2 * f1**3
         first = 2 * d + f1
         return w * first, w**2 * (d * first + f2), w**3 * (2 * d**2 * first + 3 * d * f2 + f3), w**2 * g

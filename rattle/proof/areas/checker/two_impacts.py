@@ -13,6 +13,7 @@ from .intervals import (
     ONE,
     PI,
     ZERO,
+    EquationTerms,
     Interval,
     Jet,
     ParameterBox,
@@ -25,24 +26,15 @@ from .intervals import (
     sine_and_cosine_of,
 )
 
-#: Width in s of the narrowest cell, as a share of the width of the block in δ.
+#: Ratio of the width in s of the narrowest cell to the width in δ of the block.
 SHARE = Fraction(1, 64)
 #: Shortest part of a flight that is bisected, in forcing periods.
 SHORTEST = 2.0**-13
 Part = tuple[Fraction, Fraction]
 
 
-class EquationTerms:
-    """The terms of all equations: s, δ, a = e^(−δs), b = e^(−δ(1−s)), E = e^(−δ), sin πs and cos πs."""
-
-    def __init__(self, s: Jet, d: Jet) -> None:
-        self.s, self.d = s, d
-        self.a, self.b, self.end = (d * s).exp_minus(), (d * (1 - s)).exp_minus(), d.exp_minus()
-        self.sine, self.cosine = s.sine_and_cosine(1)
-
-
 def half_way_equations(t: EquationTerms, beta: Interval) -> list[Jet]:
-    """Return the equations (16.10) and (16.11), each as the factor of Z₁, the factor of Z₂ and the right side."""
+    """Return (16.10) and (16.11) of docs/proofs.md, each as the factor of Z₁, the factor of Z₂ and the right side."""
     late, lost = 1 - t.b, 1 - t.end
     both, k = (1 - t.a) * late, (1 - t.a) / (t.d * lost) * (4 * PI)
     first = both * t.cosine * -2, (t.b - t.a) * t.sine * 2, t.d * lost - both * 4
@@ -51,7 +43,7 @@ def half_way_equations(t: EquationTerms, beta: Interval) -> list[Jet]:
 
 
 def speeds_and_square(t: EquationTerms, z: list[Jet]) -> list[Jet]:
-    """Return the speed v after Σ⁺ (16.12), the speed u after Σ⁻ (16.13) and ε² = Z₁² + Z₂²."""
+    """Return the speeds v after Σ⁺ and u after Σ⁻, (16.12) and (16.13) of docs/proofs.md, and ε² = Z₁² + Z₂²."""
     mean, apart, lost = t.cosine * z[0], t.sine * z[1], 1 - t.end
     p = ((1 - t.b) * (2 - mean) + (1 + t.b) * apart) / lost
     q = ((1 - t.a) * (2 - mean) - (1 + t.a) * apart) / lost
@@ -75,28 +67,29 @@ def stability_margins(t: EquationTerms, z: list[Jet]) -> list[Jet]:
     c0, s0, c1, s1 = t.cosine * z[1], t.sine * z[0], t.cosine * z[0], t.sine * z[1]
     top, bottom = force_of_phase(t.d, c0 + s0, c1 - s1) * 2, force_of_phase(t.d, c0 - s0, c1 + s1) * 2
     first, second = (1 - t.a) / t.d, (1 - t.b) / t.d
-    down = first * top - v, -(first * v), t.a * top, -(t.a * v)  # v times: impact on Σ⁺, then the flight to Σ⁻
-    up = -(second * bottom) - u, -(second * u), -(t.b * bottom), -(t.b * u)  # u times: impact on Σ⁻, then the flight
+    # v times the map of the impact on Σ⁺ and the flight to Σ⁻; u times the map of the impact on Σ⁻ and the flight back
+    down = first * top - v, -(first * v), t.a * top, -(t.a * v)
+    up = -(second * bottom) - u, -(second * u), -(t.b * bottom), -(t.b * u)
     trace, one = up[0] * down[0] + up[1] * down[2] + up[2] * down[1] + up[3] * down[3], (1 + t.end) * u * v
     return [one - trace, one + trace]
 
 
 class Cell(ParameterBox):
-    """The solutions of the closure equations with s in an interval, at all δ of another interval."""
+    """The solutions of (16.10) and (16.11), docs/proofs.md, with s in an interval, at all δ of another interval."""
 
     def __init__(self, s: Interval, d: Interval, beta: Interval) -> None:
         super().__init__(s, d)
         self.known: dict[Callable[..., list[Jet]], list[Jet]] = {}
         self.over, self.mid = EquationTerms(*self.jets), EquationTerms(*self.centre)
         over, centre = (half_way_equations(terms, beta) for terms in (self.over, self.mid))
-        # a Z₁ + c Z₂ = b and e Z₁ + g Z₂ = h
+        # the equations are a Z₁ + c Z₂ = b and e Z₁ + g Z₂ = h
         a, c, b, e, g, h = (self.mean_value(m.x, o) for m, o in zip(centre, over, strict=True))
         self.least_squares = [b**2 / (a**2 + c**2), h**2 / (e**2 + g**2)]  # lower bounds of ε², as in (16.8)
         self.solvable = is_less(ZERO, a * g - c * e) or is_less(a * g - c * e, ZERO)
         if self.solvable:
 
             def solve(right: Interval, other: Interval) -> tuple[Interval, Interval]:
-                """Return Z₁ and Z₂ by Cramer's rule, for these right sides."""
+                """Return Z₁ and Z₂ for the right sides `right` and `other` of the two equations, by Cramer's rule."""
                 return (right * g - c * other) / (a * g - c * e), (a * other - e * right) / (a * g - c * e)
 
             z = solve(b, h)
@@ -113,7 +106,7 @@ class Cell(ParameterBox):
             self.middle = [each.x for each in speeds_and_square(self.mid, self.z0)]
 
     def enclose(self, of: Callable[..., list[Jet]]) -> list[Jet]:
-        """Return values and derivatives over the cell of several functions, which `of` computes from terms and Z."""
+        """Return values and derivatives over the cell of the functions that `of` computes from the terms and Z₁, Z₂."""
         if of not in self.known:
             centre, over = of(self.mid, self.z0), of(self.over, self.z)
             self.known[of] = [Jet(self.mean_value(m.x, o), o.s, o.d) for m, o in zip(centre, over, strict=True)]
@@ -143,20 +136,21 @@ class Cell(ParameterBox):
             return False
         if not (self.solvable and is_less(ZERO, slope * self.square.s) and is_less(ZERO, self.v.x)):
             return None
-        # u > 0, at least wherever low ≤ ε² ≤ high
+        # the motion reaches Σ⁻ if u > 0, at least wherever low ≤ ε² ≤ high
         reaches = is_less(ZERO, self.u.x) or is_less(high, self.square_plus_speed(1))
         if not (reaches or is_less(-low, self.square_plus_speed(-1))):
             return None
         return True if self.is_monotone(-1, ZERO, self.s) and self.is_monotone(1, self.s, ONE) else None
 
     def square_plus_speed(self, sign: int) -> Interval:
-        """Return sign · ε² + λu over the cell, for a λ ≥ 0 with which this sum hardly changes with s (Lemma 17)."""
+        """Return bounds of sign · ε² + λu over the cell, u the speed after Σ⁻, for a λ ≥ 0 that makes them narrow."""
+        # with this λ the derivative of the sum by s is nearly 0 (Lemma 17 of docs/proofs.md)
         factor = max(0.0, -sign * float(self.square.s.mid.a) / float(self.u.s.mid.a))
         _, u, square = self.middle
         return self.mean_value(sign * square + factor * u, self.square * sign + self.u * factor)
 
     def is_monotone(self, sign: int, start: Interval, end: Interval) -> bool:
-        """Return whether Φ' is proved to keep, from `start` to `end` of a flight, its sign `sign` at both impacts."""
+        """Return whether Φ' is proved to have this sign during a flight, from the time `start` to the time `end`."""
         parts = [(start.b, end.a)]
         while parts:
             low, high = parts.pop()
@@ -191,7 +185,7 @@ class Cell(ParameterBox):
 
 
 class Column:
-    """The cells in s over an interval of δ. Cells are kept, because all claims with this interval use them."""
+    """The cells with 0 ≤ s ≤ 1 over an interval of δ. They are kept: all claims about this interval use them."""
 
     def __init__(self, delta: Part, beta: Fraction) -> None:
         self.d, self.beta = interval_between(*delta), interval_between(beta, beta)
@@ -205,7 +199,7 @@ class Column:
         return self.cells[low, high]
 
     def motions(self, slope: int, low: Interval, high: Interval) -> list[list[Part]]:
-        """Return a run of parts of 0 ≤ s ≤ 1 for each motion D (slope 1) or B (slope −1) with low ≤ ε² ≤ high."""
+        """Return for each motion D (slope 1) or B (slope −1) with low ≤ ε² ≤ high the parts of 0 ≤ s ≤ 1 with it."""
         decided, parts = [], [(Fraction(0), Fraction(1))]
         while parts:
             first, last = parts.pop()
@@ -216,13 +210,16 @@ class Column:
                 parts += [((first + last) / 2, last), (first, (first + last) / 2)]
             else:
                 decided.append((answer, (first, last)))
-        require(not decided[0][0] and not decided[-1][0], "B or D is not excluded at s = 0 and s = 1")
+        require(
+            not decided[0][0] and not decided[-1][0],
+            "it is not proved that no motion B or D has its impacts at s = 0 or s = 1",
+        )
         runs = [[part for _, part in group] for answer, group in groupby(decided, lambda each: each[0]) if answer]
         return [run for run in runs if self.crosses_block(run, slope, low, high)]
 
     def crosses_block(self, run: list[Part], slope: int, low: Interval, high: Interval) -> bool:
-        """Return whether ε²(s) takes each value from low to high exactly once along a run of parts, or none of them."""
-        # at each end of the run ε² is outside low … high, by continuity on the same side at every δ: one δ decides it
+        """Return True if ε²(s) takes each value from low to high once along a run of parts, False if it takes none."""
+        # at each end of the run ε² is outside low … high, and by continuity on one side at every δ: one δ decides which
         sides = []
         for s in (run[0][0], run[-1][1]):
             square = Cell(interval_between(s, s), midpoint(self.d), self.beta).square.x
@@ -233,7 +230,7 @@ class Column:
         return sides == [-slope, slope]
 
     def attracts(self, run: list[Part], low: Interval, high: Interval) -> bool:
-        """Return whether the motion of a run attracts: True at all points of the block, or False at all of them."""
+        """Return True if the motion in a run of parts attracts at all points of the block, False if at none."""
         verdicts, parts = set(), list(run)
         while parts:
             first, last = parts.pop()
