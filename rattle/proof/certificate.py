@@ -37,7 +37,7 @@ class Certificate:
 
     model: "impacting" or "stiff".
     parameters: δ, ε and β, and κ of the stiff gear.
-    walls: 1 for Σ⁺ and −1 for Σ⁻, in order.
+    walls: the walls of its impacts or contacts in order, 1 for Σ⁺ and −1 for Σ⁻.
     times, speeds: times of the impacts and speeds after them; for the stiff gear times and speeds at the beginning and
     the end of each contact in turn.
     trace, determinant: both ends of the enclosures of the trace and the determinant of the tangent map over the m

@@ -27,7 +27,7 @@ from rattle.proof.balls import (
 )
 from rattle.proof.certificate import Certificate, Ends, Verdict
 from rattle.proof.flights import ModelPlane
-from rattle.proof.krawczyk import MOST_MOVED, Evaluated, enclose_zero
+from rattle.proof.krawczyk import MOST_MOVED, EvaluatedEquations, enclose_zero
 
 #: A published enclosure is wider than its ball by this multiple of the ball's width: other programs round differently.
 ROOM = 10**4
@@ -41,7 +41,7 @@ SAME_TRACE = 1e-6
 LONG = 16
 
 
-class MotionSystem(Evaluated, Protocol):
+class MotionSystem(EvaluatedEquations, Protocol):
     """The pieces of a periodic motion between given times, which are balls."""
 
     @property
@@ -79,7 +79,7 @@ def prove_motion(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificat
             speed_radius=radius_upper_bound(box.speeds, speeds),
             trace=widened_ends(trace),
             determinant=widened_ends(determinant),
-            multipliers=multipliers(trace, determinant),
+            multipliers=multiplier_enclosures(trace, determinant),
             verdict=verdict_of(trace, determinant),
             versions={"gear-rattle": __version__, **VERSIONS},
         )
@@ -141,7 +141,7 @@ def verdict_of(trace: arb, determinant: arb) -> Verdict:
     return Verdict.SADDLE if abs(trace) > 1 + determinant else Verdict.UNDECIDED
 
 
-def multipliers(trace: arb, determinant: arb) -> tuple[Ends, Ends, Ends, Ends]:
+def multiplier_enclosures(trace: arb, determinant: arb) -> tuple[Ends, Ends, Ends, Ends]:
     """Return enclosures of the real and the imaginary part of the first multiplier, then of the second."""
     zero, half, square = (Fraction(0), Fraction(0)), trace / 2, trace * trace / 4 - determinant
     if square > 0:

@@ -23,7 +23,7 @@ MOST_REPEATED = 12
 MOST_MOVED = 1e-9
 
 
-class Evaluated(Protocol):
+class EvaluatedEquations(Protocol):
     """The value and the derivative of n equations in n unknowns x, over balls of x."""
 
     @property
@@ -35,7 +35,7 @@ class Evaluated(Protocol):
         """The Jacobian ∂R/∂x (n, n)."""
 
 
-Equations = Callable[[Sequence[arb]], Evaluated]
+Equations = Callable[[Sequence[arb]], EvaluatedEquations]
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,9 @@ def enclose_zero(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
             for _ in range(MOST_REPEATED):
                 if all(each.rad() < small for each in moved):
                     break
-                moved = _krawczyk_image(equations, x, step, about, moved)  # also contains the zero
+                moved = _krawczyk_image(
+                    equations, x, step, about, moved
+                )  # the image contains the zero, because the box does
             return Enclosure(centre, radius, [a + b for a, b in zip(x, moved, strict=True)])
     raise NotProvedError("no box around the motion is mapped into itself: the motion is too close to a bifurcation")
 

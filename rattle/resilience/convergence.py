@@ -72,7 +72,7 @@ class Convergence:
         return number / self.time.size, *wilson_interval(number, self.time.size)
 
 
-class _Arrival:
+class _ArrivalAccumulator:
     """An `Accumulator` of the first time at which each sample is near its attractor.
 
     which: the index of each sample's attractor. points: for each attractor its departures (τ, v) from Σ⁺ (k, 2); no
@@ -153,7 +153,7 @@ def convergence(
     tau, v = sample_of(gear, count, v_max, seed, states)
     found = gear.reached(tau, v)
     points = [_departures_of(gear, each) for each in found.attractors]
-    arrival = _Arrival(found.which, points, within, speed_unit_of(gear))
+    arrival = _ArrivalAccumulator(found.which, points, within, speed_unit_of(gear))
     time = accumulated(gear, tau, v, arrival, RELAXATIONS / gear.delta if periods is None else periods)
     return Convergence(found.attractors, found.which, time, within)
 

@@ -103,8 +103,8 @@ MUTATIONS = {
     "a mean value without its derivative": ("areas/piece", " + function(arb_series([at, 1]))[1] * (at - middle)", ""),
     "cells that are empty for a part of a block": (
         "areas/two_impacts",
-        "self.square < low or",
-        "self.square < high or",
+        "self.epsilon_squared < low or",
+        "self.epsilon_squared < high or",
     ),
     "a speed after two impacts with a wrong sign": ("areas/two_impacts", "+ 2 * PI() * y\n", "- 2 * PI() * y\n"),
     "multipliers of two impacts with a wrong sign": (

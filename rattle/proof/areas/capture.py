@@ -86,7 +86,7 @@ def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
 
 def _growth_coefficient(middle: arb, h: arb, delta: arb, share: arb) -> arb:
     """Return Q, (20.4) of docs/proofs.md, for bounces with the middle in a ball that last at most 2h in the time x."""
-    w = hull(1 / (1 + delta * h), 1 / (1 - delta * h))  # e^(δ(t − t₀)) along the bounce
+    w = hull(1 / (1 + delta * h), 1 / (1 - delta * h))  # an enclosure of e^(δ(t − t₀)) along the bounce
     time = hull(-(1 + delta * h).log() / delta, -(1 - delta * h).log() / delta)
     a, a1, _, _ = _acceleration_derivatives(middle, arb(1), delta, share)
     b, b1, b2, b3 = _acceleration_derivatives(middle + time, w, delta, share)

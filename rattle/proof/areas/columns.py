@@ -106,7 +106,7 @@ def _prove_ranges(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: 
 
     def is_proved(low: Fraction, high: Fraction) -> bool:
         try:
-            prover.require(claim, delta, (low, high))
+            prover.require_claim(claim, delta, (low, high))
         except NotProvedError:
             return False
         return True
@@ -132,7 +132,7 @@ def _prove_ranges(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: 
 def expected_spans(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
     """Return the spans of ε on which each claim of a kind holds in double precision.
 
-    kind: a key of CUT. In a span the claim holds at both ends and in the middle of the column's δ interval.
+    kind: "region", "C", "D" or QUIET. In a span the claim holds at both ends and in the middle of the δ interval.
 
     Returns
     -------

@@ -18,12 +18,15 @@ DEEPEST = 3
 
 @dataclass
 class Prover:
-    """Prove claims on blocks at one β. The cells of B and D are kept for all blocks with the same δ interval."""
+    """Prove claims on blocks at one β.
+
+    The prover keeps the cells of B and D (`two_impacts`) for further claims about the same δ interval.
+    """
 
     beta: Fraction
     _cells: dict[Ends, tuple[two_impacts.SolutionCell, two_impacts.SolutionCell]] = field(default_factory=dict)
 
-    def require(self, claim: str, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
+    def require_claim(self, claim: str, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
         """Prove that the claim holds at all points with δ and ε in these intervals.
 
         The block is tried as a whole; where this fails, its halves in δ are tried, down to DEEPEST halvings.
@@ -35,15 +38,15 @@ class Prover:
         """
         piece = PlanePiece(hull(*map(ball, delta)), hull(*map(ball, epsilon)), ball(self.beta))
         try:
-            self._require_whole(piece, claim, delta)
+            self._require_on_whole_piece(piece, claim, delta)
         except NotProvedError:
             if depth == DEEPEST:
                 raise
             middle = (delta[0] + delta[1]) / 2
-            self.require(claim, (delta[0], middle), epsilon, depth + 1)
-            self.require(claim, (middle, delta[1]), epsilon, depth + 1)
+            self.require_claim(claim, (delta[0], middle), epsilon, depth + 1)
+            self.require_claim(claim, (middle, delta[1]), epsilon, depth + 1)
 
-    def _require_whole(self, piece: PlanePiece, claim: str, delta: Ends) -> None:
+    def _require_on_whole_piece(self, piece: PlanePiece, claim: str, delta: Ends) -> None:
         """Raise NotProvedError unless the claim is proved on a piece as a whole, without cutting it."""
         if claim in (QUIET, LOUD):
             if quiet.is_quiet_possible(piece) is not (claim == QUIET):

@@ -114,7 +114,7 @@ def _stays_between_walls_during(piece: PlanePiece, start: arb, end: arb, least: 
     s, middle = hull(start, end), (start + end) / 2
 
     def height_over(x: arb) -> arb:
-        """Return F over start ≤ s ≤ end by the mean value theorem."""
+        """Return an enclosure of F at X = x for start ≤ s ≤ end, by the mean value theorem."""
         return mean_value_enclosure(lambda delta: flight_height(middle, delta, x), piece.delta) + slope_enclosure(
             s, piece.delta, x
         ) * (s - middle)

@@ -41,7 +41,7 @@ def mean_value_enclosure(function: Callable[[arb_series], arb_series], at: arb) 
     Returns
     -------
     arb
-        of(c) + of'(at) (at − c), where c is the midpoint of `at`.
+        function(c) + function'(at) (at − c), where c is the midpoint of `at`.
     """
     middle = at.mid()
     return function(arb_series([middle]))[0] + function(arb_series([at, 1]))[1] * (at - middle)

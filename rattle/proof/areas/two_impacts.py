@@ -47,7 +47,7 @@ def closure_equations(s: arb_series, delta: arb_series, beta: arb) -> tuple[Equa
     a, b, end = (-delta * s).exp(), (-delta * (1 - s)).exp(), (-delta).exp()
     sine, cosine = (2 * PI() * s).sin(), (2 * PI() * s).cos()
     down, up = 1 - 2 * a + end, 1 - 2 * b + end
-    k = 4 * PI() * (1 - a) / (delta * (1 - end))  # (16.1)
+    k = 4 * PI() * (1 - a) / (delta * (1 - end))  # K of (16.1), docs/proofs.md
     first = up * sine, down + up * cosine, 4 * (1 - a) * (1 - b) - delta * (1 - end)
     second = 1 - cosine + k * b * sine, sine - k + k * b * cosine, 2 * beta + 4 * PI() * s - 2 * k * (1 - b)
     return first, second
@@ -102,7 +102,7 @@ def solve_linear(first: Sequence[arb], second: Sequence[arb]) -> list[arb]:
 
 
 class SolutionCell:
-    """The solutions of the closure equations with start ≤ s ≤ end, over all δ and at the β of a piece."""
+    """The solutions of (16.2) and (16.3), docs/proofs.md, with start ≤ s ≤ end, at all δ of a ball and one β."""
 
     def __init__(self, start: arb, end: arb, delta: arb, beta: arb) -> None:
         self.start, self.end, self.delta, self.beta = start, end, delta, beta
@@ -154,7 +154,7 @@ class SolutionCell:
 
     @cached_property
     def solution(self) -> EnclosedFunctions:
-        """The solution X, Y of the closure equations, and its speeds v and u, as enclosures of (X, Y, v, u)."""
+        """Enclosures of (X, Y, v, u): the solution (X, Y) of (16.2) and (16.3), docs/proofs.md, and its speeds."""
         first, second = self.equations
         rough = solve_linear(first.over, second.over)
         # the derivative of A (X, Y) = b is A (X, Y)' = b' − A' (X, Y)
@@ -187,38 +187,38 @@ class SolutionCell:
 
     @cached_property
     def is_solvable(self) -> bool:
-        """True if the closure equations are proved to have one solution at each s and δ, with finite enclosures."""
+        """True if (16.2) and (16.3), docs/proofs.md, are proved to have one solution at all s and δ of the cell."""
         (a11, a12, _), (a21, a22, _) = (equation.over for equation in self.equations)
         regular = not (a11 * a22 - a12 * a21).contains(0)
         return regular and all(number.is_finite() for numbers in self.solution for number in numbers)
 
     @cached_property
-    def square_by_s(self) -> arb:
+    def epsilon_squared_by_s(self) -> arb:
         """The derivative ∂ε²/∂s over the cell, where ε² = X² + Y²."""
         (x, y, *_), (x_s, y_s, *_) = self.solution.over, self.solution.by_s
         return 2 * (x * x_s + y * y_s)
 
     @cached_property
-    def square_by_delta(self) -> arb:
-        """The derivative ∂ε²/∂δ over the cell."""
+    def epsilon_squared_by_delta(self) -> arb:
+        """The derivative ∂ε²/∂δ over the cell, where ε² = X² + Y²."""
         (x, y, *_), (x_delta, y_delta, *_) = self.solution.over, self.solution.by_delta
         return 2 * (x * x_delta + y * y_delta)
 
     @cached_property
-    def square(self) -> arb:
+    def epsilon_squared(self) -> arb:
         """An enclosure of ε² = X² + Y² over the cell."""
         x, y, *_ = self.solution.centre
-        return self._mean_value([x * x + y * y], [self.square_by_s], [self.square_by_delta])[0]
+        return self._mean_value([x * x + y * y], [self.epsilon_squared_by_s], [self.epsilon_squared_by_delta])[0]
 
     def square_plus_speed(self, sign: int) -> arb:
         """Return bounds of sign · ε² + λu over the cell, u the speed after Σ⁻, for a λ ≥ 0 that makes them narrow."""
         x, y, _, u = self.solution.centre
         u_s, u_delta = self.solution.by_s[3], self.solution.by_delta[3]
         # with this λ the derivative of the sum by s is nearly 0 (Lemma 17 of docs/proofs.md)
-        factor = max(0.0, -sign * float(self.square_by_s.mid()) / float(u_s.mid()))
+        factor = max(0.0, -sign * float(self.epsilon_squared_by_s.mid()) / float(u_s.mid()))
         centre = sign * (x * x + y * y) + factor * u
-        by_s = sign * self.square_by_s + factor * u_s
-        by_delta = sign * self.square_by_delta + factor * u_delta
+        by_s = sign * self.epsilon_squared_by_s + factor * u_s
+        by_delta = sign * self.epsilon_squared_by_delta + factor * u_delta
         return self._mean_value([centre], [by_s], [by_delta])[0]
 
     def has_no_motion(self, epsilon: arb) -> bool:
@@ -235,7 +235,7 @@ class SolutionCell:
             return False
         _, _, v, u = self.solution.over
         low, high = square_range(epsilon)
-        if v < 0 or u < 0 or self.square < low or self.square > high:
+        if v < 0 or u < 0 or self.epsilon_squared < low or self.epsilon_squared > high:
             return True
         # where u ≥ 0, ±ε² ≤ ±ε² + λu, so these bounds show that ε is outside the ball
         return bool(self.square_plus_speed(1) < low or self.square_plus_speed(-1) < -high)
@@ -254,7 +254,7 @@ class SolutionCell:
             return False
         if not self.is_solvable:
             return None
-        slope = SLOPE_SIGN[letter] * self.square_by_s
+        slope = SLOPE_SIGN[letter] * self.epsilon_squared_by_s
         if slope < 0:
             return False
         if not (slope > 0 and self.solution.over[2] > 0):
@@ -287,7 +287,7 @@ class SolutionCell:
         return True
 
     def _slope_has_sign_on_part(self, sign: int, low: arb, high: arb) -> bool:
-        """Return whether Φ' is proved to have this sign on the part of a flight between two times."""
+        """Return whether Φ' is proved to have this sign between the times `low` and `high` of one flight."""
         # the impact on Σ⁻ may be at any s of the cell, so a part that ends or begins at this impact contains all s
         lower_s, upper_s = lower(self.s), upper(self.s)
         t = hull(low, upper_s if high == lower_s else high)
@@ -429,7 +429,7 @@ def _crosses_block(piece: PlanePiece, run: list[SolutionCell], letter: str) -> b
     """
     (low, high), sides = square_range(piece.epsilon), []
     for s in (run[0].start, run[-1].end):
-        square = SolutionCell(s, s, piece.delta.mid(), piece.beta).square
+        square = SolutionCell(s, s, piece.delta.mid(), piece.beta).epsilon_squared
         sides.append(1 if square > high else -1 if square < low else 0)
     if 0 in sides:
         raise NotProvedError(f"it is undecided where the solutions {letter} leave the block: try a smaller block")

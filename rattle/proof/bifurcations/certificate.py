@@ -46,7 +46,7 @@ class BifurcationCertificate:
 
     @property
     def width(self) -> Fraction:
-        """The width of the widest interval in `solved`."""
+        """The width of the widest interval in `solved`, the enclosures of the unknown parameters."""
         return max(high - low for low, high in self.solved.values())
 
     def document(self) -> dict[str, object]:

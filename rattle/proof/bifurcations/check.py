@@ -55,11 +55,11 @@ class ParameterJet:
     def __init__(self, value: Interval, slopes: Sequence[Interval] = ()) -> None:
         self.value, self.slopes = value, slopes
 
-    def chain_rule(self, value: Interval, slope: Interval) -> "ParameterJet":
+    def apply_chain_rule(self, value: Interval, slope: Interval) -> "ParameterJet":
         """Return f(self) by the chain rule; `value` is the value of f here and `slope` its derivative."""
         return ParameterJet(value, [slope * each for each in self.slopes])
 
-    def chain_rule_of_two(self, other: Any, value: Interval, by: Interval, by_other: Interval) -> "ParameterJet":
+    def apply_chain_rule_to_two(self, other: Any, value: Interval, by: Interval, by_other: Interval) -> "ParameterJet":
         """Return f(self, other) by the chain rule; `value` is f here, `by` and `by_other` its partial derivatives."""
         own, others = self.slopes or [ZERO] * len(other.slopes), other.slopes or [ZERO] * len(self.slopes)
         return ParameterJet(value, [by * a + by_other * b for a, b in zip(own, others, strict=True)])
@@ -67,16 +67,16 @@ class ParameterJet:
     def __add__(self, other: Any) -> "ParameterJet":
         """Return the sum."""
         other = as_jet(other)
-        return self.chain_rule_of_two(other, self.value + other.value, ZERO + 1, ZERO + 1)
+        return self.apply_chain_rule_to_two(other, self.value + other.value, ZERO + 1, ZERO + 1)
 
     def __mul__(self, other: Any) -> "ParameterJet":
         """Return the product."""
         other = as_jet(other)
-        return self.chain_rule_of_two(other, self.value * other.value, other.value, self.value)
+        return self.apply_chain_rule_to_two(other, self.value * other.value, other.value, self.value)
 
     def __neg__(self) -> "ParameterJet":
         """Return the negative."""
-        return self.chain_rule(-self.value, ZERO - 1)
+        return self.apply_chain_rule(-self.value, ZERO - 1)
 
     def __sub__(self, other: Any) -> "ParameterJet":
         """Return the difference."""
@@ -84,19 +84,19 @@ class ParameterJet:
 
     def __truediv__(self, other: "ParameterJet") -> "ParameterJet":
         """Return the quotient."""
-        return self * other.chain_rule(1 / other.value, -1 / other.value**2)
+        return self * other.apply_chain_rule(1 / other.value, -1 / other.value**2)
 
     __radd__, __rmul__ = __add__, __mul__
 
     def exp(self) -> "ParameterJet":
-        """Return the exponential."""
+        """Return e^x, x being this number."""
         value = IV.exp(self.value) * (1 + SLACK)
-        return self.chain_rule(value, value)
+        return self.apply_chain_rule(value, value)
 
     def sine_and_cosine(self) -> "tuple[ParameterJet, ParameterJet]":
         """Return the sine and the cosine of 2πx, x being this number."""
         sine, cosine = sine_and_cosine(self.value)
-        return self.chain_rule(sine, TWO_PI * cosine), self.chain_rule(cosine, -TWO_PI * sine)
+        return self.apply_chain_rule(sine, TWO_PI * cosine), self.apply_chain_rule(cosine, -TWO_PI * sine)
 
 
 def as_jet(x: Any) -> ParameterJet:
@@ -155,11 +155,11 @@ class Bifurcation:
         )
 
     def parameters(self, at: Sequence[Any]) -> list[Any]:
-        """Return [δ, ε]: the exact value of a known parameter, an unknown one's entry in the unknowns `at`."""
+        """Return [δ, ε]; a parameter that is not known exactly is taken from the unknowns `at`."""
         free = iter(at[2 * self.n :])
         return [self.known[name] if name in self.known else next(free) for name in FREE]
 
-    def centre(self) -> list[Interval]:
+    def box_centre(self) -> list[Interval]:
         """Return the centre of the box of the unknowns, with the velocities of the flights between the given times."""
         free = [(low + high) / 2 for low, high in self.ends]
         delta, epsilon = self.parameters([ZERO] * (2 * self.n) + free)
@@ -212,7 +212,7 @@ class Bifurcation:
         for i in range(self.n):
             reach, kept, push, w = pieces[(first + i) % self.n]
             a, b, c, d = a + reach * c, b + reach * d, kept * c, kept * d
-            if push is not None:  # w times the impact's map [[−1, 0], [push/w, −1]], whose entry grows as w → 0
+            if push is not None:  # w times the impact's map [[−1, 0], [push/w, −1]], because push/w grows as w → 0
                 a, b, c, d = -a * w, -b * w, push * a - c * w, push * b - d * w
                 speeds = speeds * w
         trace, half = a + d, (delta * (-self.m / IV.mpf(2))).exp()
@@ -225,7 +225,7 @@ class Bifurcation:
 
     def enclose_point(self) -> list[Interval]:
         """Return intervals that contain the only zero in the box (Lemma 2 of docs/proofs.md). Raises Refused."""
-        x = self.centre()
+        x = self.box_centre()
         size = len(x)
         radii = [RADIUS * (FASTER if i < 2 * self.n and i % 2 else 1) for i in range(size)]
         spread = [radius * UNIT for radius in radii]
@@ -306,7 +306,7 @@ def meets_no_wall(piece: MotionPiece, begins_grazing: bool, ends_grazing: bool) 
 
 
 def is_between_walls(piece: MotionPiece, y: Interval) -> bool:
-    """Return whether y, the displacement since the start of the piece, is strictly between the walls."""
+    """Return whether a position is strictly between the walls; y is its displacement from the start of the piece."""
     return is_positive((1 - piece.wall) * piece.beta - y, (1 + piece.wall) * piece.beta + y)
 
 
@@ -370,5 +370,5 @@ def check(text: str) -> str:
 
 
 def max_width(claim: Bifurcation) -> float:
-    """Return the width of the widest interval in `solved`."""
+    """Return the width of the widest interval that a certificate states for an unknown parameter."""
     return max(float((high - low).b) for low, high in claim.ends)

@@ -1,4 +1,4 @@
-"""Prove points of bifurcation curves: from computed points to certificates."""
+"""Prove that points of bifurcation curves exist near computed points, and certify them."""
 
 from __future__ import annotations
 

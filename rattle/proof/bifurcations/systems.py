@@ -44,7 +44,7 @@ class FlightVelocities(NamedTuple):
 
 @dataclass(frozen=True)
 class CurveMotion:
-    """The motion of a bifurcation curve: all that does not change along the curve.
+    """The properties of a bifurcating motion that do not change along its bifurcation curve.
 
     walls: the walls (n,) that it meets in m forcing periods, in order.
     kind: saddle-node, flip or graze.
@@ -132,12 +132,12 @@ class EvaluatedSystem:
             values.append(_codimension_two_condition(motion.point, delta, epsilon, times))
         if motion.kind is not Kind.GRAZING:
             phi, turn = at[-n:], int(MULTIPLIER[motion.kind])
-            values += [_row_of_product(flights, phi, i, turn) for i in range(n)]
+            values += [_entry_of_product(flights, phi, i, turn) for i in range(n)]
             values.append(sum((x * side for x, side in zip(phi, self.system.side, strict=True)), zero) - 1)
         return values
 
 
-def _row_of_product(flights: Sequence[FlightVelocities], phi: Sequence[Series], i: int, turn: int) -> Series:
+def _entry_of_product(flights: Sequence[FlightVelocities], phi: Sequence[Series], i: int, turn: int) -> Series:
     """Return entry i of the product J(μ) φ; turn: the multiplier μ = ±1, by which φ changes over a period."""
     n, here, before = len(flights), flights[i], flights[i - 1]
     after = phi[(i + 1) % n] * (turn if i + 1 == n else 1)
@@ -171,7 +171,7 @@ def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distan
 
 
 def require_admissible_at(system: ExtendedSystem, zero: Sequence[arb]) -> None:
-    """Raise NotProvedError unless the motion is proved to be admissible: it meets exactly its walls.
+    """Raise NotProvedError unless the motion at the solution `zero` is proved to meet exactly its walls.
 
     All speeds must be proved not to be 0, except at the grazing impact, where the motion touches the wall from inside.
     """

@@ -63,7 +63,7 @@ class HSet:
         return arb_mat([[d / size, -b / size], [-c / size, a / size]])
 
     @cached_property
-    def middle(self) -> arb_mat:
+    def centre_column(self) -> arb_mat:
         """The centre of the set as a column vector (2, 1)."""
         return arb_mat(2, 1, [ball(x) for x in self.centre])
 
@@ -92,7 +92,7 @@ class MappedSet:
         """Return the image of a part, or None if the motions from the part are not proved to meet `walls`."""
         if part not in self.images:
             matrix = self.source.matrix
-            centre = self.source.middle + matrix * arb_mat(2, 1, [part.xi, part.eta])
+            centre = self.source.centre_column + matrix * arb_mat(2, 1, [part.xi, part.eta])
             sides = matrix * arb_mat([[part.width, 0], [0, part.height]])
             try:
                 self.images[part] = image(self.plane, (centre[0, 0], centre[1, 0]), sides, self.walls)
@@ -153,7 +153,7 @@ class MappedSet:
 
 def _coordinates_in(target: HSet, periods: int, found: Image) -> tuple[tuple[arb, arb], list[float]]:
     """Return ξ and η of an image in the target's coordinates, and how much each side of the image adds to them."""
-    away = arb_mat(2, 1, [found.middle[0] - periods, found.middle[1]]) - target.middle
+    away = arb_mat(2, 1, [found.middle[0] - periods, found.middle[1]]) - target.centre_column
     start, slope = target.inverse_matrix * away, target.inverse_matrix * found.slope
     xi, eta = (start[i, 0] + arb(0, 1) * sum((abs(slope[i, j]) for j in range(2)), arb(0)) for i in range(2))
     return (xi, eta), [max(float(abs(slope[i, j]).upper()) for i in range(2)) for j in range(2)]

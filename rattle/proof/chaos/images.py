@@ -20,11 +20,11 @@ from rattle.proof.flights import FlightEnclosure, ModelPlane, require_first_impa
 #: Factor by which the guessed interval of arrival times is widened at each trial; number of trials.
 GROWN = 1.25
 MOST_GROWN = 6
-#: Newton steps for the arrival time of the middle flight.
+#: Number of Newton steps for the arrival time of the flight from the middle of a set.
 MOST_NEWTON = 3
 #: Most parts into which the time of a flight is bisected.
 MOST_PARTS = 200
-#: Largest error of the arrival time of the middle flight.
+#: Largest error of the arrival time of the flight from the middle of a set, in forcing periods.
 NEAR = 1e-15
 
 
@@ -69,7 +69,7 @@ def image(plane: ModelPlane, centre: tuple[arb, arb], sides: arb_mat, walls: Seq
     NotProvedError
         If it is not proved that all motions meet exactly these walls.
     """
-    turn = arb_mat([[1, 0], [0, -1]])  # turns speed on Σ⁺ into velocity; reflects at impacts
+    turn = arb_mat([[1, 0], [0, -1]])  # turns a speed on Σ⁺ into a velocity, and reverses velocities at impacts
     middle, sides, wall = (centre[0], -centre[1]), turn * sides, 1
     for target in (*walls, 1):
         here = arrival(plane, middle, sides, wall, target)
@@ -85,7 +85,7 @@ def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: in
     Returns
     -------
     Arrival
-        The end of the middle flight, and derivatives over the bundle.
+        The end of the flight from the middle, and derivatives over all flights.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: in
     """
     distance, name = plane.beta * (target - wall), "a flight"
     time = _middle_arrival_time(plane, middle, wall, target)
-    # Newton's interval method encloses the delays of all flights relative to the middle flight
+    # Newton's interval method encloses the delays with which all flights end after the flight from the middle
     bundle = FlightBundle(plane, middle, sides)
     at_middle = bundle.middle_flight(time)
     by_t0, by_w0 = _flight_derivatives(at_middle, time)

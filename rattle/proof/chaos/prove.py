@@ -1,4 +1,4 @@
-"""Prove chaos at one point of the plane: search a horseshoe in doubles, then prove its coverings."""
+"""Prove chaos at one point of the plane: search for a horseshoe in doubles, then prove that its sets cover the next."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
 def _prove_loops(
     plane: ModelPlane, parameters: dict[str, Fraction], found: search.HorseshoeCandidate
 ) -> HorseshoeCertificate | None:
-    """Return the certificate of all loops of a horseshoe that are proved, or None if fewer than two are proved."""
+    """Return the certificate of those loops of a candidate that are proved, or None if fewer than two are proved."""
     hub = _exact_set(found.hub)
     sets, loops = [hub], list[Loop]()
     sources: dict[tuple[int, int], MappedSet] = {}  # all loops share the images of the parts of set 0

@@ -1,4 +1,4 @@
-"""Search horseshoes of the impact map Π in doubles; `prove` then proves or refuses them.
+"""Search for horseshoes of the impact map Π in doubles; `prove` then proves or refuses them.
 
 A horseshoe has a parallelogram to which chaotic motions return, the hub. A loop is a return to the hub: a chain of
 parallelograms, each of which Π stretches across the next, from the hub back to the hub.
@@ -26,7 +26,7 @@ SEED = 1
 STATES, SETTLING, WATCHED = 1500, 400, 200
 #: Least Lyapunov exponent of a chaotic motion, per forcing period.
 CHAOTIC = 0.02
-#: Most chaotic motions that are kept; number of their impacts; index of the impact whose states may be centres of hubs.
+#: Most chaotic motions that are kept; number of impacts of each; index of the impact whose state may be a hub's centre.
 KEPT, STEPS, MIDDLE = 400, 72, 36
 #: Number of states that are tried as centres of hubs.
 PLACES = 24
@@ -120,7 +120,7 @@ class ReturnMap:
         return np.stack([out.tau, out.v], -1), np.where(bad | (out.n_plus < 1), -1, out.n_minus)
 
     def tangent(self, x: Array) -> Array:
-        """Return the derivative DΠ (…, 2, 2) by finite differences."""
+        """Return the derivatives of Π at states (…, 2) as matrices (…, 2, 2), by finite differences."""
         moves = NEAR * np.eye(2).reshape(2, *(1,) * (x.ndim - 1), 2)
         return np.moveaxis(state_difference(self(x + moves)[0], self(x - moves)[0]) / (2 * NEAR), 0, -1)
 
@@ -141,7 +141,7 @@ def entropy_of_lengths(lengths: Sequence[float]) -> float:
 
 
 def search_horseshoes(gear: Gear) -> Iterator[HorseshoeCandidate]:
-    """Yield candidates of horseshoes, the largest entropy first. Raises NotProvedError if no motion seems chaotic."""
+    """Yield candidates for horseshoes, the largest entropy first. Raises NotProvedError if no motion seems chaotic."""
     states, words = _chaotic_motions(gear)
     pi = ReturnMap(gear)
     tangents = pi.tangent(states[:-1])
@@ -226,7 +226,7 @@ def _grid_of_box(box: StateBox, across: int, high: int) -> Array:
 
 
 def _is_stretched_evenly(pi: ReturnMap, hub: StateBox) -> bool:
-    """Return whether Π stretches the hub almost uniformly, so that its image is almost straight."""
+    """Return whether Π stretches the hub almost uniformly and maps it to an almost straight image."""
     after, words = pi(_grid_of_box(hub, 9, 5))
     if np.ptp(words) > 0 or words[0, 0] < 0:
         return False
@@ -237,7 +237,7 @@ def _is_stretched_evenly(pi: ReturnMap, hub: StateBox) -> bool:
 
 
 def _returns_to_hub(hub: StateBox, states: Array, words: NDArray[np.int64]) -> Iterator[OrbitSegment]:
-    """Yield motions from the hub until their next visit to it, the shortest first, at most EACH with equal words."""
+    """Yield motions from the hub until they return to the hub, the shortest first, at most EACH with equal words."""
     inside = np.all(np.abs(state_difference(states, hub.centre) @ np.linalg.inv(hub.sides).T) < 1, axis=-1)
     found: list[tuple[int, int, int]] = []
     for column in np.flatnonzero(inside.sum(0) > 1):
@@ -274,7 +274,7 @@ def _entropy_of_loops(loops: Sequence[LoopCandidate]) -> float:
 
 
 def _loop_along(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> LoopCandidate | None:
-    """Return the loop along a motion from the hub to the hub, or None if Π does not stretch the hub along it."""
+    """Return the loop along a motion from the hub to the hub; None if Π does not stretch sets along it as it must."""
     x, words, steps = segment.states, segment.words, len(segment.words)
     if steps == 1:
         high, strip = _image_across(pi, hub, hub, words[0])
@@ -332,7 +332,7 @@ def _least_half_length(
 
 
 def _image_across(pi: ReturnMap, source: StateBox, target: StateBox, word: int) -> tuple[float, tuple[float, float]]:
-    """Return the largest |η| of the image of a source box where it passes the target, edges included.
+    """Return the largest |η| of the image of a source box where this image passes the target box.
 
     Returns
     -------

@@ -15,7 +15,7 @@ from .one_impact import OneImpact
 from .quiet import Capture, require_possible
 from .two_impacts import Column
 
-#: Most times that the δ interval of a block is halved.
+#: Most times that the δ interval of a block is halved before the block is refused.
 DEEPEST = 5
 #: Most times that a block with the claim "quiet captures" is halved, in ε and δ in turn.
 DEEPEST_CAPTURE = 2
@@ -66,7 +66,7 @@ def prove_on_whole_block(claim: str, beta: Fraction, delta: Ends, epsilon: Ends)
 
 
 def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, depth: int = 0) -> None:
-    """Raise BlockRefused unless quiet is proved to capture all motions slower than `speed`, on a block or its parts."""
+    """Raise BlockRefused unless motions that leave Σ⁺ slower than `speed` are proved to become quiet, on a block."""
     try:
         Capture(
             interval_between(*delta), interval_between(*epsilon), interval_between(beta, beta)
@@ -84,7 +84,7 @@ def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, 
 def state_of_one_impact(
     letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]
 ) -> str:
-    """Return the proved state of A or C; the stability is computed only if the claimed `state` names it."""
+    """Return the proved state of A or C on a block; its stability only if the claimed `state` names it."""
     motion = OneImpact(letter, d, beta, *squares)
     if not motion.exists():
         return NONE

@@ -102,19 +102,19 @@ class Jet:
         s, d = (add_enclosures(a, -multiply_enclosures(x, b)) for a, b in ((self.s, y.s), (self.d, y.d)))
         return Jet(x, ZERO if s is ZERO else s / y.x, ZERO if d is ZERO else d / y.x)
 
-    def chain_rule(self, x: Interval, slope: Interval) -> "Jet":
+    def apply_chain_rule(self, x: Interval, slope: Interval) -> "Jet":
         """Return f(self) with its derivatives, by the chain rule; x is the value of f here and slope is f'."""
         return Jet(x, multiply_enclosures(slope, self.s), multiply_enclosures(slope, self.d))
 
     def exp_minus(self) -> "Jet":
         """Return e^(−x), for this number x."""
         x = exp_minus(self.x)
-        return self.chain_rule(x, -x)
+        return self.apply_chain_rule(x, -x)
 
     def sine_and_cosine(self, factor: int) -> "tuple[Jet, Jet]":
         """Return the sine and the cosine of factor · πx, for this number x."""
         sine, cosine = sine_and_cosine_of(factor * PI * self.x)
-        return self.chain_rule(sine, factor * PI * cosine), self.chain_rule(cosine, -factor * PI * sine)
+        return self.apply_chain_rule(sine, factor * PI * cosine), self.apply_chain_rule(cosine, -factor * PI * sine)
 
 
 def midpoint(x: Interval) -> Interval:
