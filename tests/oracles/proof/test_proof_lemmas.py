@@ -197,7 +197,7 @@ def test_verdicts_are_those_of_the_multipliers():
             assert finder.verdict_of(arb(trace), determinant) == verdict
         for trace in (1.5, -1.5):
             assert finder.verdict_of(arb(trace, 1e-20), determinant) == "undecided"
-        half, none, same, again = finder.multipliers(arb(2).sqrt(), determinant)  # a double one
+        half, none, same, again = finder.multiplier_enclosures(arb(2).sqrt(), determinant)  # a double one
         assert (half, none) == (same, again)
         assert none[0] < 0 < none[1]
         assert float(half[0]) < math.sqrt(0.5) < float(half[1])
