@@ -74,8 +74,9 @@ class Intensity:
     contact
         Share of the time in contact (of the impacting gear: 1 for quiet motion, otherwise 0).
     impulse
-        Half of the impulses on Σ⁺ minus those on Σ⁻; for the impacting gear Σv₊ − Σv₋. In every bounded motion it is
-        2πδ, or 2πδ(1 + load) with a load, so its deviation from this value shows the accuracy.
+        Half of the difference between the impulses on Σ⁺ and those on Σ⁻; for the impacting gear Σv₊ − Σv₋, the speeds
+        on both walls. In every bounded motion it is 2πδ, or 2πδ(1 + load) with a load, so its deviation from this value
+        shows the accuracy.
     errors
         The 95 % half-widths of the other fields.
     """

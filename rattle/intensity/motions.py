@@ -124,6 +124,8 @@ def require_lasting(status: int, time: float, periods: float) -> None:
         If the motion came to rest before, or made too many impacts.
     """
     if status != OK:
-        raise RattleError(f"the motion comes to rest, or cannot be followed, after {time:g} forcing periods")
+        raise RattleError(
+            f"the motion comes to rest, or cannot be followed, after {time:g} forcing periods: choose fewer periods"
+        )
     if time < periods:
         raise RattleError(f"the motion makes more than {MOST_IMPACTS} impacts: choose fewer than {time:g} periods")

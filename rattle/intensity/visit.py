@@ -59,12 +59,12 @@ def bounce(wall, tau, w, point):
     NotImplementedError
         If the function is called outside kernels.
     """
-    raise NotImplementedError("this function exists inside kernels only: from Python use Gear.impacts")
+    raise NotImplementedError("bounce exists inside kernels only: from Python use Gear.impacts")
 
 
 def mean_force_at(point):
     """Return the mean contact force at a point, which balances the impulses of a bounded motion over each period."""
-    raise NotImplementedError("this function exists inside kernels only: from Python use Gear.impacts")
+    raise NotImplementedError("mean_force_at exists inside kernels only: from Python use Gear.intensity")
 
 
 @inline

@@ -104,10 +104,14 @@ def require_stated_values(orbit: Periodic, speeds: Sequence[Fraction], trace: ar
     departures = [float(speed) for speed in speeds[each - 1 :: each]]
     moved = max(abs(stated - speed) for stated, speed in zip(orbit.speeds, departures, strict=True))
     if not moved < MOST_MOVED * max(1.0, *departures):
-        raise NotProvedError(f"the stated speeds of the motion differ from the proved ones by {moved:.1e}")
+        raise NotProvedError(
+            f"the stated speeds of the motion differ from the proved speeds by {moved:.1e}: compute the motion again"
+        )
     stated = sum(orbit.multipliers).real
     if not abs(stated - float(trace)) < SAME_TRACE * max(1.0, abs(float(trace))):
-        raise NotProvedError(f"the stated multipliers have the sum {stated:.6g}, the proved ones {float(trace):.6g}")
+        raise NotProvedError(
+            f"the stated multipliers have the sum {stated:.6g}, but the proved multipliers have {float(trace):.6g}"
+        )
 
 
 def require_least_period(times: Sequence[arb], walls: Sequence[int], m: int) -> None:

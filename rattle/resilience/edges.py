@@ -80,7 +80,7 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
     """
     turns = require_integer("turns", turns, 1, 100_000)
     pair = np.array([require_pair(name, state) for name, state in (("one", one), ("other", other))])
-    require(bool((pair[:, 1] > 0.0).all()), "speeds must be greater than 0")
+    require(bool((pair[:, 1] > 0.0).all()), "the speeds of one and other must be greater than 0")
     pair[:, 0] = fold(pair[:, 0])
     unit, made = speed_unit_of(gear), 0
     for _ in range(turns):

@@ -49,7 +49,7 @@ class LeastShock(NamedTuple):
     error: float
 
 
-class _State(NamedTuple):
+class _StateBeforeShock(NamedTuple):
     """A state of the motion before the shock: phase, Φ and Φ'."""
 
     tau: float
@@ -57,7 +57,7 @@ class _State(NamedTuple):
     velocity: float
 
 
-Departure = Callable[[_State, float], tuple[float, float] | None]
+Departure = Callable[[_StateBeforeShock, float], tuple[float, float] | None]
 
 
 def smallest_shock(
@@ -103,25 +103,25 @@ def smallest_shock(
     return search.smallest()
 
 
-def _states_at_departures(gear: AnyGear, attractor: Attractor) -> list[_State]:
+def _states_at_departures(gear: AnyGear, attractor: Attractor) -> list[_StateBeforeShock]:
     """Return the states of an attractor at its departures from Σ⁺; for quiet motion, states at PHASES phases."""
     if attractor.kind == "quiet":
-        return [_State(float(tau), gear.beta, 0.0) for tau in (np.arange(PHASES) + 0.5) / PHASES]
+        return [_StateBeforeShock(float(tau), gear.beta, 0.0) for tau in (np.arange(PHASES) + 0.5) / PHASES]
     many = min(attractor.n_plus, MOST_STATES) if attractor.kind == "periodic" else MOST_STATES
     orbit = gear.iterate(attractor.tau, attractor.v, np.arange(many))
-    return [_State(float(tau), gear.beta, -float(v)) for tau, v in zip(orbit.tau, orbit.v, strict=True)]
+    return [_StateBeforeShock(float(tau), gear.beta, -float(v)) for tau, v in zip(orbit.tau, orbit.v, strict=True)]
 
 
-def _departure_from_wall(state: _State, change: float) -> tuple[float, float] | None:
+def _departure_from_wall(state: _StateBeforeShock, change: float) -> tuple[float, float] | None:
     """Return the departure (τ, v) after a shock to a state on Σ⁺, or None if the shock is towards the wall."""
     v = -(state.velocity + change)
     return (state.tau, v) if v > 0.0 else None
 
 
-def _states_at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple[list[_State], Departure]:
+def _states_at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple[list[_StateBeforeShock], Departure]:
     """Return the states of an attractor at a phase, and a function that returns the departure after a shock to one."""
     if attractor.kind == "quiet":
-        return [_State(phase, gear.beta, 0.0)], _departure_from_wall
+        return [_StateBeforeShock(phase, gear.beta, 0.0)], _departure_from_wall
     require(
         attractor.kind == "periodic",
         "phase can be given for quiet or periodic motion only: leave it out for a chaotic attractor",
@@ -130,9 +130,9 @@ def _states_at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple
     states = []
     for i in range(attractor.m):
         moving = gear.trajectory(attractor.tau, attractor.v, wait + i, 2)
-        states.append(_State(phase, float(moving.phi[-1]), float(moving.velocity[-1])))
+        states.append(_StateBeforeShock(phase, float(moving.phi[-1]), float(moving.velocity[-1])))
 
-    def departure(state: _State, change: float) -> tuple[float, float] | None:
+    def departure(state: _StateBeforeShock, change: float) -> tuple[float, float] | None:
         """Return the first departure from Σ⁺ after a shock, or None if there is none."""
         try:
             tau, v = gear.departure(state.tau, state.position, state.velocity + change)
@@ -144,7 +144,7 @@ def _states_at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple
 
 
 class _ShockSearch:
-    """The search of the smallest shock.
+    """The search for the smallest fatal shock.
 
     state, way: the index of the state from which the smallest fatal shock was found, and the sign of this shock. low,
     high: from this state a shock of size `low` does not suffice, and a shock of size `high` does. to: the attractor
@@ -152,7 +152,7 @@ class _ShockSearch:
     """
 
     def __init__(
-        self, gear: AnyGear, attractor: Attractor, states: list[_State], departure: Departure, highest: float
+        self, gear: AnyGear, attractor: Attractor, states: list[_StateBeforeShock], departure: Departure, highest: float
     ) -> None:
         self.gear, self.attractor, self.states, self.departure, self.highest = (
             gear, attractor, states, departure, highest,

@@ -230,7 +230,7 @@ class Bifurcation:
         radii = [RADIUS * (FASTER if i < 2 * self.n and i % 2 else 1) for i in range(size)]
         spread = [radius * UNIT for radius in radii]
         values, rows = self.equations(x)
-        require(len(values) == size, "the numbers of unknowns and equations differ")
+        require(len(values) == size, "`kind` and `name` have not as many equations as there are unknowns")
         about = (fp.matrix([[each.mid for each in row] for row in rows]) ** -1).tolist()
         for _ in range(6):  # the first step proves existence, further steps make the intervals narrower
             _, rows = self.equations([a + b for a, b in zip(x, spread, strict=True)])

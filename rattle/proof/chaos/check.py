@@ -342,7 +342,9 @@ def check(text: str) -> str:
             h = interval_of_text(document[f"entropy_per_{name}"])
             lengths = [len(loop[1]) if number == 1 else sum(loop[2]) for loop in claim.loops]
             total = sum((IV.exp(-h * length) * (1 + SLACK) for length in lengths), ZERO)
-            require(is_positive(h, total - 1), f"`entropy_per_{name}` is not proved")
+            require(
+                is_positive(h, total - 1), f"`entropy_per_{name}` must be positive and no larger than the loops prove"
+            )
         for sets, words, periods in claim.loops:
             chain = [0, *sets, 0]
             for source, target, word, later in zip(chain, chain[1:], words, periods, strict=False):

@@ -241,8 +241,8 @@ class Column:
             inside = is_less(ZERO, above) and is_less(ZERO, below)
             if inside or is_less(above, ZERO) or is_less(below, ZERO):
                 verdicts.add(inside)
-                require(len(verdicts) == 1, "a motion attracts at some points of the block and not at others")
+                require(len(verdicts) == 1, "B or D attracts at some points of the block and not at others")
             else:
-                require(last - first > self.narrowest, "it is undecided whether a motion attracts")
+                require(last - first > self.narrowest, "it is undecided whether B or D attracts on the whole block")
                 parts += [(first, (first + last) / 2), ((first + last) / 2, last)]
         return True in verdicts
