@@ -217,7 +217,7 @@ class MotionPiece:
         c, kept = ZERO + 1, IV.exp(-self.delta * u / 2) * (1 + SLACK)
         s = (1 - kept**2) / self.delta
         if self.k != 0:
-            rate = IV.sqrt(self.k - self.delta**2 / 4)  # ValueError, a refusal, if contacts are overdamped
+            rate = IV.sqrt(self.k - self.delta**2 / 4)  # ValueError if contacts are overdamped: `check` refuses
             sine, cosine = sine_and_cosine(rate * u / TWO_PI)
             c, s = kept * (cosine + self.delta * sine / (2 * rate)), kept * sine / rate
         return c, s, -self.k * s, c - self.delta * s

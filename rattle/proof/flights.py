@@ -35,18 +35,18 @@ class ModelPlane:
         return 4 * PI()
 
     @cached_property
-    def swing(self) -> arb:
+    def velocity_amplitude(self) -> arb:
         """2πε, the amplitude of the velocity's oscillation."""
         return 2 * PI() * self.epsilon
 
     @cached_property
-    def forcing(self) -> arb:
+    def force_amplitude(self) -> arb:
         """4π²ε, the amplitude of the cosine in the contact force g, (1.2) of docs/proofs.md."""
-        return 2 * PI() * self.swing
+        return 2 * PI() * self.velocity_amplitude
 
     def force(self, sine: arb, cosine: arb) -> arb:
         """Return the contact force g, (1.2) of docs/proofs.md, from sine = sin 2πt and cosine = cos 2πt."""
-        return self.delta * self.drift - self.forcing * cosine - self.delta * self.swing * sine
+        return self.delta * self.drift - self.force_amplitude * cosine - self.delta * self.velocity_amplitude * sine
 
     @cached_property
     def force_zero_phases(self) -> tuple[arb, ...]:
@@ -92,7 +92,7 @@ class FlightEnclosure:
         plane, sine, cosine = self.plane, *(2 * t).sin_cos_pi()
         kept = (-plane.delta * (t - self.t0)).exp()
         height = self.rest * (kept - 1) / plane.delta + plane.epsilon * (cosine - self.cos0)
-        return height + plane.drift * (t - self.t0), plane.drift - plane.swing * sine - self.rest * kept
+        return height + plane.drift * (t - self.t0), plane.drift - plane.velocity_amplitude * sine - self.rest * kept
 
 
 def flight(
@@ -116,13 +116,16 @@ def flight(
     lost = -(-delta * (t1 - t0)).expm1()
     decay, pull = 1 - lost, delta / lost
     rest = (plane.drift * (t1 - t0) + plane.epsilon * (cos1 - cos0) - distance) * pull
-    w0, w1 = plane.drift - plane.swing * sin0 - rest, plane.drift - plane.swing * sin1 - rest * decay
+    w0, w1 = (
+        plane.drift - plane.velocity_amplitude * sin0 - rest,
+        plane.drift - plane.velocity_amplitude * sin1 - rest * decay,
+    )
     return FlightEnclosure(
         plane, t0, t1, rest, cos0, w0, w1, decay,
-        w0_t0=w0 * pull + delta * rest - plane.forcing * cos0,
+        w0_t0=w0 * pull + delta * rest - plane.force_amplitude * cos0,
         w0_t1=-pull * w1,
         w1_t0=decay * pull * w0,
-        w1_t1=(delta * rest - w1 * pull) * decay - plane.forcing * cos1,
+        w1_t1=(delta * rest - w1 * pull) * decay - plane.force_amplitude * cos1,
     )  # fmt: skip
 
 

@@ -33,7 +33,11 @@ class StiffParameters:
     def steady_amplitudes(self) -> tuple[arb, arb]:
         """The amplitudes P and Q of cos 2πt and sin 2πt in the steady motion, (1.12) and (1.13) of docs/proofs.md."""
         stiff, loss = 2 * self.kappa - 4 * PI() ** 2, 2 * PI() * self.plane.delta
-        a, b, size = -self.plane.forcing, -self.plane.delta * self.plane.swing, stiff * stiff + loss * loss
+        a, b, size = (
+            -self.plane.force_amplitude,
+            -self.plane.delta * self.plane.velocity_amplitude,
+            stiff * stiff + loss * loss,
+        )
         return (a * stiff - b * loss) / size, (b * stiff + a * loss) / size
 
     @cached_property
@@ -43,7 +47,7 @@ class StiffParameters:
 
     @cached_property
     def free_frequency(self) -> arb:
-        """√(2κ − δ²/4), the angular frequency of free oscillations in contact. Raises NotProvedError if overdamped."""
+        """√(2κ − δ²/4), the frequency of free oscillations of a contact. Raises NotProvedError if overdamped."""
         square = 2 * self.kappa - self.plane.delta**2 / 4
         if not square > 0:
             raise NotProvedError(

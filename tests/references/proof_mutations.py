@@ -33,8 +33,8 @@ MUTATIONS = {
     ),
     "the velocity of a flight with a wrong sign": (
         "flights",
-        "plane.drift - plane.swing * sine - ",
-        "plane.drift + plane.swing * sine - ",
+        "plane.drift - plane.velocity_amplitude * sine - ",
+        "plane.drift + plane.velocity_amplitude * sine - ",
     ),
     "the height of a flight with a wrong sign": ("flights", "(kept - 1) / plane.delta", "(1 - kept) / plane.delta"),
     "the force never changes sign": ("flights", "if share > 1:", "if share > 0:"),

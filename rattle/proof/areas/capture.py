@@ -42,7 +42,7 @@ def require_captures(piece: PlanePiece, speed: Fraction) -> None:
 
 
 def _scaled_force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """Return γ = g/4πδ = 1 − share cos 2πt and three derivatives of it, at a time t after a minimum of the force g."""
+    """Return the force g/4πδ = 1 − share cos 2πt and three derivatives of it, at a time t after a minimum."""
     sine, cosine = (2 * t).sin_cos_pi()
     turn = 2 * PI()
     return 1 - share * cosine, turn * share * sine, turn**2 * share * cosine, -(turn**3) * share * sine
@@ -99,7 +99,7 @@ def _growth_coefficient(middle: arb, h: arb, delta: arb, share: arb) -> arb:
 
 
 def _acceleration_derivatives(t: arb, w: arb, delta: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """Return a = w²γ and three derivatives of it by the time x of (20.2), docs/proofs.md; w = dt/dx = e^(δ(t − t₀))."""
+    """Return a/4πδ, a of (20.2), docs/proofs.md, and three derivatives of it by x; w = dt/dx = e^(δ(t − t₀))."""
     g, g1, g2, g3 = _scaled_force(t, share)
     first, second = 2 * delta * g + g1, 6 * delta**2 * g + 5 * delta * g1 + g2
     third = 24 * delta**3 * g + 26 * delta**2 * g1 + 9 * delta * g2 + g3

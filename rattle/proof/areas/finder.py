@@ -58,7 +58,7 @@ class Prover:
         for letter in states.keys() & {"B", "D"}:
             if delta not in self._cells:
                 self._cells[delta] = two_impacts.initial_cells(piece)
-            runs, state = two_impacts.motions(piece, self._cells[delta], letter), states[letter]
+            runs, state = two_impacts.cells_of_motions(piece, self._cells[delta], letter), states[letter]
             claims_stability = state not in (ClaimedState.NONE, ClaimedState.THERE) and len(runs) == 1
             attracts = two_impacts.attracts(piece, runs[0]) if claims_stability else None
             require_state(letter, state, len(runs), attracts)

@@ -104,7 +104,8 @@ def _stays_between_walls(piece: PlanePiece, least: arb, most: arb) -> bool:
 def _stays_between_walls_during(piece: PlanePiece, start: arb, end: arb, least: arb, most: arb) -> bool:
     """Return whether −2β < F < 0 is proved for start ≤ s ≤ end, as `_stays_between_walls` does for 0 < s < 1.
 
-    F vanishes at s = 0 and s = 1, so next to these ends the sign of ∂F/∂s proves F < 0.
+    F, (15.3) of docs/proofs.md, is the displacement from Σ⁺. It vanishes at s = 0 and s = 1, so next to these ends the
+    sign of ∂F/∂s proves F < 0.
 
     Returns
     -------

@@ -349,7 +349,9 @@ def initial_cells(piece: PlanePiece) -> tuple[SolutionCell, SolutionCell]:
     return SolutionCell(arb(0), arb(1), piece.delta, piece.beta).halves
 
 
-def motions(piece: PlanePiece, cells: tuple[SolutionCell, SolutionCell], letter: str) -> list[list[SolutionCell]]:
+def cells_of_motions(
+    piece: PlanePiece, cells: tuple[SolutionCell, SolutionCell], letter: str
+) -> list[list[SolutionCell]]:
     """Return all motions B (or D) that exist at every point of the piece.
 
     Parameters

@@ -100,7 +100,7 @@ class CheckedBundle:
             y, v = self.flight_state(self.middle, time)
             time = IV.mpf((time - (y - end) / v).mid)
         delay = self.enclose_delay(self.flight_state(self.middle, time)[0] - end, time, IV.mpf(10) ** -30, middle=True)
-        landing = time + delay  # arrival time of the middle flight
+        landing = time + delay  # arrival time of the flight from the middle
         delay = self.enclose_delay(self.state_at(landing)[0] - end, time, IV.mpf(10) ** -20, middle=False)
         arrival = time + delay  # arrival times of all flights
         speed = self.state_at(arrival)[1]
@@ -123,7 +123,7 @@ class CheckedBundle:
         room : Interval
             First guess of a bound of the delay.
         middle : bool
-            Whether to follow the middle flight alone, or all flights.
+            Whether to follow the flight from the middle alone, or all flights.
 
         Returns
         -------
@@ -146,7 +146,7 @@ class CheckedBundle:
         raise Refused("the time of an impact is not enclosed")
 
     def guess_arrival(self, target: int) -> Interval:
-        """Return a guess, in doubles, of the time at which the middle flight reaches `target`. Raises Refused."""
+        """Return a guess, in doubles, of the time at which the middle's flight reaches `target`. Raises Refused."""
         t0, w, d, e, b = (float(x.mid) for x in (*self.middle, self.plane.delta, self.plane.epsilon, self.plane.beta))
         turn, end = 2 * math.pi, (target - self.wall) * b
         pushed = w - 2 * turn + turn * e * math.sin(turn * t0)

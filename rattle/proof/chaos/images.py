@@ -200,8 +200,8 @@ class FlightBundle:
 def _flight_from_start(plane: ModelPlane, t0: arb, w0: arb, t1: arb) -> FlightEnclosure:
     """Return the flight from time t0 and velocity w0 until t1; its derivatives with respect to times are NaN."""
     (sin0, cos0), sin1 = (2 * t0).sin_cos_pi(), (2 * t1).sin_pi()
-    rest, decay, none = plane.drift - plane.swing * sin0 - w0, (-plane.delta * (t1 - t0)).exp(), arb.nan()
-    w1 = plane.drift - plane.swing * sin1 - rest * decay
+    rest, decay, none = plane.drift - plane.velocity_amplitude * sin0 - w0, (-plane.delta * (t1 - t0)).exp(), arb.nan()
+    w1 = plane.drift - plane.velocity_amplitude * sin1 - rest * decay
     return FlightEnclosure(plane, t0, t1, rest, cos0, w0, w1, decay, none, none, none, none)
 
 

@@ -192,7 +192,7 @@ def _chaotic_motions(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _hub_centres(gear: Gear, pi: ReturnMap, states: Array, tangents: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield centres of hubs, with unit vectors along their unstable and stable directions: saddles, then `states`."""
+    """Yield centres of hubs, first saddles, then states, with unit vectors along unstable and stable directions."""
     for orbit in gear.orbits():
         x = np.array([orbit.tau, orbit.v])
         values, vectors = np.linalg.eig(pi.tangent(x))

@@ -93,7 +93,7 @@ def state_of_one_impact(
 
 def state_of_two_impacts(slope: int, state: str, cells: Column, squares: tuple[Interval, Interval]) -> str:
     """Return the proved state of B (slope −1) or D (1); its stability only if the claimed `state` names it."""
-    runs = cells.motions(slope, *squares)
+    runs = cells.parts_of_motions(slope, *squares)
     require(len(runs) < 2, f"there are {len(runs)} motions {'D' if slope > 0 else 'B'}, where at most one is claimed")
     if not runs:
         return NONE

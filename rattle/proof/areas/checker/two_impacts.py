@@ -198,7 +198,7 @@ class Column:
             self.cells[low, high] = Cell(interval_between(low, high), self.d, self.beta)
         return self.cells[low, high]
 
-    def motions(self, slope: int, low: Interval, high: Interval) -> list[list[Part]]:
+    def parts_of_motions(self, slope: int, low: Interval, high: Interval) -> list[list[Part]]:
         """Return for each motion D (slope 1) or B (slope −1) with low ≤ ε² ≤ high the parts of 0 ≤ s ≤ 1 with it."""
         decided, parts = [], [(Fraction(0), Fraction(1))]
         while parts:
