@@ -49,7 +49,7 @@ class ImpactEnclosures:
 
     @property
     def trace(self) -> arb:
-        """The trace of the product of the flights' tangent maps in (t, w²/2), each of determinant e^(−δs)."""
+        """The trace of the product of the flights' tangent maps in (t, w²/2), each with determinant e^(−δ duration)."""
         product = arb_mat([[1, 0], [0, 1]])
         for each in self.flights:
             # dw0 = w0_t0 dt0 + w0_t1 dt1 determines dt1; then dw1 = w1_t0 dt0 + w1_t1 dt1

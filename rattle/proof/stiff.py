@@ -155,7 +155,7 @@ class Contacts:
 
     @property
     def trace(self) -> arb:
-        """The trace of the product of the tangent maps of (Φ, Φ') of all pieces, each of determinant e^(−δs)."""
+        """The trace of the product of the tangent maps of (Φ, Φ') over all contacts and flights."""
         product, delta = arb_mat([[1, 0], [0, 1]]), self.walls.plane.delta
         for contact, after in zip(self.contacts, self.flights, strict=True):
             c, s, c1, s1 = contact.tangent

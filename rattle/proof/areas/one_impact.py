@@ -128,7 +128,7 @@ def _stays_between_walls_during(piece: PlanePiece, start: arb, end: arb, least: 
 
 
 def _passes_sigma_minus(piece: PlanePiece, least: arb) -> bool:
-    """Return whether the displacement F < −2β is proved at one time s, for all δ of the piece and X ≥ least."""
+    """Return whether F < −2β, F of (15.3), docs/proofs.md, is proved at one s, for all δ of the piece and X ≥ least."""
     s = arb(_time_of_minimum(float(piece.delta.mid()), float(least.mid())))
     return bool(
         0 < s < 1 and mean_value_enclosure(lambda delta: flight_height(s, delta, least), piece.delta) < -2 * piece.beta

@@ -38,7 +38,7 @@ class Share:
     of_where: float
 
     def __str__(self) -> str:
-        """Return a readable description."""
+        """Return the statement and its shares in per cent."""
         return f"{self.what}: {self.proved:.2%} of the plane, at least {self.of_where:.2%} of where it holds"
 
 

@@ -31,9 +31,9 @@ from rattle.proof.check import (
     sine_and_cosine,
 )
 
-#: Half-width of the box in times and parameters.
+#: Half-width, in times and parameters, of the box in which one zero is proved.
 RADIUS = IV.mpf(10) ** -16
-#: Half-width of the box in velocities, as a multiple of RADIUS.
+#: Half-width of this box in velocities, as a multiple of its half-width in times.
 FASTER = 1000
 #: Parameters that may be unknowns.
 FREE = ("delta", "epsilon")

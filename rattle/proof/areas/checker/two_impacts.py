@@ -150,7 +150,7 @@ class Cell(ParameterBox):
         return self.mean_value(sign * square + factor * u, self.square * sign + self.u * factor)
 
     def is_monotone(self, sign: int, start: Interval, end: Interval) -> bool:
-        """Return whether Φ' is proved to have this sign during a flight, from the time `start` to the time `end`."""
+        """Return whether Φ is proved to be monotone on a flight from time `start` to `end`, with Φ' of this sign."""
         parts = [(start.b, end.a)]
         while parts:
             low, high = parts.pop()
