@@ -70,7 +70,7 @@ def write_period_sums(cell, n_plus, tau, v, cells, sums):
 
 @kernel
 def write_mean_forces(cell, cells, found):
-    """Write the mean contact force of the cells number `cell` (n,) to `found`."""
+    """Write the mean contact force of the cells with the numbers `cell` (n,) to `found` (n,)."""
     for i in range(cell.size):
         found[i] = mean_force_at(point_of(cell[i], cells))
 

@@ -223,7 +223,7 @@ class MotionPiece:
         return c, s, -self.k * s, c - self.delta * s
 
     def state_after(self, u: Interval) -> tuple[Interval, Interval]:
-        """Return y and y', a time u after the start of the piece."""
+        """Return y, the displacement Φ − Φ(start), and y', a time u after the start of the piece."""
         (c, s, c1, s1), (y, v), pushed = self.tangent(u), self.forced_solution(u), self.w - self.v0
         return y - c * self.y0 + s * pushed, v - c1 * self.y0 + s1 * pushed
 

@@ -56,7 +56,7 @@ class StiffParameters:
         return square.sqrt()
 
     def steady_motion(self, t: arb) -> tuple[arb, arb]:
-        """Return y and y' of the steady motion, the permanent contact: (1.11) of docs/proofs.md."""
+        """Return the penetration y, and y', of the steady motion, the permanent contact: (1.11) of docs/proofs.md."""
         (a, b), (sine, cosine) = self.steady_amplitudes, (2 * t).sin_cos_pi()
         return self.steady_mean + a * cosine + b * sine, 2 * PI() * (b * cosine - a * sine)
 
@@ -91,16 +91,16 @@ class ContactEnclosure:
 
     @cached_property
     def tangent(self) -> tuple[arb, arb, arb, arb]:
-        """The tangent map of (y, y') from t0 to t1."""
+        """The tangent map (C, S, −2κS, C − δS) of (y, y') from t0 to t1, the ends of the contact."""
         return self.walls.tangent(self.t1 - self.t0)
 
     @cached_property
     def final_state(self) -> tuple[arb, arb]:
-        """The state (y, y') at t1."""
+        """The state (y, y') at t1, where y is the penetration of the wall."""
         return self._state_from_tangent(self.t1, self.tangent)
 
     def state_at(self, t: arb) -> tuple[arb, arb]:
-        """Return y and y' at time t."""
+        """Return the penetration y of the wall, and y', at time t."""
         return self._state_from_tangent(t, self.walls.tangent(t - self.t0))
 
     def _state_from_tangent(self, t: arb, tangent: tuple[arb, arb, arb, arb]) -> tuple[arb, arb]:

@@ -23,7 +23,7 @@ RELAXATIONS = 300.0
 
 @dataclass(frozen=True)
 class Convergence:
-    """The arrivals of samples (n,) at their attractors.
+    """The times at which samples (n,) arrive at their attractors.
 
     attractors: the attractors, the largest basin fraction first. which (n,): the index of each sample's attractor.
     time (n,): forcing periods until the sample has arrived at its quiet or periodic attractor: until it departs from Σ⁺

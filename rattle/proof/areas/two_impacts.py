@@ -319,7 +319,7 @@ class SolutionCell:
 
     @cached_property
     def margins(self) -> list[arb]:
-        """The stability margins (1 + E − T) uv/2 and (1 + E + T) uv/2 over the cell, for the trace T."""
+        """The stability margins (1 + E − T) uv/2 and (1 + E + T) uv/2, (19.2) and (19.3), over the cell."""
         solution, s, delta = self.solution, self.s, self.delta
         along_s = [arb_series([x, slope]) for x, slope in zip(solution.over, solution.by_s, strict=True)]
         along_delta = [arb_series([x, slope]) for x, slope in zip(solution.over, solution.by_delta, strict=True)]
