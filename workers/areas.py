@@ -10,7 +10,7 @@ from pathlib import Path
 from gear_rattle.workers.apart import call_apart
 from gear_rattle.workers.errors import storage_error
 from rattle.proof.areas.block import ProvedBlock
-from rattle.proof.areas.columns import columns, proved
+from rattle.proof.areas.columns import columns, prove_column
 from rattle.proof.certificate import Ends
 
 
@@ -62,10 +62,10 @@ def certify_areas(
 def _answers(places: list[Ends], epsilon: Ends, beta: Fraction, processes: int) -> Iterator[list[ProvedBlock]]:
     """Yield the blocks of each column, in the order of the columns."""
     if processes == 1:
-        yield from (proved(beta, delta, epsilon) for delta in places)
+        yield from (prove_column(beta, delta, epsilon) for delta in places)
         return
     pool = ThreadPoolExecutor(processes)
     try:
-        yield from pool.map(lambda delta: call_apart(proved, beta, delta, epsilon), places)
+        yield from pool.map(lambda delta: call_apart(prove_column, beta, delta, epsilon), places)
     finally:
         pool.shutdown(cancel_futures=True)
