@@ -1,4 +1,4 @@
-"""All stable orbits of period one at parameter points, each cell by itself (compiled).
+"""Find all stable orbits of period one at many parameter points, each cell by itself (compiled).
 
 P(1, 1, 0) comes from closed forms, and P(1, n, 0) from `rattle.impacting.orbits.bounces`. Orbits with impacts on Σ⁻ are
 found on the circuits (`rattle.impacting.orbits.circuits`) of three kinds of itineraries, where + and − are impacts on
@@ -15,7 +15,7 @@ from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS
 from rattle.flight.forcing import phase_of_least_force, relative_swing
 from rattle.flight.impact_law import determinant
 from rattle.impacting.orbits.bounces import find_bounces
-from rattle.impacting.orbits.circuits import CLOSED, LOST, enter_orbit, keep, walk_round
+from rattle.impacting.orbits.circuits import CLOSED, LOST, enter_orbit, keep_if_stable, walk_circuit
 from rattle.impacting.orbits.closed_form import single_impact_orbit
 from rattle.impacting.orbits.impact_times import newton_on_times, workspace
 from rattle.impacting.orbits.limits import sine_offset
@@ -27,12 +27,13 @@ Counts = NDArray[np.int64]
 MOST_CROSSINGS = 16  # largest k of (+−)^k
 MOST_ON_ONE_WALL = 6  # largest n of +^n −, and largest k of + −^k
 PHASES = 4  # phases of the first impact from which a circuit of (+−)^k is searched
-# guesses of the time of a flight across the gap, each with a flag whether Newton's method is tried before the walk
+# guesses of the duration of a flight across the gap, in forcing periods, each with a flag: try Newton's method before a
+# walk along the circuit
 STARTS = ((0.3, True), (0.25, True), (0.15, False), (0.12, False))
 
 
 class Stable(NamedTuple):
-    """The stable orbits of period one of cells.
+    """The stable orbits of period one of many cells.
 
     Attributes
     ----------
@@ -57,7 +58,11 @@ class Stable(NamedTuple):
 
 @kernel
 def find_crossings(least, work, delta, epsilon, beta):
-    """Keep the stable orbits (+−)^k. A walk ends when the first impact has moved by 1/k, to the place of the third."""
+    """Add the stable orbits with the walls (+−)^k to `work.found`, for all k.
+
+    `least` is the phase of least contact force. A walk ends when the first impact has moved by 1/k, to the time that
+    the third impact had at the start.
+    """
     idle = 0
     for k in range(1, MOST_CROSSINGS + 1):
         n = 2 * k
@@ -66,7 +71,7 @@ def find_crossings(least, work, delta, epsilon, beta):
             for i in range(n):
                 work.walls[i] = 1 - 2 * (i % 2)
                 work.times[i] = least + (phase / PHASES + 0.5 * i) / k
-            how, zeros = walk_round(work, n, 1.0 / k, longest, delta, epsilon, beta)
+            how, zeros = walk_circuit(work, n, 1.0 / k, longest, delta, epsilon, beta)
             if how != LOST:
                 break
         # a motion of period 1/k without forcing and damping would cross the gap
@@ -77,8 +82,8 @@ def find_crossings(least, work, delta, epsilon, beta):
 
 
 @kernel
-def find_single(single, others, least, work, delta, epsilon, beta):
-    """Keep the stable orbits with one impact on the wall `single` and `others` on the other wall.
+def find_with_single_impact(single, others, least, work, delta, epsilon, beta):
+    """Add the stable orbits with one impact on the wall `single` and `others` on the other wall to `work.found`.
 
     These orbits lie on a circuit (`circuits`) that closes around one motion. If `single` is Σ⁻, the single impact of
     this motion comes at the phase `least` of least contact force; if it is Σ⁺, half a period later. If the gap is small
@@ -92,16 +97,17 @@ def find_single(single, others, least, work, delta, epsilon, beta):
             work.walls[i] = single if i == 0 else -single
             work.times[i] = t
             t += crossing if i == 0 else (1.0 - 2.0 * crossing) / (others - 1)
+        # a walk that begins at an orbit may miss this orbit
         if solved and newton_on_times(work, n, 0.3, delta, epsilon, beta)[0]:
-            keep(work, n, delta, epsilon, beta)  # a walk that begins at a zero of R_0 may miss this zero
-        how, _zeros = walk_round(work, n, 1.0, 0.1 * math.sqrt(n), delta, epsilon, beta)
+            keep_if_stable(work, n, delta, epsilon, beta)
+        how, _zeros = walk_circuit(work, n, 1.0, 0.1 * math.sqrt(n), delta, epsilon, beta)
         if how == CLOSED:
             break
 
 
 @kernel
 def find_stable(work, delta, epsilon, beta, offset):
-    """Keep all stable orbits of period one of a cell."""
+    """Add all stable orbits of period one of a cell to `work.found`. offset: ε sin 2πτ of A and C."""
     exists, tau, v, trace = single_impact_orbit(1.0, delta, epsilon, beta, offset)
     if exists and abs(trace) < 1.0 + determinant(delta, 1.0, 1):
         enter_orbit(1.0, 0.0, tau, v, trace, work)
@@ -110,9 +116,9 @@ def find_stable(work, delta, epsilon, beta, offset):
     x, gap = relative_swing(delta, epsilon), beta / delta
     for others in range(2, MOST_ON_ONE_WALL + 1):
         if gap < 0.25 * math.pi / (others * others - 1) + 0.8 * x / others:
-            find_single(SIGMA_MINUS, others, least, work, delta, epsilon, beta)
+            find_with_single_impact(SIGMA_MINUS, others, least, work, delta, epsilon, beta)
         if x > 0.6 + 0.4 * others and gap < 0.45 * x:
-            find_single(SIGMA_PLUS, others, least, work, delta, epsilon, beta)
+            find_with_single_impact(SIGMA_PLUS, others, least, work, delta, epsilon, beta)
     find_bounces(work, delta, epsilon, beta)
 
 
@@ -130,7 +136,7 @@ def sort_by_impacts(work):
 
 @kernel
 def fill_stable(work, delta, epsilon, beta, offset, stable):
-    """Write the stable orbits at flat arrays of parameters (cells,) to the arrays of a `Stable`."""
+    """Write the stable orbits at flat arrays of parameters (cells,) to `stable`, a `Stable` of zeros and NaN."""
     for cell in range(delta.size):
         work.n_found = 0
         find_stable(work, delta[cell], epsilon[cell], beta[cell], offset[cell])

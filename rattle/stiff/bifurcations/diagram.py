@@ -49,8 +49,8 @@ class StiffMotions(Motions):
             except RattleError:  # a family that is lost at this step may be found from other steps or from attractors
                 continue
 
-    def near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
-        """Return the motion near this state (`Motions.near`)."""
+    def motion_near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
+        """Return the motion near this state (`Motions.motion_near`)."""
         try:
             return self._motion(stiff_orbit(**step, tau=tau, v=v, n_plus=n_plus))
         except RattleError:
@@ -60,27 +60,27 @@ class StiffMotions(Motions):
         """Return the contact equations along the segment (`Motions.problem`)."""
         return self._line(itinerary).problem
 
-    def solved(self, itinerary: StiffItinerary, y: Array) -> StiffOrbit | None:
-        """Return the orbit of a solution of the contact equations (`Motions.solved`)."""
+    def solve(self, itinerary: StiffItinerary, y: Array) -> StiffOrbit | None:
+        """Return the orbit of a solution of the contact equations (`Motions.solve`)."""
         line = self._line(itinerary)
         found = line.solved(y)
         return None if found is None else line.orbit(found)
 
-    def through(self, motion: Motion, span: tuple[float, float]) -> StiffBranch:
-        """Return the branch of a motion on this span of the segment (`Motions.through`)."""
+    def follow_branch(self, motion: Motion, span: tuple[float, float]) -> StiffBranch:
+        """Return the branch of a motion on this span of the segment (`Motions.follow_branch`)."""
         itinerary, x = motion
         line = MotionsOnLine(itinerary.walls, itinerary.m, self.beta, x[-3:], self.segment.direction)
         return both_ways(line, np.append(x[:-3], 0.0), span, POINTS_ACROSS)
 
-    def doubled(self, event: StiffEvent, span: tuple[float, float]) -> StiffBranch:
-        """Return the doubled branch that leaves a flip (`Motions.doubled`)."""
+    def follow_doubled_branch(self, event: StiffEvent, span: tuple[float, float]) -> StiffBranch:
+        """Return the doubled branch that leaves a flip (`Motions.follow_doubled_branch`)."""
         return doubled(event, self.segment.direction, span, POINTS_ACROSS)
 
-    def events(self, found: StiffBranch) -> tuple[StiffEvent, ...]:
+    def events_of(self, found: StiffBranch) -> tuple[StiffEvent, ...]:
         """Return the saddle-nodes and flips of a branch, and the grazes at which its label changes."""
         return *found.events, *found.grazes
 
-    def beside(self, event: StiffEvent) -> Iterator[Motion]:
+    def motions_at_event(self, event: StiffEvent) -> Iterator[Motion]:
         """Yield the motion at a flip, where a doubled branch may end, or the motion beyond a graze."""
         if event.kind is Kind.FLIP:
             yield event.itinerary, event.unknowns

@@ -14,7 +14,7 @@ import numpy as np
 
 from rattle.continuation.arclength import newton_on_curve, tangent_at
 from rattle.numerics.complex_step import Array
-from rattle.orbits.periodic import begun_at
+from rattle.orbits.periodic import unknowns_from_impact
 from rattle.stiff.bifurcations.line import MotionsOnLine
 from rattle.stiff.orbits.periodic import Failure, first_failure
 
@@ -55,18 +55,18 @@ def _on_plus(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array]:
     """Return the same motion, begun at its first contact with Σ⁺; unchanged if it has no contact with Σ⁺."""
     first = line.walls.index(1) if 1 in line.walls else 0
     itinerary = line.itinerary(y)
-    return replace(line, walls=itinerary.begun_at(first).walls), begun_at(itinerary, y, first)
+    return replace(line, walls=itinerary.with_first_impact(first).walls), unknowns_from_impact(itinerary, y, first)
 
 
 def _without(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine, Array]:
-    fewer = replace(line, walls=line.itinerary(y).without(contact).walls)
+    fewer = replace(line, walls=line.itinerary(y).without_impact(contact).walls)
     return fewer, np.delete(y, [contact, len(line.walls) + contact])
 
 
 def _merged(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine, Array]:
     """Return the motion in which a contact and the next contact are merged into one."""
     itinerary, c = line.itinerary(y), len(line.walls)
-    y, walls = begun_at(itinerary, y, contact), itinerary.begun_at(contact).walls
+    y, walls = unknowns_from_impact(itinerary, y, contact), itinerary.with_first_impact(contact).walls
     y[c] = (y[1] - y[0]) / itinerary.softness + y[c + 1]
     return _without(replace(line, walls=walls), y, 1)
 
