@@ -330,7 +330,7 @@ def _follow_piece(follower: Follower, x: Array, why: Test) -> CurvePiece:
     points = _with_folds(follower.problem, followed.points, followed.tangents)
     if followed.paths is None:
         return CurvePiece(points, (CLOSED, CLOSED))
-    reasons = _reason_of_end(followed.paths[0], why), _reason_of_end(followed.paths[1], why)
+    reasons = _why_path_ends(followed.paths[0], why), _why_path_ends(followed.paths[1], why)
     if tuple(points[0, -2:]) > tuple(points[-1, -2:]):
         return CurvePiece(points[::-1], (reasons[1], reasons[0]))
     return CurvePiece(points, reasons)
@@ -354,7 +354,7 @@ def _rate(problem: ContinuationProblem, direction: Array, index: int, x: Array) 
     return float(tangent_at(problem, x, direction)[index])
 
 
-def _reason_of_end(path: Path, why: Test) -> str:
+def _why_path_ends(path: Path, why: Test) -> str:
     """Return the reason in words why a path ends; `why` returns the reason for a point outside."""
     if path.outside is None:
         return "the equations become singular: the curve cannot be followed further"

@@ -38,7 +38,7 @@ class Segment:
         """The difference end − start."""
         return self.end - self.start
 
-    def at(self, position: NDArray[np.float64]) -> Array:
+    def parameters_at(self, position: NDArray[np.float64]) -> Array:
         """Return the parameters (…, d) at positions (…); at 0 and 1 they are exactly the ends."""
         found = self.start + np.asarray(position)[..., None] * self.direction
         found[..., 1] = np.maximum(found[..., 1], 0.0)
@@ -92,7 +92,7 @@ class Motions(ABC):
         """Return the equations of the motions with an itinerary along the segment; y = (unknowns (n,), position)."""
 
     @abstractmethod
-    def solve(self, itinerary: Any, y: Array) -> Periodic | None:
+    def solve_motion(self, itinerary: Any, y: Array) -> Periodic | None:
         """Return the motion near a guess y = (unknowns (n,), position) at this position; None if none is found."""
 
     @abstractmethod

@@ -89,7 +89,7 @@ class Search:
         for k in np.flatnonzero((stable[:-1] | stable[1:]) & (d[:-1] * d[1:] <= 0.0)):
             share = d[k] / (d[k] - d[k + 1]) if d[k] != d[k + 1] else 0.0
             guess = path[k, :-1] + share * (path[k + 1, :-1] - path[k, :-1])
-            orbit = self.model.solve(self.branches[i].itinerary, np.append(guess, position))
+            orbit = self.model.solve_motion(self.branches[i].itinerary, np.append(guess, position))
             if orbit is not None and orbit.stable:
                 return orbit
         return None

@@ -285,7 +285,7 @@ class Gear(Sampled, Rattling):
         return periodic_orbit(self.delta, self.epsilon, tau, v, n_plus, self.beta)
 
     def saddle(self, orbit: Orbit) -> Periodic:
-        """Return an orbit from `orbits` as the saddle of a manifold. Raises RattleError if it does not exist here."""
+        """Return an orbit from `orbits` as the saddle of a manifold. Raises RattleError if it does not exist."""
         return period_one_saddle(orbit.name, self.delta, self.epsilon, self.beta)
 
     def region(self) -> int:

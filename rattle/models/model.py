@@ -367,7 +367,9 @@ class Model(ABC):
     def returned(cls, parameters: Parameters, tau: Array, v: Array) -> StatesAfterReturn:
         """Return states (n,) after one return to Σ⁺, at parameters (n,)."""
         delta, epsilon = parameters.delta, parameters.epsilon
-        return StatesAfterReturn.of(cls.functions.iterate_tangent(delta, epsilon, tau, v, 1, **parameters.others))
+        return StatesAfterReturn.from_iterates(
+            cls.functions.iterate_tangent(delta, epsilon, tau, v, 1, **parameters.others)
+        )
 
     @classmethod
     def joined_rows(cls, parameters: Parameters, table: Attractors) -> Rows:

@@ -37,7 +37,7 @@ class StatesAfterReturn(NamedTuple):
     goes: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, found: Stretched) -> StatesAfterReturn:
+    def from_iterates(cls, found: Stretched) -> StatesAfterReturn:
         """Return the record from the results of `iterate_tangent` for one impact on Σ⁺."""
         goes = found.n_plus > 0
         return cls(found.tau, found.v, np.where(goes, found.time, 0.0), goes)
@@ -54,7 +54,9 @@ class Stretched(NamedTuple):
     lyapunov: NDArray[np.float64]
 
     @classmethod
-    def of(cls, flat: Sequence[NDArray[Any]], growth: NDArray[np.float64], shape: tuple[int, ...]) -> Stretched:
+    def from_growth(
+        cls, flat: Sequence[NDArray[Any]], growth: NDArray[np.float64], shape: tuple[int, ...]
+    ) -> Stretched:
         """Return trajectories from flat (τ, v, n₊, n₋) and growth (3, k): time, ln stretch and ln|det| of each."""
         time = growth[0]
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -172,7 +172,9 @@ class Periodic(ABC):
     admissible: bool
 
     @classmethod
-    def of(cls, itinerary: Equations, x: Array, speeds: Array, trace: float, admissible: bool, **more: Any) -> Self:
+    def from_solution(
+        cls, itinerary: Equations, x: Array, speeds: Array, trace: float, admissible: bool, **more: Any
+    ) -> Self:
         """Return the motion at a solution x (n + 2,) of its equations. trace: that of its tangent map over the period.
 
         Returns

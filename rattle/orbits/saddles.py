@@ -22,7 +22,7 @@ from rattle.orbits.periodic import Periodic
 from rattle.orbits.return_map import power_map
 
 Array = NDArray[np.float64]
-DEGREE, NODES = 10, 25  # degree of the series, and points at which its residual is evaluated
+DEGREE, NODES = 10, 25  # degree of the series; number of points at which its residual is evaluated
 LARGEST, SMALLEST = 0.1, 1e-9  # largest and smallest size |s| of a series that is tried
 # largest residual F(W(s)) − W(λs) of a series, relative to its size; least such limit relative to v, for Π and for Π⁻¹
 RESIDUAL, ROUNDING = 1e-12, (4e-15, 8e-15)
@@ -113,7 +113,7 @@ def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> LocalMan
 
     Returns
     -------
-    Local
+    LocalManifold
         The coefficients of the series, and its size.
 
     Raises
@@ -158,7 +158,7 @@ def _solve_series(start: LocalManifold, size: float, derivative: Array) -> Local
 
     Returns
     -------
-    Local | None
+    LocalManifold | None
         The local manifold; None if Γ crosses it, or if the iteration diverges.
     """
     x = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)

@@ -39,7 +39,7 @@ PREIMAGES, CEILING = 64, 25.0 / 7.0
 # number of states of a cell whose preimages are computed; number of copies near each state, if there are few states;
 # distance of these copies, in τ and relative in v
 STATES, COPIES, NEAR = 1024, 3, 1.0 / 64.0
-TRIED = 64  # lowest preimages of a cell that are followed to their attractors
+TRIED = 64  # number of the slowest preimages of a cell that are followed to their attractors
 # number of pattern searches of a cell; least phase difference between the states at which they begin
 STARTS, APART = 4, 1.0 / 32.0
 # offsets of the states of a pattern in τ and in v, in units of its size; those in v are also small, because the
@@ -47,14 +47,14 @@ STARTS, APART = 4, 1.0 / 32.0
 SIDEWAYS, DOWN = 8.0 ** -np.arange(3), 8.0 ** -np.arange(5)
 # first and last size of a pattern, relative in v and in forcing periods in τ
 FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20
-# factor by which a pattern shrinks if it holds no lower state; a search is given up if its state is more than this many
-# sizes of its pattern above the lowest state of the cell
+# factor by which a pattern shrinks if it holds no slower state; a search is given up if its least speed exceeds the
+# least speed of the cell by more than this many sizes of its pattern
 SHRINK, HOPE = 1.0 / 16.0, 8.0
 MOST_PATTERNS = 60  # most patterns of one search
 # bounds of the number of impacts for which a state after the first set is followed, at strong damping
 LEAST_IMPACTS, MOST_IMPACTS = 512, 4096
-# A state may make this many times the most impacts that any state of the first set needed to reach a periodic orbit (in
-# chaotic cells: a periodic orbit or quiet motion).
+# largest number of impacts of a state, divided by the largest number that a state of the first set needed to reach a
+# periodic orbit (in chaotic cells: a periodic orbit or quiet motion)
 PATIENCE = 2
 LASTING = 8  # at the end the slowest states that seem chaotic are followed for this many times their limit of impacts
 # least lower edge of the strip of small speeds, in natural speeds; it is used if the capture speed is smaller
@@ -102,13 +102,11 @@ class _Cells:
     def __init__(self, delta: Array, epsilon: Array, beta: Array, v_max: Array) -> None:
         n = delta.size
         usual = sampled_speeds(None, delta, epsilon, beta)
-        self.floor = np.clip(
-            capture_speeds(delta, epsilon, beta), LOWEST * usual, 0.5 * v_max
-        )  # slower states become quiet
+        # states slower than the floor become quiet
+        self.floor = np.clip(capture_speeds(delta, epsilon, beta), LOWEST * usual, 0.5 * v_max)
         self.v_max, self.ceiling = v_max, CEILING * usual
-        self.longer = (
-            most_impacts_to_rest(delta) / LONGEST_REST
-        )  # factor on limits of impacts, compared with strong damping
+        # factor by which limits of impacts are larger than at strong damping
+        self.longer = most_impacts_to_rest(delta) / LONGEST_REST
         self.tau, self.v = np.full((n, STARTS), np.nan), np.full((n, STARTS), np.inf)
         self.balls = np.zeros(n, np.int64)  # number of capture regions whose preimages are already computed
         self.sampled = self.first_set(n)

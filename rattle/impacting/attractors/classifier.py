@@ -18,7 +18,7 @@ from rattle.impacting.attractors.balls import enlarge
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, ImpactingCells, measure, settle
 from rattle.impacting.map.iterate import iterate, working_block
 from rattle.impacting.map.quiet import capture_invariant, capture_invariants
-from rattle.impacting.orbits.stable import stable_cells
+from rattle.impacting.orbits.stable import find_stable_orbits
 from rattle.parameters import Parameters
 
 
@@ -89,10 +89,10 @@ class ImpactingClassifier(Classifier):
     def enter_known_orbits(self) -> None:
         """Add the stable orbits of period one, which are found without samples, to the tables of the cells."""
         delta, epsilon, beta = self.cells[:3]
-        found = stable_cells(delta, epsilon, beta, ROOM)
+        found = find_stable_orbits(delta, epsilon, beta, ROOM)
         most = int(found.n.max(initial=0))
         if most > ROOM:
-            found = stable_cells(delta, epsilon, beta, most)
+            found = find_stable_orbits(delta, epsilon, beta, most)
             self.make_room(most)
         n, label, state = found.n, (found.n_plus, found.n_minus), (found.tau, found.v)
         remember_period_one(n, *label, *state, found.trace, self.cells, self.orbits.for_kernels())

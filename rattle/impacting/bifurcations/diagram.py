@@ -32,7 +32,7 @@ class ImpactingMotions(Motions):
 
     def steps(self, position: Array) -> Parameters:
         """Return the impacting gear's parameters at these positions (`Motions.steps`)."""
-        delta, epsilon = np.ascontiguousarray(self.segment.at(position).T)
+        delta, epsilon = np.ascontiguousarray(self.segment.parameters_at(position).T)
         return Parameters(self.classifier.model, delta, epsilon, np.full_like(delta, self.beta))
 
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
@@ -58,9 +58,9 @@ class ImpactingMotions(Motions):
         """Return the impact equations along the segment (`Motions.problem`)."""
         return equations_on_line(itinerary, self.segment.start, self.segment.direction)
 
-    def solve(self, itinerary: Itinerary, y: Array) -> PeriodicOrbit | None:
+    def solve_motion(self, itinerary: Itinerary, y: Array) -> PeriodicOrbit | None:
         """Return the orbit near y = (times, position) at this position, or None if Newton's method finds none."""
-        found = solve_at_parameters(itinerary, np.append(y[:-1], self.segment.at(y[-1])))
+        found = solve_at_parameters(itinerary, np.append(y[:-1], self.segment.parameters_at(y[-1])))
         return None if found is None else orbit_of(itinerary, found)
 
     def follow_branch(self, motion: Motion, span: tuple[float, float]) -> Branch:

@@ -32,7 +32,7 @@ SAME_HALVES = 0.02
 # the value at the middle point
 NEARLY = 0.5
 FOUND = 1e-3  # distance from an event, as a share of a step, at which Newton's method starts
-SAME_PLACE = 0.5  # share of a step; an event farther than this from the candidate that led to it is another event
+SAME_PLACE = 0.5  # largest distance, as a share of a step, between a candidate and the event that it leads to
 
 
 class Candidate(NamedTuple):
@@ -172,7 +172,7 @@ def solutions_between_twins(
 
 
 def _test_values(itinerary: Itinerary, line: ParameterLine, points: Array, tangents: Array) -> Array:
-    """Return the values (k, tests) of the test functions at the solutions `points`, in `_test_functions`' order."""
+    """Return the values (k, tests) of the test functions at k solutions, in the order of `_test_functions`."""
     departures = np.array([itinerary.flights(line.unknowns_at(y)).w0 for y in points])
     flips = [_flip_test(itinerary, line, y) for y in points]
     return np.column_stack([tangents[:, -1], flips, departures])

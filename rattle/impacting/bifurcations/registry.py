@@ -17,8 +17,8 @@ from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.numerics.complex_step import Array
 
-# largest relative distance in ε between an event and the starting point, at the event's damping, of the curve that it
-# is on
+# largest relative difference in ε between an event and a starting point of a curve at the same damping, at which the
+# event is on the curve
 SAME_START = 0.01
 PAPER = "Mason and Piiroinen (2009)"
 

@@ -84,7 +84,7 @@ def _returns_at_next_point(last: Crisis) -> int:
 
 
 def contact_at_delta(known: list[Crisis], delta: float) -> Crisis:
-    """Return the crisis at damping delta that continues the known crises, the nearest last. Raises RattleError."""
+    """Return the crisis at this damping that continues the crises `known`, the nearest last. Raises RattleError."""
     y = np.log([[point.gap, point.parameter] for point in known])
     gap, s = np.exp(_extrapolate(known, np.array([point.delta for point in known]), y, delta))
     return solve_contact(

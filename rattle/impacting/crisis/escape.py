@@ -34,7 +34,9 @@ SAMPLES = 512  # number of samples of a fundamental domain
 # impacts on Σ⁺ that a sample may make between leaving A and crossing W^s(A), at strong damping: if it crosses at its
 # first return to A, and if it crosses at a later return
 FIRST_RETURNS, RETURNS = 64, 256
-MOST_IMPACTS = 8192  # most impacts at strong damping; at weak damping more, in proportion to `most_impacts_to_rest`
+# largest number of impacts of a sample at strong damping; at weak damping it is larger, in proportion to
+# `most_impacts_to_rest`
+MOST_IMPACTS = 8192
 # impacts that are ignored as a transient; impacts over which the Lyapunov exponent is measured then
 SETTLE, WATCH = 20_000, 4_000
 WATCHED = 32  # number of samples whose Lyapunov exponents are measured
@@ -70,12 +72,12 @@ class Saddles(NamedTuple):
     @property
     def impacts_at_first_return(self) -> Array:
         """Impacts (n,) within which a sample that crosses W^s(A) at its first return to A becomes quiet."""
-        return self._impacts_to_leave + self._impacts_to_rest(FIRST_RETURNS)
+        return self._impacts_to_leave + self._impacts_until_quiet(FIRST_RETURNS)
 
     @property
     def impacts_at_later_return(self) -> Array:
         """Impacts (n,) within which a sample that crosses W^s(A) at a later return to A becomes quiet."""
-        return self._impacts_to_rest(RETURNS)
+        return self._impacts_until_quiet(RETURNS)
 
     @property
     def decidable(self) -> Flags:
@@ -89,7 +91,7 @@ class Saddles(NamedTuple):
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.log(1.0 / NEAREST) / np.log(self.multiplier), np.float64)
 
-    def _impacts_to_rest(self, returns: int) -> Array:
+    def _impacts_until_quiet(self, returns: int) -> Array:
         """Return the impacts (n,) within which a sample becomes quiet, `returns` of them before it crosses W^s(A)."""
         rest = impacts_to_rest(self.delta, self.epsilon, self.beta)
         return np.asarray(self._impacts_to_leave + returns * _impact_factor(self.delta) + 2.0 * rest, np.float64)
@@ -119,10 +121,10 @@ def _unstable_direction(
 
 
 class FollowedManifold:
-    """Samples of W^u(A) at n `decidable` points, `count` for each, that were followed for `impacts` (n,).
+    """Samples of W^u(A) at n points, `count` for each, that were followed for `impacts` (n,) impacts on Σ⁺.
 
-    They lie in one fundamental domain. s (n, count) holds the initial distances of the samples from A, which are their
-    positions on W^u(A).
+    The points must be `Saddles.decidable`. The samples lie in one fundamental domain. s (n, count) holds the initial
+    distances of the samples from A, which are their positions on W^u(A).
     """
 
     def __init__(self, a: Saddles, count: int, impacts: Array) -> None:
@@ -142,7 +144,7 @@ class FollowedManifold:
 
 
 def escapes(delta: float, epsilon: Array, beta: float) -> Flags:
-    """Return flags (n,) of eccentricities at which a part of W^u(A) becomes quiet; False if not `decidable`."""
+    """Return flags (n,) of eccentricities at which a part of W^u(A) becomes quiet; False where it is undecided."""
     a = saddles(np.full(epsilon.size, delta), epsilon, np.full(epsilon.size, beta))
     found = a.decidable
     if found.any():
@@ -152,7 +154,7 @@ def escapes(delta: float, epsilon: Array, beta: float) -> Flags:
 
 
 def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
-    """Return the saddle A at one point. Raises RattleError if A does not exist or the point is not `decidable`."""
+    """Return the saddle A at one point. Raises RattleError if A is missing or the point is not `Saddles.decidable`."""
     a = saddles(*(np.array([x]) for x in (delta, epsilon, beta)))
     if not a.decidable[0]:
         raise RattleError(

@@ -23,7 +23,7 @@ from rattle.impacting.orbits.limits import quiet_limit, sn1_formula
 from rattle.impacting.orbits.period_one import period_one
 from rattle.orbits.saddles import Array
 
-STEP = 0.04  # relative step in ε − SN1, where SN1 is the eccentricity of this curve at the damping
+STEP = 0.04  # relative step in ε − SN1, where SN1 is the ε of the curve SN1 at the damping
 # the first ε − SN1 is LOWEST · SN1 times the squared relative distance in δ from COD22, which counts as SMALLEST at
 # least
 LOWEST, SMALLEST = 0.5, 2e-5
@@ -31,7 +31,7 @@ LOWEST, SMALLEST = 0.5, 2e-5
 HIGHEST = 2.0
 # damping below which the search ends at the quiet limit; damping below which the search is refused
 WEAK, WEAKEST = 0.3, 0.1
-HALVINGS = 6  # bisections of a step in ε − SN1 in which W^u(A) begins to escape
+HALVINGS = 6  # number of bisections of a step in ε − SN1 in which W^u(A) begins to escape
 # samples per unit of ln s on W^u(A), for the bracket and for the final check below the crisis
 DENSE, CHECKED = 2000, 40000
 MARGIN = 1e-4  # distance below the crisis, relative to ε − SN1, at which no other piece of W^u(A) may escape

@@ -131,7 +131,7 @@ def iterate_tangent(
     """
     flat, shape = checked_states(delta, epsilon, tau, v, n, beta)
     _status, *out, growth = _drive_tangent(working_block(), *flat, np.zeros(2, np.int64))
-    return Stretched.of(out, growth, shape)
+    return Stretched.from_growth(out, growth, shape)
 
 
 def flight_counts(

@@ -35,7 +35,7 @@ LONGEST_REST, STRONG, MOST_REST = 2048.0, 0.3, 2.0**18
 
 @kernel
 def largest_eta(delta):
-    """Return the largest η, at most LARGEST_ETA, at which the change of ln I per period beyond −δ is below δ/2."""
+    """Return the largest η of this module's criterion at which a motion is certain to become quiet."""
     if delta >= 2.0 * KICK * math.exp(-DECAY_RATE / LARGEST_ETA):
         return LARGEST_ETA
     return DECAY_RATE / math.log(2.0 * KICK / delta)
@@ -59,7 +59,7 @@ def compiled_capture_invariant(delta, epsilon, beta, largest):
     fastest = 0.0
     for j in range(ABREAST):
         fastest = max(fastest, largest[j])
-    low = (2.0 * beta) ** 1.5 * math.sqrt(smallest)  # bounces are lower than half the gap where v²/2g ≤ β
+    low = (2.0 * beta) ** 1.5 * math.sqrt(smallest)  # a bounce is lower than half the gap if v²/2g ≤ β
     eta = largest_eta(delta)
     return min(eta * eta * eta / fastest, low)
 

@@ -62,7 +62,7 @@ def space_bounces(work, n, offset, least):
 
 @kernel
 def find_node(n, least, work, delta, epsilon, beta):
-    """Search for the node P(1, n, 0), which is born stable at a saddle-node; add it to `work.found` if it is still so.
+    """Search for the node P(1, n, 0), which is born stable at a saddle-node; add it to `work.found` if stable.
 
     Returns
     -------

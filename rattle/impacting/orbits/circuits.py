@@ -10,7 +10,7 @@ import math
 from rattle.flight.impact_law import determinant
 from rattle.flight.law import wrapped
 from rattle.impacting.orbits.impact_times import (
-    eliminate,
+    eliminate_times,
     fastest_if_admissible,
     move_times,
     newton_on_times,
@@ -55,7 +55,7 @@ def enter_orbit(n_plus, n_minus, tau, v, trace, work):
 def keep_if_stable(work, n, delta, epsilon, beta):
     """Add the orbit whose n impacts have the times in `work` to `work.found`, if it is admissible and stable."""
     write_equations(work, n, delta, epsilon, beta)
-    _value, _slope, at_one = eliminate(work, n)
+    _value, _slope, at_one = eliminate_times(work, n)
     most = 2.0 * (1.0 + determinant(delta, 1.0, n))
     if 0.0 < at_one < most:  # both multipliers lie inside the unit circle
         admissible, tau, v = fastest_if_admissible(work, n, delta, epsilon, beta)
@@ -82,7 +82,7 @@ def correct_to_curve(work, n, s, farthest, delta, epsilon, beta):
         work.times[i] = work.point[i] + s * work.direction[i]
     for _ in range(MOST_CORRECTIONS):
         write_equations(work, n, delta, epsilon, beta)
-        value, slope, _at_one = eliminate(work, n)
+        value, slope, _at_one = eliminate_times(work, n)
         off, along = 0.0, 0.0
         for i in range(n):
             off += work.direction[i] * work.change[i]

@@ -187,7 +187,7 @@ def nodes(delta: float, beta: float) -> tuple[Array, Array]:
 
 @kernel
 def trace_of_one_flight(delta, x):
-    """Return the trace of DΠ at A or C, where x = ε cos 2πτ. The determinant is e^(−δ)."""
+    """Return the trace of the tangent map DΠ at A or C. x is ε cos 2πτ of the orbit."""
     return 1.0 + math.exp(-delta) + FOUR_PI * math.expm1(-delta) * x / (delta * delta)
 
 

@@ -70,7 +70,7 @@ def fill_equations(x, gaps, m, multiplier, flights, residual, matrix):
 
 @dataclass(frozen=True)
 class Itinerary(Equations):
-    """The walls that a motion meets in order, its number of forcing periods, and the half-backlash."""
+    """The itinerary of a motion of the impacting gear (walls, forcing periods, half-backlash), and its equations."""
 
     @property
     def n(self) -> int:
@@ -83,7 +83,9 @@ class Itinerary(Equations):
         walls = np.asarray(self.walls)
         return self.beta * (np.roll(walls, -1) - walls)
 
-    def _evaluate(self, x: NDArray, multiplier: complex = 1.0, *, with_matrix: bool = False) -> tuple[NDArray, ...]:
+    def _flights_and_residual(
+        self, x: NDArray, multiplier: complex = 1.0, *, with_matrix: bool = False
+    ) -> tuple[NDArray, ...]:
         """Return flights (6, …, n), residual R (…, n) and Jacobian J(λ) (…, n, n); without `with_matrix` J is empty."""
         batch, n = batch_of(x), self.n
         k, size = len(batch), n if with_matrix else 0
@@ -93,20 +95,20 @@ class Itinerary(Equations):
 
     def flights(self, x: NDArray) -> Flights:
         """Return the flights between impacts at the times x[…, :n], for δ = x[…, n] and ε = x[…, n + 1]."""
-        return Flights(*self._evaluate(x)[0])
+        return Flights(*self._flights_and_residual(x)[0])
 
     def residual(self, x: NDArray) -> NDArray:
         """Return the residual R (…, n); entry i is 0 if impact number i obeys the impact law."""
-        return self._evaluate(x)[1]
+        return self._flights_and_residual(x)[1]
 
     def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
         """Return the residual R and its Jacobian J(λ) = ∂R/∂t (…, n, n) for perturbations with dt_n = λ dt₀."""
-        _, residual, matrix = self._evaluate(x, multiplier, with_matrix=True)
+        _, residual, matrix = self._flights_and_residual(x, multiplier, with_matrix=True)
         return residual, matrix
 
     def with_graze(self, x: NDArray, impact: int) -> NDArray:
         """Return the residual R, followed by the arrival velocity at impact number `impact`, as (…, n + 1)."""
-        flights, residual, _ = self._evaluate(x)
+        flights, residual, _ = self._flights_and_residual(x)
         return np.concatenate([residual, flights[1][..., impact - 1, None]], axis=-1)
 
     def monodromy(self, x: Array) -> Array:

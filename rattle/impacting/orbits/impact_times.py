@@ -22,8 +22,8 @@ NEARLY = 1e-7  # length of a Newton step that suffices if steps no longer become
 NEWTON_STEPS = 12
 SHARE_LEFT = 0.4  # least share of a flight's duration that remains after one step of Newton's method
 
-MOST_IMPACTS = 128  # most impacts of a motion
-MOST_ORBITS = 160  # most orbits of a cell
+MOST_IMPACTS = 128  # largest number of impacts of a motion
+MOST_ORBITS = 160  # largest number of stable orbits of a cell
 SECTIONS = 32  # number of sections of half a period, in each of which the rate of bounces is taken as constant
 
 #: Fields of a motion: `times` of its impacts in order, with `sines` and `cosines` of 2πt. For each equation: its
@@ -109,8 +109,8 @@ def write_equations(work, n, delta, epsilon, beta):
 
 
 @kernel
-def eliminate(work, n):
-    """Solve the linearised impact equations but the first for the changes of all times but the first, for n ≥ 2.
+def eliminate_times(work, n):
+    """Solve all linearised impact equations except the first, for the changes of all times except the first; n ≥ 2.
 
     The solution is written to `work.change` and `work.response`. p(1) = (1 − λ₁)(1 − λ₂) = 1 + e^(−δ) − trace is
     det J(1) times a positive factor. λ₁ and λ₂ are the multipliers of an orbit, and the trace is their sum.
@@ -181,12 +181,12 @@ def newton_on_times(work, n, farthest, delta, epsilon, beta):
     Returns
     -------
     tuple
-        Whether a solution was found, and its p(1) as in `eliminate`, NaN if none was found.
+        Whether a solution was found, and its p(1) as in `eliminate_times`, NaN if none was found.
     """
     size = math.inf
     for _ in range(NEWTON_STEPS):
         real = write_equations(work, n, delta, epsilon, beta)
-        value, slope, at_one = eliminate(work, n)
+        value, slope, at_one = eliminate_times(work, n)
         last, size = size, move_times(work, n, -value / slope)
         if not size < farthest:
             break

@@ -52,7 +52,7 @@ class PeriodicOrbit(Periodic):
 def orbit_of(itinerary: Itinerary, x: Array) -> PeriodicOrbit:
     """Return the motion at a solution x = (n times, δ, ε), with its times shifted so that the first is in [0, 1)."""
     speeds = -np.asarray(itinerary.walls) * itinerary.flights(x).w0
-    return PeriodicOrbit.of(itinerary, x, speeds, itinerary.trace(x), is_admissible(itinerary, x))
+    return PeriodicOrbit.from_solution(itinerary, x, speeds, itinerary.trace(x), is_admissible(itinerary, x))
 
 
 def is_admissible(itinerary: Itinerary, x: Array, grazed: int | None = None) -> bool:

@@ -24,15 +24,15 @@ from rattle.numerics.compile import kernel
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
-MOST_CROSSINGS = 16  # largest k of (+−)^k
-MOST_ON_ONE_WALL = 6  # largest n of +^n −, and largest k of + −^k
-PHASES = 4  # phases of the first impact from which a circuit of (+−)^k is searched
+MOST_CROSSINGS = 16  # largest k of itineraries (+−)^k, where + and − are impacts on Σ⁺ and Σ⁻
+MOST_ON_ONE_WALL = 6  # largest number of impacts on one wall if there is a single impact on the other wall
+PHASES = 4  # number of phases of the first impact from which a circuit of motions (+−)^k is searched
 # guesses of the duration of a flight across the gap, in forcing periods, each with a flag: try Newton's method before a
 # walk along the circuit
 STARTS = ((0.3, True), (0.25, True), (0.15, False), (0.12, False))
 
 
-class Stable(NamedTuple):
+class StableOrbits(NamedTuple):
     """The stable orbits of period one of many cells.
 
     Attributes
@@ -124,7 +124,7 @@ def find_stable(work, delta, epsilon, beta, offset):
 
 @kernel
 def sort_by_impacts(work):
-    """Sort the found orbits by their number of impacts in a period."""
+    """Sort the orbits in `work.found` by their number of impacts in a period."""
     rows = work.found
     for i in range(1, work.n_found):
         j = i
@@ -136,7 +136,7 @@ def sort_by_impacts(work):
 
 @kernel
 def fill_stable(work, delta, epsilon, beta, offset, stable):
-    """Write the stable orbits at flat arrays of parameters (cells,) to `stable`, a `Stable` of zeros and NaN."""
+    """Write the stable orbits at flat arrays of parameters (cells,) to `stable`, a `StableOrbits` of zeros and NaN."""
     for cell in range(delta.size):
         work.n_found = 0
         find_stable(work, delta[cell], epsilon[cell], beta[cell], offset[cell])
@@ -148,7 +148,7 @@ def fill_stable(work, delta, epsilon, beta, offset, stable):
             stable.tau[cell, j], stable.v[cell, j], stable.trace[cell, j] = row[2], row[3], row[4]
 
 
-def stable_cells(delta: Array, epsilon: Array, beta: Array, room: int) -> Stable:
+def find_stable_orbits(delta: Array, epsilon: Array, beta: Array, room: int) -> StableOrbits:
     """Return the stable orbits of period one at flat arrays of parameters (cells,), at most `room` in each cell."""
     shape = (delta.size, room)
     n, (n_plus, n_minus), (tau, v, trace) = (
@@ -156,6 +156,6 @@ def stable_cells(delta: Array, epsilon: Array, beta: Array, room: int) -> Stable
         np.zeros((2, *shape), np.int64),
         np.full((3, *shape), np.nan),
     )
-    stable = Stable(n, n_plus, n_minus, tau, v, trace)
+    stable = StableOrbits(n, n_plus, n_minus, tau, v, trace)
     fill_stable(workspace(), delta, epsilon, beta, sine_offset(delta), stable)
     return stable

@@ -156,4 +156,4 @@ def iterate_tangent(
     n_plus, n_minus = _counts(tau_.size, 2)
     growth = np.zeros((3, tau_.size))
     stretched_states(tau_, v_, n_, cell, cells, n_plus, n_minus, growth)
-    return Stretched.of((tau_, v_, n_plus, n_minus), growth, shape)
+    return Stretched.from_growth((tau_, v_, n_plus, n_minus), growth, shape)

@@ -92,4 +92,6 @@ class Inelastic(Model):
     def returned(cls, parameters: Parameters, tau: Array, v: Array) -> StatesAfterReturn:
         """Return states (n,) after one return to Σ⁺, at parameters (n,)."""
         more: dict[str, Any] = {**parameters.others, "harmonics": parameters.harmonics}
-        return StatesAfterReturn.of(inelastic.iterate_tangent(parameters.delta, parameters.epsilon, tau, v, 1, **more))
+        return StatesAfterReturn.from_iterates(
+            inelastic.iterate_tangent(parameters.delta, parameters.epsilon, tau, v, 1, **more)
+        )

@@ -36,7 +36,7 @@ class StiffMotions(Motions):
 
     def steps(self, position: Array) -> Parameters:
         """Return the stiff gear's parameters at these positions (`Motions.steps`)."""
-        delta, epsilon, p = np.ascontiguousarray(self.segment.at(position).T)
+        delta, epsilon, p = np.ascontiguousarray(self.segment.parameters_at(position).T)
         beta = np.full_like(delta, self.beta)
         return Parameters(self.classifier.model, delta, epsilon, beta, {"kappa": 0.5 / p**2})
 
@@ -60,8 +60,8 @@ class StiffMotions(Motions):
         """Return the contact equations along the segment (`Motions.problem`)."""
         return self._line(itinerary).problem
 
-    def solve(self, itinerary: StiffItinerary, y: Array) -> StiffOrbit | None:
-        """Return the orbit of a solution of the contact equations (`Motions.solve`)."""
+    def solve_motion(self, itinerary: StiffItinerary, y: Array) -> StiffOrbit | None:
+        """Return the orbit of a solution of the contact equations (`Motions.solve_motion`)."""
         line = self._line(itinerary)
         found = line.solved(y)
         return None if found is None else line.orbit(found)

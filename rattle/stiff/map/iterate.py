@@ -111,4 +111,4 @@ def iterate_tangent(
     n_plus, n_minus = np.zeros(flat[0].size, np.int64), np.zeros(flat[0].size, np.int64)
     growth = np.zeros((3, flat[0].size))
     returned_stretched(*flat, n_plus, n_minus, growth)
-    return Stretched.of((*flat[:2], n_plus, n_minus), growth, shape)
+    return Stretched.from_growth((*flat[:2], n_plus, n_minus), growth, shape)

@@ -107,7 +107,7 @@ def orbit_of(itinerary: StiffItinerary, x: Array) -> StiffOrbit:
     c, p = itinerary.contacts, itinerary.softness
     speeds = -itinerary.signs * itinerary.flights(x, np.array([p])).w0
     more: dict[str, Any] = {"kappa": 0.5 / p**2, "durations": p * x[c : 2 * c]}
-    return StiffOrbit.of(itinerary, x, speeds, trace_of(itinerary, x), admissible(itinerary, x), **more)
+    return StiffOrbit.from_solution(itinerary, x, speeds, trace_of(itinerary, x), admissible(itinerary, x), **more)
 
 
 def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
