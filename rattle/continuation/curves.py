@@ -327,7 +327,7 @@ def _follow_piece(follower: Follower, x: Array, why: Test) -> CurvePiece:
         The piece.
     """
     followed = follower.follow_both_ways(x, -2)
-    points = _with_folds(follower.problem, followed.points, followed.tangents)
+    points = _insert_folds(follower.problem, followed.points, followed.tangents)
     if followed.paths is None:
         return CurvePiece(points, (CLOSED, CLOSED))
     reasons = _why_path_ends(followed.paths[0], why), _why_path_ends(followed.paths[1], why)
@@ -336,20 +336,20 @@ def _follow_piece(follower: Follower, x: Array, why: Test) -> CurvePiece:
     return CurvePiece(points, reasons)
 
 
-def _with_folds(problem: ContinuationProblem, points: Array, tangents: Array) -> Array:
+def _insert_folds(problem: ContinuationProblem, points: Array, tangents: Array) -> Array:
     """Return the points with a further point at each turn of δ or ε: then both are monotone from point to point."""
     turns = [
         (int(i), index) for index in (-2, -1) for i in np.flatnonzero(tangents[:-1, index] * tangents[1:, index] < 0)
     ]
     for i, index in sorted(turns, reverse=True):
         chord = points[i + 1] - points[i]
-        fold = root_between(problem, points[i], points[i + 1], partial(_rate, problem, chord, index))
+        fold = root_between(problem, points[i], points[i + 1], partial(_rate_along, problem, chord, index))
         if fold is not None:
             points = np.insert(points, i + 1, fold, axis=0)
     return points
 
 
-def _rate(problem: ContinuationProblem, direction: Array, index: int, x: Array) -> float:
+def _rate_along(problem: ContinuationProblem, direction: Array, index: int, x: Array) -> float:
     """Return the rate of δ (index −2) or ε (index −1) along the curve at a solution."""
     return float(tangent_at(problem, x, direction)[index])
 

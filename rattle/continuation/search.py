@@ -134,7 +134,7 @@ class Search:
             return
         itinerary, x = motion_from_impact(motion, motion[0].walls.index(1))
         if self.branch_number((itinerary, x)) is None and self._is_allowed(itinerary):
-            self._keep(self.model.follow_branch((itinerary, x), self._span_around(x[itinerary.n :])))
+            self._add_branch(self.model.follow_branch((itinerary, x), self._span_around(x[itinerary.n :])))
 
     def _follow_doubled(self, event: Any) -> None:
         """Add the doubled branch that starts at a flip, unless the branch is known."""
@@ -142,12 +142,12 @@ class Search:
             return
         found = self.model.follow_doubled_branch(event, self._span_around(event.unknowns[event.itinerary.n :]))
         if len(found) > 2 and self.branch_number(found.motion(len(found) // 2)) is None:
-            self._keep(found)
+            self._add_branch(found)
 
-    def _keep(self, found: Any) -> None:
+    def _add_branch(self, found: Any) -> None:
         """Add a branch to the known branches, and put its new admissible events into the queue."""
         self.branches.append(found)
-        self.paths.append(np.column_stack([found.unfolded, self.model.segment.position(found.parameters)]))
+        self.paths.append(np.column_stack([found.unfolded_times, self.model.segment.position(found.parameters)]))
         for event in self.model.events_of(found):
             motion = event.itinerary, event.unknowns
             if not event.admissible:

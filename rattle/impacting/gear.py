@@ -46,10 +46,10 @@ class FirstImpact(NamedTuple):
 def _raise_for_status(status: int) -> None:
     """Raise RattleError if a kernel's status code says that no next impact was found."""
     if status in (contact_phase.IN_CONTACT, contact_phase.ENDLESS):
-        raise RattleError("the motion comes to rest on a wall: there is no next impact to compute (speed 0)")
+        raise RattleError("the motion comes to rest on a wall, so it has no next impact")
     if status == first_impact.NO_IMPACT:
         raise RattleError(
-            f"no impact within {first_impact.LONGEST:g} forcing periods, or the parameters are beyond double precision"
+            f"the flight has no impact within {first_impact.LONGEST:g} forcing periods, or is beyond double precision"
         )
 
 

@@ -73,7 +73,7 @@ class Branch(FollowedBranch):
         return {}
 
     @property
-    def unfolded(self) -> Array:
+    def unfolded_times(self) -> Array:
         """Times (k, n) of the impacts, which change continuously along the branch, so that they may leave [0, m)."""
         return self.times - self.times[:, :1] + np.unwrap(self.times[:, 0], period=1.0)[:, None]
 

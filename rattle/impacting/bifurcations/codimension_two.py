@@ -132,11 +132,11 @@ def codimension_two(beta: float = 0.6) -> tuple[CodimensionTwo, ...]:
         If beta is outside its domain.
     """
     beta = require_number("beta", beta, positive=True)
-    return _points(beta)
+    return _cached_points(beta)
 
 
 @lru_cache(maxsize=64)
-def _points(beta: float) -> tuple[CodimensionTwo, ...]:
+def _cached_points(beta: float) -> tuple[CodimensionTwo, ...]:
     found = []
     for name, definition in POINTS.items():
         try:
@@ -214,7 +214,7 @@ def _solution_at_delta(problem: ContinuationProblem, guess: Array, delta: float)
     """Return the solution near a guess at this damping. Raises RattleError if Newton's method finds none."""
     x = solution_with_value(problem, guess, -2, delta)
     if x is None:
-        raise RattleError(f"Newton's method does not find the curve at delta = {delta}")
+        raise RattleError(f"Newton's method does not find the bifurcation curve at delta = {delta}")
     return x
 
 

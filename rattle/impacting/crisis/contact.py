@@ -1,10 +1,10 @@
 """Solve for the contact of a piece of W^u(A) with W^s(A): one scalar equation for ε, from a guess.
 
 W^u(A) and W^s(A) are the unstable and the stable manifold of the saddle A. W(s) is the point of W^u(A) at position s,
-which near A is the arclength from A. Π is the impact map, and n the number
-of impacts on Σ⁺ after which the piece returns to A. h(s, ε) is the signed distance of Πⁿ(W(s)) from the local series of
-W^s(A), positive on the side of the attractor. The piece touches W^s(A) at the ε at which the minimum of h along the
-piece vanishes. The contact is a corner or a smooth bend of W^u(A).
+which near A is the arclength from A. Π is the impact map, and n the number of impacts on Σ⁺ after which the piece
+returns to A. h(s, ε) is the signed distance of Πⁿ(W(s)) from the local series of W^s(A), positive on the side of the
+attractor. The piece touches W^s(A) at the ε at which the minimum of h along the piece vanishes. The contact is a corner
+or a smooth bend of W^u(A).
 """
 
 from collections.abc import Callable
@@ -67,24 +67,24 @@ class Crisis:
 
 
 class ManifoldFrame:
-    """The manifolds W^u(A) and W^s(A) at one parameter point."""
+    """The saddle A at one parameter point, with its unstable manifold W^u(A) and its stable manifold W^s(A)."""
 
     def __init__(self, delta: float, epsilon: float, beta: float) -> None:
         self.saddle = period_one_saddle("A", delta, epsilon, beta)
-        self.unstable: LocalManifold = local_manifold(self.saddle, stable=False)
+        self.unstable_manifold: LocalManifold = local_manifold(self.saddle, stable=False)
         self.at = np.array([[self.saddle.tau], [self.saddle.v]])
 
     @cached_property
-    def stable(self) -> LocalManifold:
-        """Local series of W^s(A)."""
+    def stable_manifold(self) -> LocalManifold:
+        """The local manifold W^s(A)."""
         return local_manifold(self.saddle, stable=True)
 
     @cached_property
-    def rows(self) -> Array:
+    def to_eigenvectors(self) -> Array:
         """The matrix (2, 2) that maps (τ, v) − A to its components along the unstable and the stable eigenvector."""
         return np.asarray(np.linalg.inv(np.stack(eigenvectors(self.saddle), axis=1)), np.float64)
 
-    def heights(self, states: Array) -> tuple[Array, Array]:
+    def signed_distances(self, states: Array) -> tuple[Array, Array]:
         """Return the signed distance of states (2, n) from W^s(A), and their positions t along W^s(A).
 
         The distance is measured along the unstable eigenvector; near A, |t| is the arclength from A, relative to the
@@ -95,19 +95,22 @@ class ManifoldFrame:
         tuple[Array, Array]
             Distances and positions, each (n,).
         """
-        along, across = self.rows[1] @ (states - self.at), self.rows[0] @ (states - self.at)
-        series = (self.stable.powers - self.stable.powers[0] * (np.arange(self.stable.powers.shape[0]) == 0)[:, None]).T
-        unstable, stable = self.rows @ series
-        t = along / self.stable.size
+        along, across = self.to_eigenvectors[1] @ (states - self.at), self.to_eigenvectors[0] @ (states - self.at)
+        series = (
+            self.stable_manifold.powers
+            - self.stable_manifold.powers[0] * (np.arange(self.stable_manifold.powers.shape[0]) == 0)[:, None]
+        ).T
+        unstable, stable = self.to_eigenvectors @ series
+        t = along / self.stable_manifold.size
         with np.errstate(all="ignore"):
             for _ in range(NEWTON):
                 t = t - (polyval(t, stable) - along) / polyval(t, polyder(stable))
             inside = np.abs(t) <= 1.0
             return np.where(inside, across - polyval(t, unstable), np.inf), np.where(inside, t, np.inf)
 
-    def points(self, s: Array) -> Array:
+    def manifold_points(self, s: Array) -> Array:
         """Return the points W(s) (2, n) at positions s (n,) on the part of W^u(A) before its first impact on Σ⁻."""
-        local = self.unstable
+        local = self.unstable_manifold
         low, high = float(s.min()), float(s.max())
         if np.log(high / local.size) < LONG * np.log(local.multiplier) or not high > low:
             return local.image(s, 0)[1]
@@ -116,7 +119,7 @@ class ManifoldFrame:
         return np.asarray(chebyshev.chebval((2.0 * s - low - high) / (high - low), powers) + self.at, np.float64)
 
     def distances_after(self, s: Array, n: int) -> tuple[Array, NDArray[np.int64]]:
-        """Return the distances (m,) of Πⁿ(W(s)) from W^s(A), inf beyond its series, and the hashes of the itineraries.
+        """Return the distances (m,) of Πⁿ(W(s)) from W^s(A), inf if they are unknown, and hashes of the itineraries.
 
         W(s) are the points of W^u(A) at the positions s (m,), and Π is the impact map.
 
@@ -125,8 +128,8 @@ class ManifoldFrame:
         tuple[Array, NDArray[np.int64]]
             Distances and hashes.
         """
-        ok, states, word, _ = self.unstable.map(self.points(s), n)
-        return np.where(ok, self.heights(states)[0], np.inf), word
+        ok, states, word, _ = self.unstable_manifold.map(self.manifold_points(s), n)
+        return np.where(ok, self.signed_distances(states)[0], np.inf), word
 
     def least_distance(self, window: tuple[float, float], n: int) -> tuple[float, float]:
         """Return the least distance of Πⁿ(W(s)) from W^s(A) for s in a window, and the s of this point.
@@ -148,15 +151,15 @@ class ManifoldFrame:
 
     def symbols(self, s: float, n: int) -> tuple[int, ...]:
         """Return the number of impacts on Σ⁻ in each of the n returns from W(s) on, without the zeros at both ends."""
-        start = self.points(np.array([s]))
-        counts = np.array([int(self.unstable.map(start, j)[3][0]) for j in range(n + 1)])
+        start = self.manifold_points(np.array([s]))
+        counts = np.array([int(self.unstable_manifold.map(start, j)[3][0]) for j in range(n + 1)])
         found = np.diff(counts)
         some = np.flatnonzero(found)
         return tuple(int(x) for x in found[some[0] : some[-1] + 1]) if some.size else ()
 
 
 @lru_cache(maxsize=256)
-def frame(delta: float, epsilon: float, beta: float) -> ManifoldFrame:
+def frame_at(delta: float, epsilon: float, beta: float) -> ManifoldFrame:
     """Return the manifolds of A at a parameter point, cached."""
     return ManifoldFrame(delta, epsilon, beta)
 
@@ -186,7 +189,7 @@ def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, fl
     floor = float(sn1_formula(delta))
 
     def least_distance_at(x: float) -> float:
-        return frame(delta, floor + x, beta).least_distance(window, n)[0]
+        return frame_at(delta, floor + x, beta).least_distance(window, n)[0]
 
     return _build_crisis(delta, floor + _find_root(least_distance_at, gap, bracket * gap, 0.2), beta, window, n)
 
@@ -206,7 +209,7 @@ def solve_delta(
     """
 
     def least_distance_at(x: float) -> float:
-        return frame(x, float(sn1_formula(x)) + gap, beta).least_distance(window, n)[0]
+        return frame_at(x, float(sn1_formula(x)) + gap, beta).least_distance(window, n)[0]
 
     found = _find_root(least_distance_at, delta, bracket, most / delta)
     return _build_crisis(found, float(sn1_formula(found)) + gap, beta, window, n)
@@ -235,10 +238,12 @@ def _find_root(m: Callable[[float], float], x: float, half: float, most: float) 
 
 def _build_crisis(delta: float, epsilon: float, beta: float, window: tuple[float, float], n: int) -> Crisis:
     """Return the crisis at these parameters, with the position and the shape of the contact in a window of s."""
-    here = frame(delta, epsilon, beta)
+    here = frame_at(delta, epsilon, beta)
     s = here.least_distance(window, n)[1]
     if min(s - window[0], window[1] - s) < 1e-3 * (window[1] - window[0]):
-        raise RattleError(f"the contact of W^u(A) with W^s(A) near epsilon = {epsilon} is not isolated")
+        raise RattleError(
+            f"the contact of W^u(A) with W^s(A) near epsilon = {epsilon} is at the edge of the searched part of W^u(A)"
+        )
     sides = [here.symbols(s * (1.0 + side * SAME), n) for side in (-1, 1)]
     contact = "tangency" if sides[0] == sides[1] else "corner"
     return Crisis(delta, epsilon, beta, contact, max(sides, key=sum), s, n)
@@ -246,9 +251,9 @@ def _build_crisis(delta: float, epsilon: float, beta: float, window: tuple[float
 
 def contact_position(crisis: Crisis) -> float:
     """Return the position of the contact along the local series of W^s(A): 0 at A, 1 at the end of the series."""
-    here = frame(crisis.delta, crisis.epsilon, crisis.beta)
-    start = here.points(np.array([crisis.parameter]))
-    return abs(float(here.heights(here.unstable.map(start, crisis.steps)[1])[1][0]))
+    here = frame_at(crisis.delta, crisis.epsilon, crisis.beta)
+    start = here.manifold_points(np.array([crisis.parameter]))
+    return abs(float(here.signed_distances(here.unstable_manifold.map(start, crisis.steps)[1])[1][0]))
 
 
 def square_root_coefficient(crisis: Crisis) -> float:
@@ -268,7 +273,7 @@ def square_root_coefficient(crisis: Crisis) -> float:
     RattleError
         If the coefficient cannot be fitted.
     """
-    here, s, n = frame(crisis.delta, crisis.epsilon, crisis.beta), crisis.parameter, crisis.steps
+    here, s, n = frame_at(crisis.delta, crisis.epsilon, crisis.beta), crisis.parameter, crisis.steps
     around = s * (1.0 + np.concatenate([-np.geomspace(0.05, 1e-12, 60), np.geomspace(1e-12, 0.05, 60)]))
     word = here.distances_after(around, n)[1]
     edges = np.flatnonzero(word[1:] != word[:-1])

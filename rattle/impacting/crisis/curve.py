@@ -14,7 +14,7 @@ from rattle.errors import RattleError, require, require_number
 from rattle.impacting.crisis.contact import (
     Crisis,
     contact_position,
-    frame,
+    frame_at,
     solve_contact,
     solve_delta,
     square_root_coefficient,
@@ -73,7 +73,7 @@ def _extrapolate(known: list[Crisis], x: Array, y: Array, at: float) -> Array:
 def _window_around(known: list[Crisis], s: float) -> tuple[float, float]:
     """Return the window of positions on W^u(A) around s in which the contact after the known points is searched."""
     last = known[-1]
-    rate = np.log(frame(last.delta, last.epsilon, last.beta).unstable.multiplier)
+    rate = np.log(frame_at(last.delta, last.epsilon, last.beta).unstable_manifold.multiplier)
     width = float(min(WINDOW * (4.0 if len(known) == 1 else 1.0), DOMAIN * rate))
     return s * (1.0 - width), s * (1.0 + width)
 

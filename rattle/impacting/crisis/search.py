@@ -10,7 +10,7 @@ import numpy as np
 
 from rattle.errors import RattleError, require_number
 from rattle.impacting.bifurcations.codimension_two import codimension_two
-from rattle.impacting.crisis.contact import Crisis, frame, solve_contact
+from rattle.impacting.crisis.contact import Crisis, frame_at, solve_contact
 from rattle.impacting.crisis.escape import (
     SAMPLES,
     FollowedManifold,
@@ -122,15 +122,15 @@ def _returns_of_orbit(delta: float, beta: float, gap: float, s: float) -> tuple[
         The number of impacts on Σ⁺ until one impact before its first impact on Σ⁻ (−1 if there is none), and from there
         the numbers of impacts until each time at which the orbit comes close to W^s(A) near A.
     """
-    here = frame(delta, float(sn1_formula(delta)) + gap, beta)
-    states, met, entries, inside, farthest = here.unstable.image(np.array([s]), 0)[1], -1, [], True, 0.0
-    for j in range(MOST_STEPS + int(20.0 / np.log(here.unstable.multiplier))):
-        ok, states, _, bounces = here.unstable.map(states, 1)
+    here = frame_at(delta, float(sn1_formula(delta)) + gap, beta)
+    states, met, entries, inside, farthest = here.unstable_manifold.image(np.array([s]), 0)[1], -1, [], True, 0.0
+    for j in range(MOST_STEPS + int(20.0 / np.log(here.unstable_manifold.multiplier))):
+        ok, states, _, bounces = here.unstable_manifold.map(states, 1)
         if not ok.all():
             break
         if met < 0 and bounces[0] > 0:
             met = max(j - 1, 0)  # at a corner, orbits on its other side meet Σ⁻ one step earlier
-        height = float(here.heights(states)[0][0])
+        height = float(here.signed_distances(states)[0][0])
         farthest = max(farthest, float(np.hypot(*(states - here.at))[0]))
         before, inside = inside, abs(height) < NEAR * farthest
         if met >= 0 and inside and not before:
@@ -178,8 +178,8 @@ def _contact_of_run(delta: float, beta: float, low: float, high: float, run: Arr
         raise RattleError(
             f"no contact was found at epsilon = {sn1_formula(delta) + high}: the escaping orbit does not return to A"
         )
-    here = frame(delta, float(sn1_formula(delta)) + high, beta)
-    run = run * here.unstable.multiplier**met
+    here = frame_at(delta, float(sn1_formula(delta)) + high, beta)
+    run = run * here.unstable_manifold.multiplier**met
     found, last = [], RattleError("")
     for n in entries:
         width = float(run[-1] - run[0])

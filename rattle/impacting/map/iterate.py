@@ -45,7 +45,7 @@ def working_block() -> Any:
     return _memory.block
 
 
-def _driver(tangent: bool) -> Any:
+def _make_driver(tangent: bool) -> Any:
     @kernel
     def drive(memory, tau, v, n, delta, epsilon, beta, paths):
         """Return Π^n of each element of flat arrays. A lane that finishes an element gets the next element.
@@ -90,7 +90,7 @@ def _driver(tangent: bool) -> Any:
     return drive
 
 
-_drive_plain, _drive_tangent = _driver(False), _driver(True)
+_drive_plain, _drive_tangent = _make_driver(False), _make_driver(True)
 
 
 def iterate(
