@@ -2,10 +2,9 @@
 
 The map F, its multiplier λ along the manifold, and the local manifold W(t) for |t| ≤ size are those of
 `rattle.orbits.saddles`. A point of the manifold is F^j(W(t)) with t in the fundamental domain (size/λ, size], so that
-one number s = t λ^j gives its position. New points are inserted along t. Each point
-therefore lies on the true manifold to the accuracy of its own orbit: the map stretches rounding errors along the
-manifold and contracts them across it. Refinement by distance and angle follows B. Krauskopf and H. M. Osinga, J.
-Comput. Phys. 146 (1998) 404.
+one number s = t λ^j gives its position. New points are inserted along t. Each point therefore lies on the true manifold
+to the accuracy of its own orbit: the map stretches rounding errors along the manifold and contracts them across it.
+Refinement by distance and angle follows B. Krauskopf and H. M. Osinga, J. Comput. Phys. 146 (1998) 404.
 """
 
 from dataclasses import dataclass

@@ -1,10 +1,10 @@
 """Compute the radii of capture regions in lanes, with a group of lanes for each region (compiled).
 
 A region has a stable periodic point as its centre. A lane follows the state at one radius and in one direction from the
-centre. The direction fails at this radius if the
-state does not meet the conditions of `rattle.attractors.ball` over the orbit's period. The radius of the region is the
-largest tried radius at which no direction fails. A radius that is too large mostly fails in many directions. So a group
-first tries four directions at four radii, and then all directions at the largest radius that passed.
+centre. The direction fails at this radius if the state does not meet the conditions of `rattle.attractors.ball` over
+the orbit's period. The radius of the region is the largest tried radius at which no direction fails. A radius that is
+too large mostly fails in many directions. So a group first tries four directions at four radii, and then all directions
+at the largest radius that passed.
 """
 
 import math

@@ -103,8 +103,8 @@ class CodimensionTwo:
         The curves that meet at the point.
     tangency : dict
         For each pair of curves the measured order p in |ε₁ − ε₂| ∝ |Δδ|^p, where Δδ is the distance in δ from the
-        point: 1 if they cross, 2 if they touch. At extreme
-        backlash a pair is left out if one of its curves cannot be followed.
+        point: 1 if they cross, 2 if they touch. At extreme backlash a pair is left out if one of its curves cannot be
+        followed.
     """
 
     name: str
