@@ -14,7 +14,7 @@ import numpy as np
 
 from rattle.numerics.complex_step import Array, Function, derivatives
 
-#: Most Newton corrections of a step.
+#: Largest number of Newton corrections of a step.
 MOST_CORRECTIONS = 8
 #: Correction, relative to the unknowns and their scale, at which Newton's method has converged.
 SMALLEST_CORRECTION = 1e-13
@@ -234,7 +234,7 @@ def tangent_at(problem: ContinuationProblem, x: Array, direction: Array) -> Arra
 
 
 def oriented_tangent(problem: ContinuationProblem, x: Array, direction: Array) -> tuple[Array, float]:
-    """Return the tangent of `tangent_at`, and the sign of det (J, t), the Jacobian with the tangent as last row.
+    """Return the tangent of `tangent_at`, and the sign of the determinant of the Jacobian with the tangent as last row.
 
     The sign is constant along a curve, and opposite on a neighbouring curve that nearly crosses it.
 

@@ -41,7 +41,7 @@ Test = Callable[[Array], str | None]
 STARTS = 33
 #: Largest allowed δ and ε of a window; for larger ones double precision has too few digits.
 FARTHEST = 1e6
-#: The only curve on which no orbit bifurcates.
+#: Name of the only curve on which no orbit bifurcates.
 QUIET_LIMIT = "quiet_limit"
 
 

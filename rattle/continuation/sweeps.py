@@ -27,7 +27,7 @@ from rattle.continuation.motions import Motions
 from rattle.parameters import Parameters
 
 FORWARD, BACKWARD = 0, 1
-#: Change of the step's number in each direction.
+#: Change of the number of the step in a forward run and in a backward run.
 STEP = (1, -1)
 Array = NDArray[np.float64]
 

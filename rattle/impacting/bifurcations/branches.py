@@ -260,7 +260,7 @@ def _follower(itinerary: Itinerary, line: ParameterLine) -> Follower:
 
 
 def _why_degenerate(itinerary: Itinerary, y: Array) -> str | None:
-    """Return the reason why a branch ends at y = (times, p), no motion of this itinerary; None if it does not end."""
+    """Return why a branch ends at y = (times, p): two impacts become one, or the period halves; None if neither."""
     if np.min(np.diff(np.append(y[:-1], y[0] + itinerary.m))) < SHORTEST_FLIGHT:
         return "two impacts become one"
     return HALF_PERIOD if is_twice(itinerary, y, TWICE) else None
@@ -287,7 +287,7 @@ def _reason_of_end(itinerary: Itinerary, path: Path) -> str:
 
 
 def _is_same_event(one: Event, other: Event) -> bool:
-    """Return whether two events of equal kind and period are at the same parameters."""
+    """Return whether two events have the same kind, the same period and the same parameters."""
     apart = max(abs(one.delta - other.delta), abs(one.epsilon - other.epsilon))
     return (
         one.kind is other.kind and one.itinerary.m == other.itinerary.m and apart < SAME_PLACE * plane_scale(one.delta)

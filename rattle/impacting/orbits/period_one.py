@@ -39,7 +39,7 @@ class Grazing(NamedTuple):
 
 
 def grazing(curve: str, delta: ArrayLike, beta: ArrayLike = 0.6) -> Grazing:
-    """Return G1 or G2 at every element of the broadcast damping and half-backlash (dimensionless).
+    """Return the orbits on the grazing curve G1 or G2 at every element of the broadcast damping and half-backlash.
 
     Raises ParameterError if an argument is outside its domain. Source: paper, section 5.2.
 

@@ -74,7 +74,7 @@ def find_crossings(least, work, delta, epsilon, beta):
             how, zeros = walk_circuit(work, n, 1.0 / k, longest, delta, epsilon, beta)
             if how != LOST:
                 break
-        # a motion of period 1/k without forcing and damping would cross the gap
+        # whether a motion of period 1/k would cross the gap if there were no forcing and no damping
         crosses = 4.0 * k * k * beta > math.pi * delta
         idle = idle + 1 if crosses and zeros == 0 else 0
         if idle == 2:  # motions with more crossings are faster and dissipate more, so no stable ones follow
