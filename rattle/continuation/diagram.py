@@ -32,7 +32,7 @@ from rattle.notebook import (
     Columns,
     Dataset,
     Figure,
-    Tabular,
+    TabularResult,
     dataset_of,
     figure_of,
 )
@@ -66,7 +66,7 @@ class HasParameters(Protocol):
         """The parameters (…, d), in the order of the segment."""
 
 
-class DiagramEvent(HasParameters, Protocol):
+class BranchEvent(HasParameters, Protocol):
     """An event of a branch, such as a flip, at a parameter point on a segment."""
 
     @property
@@ -86,7 +86,7 @@ class HasEvents(HasParameters, Protocol):
 
 
 AnyBranch = TypeVar("AnyBranch", bound=HasEvents)
-AnyEvent = TypeVar("AnyEvent", bound=DiagramEvent)
+AnyEvent = TypeVar("AnyEvent", bound=BranchEvent)
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class BranchPiece:
 
 
 @dataclass(frozen=True, repr=False)
-class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
+class Diagram(TabularResult, Generic[AnyBranch, AnyEvent]):
     """A bifurcation diagram along a segment of parameters, at half-backlash beta; all numbers are dimensionless.
 
     segment: the segment with its ends.
@@ -213,7 +213,7 @@ def diagram_of(
     most = require_integer("most", most, 1, MOST_BRANCHES)
     position = np.linspace(0.0, 1.0, steps + 1)
     parameters = model.steps(position)
-    unit = float(replace(sample, v_max=None).highest(parameters).max()) / PAPER_SPEED
+    unit = float(replace(sample, v_max=None).highest_speeds(parameters).max()) / PAPER_SPEED
     sampled = model.sample_attractors(parameters, sample)
     sweeps, search = Sweeps(model, parameters, sampled), Search(model, impacts, most)
     for motion in model.period_one(parameters):

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rattle.attractors.recurrence import SAME_POINT, unit_at
+from rattle.attractors.recurrence import SAME_POINT, speed_unit_at
 from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
 from rattle.numerics.compile import inline, kernel
@@ -20,11 +20,12 @@ from rattle.orbits.return_map import (
     step,
 )
 
-#: Largest distance from an orbit's point (τ, v) to its continuation's in the next cell, with v in units of `unit_at`.
+#: Largest distance from an orbit's point (τ, v) to its continuation's in the next cell; `speed_unit_at` is the unit
+#: of v.
 FARTHEST = 0.2
 #: Smallest step of continuation, as a share of the way from a cell to the next.
 LEAST_STEP = 2.0**-6
-#: Multiple to which τ, and v in units of `unit_at`, are rounded before Newton's method starts again.
+#: Multiple to which τ, and v in units of `speed_unit_at`, are rounded before Newton's method starts again.
 ROUNDING = 2.0**-26
 #: Stands for the number of an orbit where there is no such orbit.
 NOWHERE = -1
@@ -109,7 +110,7 @@ def labelled(tau, v, k, orbits, point):
 @kernel
 def settled(tau, v, n_plus, point):
     """Solve for an orbit's point again from rounded numbers, so that its last bits hardly depend on the way to it."""
-    unit = unit_at(point)
+    unit = speed_unit_at(point)
     t, w = np.rint(tau / ROUNDING) * ROUNDING, np.rint(v / unit / ROUNDING) * ROUNDING * unit
     found, t, w = newton(t, w, n_plus, point)
     if found and abs(wrapped(t - tau)) < SAME_POINT and abs(w - v) < SAME_POINT * unit:
@@ -133,7 +134,7 @@ def followed(k, here, there, orbits):
     while size >= LEAST_STEP:
         point = there if share + size == 1.0 else point_between(share + size, here, there)
         found, t, w = newton(tau, v, n_plus, point)
-        distance = math.hypot(wrapped(t - tau), (w - v) / unit_at(point))
+        distance = math.hypot(wrapped(t - tau), (w - v) / speed_unit_at(point))
         if not found or distance > (FARTHEST if size == 1.0 else 0.5 * FARTHEST):
             size *= 0.5
             continue
@@ -154,7 +155,7 @@ def continue_orbit(k, cell, n, orbits, cells):
     found, tau, v = followed(k, point_of(orbits.cell[k], cells), point, orbits)
     if not found:
         return NOWHERE
-    unit = unit_at(point)
+    unit = speed_unit_at(point)
     near = SAME_POINT * unit
     known = orbit_at_point(tau, v, cell, k, near, orbits)
     if known != NOWHERE:
@@ -195,7 +196,7 @@ def enter(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits, whi
     for i in range(cell.size):
         orbits.cell[n], orbits.m[n], orbits.n_plus[n], orbits.n_minus[n] = cell[i], m[i], n_plus[i], n_minus[i]
         orbits.tau[n], orbits.v[n], orbits.first[n], orbits.second[n] = tau[i], v[i], first[i], second[i]
-        near = SAME_POINT * unit_at(point_of(cell[i], cells))
+        near = SAME_POINT * speed_unit_at(point_of(cell[i], cells))
         which[i] = orbit_at_point(tau[i], v[i], cell[i], n, near, orbits)
         if which[i] == NOWHERE:
             orbits.before[n], orbits.last[cell[i]] = orbits.last[cell[i]], n
@@ -243,7 +244,7 @@ def lead(one, other, steps, way, orbits, arrives):
         arrives[i] = False
         for j in range(steps):
             point = point_of(i * steps + j, way)
-            unit, before, speed = unit_at(point), tau, v
+            unit, before, speed = speed_unit_at(point), tau, v
             found, tau, v = newton(before, speed, n_plus, point)
             if not found or math.hypot(wrapped(tau - before), (v - speed) / unit) > 0.5 * FARTHEST:
                 break

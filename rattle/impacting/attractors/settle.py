@@ -20,13 +20,13 @@ from rattle.flight.lanes.block import (
     GROUP,
     GROUPS,
     NONE,
-    empty,
-    ended,
+    clear_block,
+    has_ended,
+    is_near_overflow,
     load,
-    made_ready,
-    overflows,
-    roughest,
-    stretched,
+    needed_stage,
+    normalise_tangent,
+    prepare_flights,
 )
 from rattle.flight.lanes.stages import advance
 from rattle.flight.law import speed_unit, wrapped
@@ -129,7 +129,7 @@ def check_lane(b, i, k, cells, samples, balls):
         The status, UNRESOLVED if there is no outcome; the number of the orbit that captures the state, or −1; and
         whether the sample ends here, by an outcome or its limit.
     """
-    over = ended(b, i)
+    over = has_ended(b, i)
     if b.wall[i] > 0.0:
         status, orbit = fate_of_lane(b, i, samples.cell[k], cells, balls)
         if status != Outcome.UNRESOLVED:
@@ -174,11 +174,11 @@ def settle(memory, which, flights, cells, samples, balls, paths):
     A sample that reaches its limit of impacts without an outcome remains UNRESOLVED.
     """
     b, fresh, groups = memory[0], NONE, GROUPS
-    empty(b)
+    clear_block(b)
     while groups > 0:
         fresh = check_lanes(b, groups, fresh, which, cells, samples, balls)
-        groups = made_ready(b, groups, fresh == which.size)
-        advance(memory, groups, flights, roughest(b, groups), False, paths)
+        groups = prepare_flights(b, groups, fresh == which.size)
+        advance(memory, groups, flights, needed_stage(b, groups), False, paths)
 
 
 @inline
@@ -187,7 +187,7 @@ def record_growth(b, i, batches):
 
     A lane whose tangent vector is not yet aligned has no batch: its gains are dropped.
     """
-    stretch, contraction = stretched(b, i)
+    stretch, contraction = normalise_tangent(b, i)
     if b.batch[i] >= 0:
         row = batches[int(b.batch[i])]
         row[0] += b.time[i] - b.since[i]
@@ -234,7 +234,7 @@ def check_probes(b, groups, fresh, which, cells, samples, balls, watch):
             batch = min(int(share * BATCHES), BATCHES - 1) if b.n_plus[i] >= ALIGNMENT else -1
             status, orbit, over = check_lane(b, i, k, cells, samples, balls)
             over |= share >= 1.0 and b.wall[i] > 0.0
-            if over or batch != b.batch[i] or overflows(b, i):
+            if over or batch != b.batch[i] or is_near_overflow(b, i):
                 record_growth(b, i, watch.sums[j])
                 b.batch[i], b.since[i] = batch, b.time[i]
             if over:
@@ -264,11 +264,11 @@ def measure(memory, which, least, periods, cells, samples, balls, sums, footprin
     ALIGNMENT impacts. footprints[j] is its visited-cell bitmap.
     """
     b, fresh, groups, watch = memory[0], NONE, GROUPS, Observation(least, periods, sums, footprints)
-    empty(b)
+    clear_block(b)
     while groups > 0:
         fresh = check_probes(b, groups, fresh, which, cells, samples, balls, watch)
-        groups = made_ready(b, groups, fresh == which.size)
-        force = roughest(b, groups)
+        groups = prepare_flights(b, groups, fresh == which.size)
+        force = needed_stage(b, groups)
         for flights in STRIDES:
             advance(memory, groups, flights, force, True, paths)
             mark_visited_cells(b, groups, footprints)

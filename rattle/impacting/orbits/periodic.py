@@ -143,7 +143,7 @@ def follow_impacts(
             raise RattleError(
                 f"no periodic motion near tau = {tau}, v = {v}: the motion from there comes to rest, or stays on Σ⁻"
             )
-        time, w = time + s, impact_law.reflected(w1)
+        time, w = time + s, impact_law.reflected_velocity(w1)
         left -= wall == 1
         if left == 0:
             m = max(round(time - tau), 1)
