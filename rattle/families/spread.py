@@ -10,10 +10,10 @@ from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
 from rattle.numerics.compile import inline, kernel
 from rattle.orbits.return_map import (
-    between,
     fastest_point,
     log_multipliers,
     newton,
+    point_between,
     point_of,
     power_map,
     shortest_return,
@@ -132,7 +132,7 @@ def followed(k, here, there, orbits):
     n_plus, tau, v = np.int64(orbits.n_plus[k]), orbits.tau[k], orbits.v[k]
     share, size = 0.0, 1.0
     while size >= LEAST_STEP:
-        point = there if share + size == 1.0 else between(share + size, here, there)
+        point = there if share + size == 1.0 else point_between(share + size, here, there)
         found, t, w = newton(tau, v, n_plus, point)
         distance = math.hypot(wrapped(t - tau), (w - v) / speed_unit_at(point))
         if not found or distance > (FARTHEST if size == 1.0 else 0.5 * FARTHEST):

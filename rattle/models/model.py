@@ -28,7 +28,7 @@ from rattle.intensity.motions import Motion
 from rattle.intensity.spectrum import Density, Lines
 from rattle.intensity.table import Intensities, intensities_of
 from rattle.intensity.visit import Impacts
-from rattle.orbits.iterates import Impact, Iterates, Returned, Stretched, Trajectory
+from rattle.orbits.iterates import Impact, Iterates, StatesAfterReturn, Stretched, Trajectory
 from rattle.orbits.period_one import MissingLimit, Orbit, PeriodOne
 from rattle.orbits.periodic import Periodic
 from rattle.parameters import BETA, Parameter, Parameters
@@ -366,10 +366,12 @@ class Model(ABC):
         return cls.classifier.classify(parameters, tau, v, budget)
 
     @classmethod
-    def states_after_return(cls, parameters: Parameters, tau: Array, v: Array) -> Returned:
+    def states_after_return(cls, parameters: Parameters, tau: Array, v: Array) -> StatesAfterReturn:
         """Return states (n,) after one return to Σ⁺, at parameters (n,)."""
         delta, epsilon = parameters.delta, parameters.epsilon
-        return Returned.of(cls.functions.iterate_tangent(delta, epsilon, tau, v, 1, **parameters.others))
+        return StatesAfterReturn.from_iterates(
+            cls.functions.iterate_tangent(delta, epsilon, tau, v, 1, **parameters.others)
+        )
 
     @classmethod
     def joined_rows(cls, parameters: Parameters, table: Attractors) -> Rows:

@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 
 from rattle._version import __version__
-from rattle.continuation.arclength import tangent_at, with_value
+from rattle.continuation.arclength import solution_with_value, tangent_at
 from rattle.continuation.conditions import MULTIPLIER, Kind, condition
 from rattle.continuation.curves import QUIET_LIMIT
 from rattle.errors import NotProvedError, require, require_number, require_one_of
@@ -76,7 +76,7 @@ def certify_curve_point(
     definition = CURVES[name]
     problem = condition(definition.itinerary(half), definition.kind, definition.impact)
     solved = [
-        with_value(problem, guess, index, value)
+        solution_with_value(problem, guess, index, value)
         for guess in _first_guesses(definition, d, e, half, motion)
         for index, value in ((-2, d), (-1, e))
     ]
@@ -154,7 +154,7 @@ def certify_event(event: Event, beta: Exact | None = None) -> BifurcationCertifi
     itinerary = event.itinerary
     number = exact_number("beta", itinerary.beta if beta is None else beta)
     require(float(number) == itinerary.beta, f"beta must be that of the event, {itinerary.beta!r}, got {beta}")
-    x = with_value(condition(itinerary, event.kind, event.impact), event.unknowns, -2, event.delta)
+    x = solution_with_value(condition(itinerary, event.kind, event.impact), event.unknowns, -2, event.delta)
     if x is None:
         raise NotProvedError("Newton's method does not converge to the event at its damping: compute the branch again")
     motion = CurveMotion(tuple(int(wall) for wall in itinerary.walls), itinerary.m, event.kind, event.impact)
@@ -182,7 +182,7 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
     problem = condition(graze.itinerary(half), graze.kind, graze.impact)
     found = []
     for point in codimension_two(half):
-        solved = (with_value(problem, guess, -2, point.delta) for guess in graze.starts(point.delta, half))
+        solved = (solution_with_value(problem, guess, -2, point.delta) for guess in graze.starts(point.delta, half))
         near = [x for x in solved if x is not None and abs(x[-1] - point.epsilon) < SAME_PLACE]
         if not near:
             raise NotProvedError(
