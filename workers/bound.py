@@ -17,8 +17,8 @@ from gear_rattle.workers.storage.added import Each, here
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import attributes_of, noting, tell
 from gear_rattle.workers.storage.store import write_tile
-from gear_rattle.workers.survey.refined.audit import AUDIT, DISAGREED, LEAF, ROUNDS, SOURCE_LEVEL, TOLD
-from gear_rattle.workers.survey.refined.rounds import KINDS, Counts, Round, next_round, upper_of
+from gear_rattle.workers.survey.refined.audit import AUDIT, AUDIT_ATTRIBUTES, DISAGREED, LEAF, ROUNDS, SOURCE_LEVEL
+from gear_rattle.workers.survey.refined.rounds import KINDS, Counts, Round, next_round, wrong_share_upper
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.tiles import Tile, compute_tile, first_audit, tiles_of
 
@@ -27,7 +27,7 @@ COUNTED = (SOURCE_LEVEL, AUDIT, LEAF)
 
 def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
     """Return whether a survey requests a bound that is not known to be met. All its tiles must be computed."""
-    return request.is_bounded and TOLD[-1] not in attributes_of(place_of(where))
+    return request.is_bounded and AUDIT_ATTRIBUTES[-1] not in attributes_of(place_of(where))
 
 
 def meet_bound(
@@ -88,7 +88,7 @@ def meet_bound(
         later = (*later, more)
         _tell(place, {ROUNDS: json.dumps(later)})
     told = (int(x.sum()) for x in (counts.filled, counts.audited, counts.disagreed))
-    _tell(place, dict(zip(TOLD, (*told, upper_of(counts, len(later))), strict=True)))
+    _tell(place, dict(zip(AUDIT_ATTRIBUTES, (*told, wrong_share_upper(counts, len(later))), strict=True)))
     return True
 
 

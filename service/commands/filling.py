@@ -106,7 +106,7 @@ def _compute(
     from gear_rattle.service.commands.progress import reporter
     from gear_rattle.workers.kinds import place_of_cell
     from gear_rattle.workers.storage.manifest import attributes_of
-    from gear_rattle.workers.survey.refined.audit import TOLD
+    from gear_rattle.workers.survey.refined.audit import AUDIT_ATTRIBUTES
 
     todo = sum(tile.n_cells for tile in missing)
     done = before = request.n_cells - todo
@@ -132,7 +132,7 @@ def _compute(
             _complete(request, out, client, should_stop)
     if isinstance(request, survey.SurveyRequest) and request.is_bounded:
         # Rounds of audits have computed some of the cells that tiles had filled.
-        filled = 0 if before else attributes_of(survey.place_of(out)).get(TOLD[0], 0)
+        filled = 0 if before else attributes_of(survey.place_of(out)).get(AUDIT_ATTRIBUTES[0], 0)
     if missing:
         some = f", {filled} of them filled" if filled else ""
         typer.echo(f"{done - before} {what} in {seconds:.1f} s{some}: {(done - before) / seconds:.1f} {what}/s")

@@ -56,7 +56,7 @@ def _summarise(out: str) -> None:
 
     from gear_rattle.workers.storage.location import place_of
     from gear_rattle.workers.storage.store import bands
-    from gear_rattle.workers.survey.refined.audit import TOLD
+    from gear_rattle.workers.survey.refined.audit import AUDIT_ATTRIBUTES
     from gear_rattle.workers.survey.values.evaluate import FAILED
 
     place = place_of(out)
@@ -70,7 +70,7 @@ def _summarise(out: str) -> None:
         summary += f", {100 * undecided:.3f} % of samples undecided"
     attributes: dict[str, Any] = dict(told.attrs)
     if "refined_cells_filled" in attributes:
-        filled, audited, wrong, bound = (attributes[name] for name in TOLD)
+        filled, audited, wrong, bound = (attributes[name] for name in AUDIT_ATTRIBUTES)
         summary += (
             f"; {cells - filled - n_failed} computed, {filled} filled: of {audited} audited ones {wrong} disagreed, at "
             f"most {_percent(bound)} % are wrong (95 %)"

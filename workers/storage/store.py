@@ -37,13 +37,13 @@ from gear_rattle.workers.survey.levels.grid import GROUP as LEVELS
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, chunk_key, digests
 from gear_rattle.workers.survey.refined.audit import (
     AUDIT,
+    AUDIT_ATTRIBUTES,
     AUDITED,
     DISAGREED,
     LEAF,
     ROUNDS,
     SOURCE_LEVEL,
-    TOLD,
-    told_of_audit,
+    audit_attributes,
 )
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.template import Template, now
@@ -346,8 +346,8 @@ def before_tiles(request: AnyRequest, place: Place) -> None:
         The store cannot be written now.
     """
     try:
-        if TOLD[-1] in said_by_root(place):
-            tell(place, dict.fromkeys(TOLD))
+        if AUDIT_ATTRIBUTES[-1] in said_by_root(place):
+            tell(place, dict.fromkeys(AUDIT_ATTRIBUTES))
         if isinstance(request, SurveyRequest) and request.slots_follow_families and has_added(place, FAMILY):
             update_metadata(place, {}, {}, _is_added)
     except OSError as error:
@@ -360,14 +360,14 @@ def _is_added(key: str) -> bool:
 
 
 def _refined(place: Place) -> dict[str, int | float]:
-    """Count filled and audited cells of a refined survey, and return the attributes `TOLD` for its root."""
+    """Count filled and audited cells of a refined survey, and return the attributes `AUDIT_ATTRIBUTES` for its root."""
     counts: dict[int, list[int]] = {}
     for i, (source, audit) in enumerate(zip(bands(place, SOURCE_LEVEL), bands(place, AUDIT), strict=True)):
         found = np.bincount(audit.ravel(), minlength=DISAGREED + 1)
         of = counts.setdefault(i if source.ndim > len(CELL) else 0, [0, 0, 0])
         for j, more in enumerate((np.count_nonzero(source), found[AUDITED:].sum(), found[DISAGREED])):
             of[j] += int(more)
-    return told_of_audit(list(counts.values()))
+    return audit_attributes(list(counts.values()))
 
 
 def bands(place: Place, name: str) -> Iterator[np.ndarray]:
