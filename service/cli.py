@@ -55,9 +55,9 @@ class Commands(TyperGroup):
             return super().invoke(ctx)
         except typer.BadParameter as error:
             if error.param is not None and hasattr(error.__cause__, "errors"):  # typer's error, caused by pydantic's
-                from gear_rattle.workers.survey.axes import reason
+                from gear_rattle.workers.survey.axes import first_message
 
-                error.message = reason(error.__cause__)  # type: ignore[arg-type]
+                error.message = first_message(error.__cause__)  # type: ignore[arg-type]
             raise
 
 

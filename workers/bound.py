@@ -20,7 +20,7 @@ from gear_rattle.workers.storage.store import write_tile
 from gear_rattle.workers.survey.refined.audit import AUDIT, AUDIT_ATTRIBUTES, DISAGREED, LEAF, ROUNDS, SOURCE_LEVEL
 from gear_rattle.workers.survey.refined.rounds import KINDS, Counts, Round, next_round, wrong_share_upper
 from gear_rattle.workers.survey.request import SurveyRequest
-from gear_rattle.workers.survey.tiles import Tile, compute_tile, first_audit, tiles_of
+from gear_rattle.workers.survey.tiles import Tile, compute_tile, first_audit_round, tiles_of
 
 COUNTED = (SOURCE_LEVEL, AUDIT, LEAF)
 
@@ -82,7 +82,7 @@ def meet_bound(
                 if should_pause():
                     return False
         counts = reduce(_sum, (one for one in found if one is not None))
-        more = next_round(request.refine.bound, (first_audit(request), *later), counts)
+        more = next_round(request.refine.bound, (first_audit_round(request), *later), counts)
         if more is None:
             break
         later = (*later, more)
@@ -96,7 +96,9 @@ def found_in(_request: SurveyRequest, path: str, tile: Tile) -> Counts | None:
     """Read a tile's audit counts of the last of `tile.rounds`; None if the store has the tile with other rounds."""
     place = place_of(path)
     with reading(f"the audit of {place}"):
-        stored = {name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[tile.at]) for name in COUNTED}
+        stored = {
+            name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[tile.selection]) for name in COUNTED
+        }
     return _counts(tile, stored)
 
 

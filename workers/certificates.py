@@ -30,7 +30,7 @@ from gear_rattle.workers.storage.manifest import said_by_root
 from gear_rattle.workers.storage.store import open_survey
 from gear_rattle.workers.survey.manifest import ROOT, digest
 from gear_rattle.workers.survey.request import SurveyRequest
-from gear_rattle.workers.survey.slices import surveyed_model, value_along
+from gear_rattle.workers.survey.slices import surveyed_model, third_axis_value
 from gear_rattle.workers.survey.values.schema import CELL
 from rattle.models import Capability, Model, lacking
 
@@ -235,7 +235,7 @@ def _begun(survey: xr.Dataset, out: Path) -> dict[Place, float]:
 
 def _known(survey: xr.Dataset) -> str:
     """Return the identity that ties a store of certificates to its survey, or to a slice of the survey."""
-    third = (f" {name}={value!r}" for name, value in value_along(survey).items())
+    third = (f" {name}={value!r}" for name, value in third_axis_value(survey).items())
     return "".join([survey.attrs["content_hash"], *third])
 
 

@@ -80,15 +80,15 @@ def template_of(request: AnyRequest, created: str | None = None) -> Template:
     return found
 
 
-def blank(request: AnyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
+def empty_arrays(request: AnyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
     """Create empty arrays in memory. Return their files by key, the arrays, and patterns of chunk keys by variable."""
-    found: tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]] = _template(request).blank(request)
+    found: tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]] = _template(request).empty_arrays(request)
     return found
 
 
-def described(request: AnyRequest, tile: AnyTile) -> str:
+def tile_name(request: AnyRequest, tile: AnyTile) -> str:
     """Return the name of a tile for messages."""
-    return str(_tiles(request).described(request, tile))
+    return str(_tiles(request).tile_name(request, tile))
 
 
 def place_of_cell(request: AnyRequest, i: int, j: int) -> dict[str, int]:
@@ -101,7 +101,7 @@ def place_of_cell(request: AnyRequest, i: int, j: int) -> dict[str, int]:
 
 def tile_error(request: AnyRequest, tile: AnyTile, error: BaseException) -> SurveyError:
     """Return the exception that ends a run if a tile cannot be computed or written."""
-    what = described(request, tile)
+    what = tile_name(request, tile)
     if isinstance(error, StorageError):
         return StorageError(f"{what} cannot be written: {error}")
     if isinstance(error, OSError):

@@ -19,7 +19,13 @@ from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import added_to_store, has_added
 from gear_rattle.workers.survey.levels import reduce
 from gear_rattle.workers.survey.levels.grid import GROUP, LevelBlock, level_blocks, levels_of, steps_of
-from gear_rattle.workers.survey.levels.template import create, files_of_levels, level_arrays, maps, meanings
+from gear_rattle.workers.survey.levels.template import (
+    code_meanings,
+    create_level_array,
+    files_of_levels,
+    level_arrays,
+    level_variables,
+)
 from gear_rattle.workers.survey.manifest import digest
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.values.evaluate import FAILED
@@ -59,7 +65,7 @@ def make_block(request: SurveyRequest, path: str, block: LevelBlock) -> dict[str
     place = place_of(path)
     found: dict[str, str] = {}
     status = _read(place, block, "status")
-    for quantity in maps(request):
+    for quantity in level_variables(request):
         values = _values(place, block, quantity)
         known = status > 0 if quantity.name == "status" else (status > 0) & (status != FAILED)
         if quantity.name in OF_PERIODIC:
@@ -73,7 +79,7 @@ def make_block(request: SurveyRequest, path: str, block: LevelBlock) -> dict[str
 def _read(place: Place, block: LevelBlock, name: str) -> np.ndarray:
     with reading(f"{name} of {place}"):
         array = zarr.open_array(place.zarr(), path=name, mode="r")
-        return np.asarray(array[block.at])
+        return np.asarray(array[block.selection])
 
 
 def _values(place: Place, block: LevelBlock, quantity: Quantity) -> np.ndarray:
@@ -99,8 +105,8 @@ def _chunks(
         kept: dict[str, Buffer] = {}
         root = zarr.create_group(MemoryStore(kept), zarr_format=3)
         for number, array in enumerate(arrays):
-            stored = create(root, request, level, array)
-            stored[block.at_level(level)] = _stacked([each[number] for each in made], beside)
+            stored = create_level_array(root, request, level, array)
+            stored[block.selection_at_level(level)] = _stacked([each[number] for each in made], beside)
         yield from ((key, kept[key].to_bytes()) for key in sorted(kept) if "/c/" in key)
 
 
@@ -109,10 +115,10 @@ def _reduced(
 ) -> Iterator[tuple[np.ndarray, ...]]:
     """Reduce one map to each level, and yield the resulting arrays of the level, in the order of `level_arrays`."""
     steps = steps_of(levels_of(request.shape))
-    if words := meanings(quantity):
-        yield from reduce.codes(values, known, steps, len(words))
+    if words := code_meanings(quantity):
+        yield from reduce.reduced_codes(values, known, steps, len(words))
     else:
-        made = reduce.phases if is_phase(quantity.name) else reduce.numbers
+        made = reduce.reduced_phases if is_phase(quantity.name) else reduce.reduced_numbers
         yield from ((each,) for each in made(values, known, steps))
 
 

@@ -22,7 +22,7 @@ def points_of_curves(store: str, slice_number: int | None) -> Iterator[Bifurcati
     """Yield the certificate of each point of a survey's curves, or the reason why it is not proved."""
     import rattle
     from gear_rattle.service.results import open_results
-    from gear_rattle.workers.survey.slices import group_in, slice_of, surveyed_model
+    from gear_rattle.workers.survey.slices import slice_group_path, slice_of, surveyed_model
     from rattle.models import Capability, require_capability
     from rattle.proof.bifurcations.prove import certify_curve_point
 
@@ -30,7 +30,7 @@ def points_of_curves(store: str, slice_number: int | None) -> Iterator[Bifurcati
         model = surveyed_model(slice_of(whole, slice_number))
     require_capability(Capability.BIFURCATION_PROOFS, model)
     for name in rattle.curves.CURVES:
-        with open_results(store, group=group_in(slice_number, f"curves/{name}")) as curve:
+        with open_results(store, group=slice_group_path(slice_number, f"curves/{name}")) as curve:
             for delta, epsilon, *motion in _columns(curve):
                 try:
                     yield certify_curve_point(name, delta, epsilon, model.beta, (motion[0], motion[1]))

@@ -33,11 +33,13 @@ def explain(
     """
     from gear_rattle.service.results import open_results
     from gear_rattle.workers.boundaries.explain import explain as explained
-    from gear_rattle.workers.survey.slices import group_in, slice_of
+    from gear_rattle.workers.survey.slices import slice_group_path, slice_of
 
     with open_results(store) as whole:
         dataset = slice_of(whole, slice_)
-        families = open_results(store, group=group_in(slice_, "families")) if "attractor_family" in dataset else None
+        families = (
+            open_results(store, group=slice_group_path(slice_, "families")) if "attractor_family" in dataset else None
+        )
         found = explained(dataset, most_curves, families)
     _print(found, rows)
     if found.region_explained.sum() < found.pairs.region.sum():

@@ -34,7 +34,7 @@ def run(
     from gear_rattle.service.commands.drawing import draw_survey, require_writable
 
     if figure is not None:
-        if request.third:
+        if request.third_axis_name:
             raise typer.BadParameter(
                 f"draw a slice when the survey is complete, with rattle figure {out} --slice 0", param_hint="--figure"
             )

@@ -151,7 +151,7 @@ def _few_gears(request: PopulationRequest) -> PopulationRequest:
 
 
 def _few_cells(request: SurveyRequest) -> SurveyRequest:
-    request = request.at(next(islice(request.slices, request.n_slices // 2, None)))
+    request = request.slice_request(next(islice(request.slices, request.n_slices // 2, None)))
     axes = {"delta": _few_values(request.delta), "epsilon": _few_values(request.epsilon)}
     return request.model_copy(update={**axes, "tile": TileShape()})
 

@@ -211,7 +211,7 @@ async def _over(front: Front, overlaid: Overlaid, job: JobRow, asked: Asked) -> 
     """Compute the overlays of a map before it is drawn. Raises SurveyError and UnavailableError."""
     whole = SurveyRequest.model_validate(job.request)
     require_slice({name: axis.num for name, axis in whole.third_axis.items()}, asked.slice)
-    survey = whole.at(whole.along(asked.slice or 0))
+    survey = whole.slice_request(whole.slice_index(asked.slice or 0))
     await front.kernels.require(survey.gear_model.name, patience=math.inf)
     return await overlaid.over(survey, asked)
 

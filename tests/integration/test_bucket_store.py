@@ -72,8 +72,8 @@ def documents(place: Any) -> dict[str, bytes]:
 
 
 def test_bytes_are_those_on_disk(url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gear_rattle.workers.survey.template.now", lambda: "2009-01-01T00:00:00+00:00")
-    monkeypatch.setattr("gear_rattle.workers.storage.store.now", lambda: "2009-01-01T00:00:00+00:00")
+    monkeypatch.setattr("gear_rattle.workers.survey.template.current_time", lambda: "2009-01-01T00:00:00+00:00")
+    monkeypatch.setattr("gear_rattle.workers.storage.store.current_time", lambda: "2009-01-01T00:00:00+00:00")
     path = tmp_path / "survey.zarr"
     for where in (url, path):
         create_store(REQUEST, where)

@@ -14,12 +14,12 @@ import numpy as np
 from pydantic import ValidationError
 
 from gear_rattle.workers.errors import SurveyError, no_map
-from gear_rattle.workers.survey.axes import Axis, Window, reason
+from gear_rattle.workers.survey.axes import Axis, Window, first_message
 from gear_rattle.workers.survey.request import SurveyRequest, TileShape
 from gear_rattle.workers.survey.tiles import MACHINE_FAILURES
 from gear_rattle.workers.survey.values.cells import Cells
 from gear_rattle.workers.survey.values.evaluate import FAILED
-from gear_rattle.workers.survey.values.quantities import QUANTITIES, shape_of, stored
+from gear_rattle.workers.survey.values.quantities import QUANTITIES, shape_of, stored_variables
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group, Quantity
 from rattle.errors import require_integer, require_pair
 
@@ -62,7 +62,7 @@ class Frame:
 
 def map_quantity(variable: str, index: int, request: SurveyRequest) -> Quantity:
     """Return the variable that a map shows. Raises SurveyError if a survey of this model has no such map."""
-    per_cell = [quantity for quantity in QUANTITIES if quantity.per_cell and quantity.is_of(request.model)]
+    per_cell = [quantity for quantity in QUANTITIES if quantity.per_cell and quantity.is_in_model(request.model)]
     maps = {quantity.name: quantity for quantity in per_cell}
     if variable not in maps:
         raise SurveyError(no_map(variable, maps))
@@ -100,7 +100,7 @@ def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int
         same = {"initial_conditions": sample, "slots": request.n_slots, "tile": TileShape(), "certify": False}
         return SurveyRequest.model_validate(request.model_dump() | axes | same)
     except ValidationError as error:
-        raise SurveyError(f"the window cannot be computed: {reason(error)}") from error
+        raise SurveyError(f"the window cannot be computed: {first_message(error)}") from error
 
 
 def _axis(name: str, low: float, high: float, number: int) -> Axis:
@@ -176,7 +176,7 @@ def compute_part(
     began = time.perf_counter()
     quantity = map_quantity(variable, index, request)
     # The variable `status`, which has no group, needs the computation of all stored variables.
-    wanted = (quantity,) if quantity.group else stored(request.quantities, request.model)
+    wanted = (quantity,) if quantity.group else stored_variables(request.quantities, request.model)
     groups = {each.group for each in wanted}
     cells = Cells(
         delta=delta,
@@ -195,7 +195,7 @@ def compute_part(
         values = np.full(cells.shape, quantity.fill if quantity.group else FAILED, quantity.dtype)
         for cell in np.ndindex(cells.shape):
             try:
-                values[cell] = _evaluated(wanted, index, cells.one(*cell))[0, 0]
+                values[cell] = _evaluated(wanted, index, cells.single_cell(*cell))[0, 0]
             except MACHINE_FAILURES:
                 raise
             except Exception:

@@ -1,6 +1,6 @@
 """The blocks (rectangles of cells) in which a survey's attractors are joined to families, and their temporary files.
 
-Blocks do not depend on the tiles of the survey. The temporary files are in the store.
+Blocks do not depend on the tiles of the survey. The store holds the temporary files during the join.
 """
 
 from __future__ import annotations
@@ -15,13 +15,19 @@ import zarr
 
 from gear_rattle.workers.errors import reading
 from gear_rattle.workers.storage.location import Place
-from gear_rattle.workers.survey.families import FAMILY, GROUP, STORED, Slots, attractors_in_slots
+from gear_rattle.workers.survey.families import (
+    ATTRACTOR_VARIABLES,
+    FAMILY,
+    GROUP,
+    ListedAttractors,
+    attractors_in_slots,
+)
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from rattle import Attractors
 from rattle.families import Rectangle
 
-#: Largest number of slots in a block, for which a worker needs some 100 MB. With another number one in 10⁸ continued
-#: orbits would differ.
+#: Largest number of slots in a block, for which a worker needs some 100 MB. Another number would change one continued
+#: orbit in 10⁸.
 SLOTS_OF_BLOCK = 1 << 19
 
 
@@ -29,15 +35,16 @@ SLOTS_OF_BLOCK = 1 << 19
 class Block:
     """A rectangle of cells that one task joins, and that is a chunk of the array of family numbers.
 
-    row, column: the position of the block among all blocks. cells: its cells. side: the number of cells along a side of
-    a block; blocks at the ends of the axes may be smaller.
+    row, column: the position of the block among all blocks. cells: the ranges of its rows and columns of cells. side:
+    the number of cells along a side of a block; blocks at the ends of the axes may be smaller. along: the index of its
+    slice; () without a third axis.
     """
 
     row: int
     column: int
     cells: Rectangle
     side: int
-    along: Along = ()  # index of its slice
+    along: Along = ()
 
     @property
     def chunk(self) -> str:
@@ -64,7 +71,7 @@ def blocks_of(request: SurveyRequest, along: Along = ()) -> list[Block]:
 
 
 def with_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
-    """Extend a rectangle by one cell on each side. With before=0, extend it at the end of both axes only."""
+    """Extend a rectangle by one cell on each side, inside a grid of this shape; with before=0, at its ends only."""
     return Rectangle(
         max(cells.top - before, 0),
         min(cells.bottom + 1, shape[0]),
@@ -92,12 +99,12 @@ def numbered_over(table: Attractors, cells: Rectangle, columns: int) -> Attracto
     return table.replace(cell=(row + cells.top) * columns + column + cells.left)
 
 
-def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along: Along) -> Slots:
-    """Read the attractors that a survey lists in a rectangle of a slice; their cells are numbered in the grid.
+def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along: Along) -> ListedAttractors:
+    """Read the attractors that a survey lists in a rectangle of a slice. Cells are numbered in the whole grid.
 
     Returns
     -------
-    Slots
+    ListedAttractors
         The attractors, sorted by cell, and their slots.
     """
     at: tuple[int | slice | EllipsisType, ...] = (
@@ -107,13 +114,23 @@ def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along:
         slice(cells.left, cells.right),
     )
     with reading(f"the attractors of {place}"):
-        values = {name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[at]) for name in STORED}
+        values = {
+            name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[at]) for name in ATTRACTOR_VARIABLES
+        }
     found = attractors_in_slots(values, request.initial_conditions.count)
     return found._replace(attractors=numbered_over(found.attractors, cells, request.shape[1]))
 
 
 def read_components(place: Place, block: Block) -> np.ndarray:
-    """Return the component of each attractor of a block, listed in a slot or continued into it, sorted by cell."""
+    """Return for each attractor of a block the number of its component (connected part of a family), sorted by cell.
+
+    The attractors are those that a slot lists and the orbits that were continued into the block.
+
+    Returns
+    -------
+    np.ndarray
+        Shape (attractors,), int64; −1 for undecided samples.
+    """
     with reading(f"a temporary file of {place}"):
         return np.frombuffer(place.read(block.kept(COMPONENTS)), np.int32).astype(np.int64)
 
@@ -129,9 +146,10 @@ def common(one: Rectangle, other: Rectangle) -> Rectangle:
 
 
 def read_targets(request: SurveyRequest, place: Place, cells: Rectangle, blocks: Iterable[Block]) -> np.ndarray:
-    """Read for each listed attractor in a rectangle of cells the slot in which it belongs, shape (slots, m, n).
+    """Read for each listed attractor in a rectangle of cells the slot to which the attractor must move.
 
-    The first axis counts the attractors of a cell. blocks: the blocks that cover the rectangle.
+    The first axis of the result (slots, m, n) counts the attractors of a cell. blocks: the blocks that cover the
+    rectangle.
 
     Returns
     -------

@@ -28,10 +28,10 @@ from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import known_manifest, noting
 from gear_rattle.workers.storage.store import added_to_store, has_added
 from gear_rattle.workers.survey.crossings import Crossings, Polyline, crossings_of
-from gear_rattle.workers.survey.families import FAMILY, Joined, files_of_families, slots_of_families
+from gear_rattle.workers.survey.families import FAMILY, JoinedFamilies, files_of_families, slots_of_families
 from gear_rattle.workers.survey.manifest import group_path
 from gear_rattle.workers.survey.request import Along, SurveyRequest
-from gear_rattle.workers.survey.tiles import Tile, tiles_at
+from gear_rattle.workers.survey.tiles import Tile, tiles_of_slice
 from gear_rattle.workers.survey.values.schema import Group
 from rattle import Attractors
 from rattle.families import (
@@ -92,18 +92,18 @@ class _Join:
     """The join of one slice. Summaries of all blocks are in memory: their families, and the attractors at borders."""
 
     def __init__(self, survey: SurveyRequest, place: Place, each: Each, at_once: int, along: Along) -> None:
-        self.along, self._survey, self._request = along, survey, survey.at(along)
+        self.along, self._survey, self._request = along, survey, survey.slice_request(along)
         self._place, self._each, self._at_once = place, each, at_once
         self._columns = survey.shape[1]
         self.blocks = blocks_of(self._request, along)
         self._number = {(block.row, block.column): i for i, block in enumerate(self.blocks)}
 
-    def run(self) -> tuple[Joined, Edges, dict[str, str]]:
+    def run(self) -> tuple[JoinedFamilies, Edges, dict[str, str]]:
         """Join the slice and write the family numbers of its cells.
 
         Returns
         -------
-        tuple[Joined, Edges, dict[str, str]]
+        tuple[JoinedFamilies, Edges, dict[str, str]]
             The families, their edges, and the digests of the written chunks by key.
         """
         curves = _curves(self._request, self._place, self.along)
@@ -120,7 +120,7 @@ class _Join:
         orbits = together(*entered)
         order = in_order(orbits)
         numbers = np.concatenate([family[of[part.entered]] for of, part in zip(component, parts, strict=True)])
-        joined = Joined(table, orbits.take(order), numbers[order], self._columns)
+        joined = JoinedFamilies(table, orbits.take(order), numbers[order], self._columns)
         return joined, edges_of((each.ends for each in told), family, table, list(curves)), chunks
 
     def _of_blocks(self, task: Callable[..., Any], arguments: Iterable[tuple[Any, ...]]) -> list[Any]:
@@ -249,7 +249,7 @@ class _Join:
         If an earlier run rewrote a tile but was killed before it recorded the tile, the tile counts as damaged, and is
         computed again.
         """
-        known, tiles = known_manifest(self._place), iter(tiles_at(self._survey, self.along))
+        known, tiles = known_manifest(self._place), iter(tiles_of_slice(self._survey, self.along))
         with noting(self._place) as note:
             while some := list(islice(tiles, self._at_once)):
                 items = [(tile, self._around(tile), known.digests_of(tile.index)) for tile in some]

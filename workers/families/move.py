@@ -10,7 +10,7 @@ from gear_rattle.workers.families.blocks import Block, place_in_cell, read_targe
 from gear_rattle.workers.kinds import compute_tile
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import read_tile, write_tile
-from gear_rattle.workers.survey.families import attractors_in_slots, with_empty
+from gear_rattle.workers.survey.families import attractors_in_slots, complete_sources
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.tiles import Tile, TileArrays
 from gear_rattle.workers.survey.values.schema import SLOT
@@ -61,4 +61,4 @@ def _source(
     cell = found.attractors.cell
     source = np.full(target.shape, -1, np.int8)
     source[target[place_in_cell(cell), cell], cell] = found.slot
-    return with_empty(source.reshape(request.n_slots, cells.bottom - cells.top, -1))
+    return complete_sources(source.reshape(request.n_slots, cells.bottom - cells.top, -1))

@@ -13,7 +13,7 @@ from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.storage.location import Place
 from gear_rattle.workers.storage.store import open_survey
 from gear_rattle.workers.survey.families import FAMILY, GROUP
-from gear_rattle.workers.survey.slices import group_in, slice_of
+from gear_rattle.workers.survey.slices import slice_group_path, slice_of
 from gear_rattle.workers.survey.values.schema import CELL, Group
 from rattle import KINDS, wilson_interval
 
@@ -87,7 +87,7 @@ def family_of(
         survey = slice_of(whole, slice_number)
         if FAMILY not in survey:
             raise SurveyError(f"{name} has no families: compute a survey with --quantity {Group.FAMILIES}")
-        with opened(group_in(slice_number, GROUP)) as table:
+        with opened(slice_group_path(slice_number, GROUP)) as table:
             if not (isinstance(number, int | np.integer) and 0 <= number < table.sizes["family"]):
                 raise SurveyError(f"there is no family {number!r}: use a number from 0 to {table.sizes['family'] - 1}")
             row = {str(key): values.item() for key, values in table.isel(family=int(number)).items() if not values.ndim}

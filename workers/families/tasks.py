@@ -29,7 +29,7 @@ from gear_rattle.workers.families.blocks import (
 )
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.survey.crossings import Crossings
-from gear_rattle.workers.survey.families import Slots, create_numbers, slots_of
+from gear_rattle.workers.survey.families import ListedAttractors, create_family_array, slots_in_cells
 from gear_rattle.workers.survey.manifest import digest
 from gear_rattle.workers.survey.request import SurveyRequest
 from rattle import Attractors
@@ -200,14 +200,14 @@ def write_families(
     _table, component, is_listed = _known(place, block, found, entered)
     component = component[is_listed]
     cell, here = numbered_in(found.attractors, cells, request.shape[1]).cell, family[component]
-    target = slots_of(here, cell, slot[component]) if request.slots_follow_families else found.slot
+    target = slots_in_cells(here, cell, slot[component]) if request.slots_follow_families else found.slot
     shape = request.n_slots, cells.bottom - cells.top, cells.right - cells.left
     numbers = np.full((request.n_slots, shape[1] * shape[2]), NO_FAMILY, np.int32)
     targets = np.full(numbers.shape, -1, np.int8)
     numbers[target, cell], targets[place_in_cell(cell), cell] = here, target
     place.put(block.kept(TARGETS), targets.tobytes())
     kept: dict[str, Buffer] = {}
-    array = create_numbers(zarr.create_group(MemoryStore(kept), zarr_format=3), request, block.side)
+    array = create_family_array(zarr.create_group(MemoryStore(kept), zarr_format=3), request, block.side)
     array[:, cells.top : cells.bottom, cells.left : cells.right] = numbers.reshape(shape)
     content = kept[replace(block, along=()).chunk].to_bytes()  # a third axis of length 1 changes no byte of a chunk
     place.put(block.chunk, content)
@@ -219,7 +219,9 @@ def _cells(request: SurveyRequest, cells: Rectangle) -> object:
     return request.gear_model.cells(delta[cells.left : cells.right], epsilon[cells.top : cells.bottom])
 
 
-def _known(place: Place, block: Block, found: Slots, entered: Attractors) -> tuple[Attractors, np.ndarray, np.ndarray]:
+def _known(
+    place: Place, block: Block, found: ListedAttractors, entered: Attractors
+) -> tuple[Attractors, np.ndarray, np.ndarray]:
     """Return the attractors of a block, both listed and continued ones, sorted by cell.
 
     Returns

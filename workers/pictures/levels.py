@@ -14,7 +14,7 @@ import xarray as xr
 from gear_rattle.workers.errors import reading
 from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of, with_periodic
 from gear_rattle.workers.survey.levels import reduce
-from gear_rattle.workers.survey.levels.grid import GROUP, Level, Pair, centres, halvings, levels_of
+from gear_rattle.workers.survey.levels.grid import GROUP, Level, Pair, centres, levels_of, possible_levels
 from gear_rattle.workers.survey.levels.template import LEVEL_CELL, OCCURS, SHARE, STATISTIC
 from gear_rattle.workers.survey.slices import slice_of
 from gear_rattle.workers.survey.values.evaluate import FAILED
@@ -82,7 +82,9 @@ def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level:
         everything = slice(None)
         sizes = (_sizes(size, cells, everything) for size, cells in zip(values.shape, level.cells, strict=True))
         return _coded(found, states, *sizes)
-    *_, statistics = (reduce.phases if is_phase(str(plane.name)) else reduce.numbers)(values, known, steps)
+    *_, statistics = (reduce.reduced_phases if is_phase(str(plane.name)) else reduce.reduced_numbers)(
+        values, known, steps
+    )
     return _numbered(plane, statistics, states)
 
 
@@ -102,7 +104,7 @@ def _codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number:
     parts = []
     for begin in range(0, values.shape[0], together):
         band = slice(begin, begin + together)
-        *_, last = reduce.codes(np.nan_to_num(values[band]).astype(np.int8), known[band], steps, number)
+        *_, last = reduce.reduced_codes(np.nan_to_num(values[band]).astype(np.int8), known[band], steps, number)
         parts.append(last)
     return reduce.Codes(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
@@ -148,7 +150,7 @@ def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened:
     """
     plane = plane_of(dataset, variable, index)
     shape = plane.shape[0], plane.shape[1]
-    part = part_for(halvings(shape), (0, 0), shape, room)
+    part = part_for(possible_levels(shape), (0, 0), shape, room)
     if (level := part.level) is None:
         return dataset
     stored = opened(level.path) if opened and level in levels_of(shape) else None

@@ -39,10 +39,10 @@ from gear_rattle.workers.pictures.look import (
 from gear_rattle.workers.pictures.machine_axes import draw_machine_axes
 from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points_over
 from gear_rattle.workers.pictures.planes import SLOT_ORDER, UNJOINED, drawn_numbers, plane_of, with_periodic
-from gear_rattle.workers.survey.levels.grid import centres, halvings
+from gear_rattle.workers.survey.levels.grid import centres, possible_levels
 from gear_rattle.workers.survey.levels.reduce import pooled_cells
 from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION
-from gear_rattle.workers.survey.slices import value_along
+from gear_rattle.workers.survey.slices import third_axis_value
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from gear_rattle.workers.survey.values.quantities import QUANTITIES
 from gear_rattle.workers.survey.values.schema import FIXED, OF_PERIODIC, SLOT, Group, is_phase
@@ -181,7 +181,7 @@ def map_figure(
     is_machine = draw_machine_axes(axes, dataset)
     if look.family is not None:
         _dim_others(axes, dataset, look.family)
-    third = "".join(f", {name} = {value:g}" for name, value in value_along(dataset).items())
+    third = "".join(f", {name} = {value:g}" for name, value in third_axis_value(dataset).items())
     axes.set_title(title_of(plane) + third, fontsize=11)
     if is_machine:
         axes.set_title(in_revolutions(axes.get_title()), fontsize=11)
@@ -343,7 +343,7 @@ def _dim_others(axes: Axes, dataset: xr.Dataset, family: int) -> None:
     with reading(f"the map of {SHARE}"):
         values = drawn_numbers(share)
     shape = values.shape[0], values.shape[1]
-    level = part_for(halvings(shape), (0, 0), shape, ROOM).level
+    level = part_for(possible_levels(shape), (0, 0), shape, ROOM).level
     along, across = level.cells if level else (1, 1)
     shown = Finer(
         centres(dataset["delta"].values, across),

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator, create_model
 from pydantic_core import PydanticCustomError
 
-from gear_rattle.workers.survey.axes import Real, Strict, words_of
+from gear_rattle.workers.survey.axes import Real, Strict, field_message
 from rattle import LogNormal, Measured, Normal, Triangular, Uniform
 from rattle.populations import DIMENSIONLESS, OF_MACHINE, Distribution
 
@@ -23,7 +23,7 @@ class NormalNumber(Strict):
     high: Real | None = None
 
     @property
-    def meant(self) -> Distribution:
+    def in_library_form(self) -> Distribution:
         """The distribution as an object of the library. Raises ParameterError."""
         ends = {name: value for name in ("low", "high") if (value := getattr(self, name)) is not None}
         return Normal(self.mean, self.deviation, **ends)
@@ -37,7 +37,7 @@ class UniformNumber(Strict):
     high: Real
 
     @property
-    def meant(self) -> Distribution:
+    def in_library_form(self) -> Distribution:
         """The distribution in the library's form."""
         return Uniform(self.low, self.high)
 
@@ -51,7 +51,7 @@ class TriangularNumber(Strict):
     high: Real
 
     @property
-    def meant(self) -> Distribution:
+    def in_library_form(self) -> Distribution:
         """The distribution in the library's form."""
         return Triangular(self.low, self.mode, self.high)
 
@@ -64,7 +64,7 @@ class LogNormalNumber(Strict):
     deviation: Real
 
     @property
-    def meant(self) -> Distribution:
+    def in_library_form(self) -> Distribution:
         """The distribution in the library's form."""
         return LogNormal(self.median, self.deviation)
 
@@ -76,7 +76,7 @@ class MeasuredNumber(Strict):
     values: Annotated[tuple[Real, ...], Field(min_length=2, max_length=MOST_MEASURED)]
 
     @property
-    def meant(self) -> Distribution:
+    def in_library_form(self) -> Distribution:
         """The distribution in the library's form."""
         return Measured(self.values)
 
@@ -94,7 +94,7 @@ def _number_or_distribution(value: Any, handler: ValidatorFunctionWrapHandler) -
         of_number, *of_distribution = error.errors()
         meant = of_distribution[0] if isinstance(value, Mapping) and of_distribution else of_number
         where = ".".join(str(part) for part in meant["loc"][2:])  # `loc` begins with the union and its tag
-        said = f"{where}: {words_of(meant)}" if where else words_of(meant)
+        said = f"{where}: {field_message(meant)}" if where else field_message(meant)
         raise PydanticCustomError("number_or_distribution", "{said}", {"said": said}) from error
 
 
@@ -117,15 +117,15 @@ class GearNumbers(_Numbers):
     drive: Literal["torque", "speed"] | None = None
 
     @property
-    def meant(self) -> dict[str, Any]:
+    def in_library_form(self) -> dict[str, Any]:
         """The given numbers by name; distributions are objects of the library. Raises ParameterError."""
         given = {name: getattr(self, name) for name in type(self).model_fields}
-        return {name: meant(value) for name, value in given.items() if value is not None}
+        return {name: in_library_form(value) for name, value in given.items() if value is not None}
 
 
-def meant(value: Any) -> Any:
+def in_library_form(value: Any) -> Any:
     """Return a number unchanged, or a distribution as an object of the library. Raises ParameterError."""
-    return getattr(value, "meant", value)
+    return getattr(value, "in_library_form", value)
 
 
 def as_requested(value: Any) -> Any:

@@ -8,7 +8,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from gear_rattle.workers.populations.numbers import AnyDistribution, GearNumbers, meant
+from gear_rattle.workers.populations.numbers import AnyDistribution, GearNumbers, in_library_form
 from gear_rattle.workers.survey.axes import Name, Real, Strict
 from gear_rattle.workers.survey.request import LEAST_TILES, MAX_TILE_SAMPLES, MAX_TILES
 from gear_rattle.workers.survey.values.schema import Group
@@ -19,8 +19,8 @@ from rattle.models import ADDED, MODELS
 from rattle.populations import JUDGED, MOST_COUNT, MOST_GEARS, MOST_SHARE, PAIRS, Distribution, Plan, Tolerances
 
 MAX_TILE_GEARS = 65_536
-FEWEST = 64  # a default tile has at least this many gears, unless each takes long
-LOOKED_AT = 64  # the size of a default tile follows from the least damping among this many gears
+FEWEST_TILE_GEARS = 64  # a default tile has at least this many gears, unless each takes long
+DAMPING_SAMPLE_GEARS = 64  # the size of a default tile follows from the least damping among this many gears
 
 
 class ShockGiven(Strict):
@@ -59,7 +59,7 @@ class PopulationRequest(Strict):
     tile: Annotated[int, Field(strict=True, ge=1, le=MAX_TILE_GEARS)] | None = None
 
     @model_validator(mode="after")
-    def _meant(self) -> Self:
+    def _check_plan(self) -> Self:
         """Refuse values that the library refuses: making the plan raises its ParameterError, which is a ValueError."""
         # The library refuses a restitution above 1 only when a gear draws it, which may be in the last tile.
         for name, each in ADDED.items():
@@ -84,9 +84,9 @@ class PopulationRequest(Strict):
         """The plan of the population, as an object of the library. Raises ParameterError."""
         shock = None
         if self.shock is not None:
-            phase = {} if self.shock.phase is None else {"phase": meant(self.shock.phase)}
-            shock = Shock(meant(self.shock.speed), **phase)
-        tolerances = Tolerances(self.gear.meant, self.correlation)
+            phase = {} if self.shock.phase is None else {"phase": in_library_form(self.shock.phase)}
+            shock = Shock(in_library_form(self.shock.speed), **phase)
+        tolerances = Tolerances(self.gear.in_library_form, self.correlation)
         asked = self.gears, self.count, self.share, self.margin, shock, self.judged, self.pairs
         return Plan(tolerances, *asked, self.seed, self.budget)
 
@@ -108,8 +108,8 @@ class PopulationRequest(Strict):
 
     @cached_property
     def least_damping(self) -> float:
-        """The least damping among the first LOOKED_AT gears."""
-        few = self.plan.values(np.arange(min(LOOKED_AT, self.gears)))
+        """The least damping among the first DAMPING_SAMPLE_GEARS gears."""
+        few = self.plan.values(np.arange(min(DAMPING_SAMPLE_GEARS, self.gears)))
         return float(self.plan.tolerances.points(few).parameters.delta.min())
 
     @property
@@ -126,7 +126,7 @@ class PopulationRequest(Strict):
         longer = max(1.0, WATCH / (PERIODS * self.least_damping))
         each = -(-self.samples // self.n_cells)
         most = max(int(samples / longer) // each, 1)
-        return (min(most, max(self.plan.rows // LEAST_TILES, FEWEST), self.plan.rows, MAX_TILE_GEARS),)
+        return (min(most, max(self.plan.rows // LEAST_TILES, FEWEST_TILE_GEARS), self.plan.rows, MAX_TILE_GEARS),)
 
     @property
     def n_cells(self) -> int:

@@ -59,7 +59,7 @@ def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
     names = request.plan.tolerances.names
     alone, but = ([f"{way}_{name}" for name in names] for way in ("sharing", "sharing_all_but"))
     one = (GEAR,)
-    power = PopulationVariable("power", one, "float64", "mean power that the impacts hand over", _power, "W")
+    power = PopulationVariable("power", one, "float64", "mean power that the impacts hand over", _mean_power, "W")
     powers = (power,) if is_machine(request.plan.tolerances.given) else ()
     return (
         PopulationVariable(
@@ -71,11 +71,11 @@ def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
             flags=("population", "the_same_again", *alone, *but),
         ),
         *(
-            PopulationVariable(name, one, "float64", NAMES.get(name, name), _value(i), UNIT_OF.get(name, "1"))
+            PopulationVariable(name, one, "float64", NAMES.get(name, name), _number_column(i), UNIT_OF.get(name, "1"))
             for i, name in enumerate(names)
         ),
         *(
-            PopulationVariable(name, one, "float64", NAMES[name], _point(name))
+            PopulationVariable(name, one, "float64", NAMES[name], _field_column(name))
             for name in Gears._fields
             if name in NAMES and name not in names
         ),
@@ -102,7 +102,7 @@ def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
         ),
         *powers,
         PopulationVariable("verdict", one, "int8", "whether the gear passes", lambda _, x: x.verdict, flags=VERDICTS),
-        PopulationVariable("status", one, "int8", "what became of the gear", _status, flags=STATUS),
+        PopulationVariable("status", one, "int8", "what became of the gear", _gear_status, flags=STATUS),
     )
 
 
@@ -115,18 +115,18 @@ def gears_of(request: PopulationRequest, read: Callable[[str], np.ndarray]) -> G
     return Gears(part, values, delta, epsilon, beta, read("energy"), verdict)
 
 
-def _value(i: int) -> Evaluate:
+def _number_column(i: int) -> Evaluate:
     return lambda _, found: found.values[:, i]
 
 
-def _point(name: str) -> Evaluate:
+def _field_column(name: str) -> Evaluate:
     return lambda _, found: getattr(found, name)
 
 
-def _power(request: PopulationRequest, found: Gears) -> np.ndarray:
+def _mean_power(request: PopulationRequest, found: Gears) -> np.ndarray:
     units = request.plan.tolerances.points(found.values).units
     return np.asarray(means(found.energy) * (1.0 if units is None else units.power))
 
 
-def _status(_: PopulationRequest, found: Gears) -> np.ndarray:
+def _gear_status(_: PopulationRequest, found: Gears) -> np.ndarray:
     return np.where(np.isnan(found.energy).any(axis=1), SOME_UNDECIDED, OK)

@@ -20,7 +20,7 @@ from gear_rattle.workers.errors import SurveyError, reading
 from gear_rattle.workers.pictures.largest import names_of, open_maps
 from gear_rattle.workers.pictures.look import LARGEST
 from gear_rattle.workers.survey.families import GROUP
-from gear_rattle.workers.survey.slices import group_in
+from gear_rattle.workers.survey.slices import slice_group_path
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from rattle.models import Model
 
@@ -88,8 +88,8 @@ def stored_families(place: Path | Bucket, request: SurveyRequest, number: int) -
     SurveyError
         If the families are not stored yet.
     """
-    opened, along = partial(open_survey, place), request.along(number)
-    return Stored(open_maps(opened, LARGEST, *along), opened(group_in(along[0] if along else None, GROUP)))
+    opened, along = partial(open_survey, place), request.slice_index(number)
+    return Stored(open_maps(opened, LARGEST, *along), opened(slice_group_path(along[0] if along else None, GROUP)))
 
 
 def require_family(found: Stored, which: int) -> None:

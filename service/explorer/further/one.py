@@ -89,7 +89,7 @@ class ComparisonMap(SurveyMap):
     def _offer(self, further: Further, job: JobRow, surveys: Mapping[str, str]) -> Further:
         """Offer surveys and maps; return the chosen map, or the survey's first map if it has no such map."""
         request = request_of_job(job)
-        maps, number = map_names(request), sum(request.along(further.slice))
+        maps, number = map_names(request), sum(request.slice_index(further.slice))
         chosen = Chosen(further.variable, further.index)
         if chosen not in maps.values():
             chosen = next(iter(maps.values()))

@@ -86,7 +86,7 @@ class MapView(SurveyMap):
             is_waiting = now[1] == State.ACCEPTED
             variable = view.variable if stays else usual_variable(whole, is_waiting)
             index = view.index if view.index < len(maps[variable]) else 0
-            store.dispatch(MapOffered(variable, index, sum(whole.along(view.slice))))
+            store.dispatch(MapOffered(variable, index, sum(whole.slice_index(view.slice))))
             self.figure.in_si(whole.machine)
 
     def _follow(self) -> None:

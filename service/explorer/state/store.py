@@ -92,7 +92,7 @@ class Store:
     def request(self) -> SurveyRequest | None:
         """Request `whole`, reduced to the chosen slice if the survey has a third axis; None if `whole` is None."""
         whole = self.whole
-        return whole if whole is None else whole.at(whole.along(self.view.slice))
+        return whole if whole is None else whole.slice_request(whole.slice_index(self.view.slice))
 
     @property
     def model(self) -> Model:

@@ -221,7 +221,7 @@ def test_tiles_do_not_show_after_any_round() -> None:
         for tile in tiles_of(request):
             for name, values in compute_tile(request, replace(tile, rounds=rounds))[0].items():
                 grid = whole.setdefault(name, np.zeros((*values.shape[:-2], *request.shape), values.dtype))
-                grid[tile.at] = values
+                grid[tile.selection] = values
         found.append(whole)
     for name, values in found[0].items():
         assert values.tobytes() == found[1][name].tobytes(), name

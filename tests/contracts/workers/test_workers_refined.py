@@ -47,7 +47,7 @@ def tile_arrays(request: SurveyRequest) -> dict[str, np.ndarray]:
     for tile in tiles_of(request):
         for name, values in compute_tile(request, tile)[0].items():
             whole = found.setdefault(name, np.zeros((*values.shape[:-2], *request.shape), values.dtype))
-            whole[tile.at] = values
+            whole[tile.selection] = values
     return found
 
 

@@ -106,7 +106,7 @@ def test_stiffness_may_be_the_third_axis() -> None:
     found, expected = compute_tile(request, last)[0], compute_tile(plain, tiles_of(plain)[0])[0]
     assert found.keys() == expected.keys()
     assert all(values.tobytes() == expected[name].tobytes() for name, values in found.items())
-    assert "kappa 10000.0" in computing.described(request, last)
+    assert "kappa 10000.0" in computing.tile_name(request, last)
 
 
 @deep
@@ -239,7 +239,7 @@ def test_certificates_of_slices_are_told_apart(store: Path, tmp_path: Path) -> N
     ("fields", "said"),
     [
         ({"beta": (0.0, 0.5, 3)}, "beta must be positive: raise start"),
-        ({"beta": (0.5, 0.6, MAX_SLICES + 1)}, f"{MAX_SLICES} values at most: lower num"),
+        ({"beta": (0.5, 0.6, MAX_SLICES + 1)}, f"at most {MAX_SLICES} values: lower num"),
         ({"beta": (0.5, 0.5 + 1e-17, 2)}, "must be below stop"),
         ({"beta": (0.5, 0.5 + 2e-16, 9)}, "not distinct: lower num"),
         ({"beta": {"start": 0.5, "stop": "x", "num": 3}}, "stop: must be a number, got .x."),
@@ -268,7 +268,7 @@ def test_all_slices_are_sampled_alike_and_counted() -> None:
     request = SurveyRequest(**AXES, beta=(0.6, 1.3, 8))  # to beyond the paper's plane
     assert request.v_max == "natural"
     assert {each.v_max for each in request.slices.values()} == {"natural"}
-    assert (request.n_cells, request.n_slices, request.third) == (96, 8, "beta")
+    assert (request.n_cells, request.n_slices, request.third_axis_name) == (96, 8, "beta")
     assert SurveyRequest(**AXES).slices == {(): SurveyRequest(**AXES)}
     assert request.content_hash() != SurveyRequest(**AXES).content_hash()
     assert request.model_dump(mode="json")["beta"] == {"start": 0.6, "stop": 1.3, "num": 8}

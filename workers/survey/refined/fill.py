@@ -17,7 +17,7 @@ from gear_rattle.workers.survey.refined.rounds import Round
 from gear_rattle.workers.survey.refined.shares import fill_leaves
 from gear_rattle.workers.survey.refined.tree import Tree, crossed_edges
 from gear_rattle.workers.survey.values.cells import Cells
-from gear_rattle.workers.survey.values.evaluate import fraction, in_slots
+from gear_rattle.workers.survey.values.evaluate import in_slots, kind_fraction
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group, Quantity
 from rattle import Attractors, wilson_interval
 from rattle.attractors import CHAOTIC, QUIET
@@ -78,7 +78,7 @@ class RefinedCells(Cells):
     @cached_property
     def _fraction_error(self) -> np.ndarray:
         """Half the width of the 95 % interval of each cell's quiet fraction, with the uncertainty that filling adds."""
-        won = fraction("quiet")(self) * self.count
+        won = kind_fraction("quiet")(self) * self.count
         low, high = wilson_interval(np.where(self.filled, np.minimum(won, self.count), np.rint(won)), self.count)
         quiet = self.table.kind == QUIET
         wider = np.bincount(self.table.cell[quiet], self.wider[quiet], self.source_level.size).reshape(self.shape)
