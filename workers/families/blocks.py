@@ -51,12 +51,13 @@ class Block:
         """The key of the chunk with the family numbers of the block's slots."""
         return "/".join([FAMILY, "c", *map(str, (*self.along, 0, self.row, self.column))])
 
-    def kept(self, what: str) -> str:
-        """Return the key of a temporary file of the block, COMPONENTS or TARGETS, which exists during the join only."""
+    def temporary_key(self, what: str) -> str:
+        """Return the key of a temporary file of the block, which exists during the join only. what: its name."""
         return ".".join([f"{GROUP}/joining", *map(str, (*self.along, self.row, self.column)), what])
 
 
-#: Names of a block's temporary files: the component (connected part of a family) of each attractor, and its slot.
+#: Names of a block's temporary files: the component (connected part of a family) of each attractor, and each
+#: attractor's slot after the join.
 COMPONENTS, TARGETS = "components", "slots"
 
 
@@ -70,7 +71,7 @@ def blocks_of(request: SurveyRequest, along: Along = ()) -> list[Block]:
     ]
 
 
-def with_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
+def extended_by_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
     """Extend a rectangle by one cell on each side, inside a grid of this shape; with before=0, at its ends only."""
     return Rectangle(
         max(cells.top - before, 0),
@@ -80,21 +81,21 @@ def with_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Recta
     )
 
 
-def within(cell: np.ndarray, cells: Rectangle, columns: int) -> np.ndarray:
-    """Return for each cell, given by its number in the grid, whether it is in a rectangle."""
+def is_within(cell: np.ndarray, cells: Rectangle, columns: int) -> np.ndarray:
+    """Return for each number of a cell in the grid whether the cell is in a rectangle. columns: those of the grid."""
     row, column = np.divmod(cell, columns)
     found: np.ndarray = (cells.top <= row) & (row < cells.bottom) & (cells.left <= column) & (column < cells.right)
     return found
 
 
-def numbered_in(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
-    """Return attractors whose cells are numbered in a rectangle, from a table whose cells are numbered in the grid."""
+def renumbered_in_rectangle(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
+    """Return attractors with the numbers of their cells in a rectangle, instead of the numbers in the grid."""
     row, column = np.divmod(table.cell, columns)
     return table.replace(cell=(row - cells.top) * (cells.right - cells.left) + column - cells.left)
 
 
-def numbered_over(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
-    """Return attractors whose cells are numbered in the grid, from a table whose cells are numbered in a rectangle."""
+def renumbered_in_grid(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
+    """Return attractors with the numbers of their cells in the grid, instead of the numbers in a rectangle."""
     row, column = np.divmod(table.cell, cells.right - cells.left)
     return table.replace(cell=(row + cells.top) * columns + column + cells.left)
 
@@ -118,7 +119,7 @@ def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along:
             name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[at]) for name in ATTRACTOR_VARIABLES
         }
     found = attractors_in_slots(values, request.initial_conditions.count)
-    return found._replace(attractors=numbered_over(found.attractors, cells, request.shape[1]))
+    return found._replace(attractors=renumbered_in_grid(found.attractors, cells, request.shape[1]))
 
 
 def read_components(place: Place, block: Block) -> np.ndarray:
@@ -132,11 +133,11 @@ def read_components(place: Place, block: Block) -> np.ndarray:
         Shape (attractors,), int64; −1 for undecided samples.
     """
     with reading(f"a temporary file of {place}"):
-        return np.frombuffer(place.read(block.kept(COMPONENTS)), np.int32).astype(np.int64)
+        return np.frombuffer(place.read(block.temporary_key(COMPONENTS)), np.int32).astype(np.int64)
 
 
-def common(one: Rectangle, other: Rectangle) -> Rectangle:
-    """Return the intersection of two rectangles. If it is empty, its end is before its beginning."""
+def intersection(one: Rectangle, other: Rectangle) -> Rectangle:
+    """Return the intersection of two rectangles. An empty intersection ends before it begins."""
     return Rectangle(
         max(one.top, other.top),
         min(one.bottom, other.bottom),
@@ -158,16 +159,16 @@ def read_targets(request: SurveyRequest, place: Place, cells: Rectangle, blocks:
     """
     found = np.empty((request.n_slots, cells.bottom - cells.top, cells.right - cells.left), np.int8)
     for block in blocks:
-        of, both = block.cells, common(block.cells, cells)
+        of, both = block.cells, intersection(block.cells, cells)
         with reading(f"a temporary file of {place}"):
-            kept = np.frombuffer(place.read(block.kept(TARGETS)), np.int8)
+            kept = np.frombuffer(place.read(block.temporary_key(TARGETS)), np.int8)
         kept = kept.reshape(request.n_slots, of.bottom - of.top, of.right - of.left)
-        found[_at(both, cells)] = kept[_at(both, of)]
+        found[_index_of_part(both, cells)] = kept[_index_of_part(both, of)]
     return found
 
 
-def _at(part: Rectangle, whole: Rectangle) -> tuple[slice, slice, slice]:
-    """Return the index of a part of a rectangle in an array (slots, m, n) over the rectangle."""
+def _index_of_part(part: Rectangle, whole: Rectangle) -> tuple[slice, slice, slice]:
+    """Return the index that selects a part of a rectangle in an array (slots, m, n) over the whole rectangle."""
     return (
         slice(None),
         slice(part.top - whole.top, part.bottom - whole.top),
@@ -175,7 +176,7 @@ def _at(part: Rectangle, whole: Rectangle) -> tuple[slice, slice, slice]:
     )
 
 
-def place_in_cell(cell: np.ndarray) -> np.ndarray:
+def position_in_cell(cell: np.ndarray) -> np.ndarray:
     """Return for each attractor, sorted by cell, how many attractors of the same cell precede it."""
     found: np.ndarray = np.arange(cell.size) - np.searchsorted(cell, cell)
     return found

@@ -1,4 +1,4 @@
-"""The numbers of a gear in a request for a population: each is a number or a distribution."""
+"""Fields of a request for a population that describe a gear: each is a number or a distribution."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -98,7 +98,8 @@ def _number_or_distribution(value: Any, handler: ValidatorFunctionWrapHandler) -
         raise PydanticCustomError("number_or_distribution", "{said}", {"said": said}) from error
 
 
-#: A wrong value is reported once: as a wrong distribution if it is an object with fields, else as a wrong number.
+#: A field for a number or a distribution. A wrong value is reported once: as a wrong distribution if it is an object
+#: with fields, else as a wrong number.
 Number = Annotated[Real | AnyDistribution | None, WrapValidator(_number_or_distribution)]
 
 
@@ -118,7 +119,7 @@ class GearNumbers(_Numbers):
 
     @property
     def in_library_form(self) -> dict[str, Any]:
-        """The given numbers by name; distributions are objects of the library. Raises ParameterError."""
+        """The given numbers by name; a distribution is an object of the library. Raises ParameterError."""
         given = {name: getattr(self, name) for name in type(self).model_fields}
         return {name: in_library_form(value) for name, value in given.items() if value is not None}
 
@@ -129,7 +130,7 @@ def in_library_form(value: Any) -> Any:
 
 
 def as_requested(value: Any) -> Any:
-    """Return a number unchanged, or a distribution as a document of a request."""
+    """Return a number unchanged, or a distribution of the library as the dictionary that a request has for it."""
     match value:
         case Normal():
             ends = {name: end for name in ("low", "high") if abs(end := getattr(value, name)) != float("inf")}

@@ -18,8 +18,8 @@ from rattle.attractors import BUDGET, LARGEST_BUDGET, PERIODS, WATCH
 from rattle.models import ADDED, MODELS
 from rattle.populations import JUDGED, MOST_COUNT, MOST_GEARS, MOST_SHARE, PAIRS, Distribution, Plan, Tolerances
 
-MAX_TILE_GEARS = 65_536
-FEWEST_TILE_GEARS = 64  # a default tile has at least this many gears, unless each takes long
+MAX_TILE_GEARS = 65_536  # largest number of gears of a tile
+FEWEST_TILE_GEARS = 64  # a default tile has at least this many gears, unless each gear takes long
 DAMPING_SAMPLE_GEARS = 64  # the size of a default tile follows from the least damping among this many gears
 
 
@@ -60,7 +60,7 @@ class PopulationRequest(Strict):
 
     @model_validator(mode="after")
     def _check_plan(self) -> Self:
-        """Refuse values that the library refuses: making the plan raises its ParameterError, which is a ValueError."""
+        """Refuse values that the library refuses, and tiles that are too large or too many. Raises ValueError."""
         # The library refuses a restitution above 1 only when a gear draws it, which may be in the last tile.
         for name, each in ADDED.items():
             value = self.plan.tolerances.given.get(name)
@@ -81,7 +81,7 @@ class PopulationRequest(Strict):
 
     @cached_property
     def plan(self) -> Plan:
-        """The plan of the population, as an object of the library. Raises ParameterError."""
+        """The plan of the population, as an object of the library. Raises ParameterError, which is a ValueError."""
         shock = None
         if self.shock is not None:
             phase = {} if self.shock.phase is None else {"phase": in_library_form(self.shock.phase)}
@@ -102,7 +102,7 @@ class PopulationRequest(Strict):
 
     @cached_property
     def added_numbers(self) -> dict[str, float]:
-        """Parameters that the model adds to δ, ε and β, by name, with their values for the first gear."""
+        """The parameters that the model adds to δ, ε and β, by name, with their values for the first gear."""
         points = self.plan.tolerances.points(self.plan.values(np.arange(1)))
         return {name: float(x[0]) for name, x in points.parameters.added.items()}
 
@@ -150,12 +150,12 @@ class PopulationRequest(Strict):
 
     @property
     def samples(self) -> int:
-        """The least number of states to follow, including additional states of the gears tested for passing."""
+        """The least number of states to follow, with the additional states of gears that are tested for passing."""
         judging = self.plan.looks[-1] if self.share is not None else 0
         return self.n_cells * self.count + self.plan.judging * judging
 
     def content_hash(self) -> str:
-        """Return the hex SHA-256 of everything that decides the bytes of the store, code version included."""
+        """Return the hexadecimal SHA-256 of everything that decides the bytes of the store, with the code version."""
         content = self.model_dump(mode="json", exclude={"name", "tile"})
         content |= {"tile": self.tile_shape, "code": code_version()}
         return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""The empty store of a population: all its arrays and attributes."""
+"""Create the empty store of a population: all its arrays and attributes."""
 
 import json
 from typing import Any
@@ -13,11 +13,11 @@ from gear_rattle.workers.survey.template import CODECS, WRITE_ALL_CHUNKS, Templa
 from gear_rattle.workers.survey.values.quantities import DOI
 from gear_rattle.workers.survey.version import code_version
 
-KIND = "population"
+KIND = "population"  # value of the attribute `kind` by which readers recognize the store of a population
 
 
 def template_of(request: PopulationRequest, created: str | None = None) -> Template:
-    """Return the files of a population's store without tiles. created: the date of its creation; None: now."""
+    """Return the files of a population's store before its first tile. created: the date of creation; None: now."""
     kept: dict[str, Buffer] = {}
     created = created or current_time()
     root = zarr.create_group(MemoryStore(kept), zarr_format=3, attributes=_attributes(request, created))
@@ -37,7 +37,7 @@ def empty_arrays(request: PopulationRequest) -> tuple[dict[str, Buffer], dict[st
 
 
 def _chunk_key_patterns(variables: tuple[PopulationVariable, ...]) -> dict[str, str]:
-    """Return the pattern of each variable's chunk keys, with {column} for the number of the chunk."""
+    """Return {variable: pattern of its chunk keys}, with {column} for the number of the chunk."""
     return {each.name: "/".join([each.name, "c", "{column}", *"0" * (len(each.dims) - 1)]) for each in variables}
 
 

@@ -1,4 +1,4 @@
-"""Tiles of a population: groups of gears (rows of the store), each group computed by a pure function."""
+"""Compute a population tile by tile. A tile is a range of gears (rows of the store)."""
 
 import time
 from collections.abc import Iterable, Iterator
@@ -23,7 +23,10 @@ from rattle.populations import Gears, computed
 
 @dataclass(frozen=True)
 class GearTile:
-    """A range of rows of a population (each row is a gear), which are one chunk of every variable."""
+    """A range of rows of a population (each row is a gear), which is one chunk of every variable.
+
+    index: the number of the tile. gear: the range of its rows.
+    """
 
     index: int
     gear: slice

@@ -19,7 +19,7 @@ NAMES = {
     "epsilon": "eccentricity ε",
     **{each.name: each.long_name for each in (BETA, *ADDED.values())},
 }
-UNIT_OF = UNITS | {"rpm": "rpm"}
+UNIT_OF = UNITS | {"rpm": "rpm"}  # {number of a machine: its unit}
 
 Evaluate = Callable[[PopulationRequest, Gears], Any]
 
@@ -107,7 +107,7 @@ def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
 
 
 def gears_of(request: PopulationRequest, read: Callable[[str], np.ndarray]) -> Gears:
-    """Return the gears of a population from its store. read: function that returns a stored variable by name."""
+    """Return the gears of a population from its store. read: function that returns the stored variable of a name."""
     names = request.plan.tolerances.names
     values = np.stack([read(name) for name in names], axis=1)
     delta, epsilon, beta = (read(name) for name in ("delta", "epsilon", "beta"))

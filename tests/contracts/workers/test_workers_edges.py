@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rattle
-from gear_rattle.workers.boundaries.edges import Edges, edges_of, ends_in
+from gear_rattle.workers.boundaries.edges import Edges, edges_in_part, edges_of
 from gear_rattle.workers.survey.crossings import Crossings, crossings_of
 from rattle import curves
 from rattle.families.spread import Rectangle
@@ -36,7 +36,7 @@ def found_in(families: Families, names: tuple[str, ...], side: int) -> Edges:
         for i in range(0, EPSILON.size, side)
         for j in range(0, DELTA.size, side)
     ]
-    ends = (ends_in(part, DELTA.size, rows.cell, families.family, crossings) for part in parts)
+    ends = (edges_in_part(part, DELTA.size, rows.cell, families.family, crossings) for part in parts)
     return edges_of(ends, np.arange(families.table.cells.size), families.table, names)
 
 

@@ -246,7 +246,7 @@ def test_blocks_do_not_show(
     assert_same(path, followed)
     assert slots_in(path).equals(slots_in(followed))
     assert examine(path).whole
-    assert done.count("enter_block") >= rounds
+    assert done.count("continue_into_block") >= rounds
     assert [*(path / "families").glob("joining*")] == []
     assert (path / f"attractor_family/c/0/{9 // side}/{11 // side}").exists()
 
