@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     import xarray as xr
     from distributed import Client
 
-PROCESSES = 2
+PROCESSES = 2  # number of processes that a survey starts by default
 
-Progress = Callable[[int, int], None]
+Progress = Callable[[int, int], None]  # a function of the number of computed cells and of all cells
 
 
 def run_survey(
@@ -66,20 +66,20 @@ def run_survey(
     SurveyError
         The request is invalid, `out` has other contents or cannot be written, or there is no cluster.
     """
-    wanted = _request(request, fields)
+    wanted = _validated_request(request, fields)
     if out is not None:
         require_certifiable(wanted, out)
-        return _run(wanted, place_of(out), cluster, progress)
+        return _run_and_open(wanted, place_of(out), cluster, progress)
     if wanted.certify:
-        raise SurveyError("certificates are stored beside a survey: give `out`, or leave out `certify`")
+        raise SurveyError("certificates are stored beside a survey's store: give `out`, or leave out `certify`")
     with (
         tempfile.TemporaryDirectory(prefix="rattle-") as directory,
-        _run(wanted, place_of(Path(directory) / "survey.zarr"), cluster, progress) as survey,
+        _run_and_open(wanted, place_of(Path(directory) / "survey.zarr"), cluster, progress) as survey,
     ):
         return survey.load()
 
 
-def _request(request: SurveyRequest | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> SurveyRequest:
+def _validated_request(request: SurveyRequest | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> SurveyRequest:
     given = request.model_dump(exclude_unset=True) if isinstance(request, SurveyRequest) else request or {}
     try:
         return SurveyRequest.model_validate({**given, **fields})
@@ -87,7 +87,7 @@ def _request(request: SurveyRequest | Mapping[str, Any] | None, fields: Mapping[
         raise SurveyError(place_and_reason(error)) from None
 
 
-def _run(
+def _run_and_open(
     request: SurveyRequest, place: Place, cluster: str | Client | int | None, progress: Progress | None
 ) -> xr.Dataset:
     create_store(request, place)

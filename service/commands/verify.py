@@ -27,13 +27,13 @@ def verify(
     only the damaged parts again.
     """
     from gear_rattle.workers import examine, place_of
-    from gear_rattle.workers.certificates import examine_beside, examine_certificates, holds_certificates
+    from gear_rattle.workers.certificates import examine_certificates, examine_certificates_beside, holds_certificates
 
     place, damaged = place_of(store), list[str]()
     if holds_certificates(place):
         certificates = [examine_certificates(place.path)]  # type: ignore[union-attr]  # a directory
     else:
-        found, certificates = examine(place, processes), examine_beside(place)
+        found, certificates = examine(place, processes), examine_certificates_beside(place)
         _print_survey(found, str(place))
         damaged += [f"tile {tile}: {', '.join(names)}" for tile, names in found.damaged.items()]
         damaged += found.template

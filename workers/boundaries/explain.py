@@ -236,7 +236,7 @@ class _Search:
         )
 
     def _period_one_changes(self, n: int) -> Iterator[tuple[PeriodicOrbit, tuple[float, float]]]:
-        """Yield each orbit A to D that exists or is stable in one cell of the n-th pair only, and the other cell's (δ, ε)."""
+        """Yield the orbits A to D that exist or are stable in one cell of a pair only, with the other cell's (δ, ε)."""
         points = [self.grid.point(cell) for cell in (self.pairs.first[n], self.pairs.second[n])]
         found = [period_one(*point, self.grid.beta) for point in points]
         for here, there in ((0, 1), (1, 0)):

@@ -17,7 +17,13 @@ from uuid import uuid4
 
 from distributed import Client, Future, KilledWorker, get_worker
 
-from gear_rattle.workers.certificates import Answers, AttractorClaim, certify_claims, certify_survey, require_proofs
+from gear_rattle.workers.certificates import (
+    Answers,
+    AttractorClaim,
+    certify_claims,
+    certify_survey,
+    require_proof_extra,
+)
 from gear_rattle.workers.cluster.cluster import end_tasks, end_tasks_and_wait
 from gear_rattle.workers.cluster.costs import Begun
 from gear_rattle.workers.cluster.isolation import compute_tile_apart
@@ -226,7 +232,7 @@ def run_tiles(
             before_tiles(request, place)
             if isinstance(request, SurveyRequest) and request.certify:
                 with suppress(StoppedError):
-                    Joining(client, should_stop).map(require_proofs, [()])
+                    Joining(client, should_stop).map(require_proof_extra, [()])
         begun, columns = begun or Begun(), request.tile_grid[1]
         begun.expect(tiles, columns)
         submission = Submission(advance_tile, request, str(place), client, begun.partial)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from gear_rattle.workers.errors import SurveyError, no_map
+from gear_rattle.workers.errors import SurveyError, missing_map_message
 from gear_rattle.workers.survey.axes import Axis, Window, first_message
 from gear_rattle.workers.survey.request import SurveyRequest, TileShape
 from gear_rattle.workers.survey.tiles import MACHINE_FAILURES
@@ -65,7 +65,7 @@ def map_quantity(variable: str, index: int, request: SurveyRequest) -> Quantity:
     per_cell = [quantity for quantity in QUANTITIES if quantity.per_cell and quantity.is_in_model(request.model)]
     maps = {quantity.name: quantity for quantity in per_cell}
     if variable not in maps:
-        raise SurveyError(no_map(variable, maps))
+        raise SurveyError(missing_map_message(variable, maps))
     count, *_ = (*shape_of(maps[variable], (1, 1), request.n_slots)[:-2], 1)
     if not 0 <= index < count:
         raise SurveyError(f"{variable} has no map {index}: use an index from 0 to {count - 1}")
