@@ -12,8 +12,8 @@ import typer
 if TYPE_CHECKING:
     from gear_rattle.service.database import Database
 
-LARGEST = 2**31 - 1  # largest value of an integer column
-LONGEST_NAME = 100
+LARGEST = 2**31 - 1  # largest number that a column of the database can hold
+LONGEST_NAME = 100  # largest number of characters of a key's name
 
 app = typer.Typer(help="Add, list and revoke the API keys of a service.", no_args_is_help=True)
 
@@ -93,6 +93,7 @@ def revoke(
 
 @contextmanager
 def _database(data: Path | None, database_url: str | None, create: bool = False) -> Iterator[Database]:
+    """Yield the job database of a service. create: create its data directory if it does not exist."""
     from gear_rattle.service.commands.options import settings_of
     from gear_rattle.service.database import Database
     from gear_rattle.service.errors import DataDirectoryError
@@ -104,7 +105,9 @@ def _database(data: Path | None, database_url: str | None, create: bool = False)
         if create:
             directory.path.mkdir(parents=True, exist_ok=True)
         elif not directory.has_database:
-            raise DataDirectoryError(f"There is no data directory {directory.path}: name that of the service (--data).")
+            raise DataDirectoryError(
+                f"There is no data directory {directory.path}: name the data directory of the service (--data)."
+            )
     # A service may be running, so the database is not opened exclusively, and the directory is not locked.
     with closing(Database(settings.database_url or directory.database_url, exclusive=False)) as database:
         yield database

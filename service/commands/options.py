@@ -1,4 +1,4 @@
-"""Options of several commands, each declared once."""
+"""Declare the options that several commands share."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ DIMENSIONLESS = ("delta", "epsilon", "beta", *added())
 
 
 def number_options(kind: Any, metavar: str | None = None, panel: str = MACHINE) -> dict[str, Any]:
-    """Return an option for each of NUMBERS. kind: type of the options, except that `drive` is text."""
+    """Return {name: option} for each of NUMBERS. kind: the type of the options, except that `drive` is text."""
     found = {}
     for name, (text, default) in NUMBERS.items():
         taken, shown = (str, "torque|speed") if name == "drive" else (kind, metavar)
@@ -80,7 +80,7 @@ def with_options(
 ) -> Command:
     """Give a command further options. defaults: default values by option; the default of other options is None.
 
-    The command's first argument is then `taken_as(given)`, with the given options by name.
+    The command's first argument is then `taken_as(given)`, where `given` is a dictionary {option: given value}.
 
     Returns
     -------
@@ -103,7 +103,7 @@ def with_options(
         found = {name: given.pop(name) for name in options}
         command(taken_as({name: value for name, value in found.items() if value is not None}), **given)
 
-    del with_given.__wrapped__  # typer would read its annotations
+    del with_given.__wrapped__  # typer would read the annotations of the original command
     with_given.__signature__ = inspect.Signature([each.replace(kind=keyword) for each in taken])  # type: ignore[attr-defined]
     with_given.__annotations__ = {each.name: each.annotation for each in taken}
     return with_given
@@ -114,14 +114,14 @@ def with_added(
 ) -> Command:
     """Give a command an option for each parameter that a model adds, after its own option `after`.
 
-    The command's last argument is then a mapping of the given parameters, by name.
+    The command's last argument is then a mapping {name: value} of the given parameters.
 
     Parameters
     ----------
     text : str | None
         Help text of an option, with `{}` for the parameter's label; by default the text in NUMBERS.
     model : str | None
-        The only model whose parameters are options; by default those of all models.
+        The only model whose parameters become options; by default the parameters of all models do.
 
     Returns
     -------
@@ -152,7 +152,7 @@ def with_added(
         found = {each.name: given.pop(each.name) for each in options}
         command(**given, numbers={name: value for name, value in found.items() if value is not None})
 
-    del with_given.__wrapped__  # typer would read its annotations
+    del with_given.__wrapped__  # typer would read the annotations of the original command
     taken = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in own]
     taken[place:place] = options
     with_given.__signature__ = inspect.Signature(taken)  # type: ignore[attr-defined]
@@ -163,7 +163,7 @@ def with_added(
 def with_numbers(command: Command) -> Command:
     """Give a command options for the numbers of a gear, each a number or a distribution.
 
-    The command's first argument is then a mapping of the given texts, by name.
+    The command's first argument is then a mapping {name: given text}.
 
     Returns
     -------

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gear_rattle.service.commands import options
-from gear_rattle.service.commands.filling import fill
+from gear_rattle.service.commands.filling import compute_store
 from gear_rattle.service.commands.survey_options import with_survey
 
 if TYPE_CHECKING:
@@ -39,18 +39,18 @@ def run(
                 f"draw a slice when the survey is complete, with rattle figure {out} --slice 0", param_hint="--figure"
             )
         require_writable(figure)
-    fill(request, out, scheduler, workers)
-    _summarise(out)
+    compute_store(request, out, scheduler, workers)
+    _print_summary(out)
     if figure is not None:
         draw_survey(out, figure)
 
 
-def _percent(share: float) -> str:
+def _percent_text(share: float) -> str:
     """Return a share in per cent with two significant digits, for example "0.22" or "100"."""
     return f"{float(f'{100 * share:.2g}'):g}"
 
 
-def _summarise(out: str) -> None:
+def _print_summary(out: str) -> None:
     import numpy as np
     import zarr  # not xarray, which takes half a second to load
 
@@ -73,6 +73,6 @@ def _summarise(out: str) -> None:
         filled, audited, wrong, bound = (attributes[name] for name in AUDIT_ATTRIBUTES)
         summary += (
             f"; {cells - filled - n_failed} computed, {filled} filled: of {audited} audited ones {wrong} disagreed, at "
-            f"most {_percent(bound)} % are wrong (95 %)"
+            f"most {_percent_text(bound)} % are wrong (95 %)"
         )
     typer.echo(summary)

@@ -245,9 +245,9 @@ def run_tiles(
                 begun.take_ended(record)
                 del left[record.index]
                 on_tile(record)
-                tell_left()
+                show_time_left()
 
-            def tell_left() -> None:
+            def show_time_left() -> None:
                 if (seconds := begun.seconds_left(submission.n_threads)) is not None:
                     on_left(seconds)
 
@@ -264,12 +264,12 @@ def run_tiles(
                     _run(submission, measuring, on_ended, *asked, on_measured)
                     submission.seconds = PART_SECONDS
                     begun.expect(list(left.values()), columns)
-                    tell_left()
+                    show_time_left()
                 waiting = deque(begun.in_order(list(left.values()), columns))
 
                 def on_part(tile: AnyTile) -> None:
                     waiting.appendleft(tile)
-                    tell_left()
+                    show_time_left()
 
                 if not should_stop():
                     _run(submission, waiting, on_ended, *asked, on_part)
