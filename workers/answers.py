@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import zarr
 
-from gear_rattle.workers.errors import SurveyError, reading
+from gear_rattle.workers.errors import SurveyError, report_damage
 from gear_rattle.workers.kinds import request_of
 from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.populations.variables import gears_of
@@ -40,7 +40,7 @@ def population_of(where: str | Path | Place) -> Population:
     manifest = manifest_of(place)
     is_whole = manifest is None or whole_root(place, manifest) is not None  # old versions wrote no manifest
     request = _request_of(said_by_root(place) if is_whole else {}, str(place))
-    with reading(f"the gears of {place}"):
+    with report_damage(f"the gears of {place}"):
         group = zarr.open_group(place.zarr(), mode="r")
         return _complete_population(request, lambda name: np.asarray(group[name]), str(place))
 
@@ -59,7 +59,7 @@ def population_in(dataset: "xr.Dataset", name: str) -> Population:
         There is no population, it is not finished, or it is damaged.
     """
     request = _request_of(dataset.attrs, name)
-    with reading(f"the gears of {name}"):
+    with report_damage(f"the gears of {name}"):
         return _complete_population(request, lambda column: np.asarray(dataset[column]), name)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import zarr
 
-from gear_rattle.workers.errors import reading, storage_error
+from gear_rattle.workers.errors import report_damage, storage_error
 from gear_rattle.workers.storage.added import Each, here
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import attributes_of, noting, tell
@@ -27,7 +27,7 @@ COUNTED_VARIABLES = (SOURCE_LEVEL, AUDIT, LEAF)  # stored variables from which t
 
 def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
     """Return whether a survey requests a bound that its store does not record as met. All tiles must be computed."""
-    return request.is_bounded and AUDIT_ATTRIBUTES[-1] not in attributes_of(place_of(where))
+    return request.has_bound and AUDIT_ATTRIBUTES[-1] not in attributes_of(place_of(where))
 
 
 def meet_bound(
@@ -95,12 +95,12 @@ def meet_bound(
 def audit_counts_of_tile(_request: SurveyRequest, path: str, tile: Tile) -> Counts | None:
     """Read a tile's audit counts of its last round from the store; None if the stored tile has other rounds."""
     place = place_of(path)
-    with reading(f"the audit of {place}"):
+    with report_damage(f"the audit of {place}"):
         stored = {
             name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[tile.selection])
             for name in COUNTED_VARIABLES
         }
-    return _counts(tile, stored)
+    return _audit_counts(tile, stored)
 
 
 def recompute_tile(request: SurveyRequest, path: str, tile: Tile) -> tuple[Counts, dict[str, str]]:
@@ -113,22 +113,22 @@ def recompute_tile(request: SurveyRequest, path: str, tile: Tile) -> tuple[Count
     """
     values, _ = compute_tile(request, tile)
     files = write_tile(request, path, tile, values)
-    counts = _counts(tile, values)
+    counts = _audit_counts(tile, values)
     assert counts is not None, "every filled cell has gone through all rounds"
     return counts, files
 
 
-def _counts(tile: Tile, values: Mapping[str, np.ndarray]) -> Counts | None:
+def _audit_counts(tile: Tile, values: Mapping[str, np.ndarray]) -> Counts | None:
     """Return a tile's audit counts of its last round; None if `values` were computed with other rounds."""
     source, audit, leaf = (values[name] for name in COUNTED_VARIABLES)
     now = (leaf > 0) & (leaf // KINDS == len(tile.rounds))
     filled = source > 0
     if (filled & ~now).any() or (leaf // KINDS > len(tile.rounds)).any():
         return None
-    return Counts(*(_by_kind(leaf[now & of]) for of in (True, audit > 0, audit == DISAGREED, filled)))
+    return Counts(*(_counts_by_kind(leaf[now & of]) for of in (True, audit > 0, audit == DISAGREED, filled)))
 
 
-def _by_kind(leaf: np.ndarray) -> np.ndarray:
+def _counts_by_kind(leaf: np.ndarray) -> np.ndarray:
     return np.bincount(leaf % KINDS, minlength=KINDS)
 
 

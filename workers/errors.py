@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from rattle import RattleError
 from rattle.errors import did_you_mean
 
-LONGEST = 80  # a message quotes at most this many characters of a name
+LONGEST_NAME = 80  # a message quotes at most this many characters of a name
 
 
 class SurveyError(RattleError):
@@ -49,11 +49,11 @@ def missing_map_message(variable: str, maps: Iterable[str]) -> str:
     """Return the message for a map that does not exist. The message suggests a similar name, or lists all maps."""
     known = sorted(maps)
     meant = did_you_mean(variable, known)
-    return f"there is no map {variable[:LONGEST]!r}{meant or ': there are ' + ', '.join(known)}"
+    return f"there is no map {variable[:LONGEST_NAME]!r}{meant or ': there are ' + ', '.join(known)}"
 
 
 @contextmanager
-def reading(what: str) -> Iterator[None]:
+def report_damage(what: str) -> Iterator[None]:
     """Turn errors of file systems, object stores and codecs during a read into DamageError."""
     try:
         yield

@@ -13,7 +13,7 @@ import zarr
 from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
-from gear_rattle.workers.errors import reading, storage_error
+from gear_rattle.workers.errors import report_damage, storage_error
 from gear_rattle.workers.storage.added import Each, here
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import added_to_store, has_added
@@ -77,7 +77,7 @@ def build_level_block(request: SurveyRequest, path: str, block: LevelBlock) -> d
 
 
 def _read_array(place: Place, block: LevelBlock, name: str) -> np.ndarray:
-    with reading(f"{name} of {place}"):
+    with report_damage(f"{name} of {place}"):
         array = zarr.open_array(place.zarr(), path=name, mode="r")
         return np.asarray(array[block.selection])
 

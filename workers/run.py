@@ -16,7 +16,7 @@ from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.in_process import is_short, run_tiles_here
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import create_store, finish_store, open_survey, tiles_done
-from gear_rattle.workers.survey.axes import place_and_reason
+from gear_rattle.workers.survey.axes import field_and_message
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.tiles import Tile, TileRecord, tiles_of
 
@@ -84,7 +84,7 @@ def _validated_request(request: SurveyRequest | Mapping[str, Any] | None, fields
     try:
         return SurveyRequest.model_validate({**given, **fields})
     except ValidationError as error:
-        raise SurveyError(place_and_reason(error)) from None
+        raise SurveyError(field_and_message(error)) from None
 
 
 def _run_and_open(
@@ -94,12 +94,12 @@ def _run_and_open(
     done = tiles_done(request, place)
     missing = [tile for tile in tiles_of(request) if tile.index not in done]
     if missing or is_incomplete(request, place):
-        _compute(request, place, missing, cluster, progress)
+        _compute_and_complete(request, place, missing, cluster, progress)
     finish_store(place)
     return open_survey(place)
 
 
-def _compute(
+def _compute_and_complete(
     request: SurveyRequest,
     place: Place,
     missing: list[Tile],
@@ -115,15 +115,15 @@ def _compute(
             progress(done, request.n_cells)
 
     if cluster is None and is_short(request, request.n_cells):
-        run_tiles_here(request, place, missing, on_tile, _never)
+        run_tiles_here(request, place, missing, on_tile, _never_stop)
         with place.writing():
             complete(request, place)
         return
     from gear_rattle.workers.cluster.runner import complete_on, run_tiles
 
     with _client(cluster) as client:
-        run_tiles(request, place, missing, client, on_tile, _never)
-        complete_on(client, request, place, _never)
+        run_tiles(request, place, missing, client, on_tile, _never_stop)
+        complete_on(client, request, place, _never_stop)
 
 
 def _client(cluster: str | Client | int | None) -> AbstractContextManager[Client]:
@@ -136,5 +136,5 @@ def _client(cluster: str | Client | int | None) -> AbstractContextManager[Client
     return nullcontext(cluster)
 
 
-def _never() -> bool:
+def _never_stop() -> bool:
     return False

@@ -145,7 +145,7 @@ def _compute_tiles(
         seconds = time.monotonic() - began
         if not should_stop() and survey.is_incomplete(request, out):
             _complete_survey(request, out, client, should_stop)
-    if isinstance(request, survey.SurveyRequest) and request.is_bounded:
+    if isinstance(request, survey.SurveyRequest) and request.has_bound:
         # Rounds of audits have computed some of the cells that tiles had filled.
         filled = 0 if before else attributes_of(survey.place_of(out)).get(AUDIT_ATTRIBUTES[0], 0)
     if missing:
@@ -174,7 +174,7 @@ def _steps_after_tiles(request: SurveyRequest) -> Iterator[str]:
     from gear_rattle.workers import Group
     from gear_rattle.workers.survey.levels.grid import levels_of
 
-    if request.is_bounded:
+    if request.has_bound:
         yield "Auditing filled cells until the bound is met"
     if Group.FAMILIES in request.quantities:
         yield "Joining the attractors to families"

@@ -12,7 +12,7 @@ import typer
 if TYPE_CHECKING:
     from gear_rattle.service.database import Database
 
-LARGEST = 2**31 - 1  # largest number that a column of the database can hold
+LARGEST_INTEGER = 2**31 - 1  # largest number that a column of the database can hold
 LONGEST_NAME = 100  # largest number of characters of a key's name
 
 app = typer.Typer(help="Add, list and revoke the API keys of a service.", no_args_is_help=True)
@@ -39,12 +39,17 @@ def add(
     max_cells: Annotated[
         int | None,
         typer.Option(
-            min=1, max=LARGEST, help="Quota of cells of all its surveys, kept ones too.", show_default="no quota"
+            min=1,
+            max=LARGEST_INTEGER,
+            help="Quota of cells of all its surveys, kept ones too.",
+            show_default="no quota",
         ),
     ] = None,
     max_running: Annotated[
         int | None,
-        typer.Option(min=1, max=LARGEST, help="Quota of its queued and running surveys.", show_default="no quota"),
+        typer.Option(
+            min=1, max=LARGEST_INTEGER, help="Quota of its queued and running surveys.", show_default="no quota"
+        ),
     ] = None,
     data: Data = None,
     database_url: DatabaseUrl = None,

@@ -99,14 +99,14 @@ def with_options(
     taken = [*required, *shared, *(each for each in own if each not in required)]
 
     @functools.wraps(command)
-    def with_given(**given: Any) -> None:
+    def command_with_options(**given: Any) -> None:
         found = {name: given.pop(name) for name in options}
         command(taken_as({name: value for name, value in found.items() if value is not None}), **given)
 
-    del with_given.__wrapped__  # typer would read the annotations of the original command
-    with_given.__signature__ = inspect.Signature([each.replace(kind=keyword) for each in taken])  # type: ignore[attr-defined]
-    with_given.__annotations__ = {each.name: each.annotation for each in taken}
-    return with_given
+    del command_with_options.__wrapped__  # typer would read the annotations of the original command
+    command_with_options.__signature__ = inspect.Signature([each.replace(kind=keyword) for each in taken])  # type: ignore[attr-defined]
+    command_with_options.__annotations__ = {each.name: each.annotation for each in taken}
+    return command_with_options
 
 
 def with_added(
@@ -148,16 +148,16 @@ def with_added(
     place = 1 + [each.name for each in own].index(after)
 
     @functools.wraps(command)
-    def with_given(**given: Any) -> None:
+    def command_with_options(**given: Any) -> None:
         found = {each.name: given.pop(each.name) for each in options}
         command(**given, numbers={name: value for name, value in found.items() if value is not None})
 
-    del with_given.__wrapped__  # typer would read the annotations of the original command
+    del command_with_options.__wrapped__  # typer would read the annotations of the original command
     taken = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in own]
     taken[place:place] = options
-    with_given.__signature__ = inspect.Signature(taken)  # type: ignore[attr-defined]
-    with_given.__annotations__ = {each.name: each.annotation for each in taken}
-    return with_given
+    command_with_options.__signature__ = inspect.Signature(taken)  # type: ignore[attr-defined]
+    command_with_options.__annotations__ = {each.name: each.annotation for each in taken}
+    return command_with_options
 
 
 def with_numbers(command: Command) -> Command:
@@ -219,6 +219,6 @@ def settings_of(**given: Any) -> Settings:
     try:
         return Settings(**{name: value for name, value in given.items() if value is not None})
     except ValidationError as error:
-        from gear_rattle.workers.survey.axes import place_and_reason
+        from gear_rattle.workers.survey.axes import field_and_message
 
-        raise typer.BadParameter(place_and_reason(error)) from error
+        raise typer.BadParameter(field_and_message(error)) from error

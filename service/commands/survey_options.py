@@ -145,7 +145,7 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
     from pydantic import ValidationError
 
     from gear_rattle.workers import Axis, SurveyRequest
-    from gear_rattle.workers.survey.axes import place_and_reason
+    from gear_rattle.workers.survey.axes import field_and_message
     from rattle import RattleError
     from rattle.attractors import read_speed
 
@@ -188,7 +188,7 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
             fields["refine"] = refined or True
         return SurveyRequest(**fields | {"initial_conditions": sample})
     except ValidationError as error:
-        raise typer.BadParameter(place_and_reason(error)) from error
+        raise typer.BadParameter(field_and_message(error)) from error
     except RattleError as error:
         raise typer.BadParameter(str(error)) from error
 

@@ -114,15 +114,15 @@ def _population_request(
 
     import rattle
     from gear_rattle.workers import PopulationRequest
-    from gear_rattle.workers.populations.numbers import as_requested
-    from gear_rattle.workers.survey.axes import place_and_reason
+    from gear_rattle.workers.populations.numbers import request_field_of
+    from gear_rattle.workers.survey.axes import field_and_message
     from rattle.populations import Tolerances, distribution_of
 
     def read_number_or_distribution(text: str) -> Any:
         try:
             return float(text)
         except ValueError:
-            return as_requested(distribution_of(text))
+            return request_field_of(distribution_of(text))
 
     try:
         gear: dict[str, Any] = {
@@ -141,7 +141,7 @@ def _population_request(
                 raise typer.BadParameter(
                     f"only the numbers in {measured} may vary: give one value for each other number, and no correlation"
                 )
-            gear |= {name: as_requested(each) for name, each in found.items()}
+            gear |= {name: request_field_of(each) for name, each in found.items()}
         elif pairs:
             matrix = _correlation_matrix(Tolerances({**numbers}).names, pairs)
         given = {name: read_number_or_distribution(text) for name, text in shock.items() if text is not None}
@@ -151,7 +151,7 @@ def _population_request(
         fields = {"gear": gear, "correlation": rows, "shock": given or None, **asked}
         return PopulationRequest.model_validate(fields)
     except ValidationError as error:
-        raise typer.BadParameter(place_and_reason(error)) from error
+        raise typer.BadParameter(field_and_message(error)) from error
     except rattle.RattleError as error:
         raise typer.BadParameter(str(error)) from error
 

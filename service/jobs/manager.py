@@ -35,7 +35,7 @@ from gear_rattle.workers import (
     tiles_of,
 )
 from gear_rattle.workers.kinds import place_of_cell
-from gear_rattle.workers.survey.axes import place_and_reason
+from gear_rattle.workers.survey.axes import field_and_message
 from rattle import RattleError
 
 if TYPE_CHECKING:
@@ -447,5 +447,5 @@ def _request_of(job: JobRow) -> AnyRequest:
         return request_of(job.request)
     except ValidationError as error:
         raise ServiceError(
-            f"The request is no longer valid in this version ({place_and_reason(error)}). Submit a corrected request."
+            f"The request is no longer valid in this version ({field_and_message(error)}). Submit a corrected request."
         ) from error

@@ -127,7 +127,12 @@ def _same_watch(request: SurveyRequest, other: SurveyRequest) -> bool:
     """Return whether both surveys have similar observation times, budgets and boxes of initial conditions."""
     ratio = max(request.delta.start, STRONG) / max(other.delta.start, STRONG)
     sample, its = request.initial_conditions, other.initial_conditions
-    same = (sample.budget, sample.tau, sample.v_min, request.v_max) == (its.budget, its.tau, its.v_min, other.v_max)
+    same = (sample.budget, sample.tau_range, sample.v_min, request.v_max) == (
+        its.budget,
+        its.tau_range,
+        its.v_min,
+        other.v_max,
+    )
     return same and 1.0 / SIMILAR <= ratio <= SIMILAR
 
 

@@ -14,7 +14,7 @@ from gear_rattle.service.errors import ForbiddenError
 from gear_rattle.service.operations.limits import check_limits
 from gear_rattle.service.state import Front
 from gear_rattle.workers import AnyRequest, PopulationRequest
-from gear_rattle.workers.survey.axes import Name, Strict, require_visible
+from gear_rattle.workers.survey.axes import Name, StrictRecord, require_visible
 
 MOST_NOTES = 10_000  # notes have at most this many characters
 LINES = "\t\n\r"
@@ -28,7 +28,7 @@ def _legible(text: str) -> str:
 Notes = Annotated[str, Field(max_length=MOST_NOTES), AfterValidator(_legible)]
 
 
-class Description(Strict):
+class Description(StrictRecord):
     """The name and the notes of a survey. Fields that are left out do not change."""
 
     name: Name | None = None

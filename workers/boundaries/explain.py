@@ -22,12 +22,12 @@ from rattle.models import DEFAULT_MODEL, MODELS, Capability, lacking
 
 CHAOTIC = KINDS.index("chaotic")
 MOST_CURVES = 100  # default of the largest number of computed curves of motions of higher period
-WORTH_A_CURVE = 4  # a curve is traced if at least this many pairs differ by motions of the same label
+LEAST_PAIRS_FOR_CURVE = 4  # a curve is traced if at least this many pairs differ by motions of the same label
 #: Curves of motions with more impacts per period than this are not traced: they take seconds and explain few pairs.
 LONGEST_TRACED = 16
 #: Number of points of a traced curve across the survey. Few points suffice, because crossings with grid lines are
 #: computed exactly.
-COARSE = 30
+CURVE_POINTS_ACROSS = 30
 ORBITS = ("A", "B", "C", "D")
 
 
@@ -208,7 +208,7 @@ class _Search:
             start = periodic_orbit(*self.grid.point(here), attractor.tau, attractor.v, label[2], self.grid.beta)
         except RattleError:
             return "the motion could not be solved for"
-        found = self._follow_motion(n, start, self.grid.point(there), self.often[label] >= WORTH_A_CURVE)
+        found = self._follow_motion(n, start, self.grid.point(there), self.often[label] >= LEAST_PAIRS_FOR_CURVE)
         if isinstance(found, PeriodicOrbit):
             return "the motion attracts on both sides: its basin fraction is small, and one sample missed it"
         if found is None:
@@ -265,7 +265,7 @@ class _Search:
             self.met[n] = self.met.get(n, frozenset()) | _labels_at_event(found)
             worth = worth and found.itinerary.n <= LONGEST_TRACED
             if worth and len(self.known) < len(curves.NAMES) + self.most_curves:
-                curve = curves.bifurcation_curve(found, *self.window, COARSE)
+                curve = curves.bifurcation_curve(found, *self.window, CURVE_POINTS_ACROSS)
                 self._add_curve(curve, _labels_at_event(found), found.itinerary.m == 1)
         return found
 

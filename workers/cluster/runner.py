@@ -273,7 +273,7 @@ def run_tiles(
 
                 if not should_stop():
                     _run(submission, waiting, on_ended, *asked, on_part)
-                if submission.superseded and isinstance(request, SurveyRequest) and request.is_bounded:
+                if submission.superseded and isinstance(request, SurveyRequest) and request.has_bound:
                     # Repeated attempts at finished tiles would overwrite the tiles of later rounds.
                     end_tasks_and_wait(client, submission.superseded)
             finally:

@@ -123,7 +123,7 @@ class Grid:
 
     def __init__(self, survey: SurveyRequest, quantity: Quantity) -> None:
         self.delta, self.epsilon = survey.delta.values(), survey.epsilon.values()
-        self.values = np.full(survey.shape, quantity.fill, quantity.dtype)
+        self.values = np.full(survey.shape, quantity.fill_value, quantity.dtype)
         self.known = np.zeros(survey.shape, np.bool_)
         self.failed = 0
         whole = math.gcd(*(number - 1 for number in survey.shape))
@@ -192,7 +192,7 @@ def compute_part(
     except MACHINE_FAILURES:
         raise
     except Exception:  # the model failed in some cell: compute the cells one by one
-        values = np.full(cells.shape, quantity.fill if quantity.group else FAILED, quantity.dtype)
+        values = np.full(cells.shape, quantity.fill_value if quantity.group else FAILED, quantity.dtype)
         for cell in np.ndindex(cells.shape):
             try:
                 values[cell] = _evaluated(wanted, index, cells.single_cell(*cell))[0, 0]

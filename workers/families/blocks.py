@@ -13,7 +13,7 @@ from types import EllipsisType
 import numpy as np
 import zarr
 
-from gear_rattle.workers.errors import reading
+from gear_rattle.workers.errors import report_damage
 from gear_rattle.workers.storage.location import Place
 from gear_rattle.workers.survey.families import (
     ATTRACTOR_VARIABLES,
@@ -114,7 +114,7 @@ def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along:
         slice(cells.top, cells.bottom),
         slice(cells.left, cells.right),
     )
-    with reading(f"the attractors of {place}"):
+    with report_damage(f"the attractors of {place}"):
         values = {
             name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[at]) for name in ATTRACTOR_VARIABLES
         }
@@ -132,7 +132,7 @@ def read_components(place: Place, block: Block) -> np.ndarray:
     np.ndarray
         Shape (attractors,), int64; −1 for undecided samples.
     """
-    with reading(f"a temporary file of {place}"):
+    with report_damage(f"a temporary file of {place}"):
         return np.frombuffer(place.read(block.temporary_key(COMPONENTS)), np.int32).astype(np.int64)
 
 
@@ -160,7 +160,7 @@ def read_targets(request: SurveyRequest, place: Place, cells: Rectangle, blocks:
     found = np.empty((request.n_slots, cells.bottom - cells.top, cells.right - cells.left), np.int8)
     for block in blocks:
         of, both = block.cells, intersection(block.cells, cells)
-        with reading(f"a temporary file of {place}"):
+        with report_damage(f"a temporary file of {place}"):
             kept = np.frombuffer(place.read(block.temporary_key(TARGETS)), np.int8)
         kept = kept.reshape(request.n_slots, of.bottom - of.top, of.right - of.left)
         found[_index_of_part(both, cells)] = kept[_index_of_part(both, of)]

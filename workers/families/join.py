@@ -11,7 +11,7 @@ import numpy as np
 import zarr
 
 from gear_rattle.workers.boundaries.edges import Edges, edges_of
-from gear_rattle.workers.errors import reading, storage_error
+from gear_rattle.workers.errors import report_damage, storage_error
 from gear_rattle.workers.families.blocks import COMPONENTS, TARGETS, Block, blocks_of, extended_by_rim, is_within
 from gear_rattle.workers.families.move import move_tile
 from gear_rattle.workers.families.tasks import (
@@ -278,7 +278,7 @@ def _concatenate_borders(borders: Sequence[Border], begin: np.ndarray) -> Border
 def _read_curves(request: SurveyRequest, place: Place, along: Along) -> dict[str, Polyline]:
     """Read the bifurcation curves of a slice from the store. Return {name of a curve: its points}."""
     found: dict[str, Polyline] = {}
-    with reading(f"the curves of {place}"):
+    with report_damage(f"the curves of {place}"):
         for name in request.gear_model.curve_names:
             delta, epsilon, piece = (
                 np.asarray(zarr.open_array(place.zarr(), path=group_path(along, f"curves/{name}/{each}"), mode="r")[:])

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 #: {variable of a family's map: its description}.
-PER_CELL = {
+MAP_VARIABLES = {
     "fraction": "share of the sampled initial conditions; 0 for a stable orbit that none of them reached",
     "fraction_upper": "upper end of the 95 % Wilson interval of fraction",
     "phase": "phase τ of a representative point, in forcing periods",
@@ -101,8 +101,10 @@ def family_of(
     values["fraction_upper"] = np.where(there, wilson_interval(won, count)[1], np.nan)
     m = int(row["m"])
     values["multiplier"] = np.exp(m * values["lyapunov"]) if m else np.full_like(values["lyapunov"], np.nan)
-    dims = {name: (("exponent", *CELL) if values[name].ndim == 3 else CELL) for name in PER_CELL}
-    data = {name: (dims[name], values[name], {"long_name": PER_CELL[name], "units": "1"}) for name in PER_CELL}
+    dims = {name: (("exponent", *CELL) if values[name].ndim == 3 else CELL) for name in MAP_VARIABLES}
+    data = {
+        name: (dims[name], values[name], {"long_name": MAP_VARIABLES[name], "units": "1"}) for name in MAP_VARIABLES
+    }
     kind = KINDS[row.pop("kind")]
     label = f"P({m},{row['n_plus']},{row['n_minus']})" if m else kind
     return xr.Dataset(data, coords, {"family": int(number), "kind": kind, "label": label, **row})

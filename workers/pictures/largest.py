@@ -15,7 +15,7 @@ import xarray as xr
 from xarray.backends import BackendArray
 from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
 
-from gear_rattle.workers.errors import SurveyError, reading
+from gear_rattle.workers.errors import SurveyError, report_damage
 from gear_rattle.workers.pictures.look import AMONG, LARGEST, SHARE, WHICH
 from gear_rattle.workers.survey.families import FAMILY, GROUP
 from gear_rattle.workers.survey.slices import slice_group_path, slice_of, surveyed_model
@@ -79,7 +79,7 @@ def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
     xr.Dataset
         The survey with the variables LARGEST (among, epsilon, delta) and SHARE (family, epsilon, delta).
     """
-    with reading("the families"):
+    with report_damage("the families"):
         names, colours = names_of(survey, table), colours_of(table)
     if len(names) > OTHERS - 1:
         names, colours = [*names[: OTHERS - 1], "others"], [*colours[: OTHERS - 1], KIND_COLOURS["undecided"]]

@@ -17,7 +17,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 
-from gear_rattle.workers.errors import SurveyError, reading
+from gear_rattle.workers.errors import SurveyError, report_damage
 from gear_rattle.workers.pictures.largest import FLAG_COLOURS
 from gear_rattle.workers.pictures.levels import OpenGroup, overview, part_for
 from gear_rattle.workers.pictures.look import (
@@ -172,7 +172,7 @@ def map_figure(
         dataset, opened = look.cut(dataset), None  # levels cover all cells, not a window
     shown = overview(dataset, variable, index, ROOM, opened)
     plane = plane_of(shown, variable, index if shown is dataset else 0)
-    with reading(f"the map of {variable}"):
+    with report_damage(f"the map of {variable}"):
         plane = with_periodic(shown, plane.load(), index) if shown is dataset else plane
         shown["status"].load()
     figure = new_figure(7.0, 5.2)
@@ -340,7 +340,7 @@ def draw_legend(axes: Axes) -> None:
 def _dim_others(axes: Axes, dataset: xr.Dataset, family: int) -> None:
     """Dim the cells without a family. A cell of a reduced map stays bright if any of the cells in it has the family."""
     share = plane_of(dataset, SHARE, family)
-    with reading(f"the map of {SHARE}"):
+    with report_damage(f"the map of {SHARE}"):
         values = drawn_numbers(share)
     shape = values.shape[0], values.shape[1]
     level = part_for(possible_levels(shape), (0, 0), shape, ROOM).level

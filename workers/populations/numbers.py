@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator, create_model
 from pydantic_core import PydanticCustomError
 
-from gear_rattle.workers.survey.axes import Real, Strict, field_message
+from gear_rattle.workers.survey.axes import Real, StrictRecord, field_message
 from rattle import LogNormal, Measured, Normal, Triangular, Uniform
 from rattle.populations import DIMENSIONLESS, OF_MACHINE, Distribution
 
 MOST_MEASURED = 10_000  # a measured distribution has at most this many values
 
 
-class NormalNumber(Strict):
+class NormalNumber(StrictRecord):
     """A normal distribution, truncated at low and high if these are given."""
 
     distribution: Literal["normal"]
@@ -29,7 +29,7 @@ class NormalNumber(Strict):
         return Normal(self.mean, self.deviation, **ends)
 
 
-class UniformNumber(Strict):
+class UniformNumber(StrictRecord):
     """A uniform distribution."""
 
     distribution: Literal["uniform"]
@@ -42,7 +42,7 @@ class UniformNumber(Strict):
         return Uniform(self.low, self.high)
 
 
-class TriangularNumber(Strict):
+class TriangularNumber(StrictRecord):
     """A triangular distribution."""
 
     distribution: Literal["triangular"]
@@ -56,7 +56,7 @@ class TriangularNumber(Strict):
         return Triangular(self.low, self.mode, self.high)
 
 
-class LogNormalNumber(Strict):
+class LogNormalNumber(StrictRecord):
     """A log-normal distribution. deviation: standard deviation of the natural logarithm."""
 
     distribution: Literal["lognormal"]
@@ -69,7 +69,7 @@ class LogNormalNumber(Strict):
         return LogNormal(self.median, self.deviation)
 
 
-class MeasuredNumber(Strict):
+class MeasuredNumber(StrictRecord):
     """The distribution of measured values of some gears."""
 
     distribution: Literal["measured"]
@@ -104,9 +104,11 @@ Number = Annotated[Real | AnyDistribution | None, WrapValidator(_number_or_distr
 
 
 if TYPE_CHECKING:
-    _Numbers = Strict
+    _Numbers = StrictRecord
 else:
-    _Numbers = create_model("_Numbers", __base__=Strict, **dict.fromkeys((*DIMENSIONLESS, *OF_MACHINE), (Number, None)))
+    _Numbers = create_model(
+        "_Numbers", __base__=StrictRecord, **dict.fromkeys((*DIMENSIONLESS, *OF_MACHINE), (Number, None))
+    )
 
 
 class GearNumbers(_Numbers):
@@ -129,7 +131,7 @@ def in_library_form(value: Any) -> Any:
     return getattr(value, "in_library_form", value)
 
 
-def as_requested(value: Any) -> Any:
+def request_field_of(value: Any) -> Any:
     """Return a number unchanged, or a distribution of the library as the dictionary that a request has for it."""
     match value:
         case Normal():

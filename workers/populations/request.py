@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from gear_rattle.workers.populations.numbers import AnyDistribution, GearNumbers, in_library_form
-from gear_rattle.workers.survey.axes import Name, Real, Strict
+from gear_rattle.workers.survey.axes import Name, Real, StrictRecord
 from gear_rattle.workers.survey.request import LEAST_TILES, MAX_TILE_SAMPLES, MAX_TILES
 from gear_rattle.workers.survey.values.schema import Group
 from gear_rattle.workers.survey.version import code_version
@@ -23,7 +23,7 @@ FEWEST_TILE_GEARS = 64  # a default tile has at least this many gears, unless ea
 DAMPING_SAMPLE_GEARS = 64  # the size of a default tile follows from the least damping among this many gears
 
 
-class ShockGiven(Strict):
+class ShockGiven(StrictRecord):
     """A knock that parts teeth in contact.
 
     speed: the speed with which the teeth part, in m/s for a machine and otherwise in the model's unit. phase: the phase
@@ -34,7 +34,7 @@ class ShockGiven(Strict):
     phase: Real | AnyDistribution | None = None
 
 
-class PopulationRequest(Strict):
+class PopulationRequest(StrictRecord):
     """The request for a population of gears: the body of `POST /v1/populations`; only `gear` has no default.
 
     gear: the numbers of a gear, at least one of them a distribution. correlation: correlation matrix of the varying

@@ -47,7 +47,7 @@ def _create_array(root: zarr.Group, request: PopulationRequest, variable: Popula
         shape=variable.shape(request, request.n_cells),
         chunks=variable.shape(request, *request.tile_shape),
         dtype=variable.dtype,
-        fill_value=variable.fill,
+        fill_value=variable.fill_value,
         compressors=CODECS,
         config=WRITE_ALL_CHUNKS,
         dimension_names=variable.dims,

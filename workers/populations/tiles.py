@@ -104,7 +104,7 @@ def _gather_outcomes(
     request: PopulationRequest, tile: GearTile, outcomes: Iterable[CellOutcome]
 ) -> tuple[TileArrays, list[FailedCell]]:
     variables = variables_of(request)
-    arrays = {each.name: np.full(each.shape(request, tile.n_cells), each.fill, each.dtype) for each in variables}
+    arrays = {each.name: np.full(each.shape(request, tile.n_cells), each.fill_value, each.dtype) for each in variables}
     failed: list[FailedCell] = []
     for i, outcome in zip(range(tile.n_cells), outcomes, strict=True):
         if isinstance(outcome, str):

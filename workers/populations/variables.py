@@ -37,7 +37,7 @@ class PopulationVariable:
     flags: tuple[str, ...] = ()  # meanings of the codes 0, 1, 2, …
 
     @property
-    def fill(self) -> float | int:
+    def fill_value(self) -> float | int:
         """The value of entries that are not computed."""
         return float("nan") if np.dtype(self.dtype).kind == "f" else 0
 

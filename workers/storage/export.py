@@ -8,7 +8,7 @@ from typing import IO
 import numpy as np
 import xarray as xr
 
-from gear_rattle.workers.errors import SurveyError, reading
+from gear_rattle.workers.errors import SurveyError, report_damage
 from gear_rattle.workers.storage.complex import split_complex
 from gear_rattle.workers.survey.machine import AXES
 from gear_rattle.workers.survey.slices import slices_of, third_axis_length
@@ -72,7 +72,7 @@ def require_readable(dataset: xr.Dataset, names: Sequence[Hashable] | None = Non
 
 def _read(values: xr.DataArray, rows: int) -> None:
     for start in range(0, values.sizes.get("epsilon", 1), rows):
-        with reading(f"{values.name} of this survey"):
+        with report_damage(f"{values.name} of this survey"):
             np.asarray(values.isel(epsilon=slice(start, start + rows)) if "epsilon" in values.dims else values)
 
 

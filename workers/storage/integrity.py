@@ -219,7 +219,7 @@ def _examine_at(where: str, manifest: Manifest) -> Found:
 
 def _lost(place: Place, manifest: Manifest, index: int) -> tuple[str, ...]:
     """Return the variables of a computed tile that are lost or damaged."""
-    keys, known = manifest.keys(index), manifest.digests_of(index)
+    keys, known = manifest.chunk_keys(index), manifest.digests_of(index)
     return tuple(name for name, key in keys.items() if not _is_whole(place, key, known.get(key)))
 
 

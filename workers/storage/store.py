@@ -109,7 +109,7 @@ def _mend(request: AnyRequest, place: Place, make: Make) -> None:
     assert after is not None, "a template is whole"
     if manifest is None:
         for index, files in _decodable(request, place):
-            after.note(index, files)
+            after.record_tile(index, files)
     else:
         after.tiles.update(manifest.tiles)
     attributes = json.loads(template[ROOT])["attributes"]

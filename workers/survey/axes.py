@@ -70,7 +70,7 @@ def _python_numbers(given: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value.item() if isinstance(value, np.generic) else value for name, value in given.items()}
 
 
-class Strict(BaseModel):
+class StrictRecord(BaseModel):
     """Base class of immutable records that accept no unknown fields."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -81,7 +81,7 @@ class Strict(BaseModel):
         return _python_numbers(given) if isinstance(given, Mapping) else given
 
 
-class Axis(Strict):
+class Axis(StrictRecord):
     """`num` evenly spaced values from `start` to `stop`, both included."""
 
     start: Real
@@ -129,11 +129,11 @@ class Axis(Strict):
         try:
             return cls(**numbers)
         except ValidationError as error:
-            raise SurveyError(f"{how}: {place_and_reason(error)}") from error
+            raise SurveyError(f"{how}: {field_and_message(error)}") from error
 
 
 #: {pydantic's type of error: our message}. It replaces pydantic's own message, such as "Input should be …".
-_WORDS = {
+_MESSAGES = {
     "missing": "is not given: give it",
     "greater_than": "must be greater than {gt}, got {input}",
     "greater_than_equal": "must be at least {ge}, got {input}",
@@ -160,13 +160,13 @@ _WORDS = {
 }
 _CHOICE = re.compile(r"'([^']*)'")
 _ENDS = (("least", "min_length"), ("most", "max_length"))
-LONGEST = 60  # a message quotes at most this many characters of a given value
+LONGEST_QUOTE = 60  # a message quotes at most this many characters of a given value
 
 
-def _fields_below(kind: type[BaseModel]) -> set[str]:
+def _fields_of_subclasses(kind: type[BaseModel]) -> set[str]:
     """Return the names of all fields of all subclasses of a model."""
     below = kind.__subclasses__()
-    return {field for each in below for field in each.model_fields}.union(*map(_fields_below, below))
+    return {field for each in below for field in each.model_fields}.union(*map(_fields_of_subclasses, below))
 
 
 def field_message(detail: Mapping[str, Any]) -> str:
@@ -192,14 +192,16 @@ def field_message(detail: Mapping[str, Any]) -> str:
         return f"{context['discriminator']} must be one of {', '.join(known)}, got {tag!r}{did_you_mean(tag, known)}"
     if kind == "extra_forbidden":
         name = str(detail["loc"][-1])
-        known = sorted(_fields_below(Strict) - {name})
+        known = sorted(_fields_of_subclasses(StrictRecord) - {name})
         return f"is not a known field{did_you_mean(name, known) or ': remove it'}"
     if kind in ("too_long", "too_short"):
         ends = [f"at {end} {context[key]}" for end, key in _ENDS if context.get(key) is not None]
         return f"has {context.get('actual_length')} entries: give {' and '.join(ends)}"
     try:
-        return _WORDS[str(kind)].format_map(context)
-    except KeyError:  # _WORDS has no message for this type of error, or a validator of ours raised it: `msg` says why
+        return _MESSAGES[str(kind)].format_map(context)
+    except (
+        KeyError
+    ):  # _MESSAGES has no message for this type of error, or a validator of ours raised it: `msg` says why
         return str(detail["msg"]).removeprefix("Value error, ")
 
 
@@ -208,7 +210,7 @@ def _shortened_text(given: Any) -> str:
         text = json.dumps(given, ensure_ascii=False) if isinstance(given, bool | str | None) else repr(given)
     except ValueError:  # Python refuses to print an integer of thousands of digits
         return "a number too long to print"
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]} …"
+    return text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]} …"
 
 
 def first_message(error: ValueError) -> str:
@@ -217,7 +219,7 @@ def first_message(error: ValueError) -> str:
     return field_message(errors()[0]) if errors else str(error)
 
 
-def place_and_reason(error: ValidationError) -> str:
+def field_and_message(error: ValidationError) -> str:
     """Return the message for the first wrong field, with its name."""
     where = ".".join(str(part) for part in error.errors()[0]["loc"])
     return f"{where}: {first_message(error)}" if where else first_message(error)

@@ -12,11 +12,11 @@ from typing import Annotated, Any, Literal, TypeVar
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, model_serializer
 
-from gear_rattle.workers.survey.axes import Axis, Real, Strict, first_message
+from gear_rattle.workers.survey.axes import Axis, Real, StrictRecord, first_message
 from rattle import Machine
 from rattle.machine import RPM, Reduced, machine_point
 
-Part = TypeVar("Part", bound=Strict)
+Part = TypeVar("Part", bound=StrictRecord)
 Positive = Annotated[Real, Field(gt=0)]
 Teeth = Annotated[int, Field(strict=True, ge=1, le=1000)]
 
@@ -24,7 +24,7 @@ Teeth = Annotated[int, Field(strict=True, ge=1, le=1000)]
 AXES = {"rpm": "delta", "eccentricity": "epsilon"}
 
 
-class SurveyedMachine(Strict):
+class SurveyedMachine(StrictRecord):
     """Two gears in SI units, as `rattle.Machine` takes them, without speed, eccentricity and stiffness.
 
     inertia: kg m². drag: N m s. backlash, radius: m. drive: "torque" or "speed". driven_inertia, driven_drag,

@@ -83,20 +83,20 @@ class Manifest:
         """Number of tiles, in all slices together."""
         return self.grid[0] * self.grid[1]
 
-    def keys(self, index: int) -> dict[str, str]:
+    def chunk_keys(self, index: int) -> dict[str, str]:
         """Return {variable: key of its chunk} for the tile with an index."""
         row, column = divmod(index, self.grid[1])
         return {name: chunk_key(key, row, column, self.rows) for name, key in self.chunks.items()}
 
-    def note(self, index: int, files: Mapping[str, str]) -> None:
+    def record_tile(self, index: int, files: Mapping[str, str]) -> None:
         """Record that a tile is computed. files: {key: digest} of the tile's chunks."""
-        self.tiles[index] = "".join(files[key] for key in self.keys(index).values())
+        self.tiles[index] = "".join(files[key] for key in self.chunk_keys(index).values())
 
     def digests_of(self, index: int) -> dict[str, str]:
         """Return {key: digest} of a tile's chunks; empty if the tile is not computed."""
         joined = self.tiles.get(index, "")
         each = (joined[i : i + DIGITS] for i in range(0, len(joined), DIGITS))
-        return dict(zip(self.keys(index).values(), each, strict=False))
+        return dict(zip(self.chunk_keys(index).values(), each, strict=False))
 
     def tile_of(self, key: str) -> int | None:
         """Return the index of the tile to which the chunk with this key belongs; None if the file is no such chunk."""

@@ -19,7 +19,7 @@ from pydantic import (
 )
 
 from gear_rattle.workers.errors import SurveyError
-from gear_rattle.workers.survey.axes import Axis, Name, NumberOrAxis, Real, Strict
+from gear_rattle.workers.survey.axes import Axis, Name, NumberOrAxis, Real, StrictRecord
 from gear_rattle.workers.survey.machine import SurveyedMachine, fields_in_model
 from gear_rattle.workers.survey.refined.asked import BLOCK, Refine, RefineOrNot, require_refinable
 from gear_rattle.workers.survey.values.quantities import BOUNDED, REFINED, groups_of, stored_variables
@@ -80,7 +80,7 @@ MAX_TILES = 1_000_000  # largest number of tiles; each has a file per variable, 
 MAX_SLICES = 64  # largest number of slices; the curves of each slice take seconds to compute, and a hundred files
 
 
-class InitialConditions(Strict):
+class InitialConditions(StrictRecord):
     """The initial conditions of each cell: `count` points (τ, v) of the box [tau_min, tau_max) × (v_min, v_max).
 
     The box is [0, 1) × (0, v_max) by default.
@@ -108,12 +108,12 @@ class InitialConditions(Strict):
         return self
 
     @property
-    def tau(self) -> tuple[float, float]:
+    def tau_range(self) -> tuple[float, float]:
         """Range (low, high) of the phases of the initial conditions."""
         return self.tau_min, self.tau_max
 
 
-class TileShape(Strict):
+class TileShape(StrictRecord):
     """The numbers of cells along each axis of a tile.
 
     The default is 32; it is larger in a survey of more than 100,000 cells, and smaller in a small survey or with large
@@ -131,7 +131,7 @@ else:
     ModelName.__doc__ = "A model of the gear."
 
 
-class _CommonFields(Strict):
+class _CommonFields(StrictRecord):
     """The fields of a survey request that come first in documents."""
 
     name: Name = ""
@@ -338,7 +338,7 @@ class SurveyRequest(_ModelFields):
         return stored_variables(self.quantities, self.model, more)
 
     @property
-    def is_bounded(self) -> bool:
+    def has_bound(self) -> bool:
         """True if the request has a bound for the share of wrong cells among the filled ones."""
         return self.refine is not None and self.refine.bound is not None
 
@@ -374,7 +374,7 @@ class SurveyRequest(_ModelFields):
     def sample(self) -> SampleSpec:
         """The specification of each cell's sample: number, box, seed and budget of the initial conditions."""
         given = self.initial_conditions
-        return SampleSpec(given.count, self.v_max, self.seed, given.budget, given.tau, given.v_min)
+        return SampleSpec(given.count, self.v_max, self.seed, given.budget, given.tau_range, given.v_min)
 
     @property
     def third_axis(self) -> dict[str, Axis]:

@@ -79,7 +79,7 @@ def completed_template(kept: dict[str, Buffer], request: Any, created: str, chun
     Template
         Contents by key.
     """
-    consolidate(MemoryStore(kept))
+    consolidate_metadata(MemoryStore(kept))
     template = file_contents(kept)
     files = file_digests(template)
     root = (files.pop(ROOT),)
@@ -119,7 +119,7 @@ def file_contents(kept: Mapping[str, Buffer]) -> Template:
     return {key: value.to_bytes() for key, value in kept.items()}
 
 
-def consolidate(store: StoreLike) -> None:
+def consolidate_metadata(store: StoreLike) -> None:
     """Copy the metadata of all arrays and groups into the root.
 
     Without this copy, opening the store over HTTP gives an empty dataset and no error.
@@ -242,7 +242,7 @@ def _create_per_cell(root: zarr.Group, request: SurveyRequest, quantity: Quantit
         shape=(*lengths, *shape_of(quantity, request.shape, request.n_slots)),
         chunks=(*(1 for _ in lengths), *shape_of(quantity, request.tile_shape, request.n_slots)),
         dtype=quantity.dtype,
-        fill_value=quantity.fill,
+        fill_value=quantity.fill_value,
         compressors=CODECS,
         config=WRITE_ALL_CHUNKS,
         dimension_names=(*request.third_axis, *quantity.dims),

@@ -160,7 +160,7 @@ def _refined_tile_cells(request: SurveyRequest, tile: Tile) -> RefinedCells:
     curves = traced_crossings(whole.model, request.delta, request.epsilon) if whole.model.in_closed_form else ()
     # A bound combines the audits of all slices, so each slice audits other cells. Without a bound, a slice audits the
     # same cells, and so has the same values, as a survey of this plane alone.
-    seed = request.seed + (sum(tile.along) << 32) * request.is_bounded
+    seed = request.seed + (sum(tile.along) << 32) * request.has_bound
     plan = FillingPlan((first_audit_round(request), *tile.rounds), request.quantities, curves, seed)
     return refined_cells(whole, *tile.spans, plan)
 
@@ -173,10 +173,10 @@ def first_audit_round(request: SurveyRequest) -> Round:
 
 def _evaluate(request: SurveyRequest, cells: Cells) -> TileArrays:
     quantities = [quantity for quantity in request.variables if quantity.per_cell]
-    return {each.name: np.asarray(_values(each, cells)).astype(each.dtype) for each in quantities}
+    return {each.name: np.asarray(_quantity_values(each, cells)).astype(each.dtype) for each in quantities}
 
 
-def _values(quantity: Quantity, cells: Cells) -> np.ndarray:
+def _quantity_values(quantity: Quantity, cells: Cells) -> np.ndarray:
     return cells.values_of(quantity) if isinstance(cells, RefinedCells) else quantity.evaluate(cells)
 
 
@@ -223,7 +223,9 @@ def _gather_outcomes(
 def _arrays_of_fill_values(request: SurveyRequest, shape: tuple[int, int]) -> TileArrays:
     """Return an array of fill values for each per-cell variable. shape: the numbers of cells along (epsilon, delta)."""
     quantities = [quantity for quantity in request.variables if quantity.per_cell]
-    return {each.name: np.full(shape_of(each, shape, request.n_slots), each.fill, each.dtype) for each in quantities}
+    return {
+        each.name: np.full(shape_of(each, shape, request.n_slots), each.fill_value, each.dtype) for each in quantities
+    }
 
 
 def tile_name(request: SurveyRequest, tile: Tile) -> str:

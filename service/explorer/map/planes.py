@@ -18,7 +18,7 @@ from gear_rattle.service.explorer.common.address import Chosen, Pair, Ranges
 from gear_rattle.service.explorer.state.store import box_of_cells
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest, open_survey
-from gear_rattle.workers.errors import reading
+from gear_rattle.workers.errors import report_damage
 from gear_rattle.workers.pictures.largest import open_maps
 from gear_rattle.workers.pictures.levels import DisplayedCells, LevelPart, of_cells, of_level, part_for
 from gear_rattle.workers.pictures.look import IN_SLOTS, LARGEST, SHARE, WHICH, variable_words
@@ -234,7 +234,7 @@ class LeveledPlane(MapPlane):
             return self._opened[path]
 
     def _cells(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
-        with reading(f"the map of {self.plane.name}"):
+        with report_damage(f"the map of {self.plane.name}"):
             cells = drawn_numbers(with_periodic(self._dataset, self.plane[rows, columns], self._index))
             return cells.astype(np.float32), np.asarray(self._dataset["status"][rows, columns])
 

@@ -26,7 +26,7 @@ from gear_rattle.workers import (
 )
 from gear_rattle.workers.answers import population_of
 from gear_rattle.workers.kinds import cell_outcomes, compute_tile
-from gear_rattle.workers.populations.numbers import as_requested, in_library_form
+from gear_rattle.workers.populations.numbers import in_library_form, request_field_of
 from gear_rattle.workers.storage.integrity import manifest_of
 from gear_rattle.workers.storage.location import place_of
 from rattle.populations.gears import Gears, computed
@@ -239,7 +239,7 @@ def test_what_decides_no_number_changes_no_hash() -> None:
 )
 def test_distributions_survive_a_request(kind: Any) -> None:
     request = PopulationRequest.model_validate(
-        FIELDS | {"gear": {"delta": as_requested(kind), "epsilon": 0.1}, "correlation": None}
+        FIELDS | {"gear": {"delta": request_field_of(kind), "epsilon": 0.1}, "correlation": None}
     )
     assert request.gear.in_library_form == {"delta": kind, "epsilon": 0.1}
 

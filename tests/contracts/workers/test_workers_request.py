@@ -50,7 +50,7 @@ def test_the_sample_is_of_a_box() -> None:
     box = {"count": 8, "tau_min": 0.77, "tau_max": 0.81, "v_min": 3.7, "v_max": 3.8}
     axes = {"delta": {"start": 0.6, "stop": 0.601, "num": 2}, "epsilon": {"start": 0.0615, "stop": 0.062, "num": 2}}
     request = SurveyRequest(**axes, quantities=("attractors",), initial_conditions=box)
-    assert request.initial_conditions.tau == (0.77, 0.81)
+    assert request.initial_conditions.tau_range == (0.77, 0.81)
     tile = tiles_of(request)[0]
     arrays, _record = compute_tile(request, tile)
     assert (arrays["quiet_fraction"] < 0.2).all()

@@ -153,7 +153,7 @@ def test_every_file_of_a_tile_is_known_by_its_key(store: Path) -> None:
     assert manifest is not None
     assert (manifest.grid, manifest.slices, manifest.rows) == ((4, 2), 2, 2)
     for index in range(8):
-        keys = manifest.keys(index)
+        keys = manifest.chunk_keys(index)
         assert all((store / key).exists() for key in keys.values())
         assert {manifest.tile_of(key) for key in keys.values()} == {index}
     for key in ("region/c/2/0/0", "region/c/0/2/0", "region/c/0/0", "region/c/-1/0/0"):

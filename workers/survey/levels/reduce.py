@@ -20,7 +20,7 @@ from gear_rattle.workers.survey.levels.grid import Pair
 STATISTICS = ("mean", "least", "largest", "share")
 
 
-class Codes(NamedTuple):
+class LevelCodes(NamedTuple):
     """The codes in the cells (m, n) of a level, each of which covers several cells of the survey.
 
     most: the most frequent code in a cell, the lowest one of equally frequent codes. share: the share of the computed
@@ -42,7 +42,7 @@ def pooled_cells(
     return reduce(pool, [values[i :: step[0], j :: step[1]] for i in range(step[0]) for j in range(step[1])])
 
 
-def reduced_codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int) -> Iterator[Codes]:
+def reduced_codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int) -> Iterator[LevelCodes]:
     """Yield the codes of each level, from the finest. Values are codes from 0 to number − 1; number is at most 32."""
     there = np.flatnonzero(np.bincount(values[known], minlength=number)).tolist()
     counts = {code: (values == code) & known for code in there}
@@ -56,7 +56,7 @@ def reduced_codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], 
             more = count > highest
             most[more], highest[more] = code, count[more]
             occurs[count > 0] |= occurs.dtype.type(1 << code)
-        yield Codes(most, _quotients(highest, of).astype(np.float32), occurs)
+        yield LevelCodes(most, _quotients(highest, of).astype(np.float32), occurs)
 
 
 def mask_type(number: int) -> np.dtype[np.unsignedinteger]:

@@ -5,15 +5,15 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
-from gear_rattle.workers.survey.axes import Real, Strict
+from gear_rattle.workers.survey.axes import Real, StrictRecord
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.models import MODELS, Capability, require_capability
 
 BLOCK = 32  # cells along a side of a block; blocks begin at multiples of this in the grid, whatever the tiles are
-AUDIT = 0.02  # the default of `Refine.audit`
+AUDITED_SHARE = 0.02  # the default of `Refine.audit`
 
 
-class Refine(Strict):
+class Refine(StrictRecord):
     """Options of a refined survey, which computes few cells, more where motions differ, and fills the others.
 
     audit: share of the filled cells that are computed as a check, to estimate how many filled cells are wrong. bound:
@@ -21,7 +21,7 @@ class Refine(Strict):
     survey audits and computes further cells until the bound is met, if necessary all cells.
     """
 
-    audit: Annotated[Real, Field(gt=0, le=1)] = AUDIT
+    audit: Annotated[Real, Field(gt=0, le=1)] = AUDITED_SHARE
     bound: Annotated[Real, Field(gt=0, lt=1)] | None = None
 
 

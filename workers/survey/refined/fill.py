@@ -24,7 +24,7 @@ from rattle.attractors import CHAOTIC, QUIET
 from rattle.families import in_order, together
 
 #: Variables that are computed from the trajectory of a chaotic attractor, which a filled cell does not have.
-BY_TRAJECTORY = ("lyapunov_max", "sum_rule_error", "impulse_balance_error")
+TRAJECTORY_VARIABLES = ("lyapunov_max", "sum_rule_error", "impulse_balance_error")
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class RefinedCells(Cells):
         return self.regions
 
     @property
-    def filled(self) -> np.ndarray:
+    def is_filled(self) -> np.ndarray:
         """Flags of the cells that were not computed."""
         found: np.ndarray = self.source_level > 0
         return found
@@ -65,7 +65,7 @@ class RefinedCells(Cells):
             return in_slots(self, np.minimum(self._fraction_upper + self.wider, 1.0), np.nan, quantity.dtype)
         if quantity.name == "fraction_error":
             return self._fraction_error
-        if quantity.name in BY_TRAJECTORY:
+        if quantity.name in TRAJECTORY_VARIABLES:
             values = np.asarray(quantity.evaluate(self._traced_cells))
             return np.where(self._has_untraced_chaos, np.nan, values)
         return np.asarray(quantity.evaluate(self))
@@ -79,7 +79,7 @@ class RefinedCells(Cells):
     def _fraction_error(self) -> np.ndarray:
         """Half the width of the 95 % interval of each cell's quiet fraction, with the uncertainty that filling adds."""
         won = kind_fraction("quiet")(self) * self.count
-        low, high = wilson_interval(np.where(self.filled, np.minimum(won, self.count), np.rint(won)), self.count)
+        low, high = wilson_interval(np.where(self.is_filled, np.minimum(won, self.count), np.rint(won)), self.count)
         quiet = self.table.kind == QUIET
         wider = np.bincount(self.table.cell[quiet], self.wider[quiet], self.source_level.size).reshape(self.shape)
         return (high - low) / 2 + wider
@@ -87,7 +87,7 @@ class RefinedCells(Cells):
     @cached_property
     def _lacks_own_trajectory(self) -> np.ndarray:
         """Flags (attractors,) of the chaotic attractors in filled cells, which have no trajectory."""
-        found: np.ndarray = self.filled.ravel()[self.table.cell] & (self.table.kind == CHAOTIC)
+        found: np.ndarray = self.is_filled.ravel()[self.table.cell] & (self.table.kind == CHAOTIC)
         return found
 
     @cached_property
@@ -132,7 +132,7 @@ def refined_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) 
     sampled = bool(SAMPLED.intersection(plan.quantities))
     evidence = Evidence(blocks, frame, sampled, Group.REGION in plan.quantities)
     tree = Tree(evidence, crossed_edges(blocks, plan.crossings), random_draws(blocks, plan.seed), plan.rounds)
-    tree.grow()
+    tree.compute_cells()
     level, wider, table = np.zeros(blocks.n_cells, np.int8), np.zeros(evidence.table.cell.size), evidence.table
     for leaves in tree.filled:
         square = blocks.cells_of(leaves)

@@ -50,7 +50,7 @@ class Tree:
         """The blocks of the leaves."""
         return self.evidence.blocks
 
-    def grow(self) -> None:
+    def compute_cells(self) -> None:
         """Compute the necessary cells, round by round. The other cells of the leaves in `filled` can then be filled.
 
         The method changes `filled`, `audit` and `leaf`.

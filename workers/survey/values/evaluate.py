@@ -14,7 +14,7 @@ OK, SOME_UNDECIDED, FAILED = 1, 2, 3
 Evaluate = Callable[[Cells], np.ndarray]
 
 
-def orbits(field: str) -> Evaluate:
+def orbit_field(field: str) -> Evaluate:
     """Return the function that evaluates a field of the orbits A to D, shape (4, …, n_epsilon, n_delta)."""
     return lambda cells: getattr(cells.period_one, field)
 

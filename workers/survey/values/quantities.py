@@ -59,7 +59,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "bool",
         "whether the orbit exists",
         _ORBITS,
-        evaluate.orbits("exists"),
+        evaluate.orbit_field("exists"),
     ),
     Quantity(
         "orbit_stable",
@@ -68,7 +68,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "bool",
         "whether the orbit exists and is stable",
         _ORBITS,
-        evaluate.orbits("stable"),
+        evaluate.orbit_field("stable"),
     ),
     Quantity(
         "orbit_phase",
@@ -77,7 +77,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "phase τ of the departure from Σ+, in forcing periods",
         _ORBITS,
-        evaluate.orbits("tau"),
+        evaluate.orbit_field("tau"),
     ),
     Quantity(
         "orbit_velocity",
@@ -86,7 +86,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "speed v of the departure from Σ+",
         _ORBITS,
-        evaluate.orbits("v"),
+        evaluate.orbit_field("v"),
     ),
     Quantity(
         "orbit_multiplier",
@@ -95,7 +95,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "complex128",
         "Floquet multiplier of the orbit",
         _ORBITS,
-        evaluate.orbits("multipliers"),
+        evaluate.orbit_field("multipliers"),
     ),
     Quantity(
         "attractor_kind",

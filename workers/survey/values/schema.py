@@ -79,7 +79,7 @@ class Quantity:
     needs: Capability | None = None  # capability that a model needs beside that of the group; None for no other
 
     @property
-    def fill(self) -> int | float | complex | bool:
+    def fill_value(self) -> int | float | complex | bool:
         """The value of the variable where nothing is computed, or where the described object does not exist."""
         fills = {"f": float("nan"), "c": complex("nan+nanj"), "b": False}
         return fills.get(np.dtype(self.dtype).kind, 0)
