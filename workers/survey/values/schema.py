@@ -32,7 +32,7 @@ class Group(StrEnum):
 
 
 class RowForm(StrEnum):
-    """What a row of an exported table stands for: a cell, an attractor of a cell, or an orbit A to D of a cell."""
+    """The meaning of a row of an exported table: a cell, an attractor of a cell, or an orbit A to D of a cell."""
 
     CELLS = "cells"
     ATTRACTORS = "attractors"
