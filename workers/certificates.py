@@ -45,7 +45,7 @@ MEANINGS = ("none", "orbit")  # meanings of the codes 0 and 1 of the variable `a
 ORBIT = MEANINGS.index("orbit")
 SLOT = ("attractor", *CELL)
 AT_ONCE = 32  # number of motions that one task proves
-KNOWN = "survey_content_hash"  # attribute of a store of certificates that identifies the survey
+IDENTITY_ATTRIBUTE = "survey_content_hash"  # attribute of a store of certificates that identifies the survey
 
 Place = tuple[int, int, int]  # slot, and index of the cell along ε and along δ
 #: For each attractor its certificate as a document, or the reason why there is none.
@@ -121,7 +121,7 @@ def certify_claims(claims: Iterable[AttractorClaim]) -> Answers:
 
 
 def prove_here(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
-    """Prove groups of attractors in this process."""
+    """Prove groups of attractors in this process; return the answers of `certify_claims` for each group."""
     return [certify_claims(part) for part in parts]
 
 
@@ -196,7 +196,7 @@ def certify_survey(
                 for path in _files_below(out / str(name))
             ]
             files = _checksums(out, sorted(path.relative_to(out).as_posix() for path in ours))
-            (out / SEAL).write_text(json.dumps({KNOWN: _survey_identity(survey), "files": files}))
+            (out / SEAL).write_text(json.dumps({IDENTITY_ATTRIBUTE: _survey_identity(survey), "files": files}))
         return found
     except OSError as error:
         refusal = storage_error(f"{out} cannot be written", error)
@@ -230,7 +230,7 @@ def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
         _write_variables(survey, out, {})
     try:
         with xr.open_zarr(out, chunks=None) as before:
-            known = before.attrs.get(KNOWN)
+            known = before.attrs.get(IDENTITY_ATTRIBUTE)
     except (FileNotFoundError, ValueError):
         known = None
     if known != _survey_identity(survey):
@@ -315,7 +315,7 @@ def holds_certificates(where: str | Path | Location) -> bool:
     """Return whether a directory is a store of certificates, damaged or not."""
     place = place_of(where)
     return isinstance(place, Directory) and (
-        KNOWN in said_by_root(place) or any((place.path / name).is_file() for name in (SEAL, CERTIFICATES))
+        IDENTITY_ATTRIBUTE in said_by_root(place) or any((place.path / name).is_file() for name in (SEAL, CERTIFICATES))
     )
 
 
@@ -337,7 +337,7 @@ def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrit
     known, files = _read_seal(out)
     complete = ended or (out / SEAL).exists()
     if not known:
-        known = str(said_by_root(Directory(out)).get(KNOWN, ""))
+        known = str(said_by_root(Directory(out)).get(IDENTITY_ATTRIBUTE, ""))
         return CertificatesIntegrity(out, known, 0, (SEAL,) if complete else (), complete)
     found = _checksums(out, files)
     lost = tuple(key for key, of in files.items() if found.get(key) != of)
@@ -366,7 +366,7 @@ def _read_seal(out: Path) -> tuple[str, dict[str, str]]:
     """Return the identity of the survey and the checksums of a finished store; both empty if it is not finished."""
     try:
         seal = json.loads((out / SEAL).read_bytes())
-        return str(seal[KNOWN]), dict(seal["files"])
+        return str(seal[IDENTITY_ATTRIBUTE]), dict(seal["files"])
     except (OSError, ValueError, KeyError, TypeError):
         return "", {}
 
@@ -414,7 +414,7 @@ def _write_variables(survey: xr.Dataset, out: Path, radii: dict[Place, float]) -
     attributes = {
         "Conventions": "CF-1.11",
         "title": "Certificates of the periodic attractors of a survey",
-        KNOWN: _survey_identity(survey),
+        IDENTITY_ATTRIBUTE: _survey_identity(survey),
         "documents": CERTIFICATES,
     }
     found = xr.Dataset(variables, coordinates, attributes)

@@ -54,7 +54,7 @@ def missing_map_message(variable: str, maps: Iterable[str]) -> str:
 
 @contextmanager
 def report_damage(what: str) -> Iterator[None]:
-    """Turn errors of file systems, object stores and codecs during a read into DamageError."""
+    """Turn errors of file systems, object stores and codecs during a read into DamageError. what: the read data."""
     try:
         yield
     except (RattleError, MemoryError):
@@ -78,7 +78,15 @@ _PASSING = {
 
 
 def storage_error(what: str, error: OSError) -> SurveyError:
-    """Return the exception for a failed write: a StorageError if the cause may pass, else a SurveyError."""
+    """Return the exception for a failed write: a StorageError if the cause may pass, else a SurveyError.
+
+    what: the beginning of the message, which names the file and the failure.
+
+    Returns
+    -------
+    SurveyError
+        Its message says what to do.
+    """
     if error.errno in _PASSING:
         return StorageError(f"{what} ({error}): free space or make the store writable, and the same survey continues")
     return SurveyError(f"{what} ({error}): make the path writable, or choose another path")

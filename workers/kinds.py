@@ -95,7 +95,7 @@ def empty_arrays(request: AnyRequest) -> tuple[dict[str, Buffer], dict[str, zarr
 
 
 def tile_name(request: AnyRequest, tile: AnyTile) -> str:
-    """Return the name of a tile for messages."""
+    """Return the name of a tile for messages: its number, and the cells or gears that it has."""
     return str(_tile_module(request).tile_name(request, tile))
 
 

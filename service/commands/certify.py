@@ -98,7 +98,7 @@ def certify(
 
 
 def _horseshoe_certificates(delta: str, epsilon: str, beta: str) -> Iterator[HorseshoeCertificate | str]:
-    """Yield the certificate of a horseshoe, or the reason why there is none."""
+    """Yield the certificate of a horseshoe (chaotic motions) at a point, or the reason why none is proved."""
     import rattle
     from rattle.proof.chaos.prove import certify_chaos
 

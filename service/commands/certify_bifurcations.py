@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def codimension_two_certificates(beta: str) -> Iterator[BifurcationCertificate]:
-    """Yield the certificates of COD20 to COD23."""
+    """Yield the certificates of the codimension-two points COD20 to COD23 at a half-backlash."""
     from rattle.proof.bifurcations.prove import certify_codimension_two
 
     yield from certify_codimension_two(beta)

@@ -26,7 +26,7 @@ def compute_store(request: AnyRequest, out: str, scheduler: str | None, workers:
     """Create or resume the store of a request, compute all missing parts, and mark the store as complete.
 
     out: the location of the store. scheduler: the address of a dask scheduler, or None. workers: the number of
-    processes to start; None: the default, and no process for a few seconds of work.
+    processes to start; None: PROCESSES, or no process if the work takes only a few seconds.
     """
     from gear_rattle.service.commands.progress import compilation_messages
     from gear_rattle.workers.certificates import require_certifiable

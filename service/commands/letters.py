@@ -11,7 +11,7 @@ LETTERS = str.maketrans("αβγδεκλμµντφΓΔΛΣΦΩ⁺⁻⁰¹²³⁴�
 
 
 def _replace_letters(error: UnicodeError) -> tuple[str, int]:
-    """Return the replacement for letters that an encoding lacks, and the position after them, as `codecs` wants it."""
+    """Return the replacement for letters that an encoding lacks, and the position after them in the text."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     text = error.object[error.start : error.end].translate(LETTERS)

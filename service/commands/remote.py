@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from gear_rattle.service.client import Client, Job
     from gear_rattle.workers import SurveyRequest
 
-NOT_FOUND = 404  # status of HTTP
+NOT_FOUND = 404  # HTTP status of the answer to an unknown id
 
 Key = Annotated[
     str | None, typer.Option(help="Idempotency key: submitting again with the same key creates no second survey.")
@@ -67,7 +67,7 @@ def list_(
             table.add_row(
                 job.id, job.state, f"{shown['progress']} %", cells, shown["created"][:19], Text(shown["name"])
             )
-    Console(width=140).print(table)  # wide enough for ids
+    Console(width=140).print(table)  # at this width no id is cut
 
 
 def watch(

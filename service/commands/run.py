@@ -52,7 +52,7 @@ def _percent_text(share: float) -> str:
 
 def _print_summary(out: str) -> None:
     import numpy as np
-    import zarr  # not xarray, which takes half a second to load
+    import zarr  # used instead of xarray, which takes half a second to load
 
     from gear_rattle.workers.storage.location import place_of
     from gear_rattle.workers.storage.store import bands

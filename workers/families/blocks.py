@@ -72,7 +72,7 @@ def blocks_of(request: SurveyRequest, along: Along = ()) -> list[Block]:
 
 
 def extended_by_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
-    """Extend a rectangle by one cell on each side, inside a grid of this shape; with before=0, at its ends only."""
+    """Extend a rectangle by one cell on each side, inside a grid of this shape; with before=0, only at both ends."""
     return Rectangle(
         max(cells.top - before, 0),
         min(cells.bottom + 1, shape[0]),
@@ -82,7 +82,7 @@ def extended_by_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -
 
 
 def is_within(cell: np.ndarray, cells: Rectangle, columns: int) -> np.ndarray:
-    """Return for each number of a cell in the grid whether the cell is in a rectangle. columns: those of the grid."""
+    """Return for each cell number in a grid of so many columns whether the cell is in a rectangle."""
     row, column = np.divmod(cell, columns)
     found: np.ndarray = (cells.top <= row) & (row < cells.bottom) & (cells.left <= column) & (column < cells.right)
     return found

@@ -54,7 +54,7 @@ def move_tile(
 def _source_slots(
     request: SurveyRequest, place: Place, tile: Tile, blocks: Sequence[Block], values: TileArrays
 ) -> np.ndarray:
-    """Return for each slot of a tile the slot where the attractor that must move into it is now, (slots, m, n)."""
+    """Return for each slot of a tile (slots, m, n) the slot that now holds the attractor which must move into it."""
     cells = Rectangle(tile.epsilon.start, tile.epsilon.stop, tile.delta.start, tile.delta.stop)
     target = read_targets(request, place, cells, blocks).reshape(request.n_slots, -1)
     found = attractors_in_slots(values, request.initial_conditions.count)

@@ -38,7 +38,7 @@ class UniformNumber(StrictRecord):
 
     @property
     def in_library_form(self) -> Distribution:
-        """The distribution in the library's form."""
+        """The distribution as an object of the library."""
         return Uniform(self.low, self.high)
 
 
@@ -52,7 +52,7 @@ class TriangularNumber(StrictRecord):
 
     @property
     def in_library_form(self) -> Distribution:
-        """The distribution in the library's form."""
+        """The distribution as an object of the library."""
         return Triangular(self.low, self.mode, self.high)
 
 
@@ -65,7 +65,7 @@ class LogNormalNumber(StrictRecord):
 
     @property
     def in_library_form(self) -> Distribution:
-        """The distribution in the library's form."""
+        """The distribution as an object of the library."""
         return LogNormal(self.median, self.deviation)
 
 
@@ -77,7 +77,7 @@ class MeasuredNumber(StrictRecord):
 
     @property
     def in_library_form(self) -> Distribution:
-        """The distribution in the library's form."""
+        """The distribution as an object of the library."""
         return Measured(self.values)
 
 

@@ -199,9 +199,7 @@ def field_message(detail: Mapping[str, Any]) -> str:
         return f"has {context.get('actual_length')} entries: give {' and '.join(ends)}"
     try:
         return _MESSAGES[str(kind)].format_map(context)
-    except (
-        KeyError
-    ):  # _MESSAGES has no message for this type of error, or a validator of ours raised it: `msg` says why
+    except KeyError:  # this type of error has no message in _MESSAGES, or our own validator raised it: use its `msg`
         return str(detail["msg"]).removeprefix("Value error, ")
 
 

@@ -61,9 +61,8 @@ DEFAULT_TILE, SMALLEST_DEFAULT = 32, 4
 LEAST_TILES = 16
 #: By default a large survey has about this many tiles, because each tile has some 35 files.
 MOST_TILES = 100
-LARGE_TILE_FACTOR = (
-    16  # the default tile of a large survey has at most this many times the samples of other default tiles
-)
+#: The default tile of a large survey has at most this many times the samples of other default tiles.
+LARGE_TILE_FACTOR = 16
 BASIN_SIDE = 8  # cells along a side of a default tile if basins are computed; such a tile takes a second or two
 BASIN_SAMPLES = 4096  # number of states of a cell that are followed at a time if basins are computed
 MAX_TILE_CELLS = 65_536  # largest number of cells of a tile, whose results take some 50 MB in a worker
@@ -378,12 +377,12 @@ class SurveyRequest(_ModelFields):
 
     @property
     def third_axis(self) -> dict[str, Axis]:
-        """The third axis by its name; empty if there is none."""
+        """{name: the third axis}; empty without a third axis."""
         return {name: axis for name in FIXED if isinstance(axis := getattr(self, name), Axis)}
 
     @property
     def third_axis_name(self) -> str:
-        """The name of the third axis; empty if there is none."""
+        """The name of the third axis; "" without a third axis."""
         return next(iter(self.third_axis), "")
 
     @property
@@ -393,7 +392,7 @@ class SurveyRequest(_ModelFields):
 
     @property
     def slices(self) -> "dict[Along, SurveyRequest]":
-        """The request for each slice, by the slice's index; without a third axis this request, with the index ()."""
+        """{index of a slice: the request for this slice alone}; without a third axis {(): this request}."""
         return {
             place: self.slice_request(place) for place in np.ndindex(*(axis.num for axis in self.third_axis.values()))
         }

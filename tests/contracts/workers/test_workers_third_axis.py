@@ -27,7 +27,7 @@ from gear_rattle.workers import (
     tiles_of,
 )
 from gear_rattle.workers.boundaries.explain import explain
-from gear_rattle.workers.certificates import KNOWN, certify_survey
+from gear_rattle.workers.certificates import IDENTITY_ATTRIBUTE, certify_survey
 from gear_rattle.workers.kinds import place_of_cell
 from gear_rattle.workers.pictures.figure import survey_figure
 from gear_rattle.workers.pictures.maps import map_picture
@@ -230,7 +230,7 @@ def test_certificates_of_slices_are_told_apart(store: Path, tmp_path: Path) -> N
         one, other = (slice_of(whole, number).isel(epsilon=slice(2, 3)) for number in (0, 1))
         proved = certify_survey(one, tmp_path / "c.zarr")
         assert (proved["attractor_certificate"].values == (one.attractor_kind == 2).values).all()
-        assert proved.attrs[KNOWN].endswith(" beta=0.6")
+        assert proved.attrs[IDENTITY_ATTRIBUTE].endswith(" beta=0.6")
         with pytest.raises(SurveyError, match="other things"):
             certify_survey(other, tmp_path / "c.zarr")
 

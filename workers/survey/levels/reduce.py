@@ -67,8 +67,8 @@ def mask_type(number: int) -> np.dtype[np.unsignedinteger]:
 def reduced_numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
     """Yield for each level the STATISTICS of the numbers in its cells, float32 of shape (4, m, n).
 
-    The mean is the mean of the finite numbers; least and largest include infinite numbers. A statistic is NaN in cells
-    without any number.
+    The mean is the mean of the finite numbers; least and largest include infinite numbers. The mean is NaN in cells
+    without a finite number, least and largest in cells without any number, and the share where no cell is computed.
 
     Yields
     ------
@@ -84,9 +84,8 @@ def reduced_numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]
         least, largest = (
             pooled_cells(each, step, pool, np.nan) for each, pool in ((least, np.fmin), (largest, np.fmax))
         )
-        mean = np.clip(
-            _quotients(total, count), least, largest
-        )  # a rounded mean must not be below least or above largest
+        # A rounded mean must not be below the least or above the largest value.
+        mean = np.clip(_quotients(total, count), least, largest)
         yield _as_float32(mean, least, largest, _quotients(count, of))
 
 
@@ -95,7 +94,7 @@ def reduced_phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair])
 
     A phase of 1 equals a phase of 0. The mean is the direction of the sum of unit vectors, in [0, 1). least and largest
     are the ends of the interval around the mean that contains all phases, so least may be below 0, and largest 1 or
-    more. A statistic is NaN in cells without any phase.
+    more. All three are NaN in cells without any phase; the share is NaN where no cell is computed.
 
     Yields
     ------

@@ -9,8 +9,8 @@ from gear_rattle.workers.survey.axes import Real, StrictRecord
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.models import MODELS, Capability, require_capability
 
-BLOCK = 32  # cells along a side of a block; blocks begin at multiples of this in the grid, whatever the tiles are
-AUDITED_SHARE = 0.02  # the default of `Refine.audit`
+BLOCK = 32  # cells along a side of a block; blocks begin at multiples of this number, whatever the tiles are
+AUDITED_SHARE = 0.02  # default of `Refine.audit`, the share of filled cells to audit
 
 
 class Refine(StrictRecord):

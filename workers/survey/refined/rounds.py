@@ -23,7 +23,7 @@ CHAOTIC, KINDS = 8, 16
 #: multiple of the bound.
 WRONG_TARGET = 0.5
 MOST_AUDITED = 0.5  # a round that would have to audit more than this share of the filled cells computes all of them
-#: The first audit draws this many times the cells that would suffice if all cells were filled and none were wrong.
+#: The first audit draws this many times the number of cells that would suffice if all cells were filled and right.
 FIRST_AUDIT_FACTOR = 3.0
 
 

@@ -37,7 +37,7 @@ class Cells:
 
     @property
     def v_max(self) -> SpeedLimit:
-        """The largest speed of the sample."""
+        """The largest initial speed: a number, or "natural" for the natural speed of each cell."""
         return self.sample.v_max
 
     @property

@@ -19,7 +19,7 @@ PARTS = {"real": "real part", "imag": "imaginary part"}  # the parts of a comple
 
 
 class Group(StrEnum):
-    """Groups of variables that a request can ask for."""
+    """Groups of variables that a request can name."""
 
     REGION = "region"
     ORBITS = "orbits"
@@ -66,7 +66,7 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A stored variable: its schema, and the function that computes it for a block of cells."""
+    """A stored variable: its schema, and the function that computes it for a rectangle of cells."""
 
     name: str
     group: Group | None  # None for variables that every survey has
