@@ -69,7 +69,7 @@ def _request_of(attributes: Any, name: str) -> PopulationRequest:
         request = request_of(json.loads(attributes["request"])) if "request" in attributes else None
     except (KeyError, ValueError) as error:
         raise SurveyError(
-            f"{name} holds a population that this version cannot read ({error}): read it with the version that made it"
+            f"{name} holds a population that this version cannot read ({error}): use the version that computed it"
         ) from error
     if not isinstance(request, PopulationRequest):
         raise SurveyError(f"{name} holds no population that can be read: give the store of a population")

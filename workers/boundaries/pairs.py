@@ -70,7 +70,7 @@ class CellGrid:
             self.states = tuple(np.asarray(dataset[f"attractor_{name}"]) for name in ("phase", "velocity", "fraction"))
         self.families = None if families is None else _CellFamilies(dataset, families)
         if "region" not in dataset and self.labels is None:
-            raise SurveyError("there is nothing to explain: compute a survey with the group region or attractors")
+            raise SurveyError("the survey has no regions and no attractors: compute a survey with one of the two")
 
     def differing_pairs(self) -> Pairs:
         """Return the pairs of neighbouring computed cells that differ in their region or their attractors."""

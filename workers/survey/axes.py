@@ -118,7 +118,7 @@ class Axis(StrictRecord):
         parts = text.split(":")
         how = f"axis {text!r}: write START:STOP:NUM, such as 0.4:1.0:61"
         if len(parts) != len(cls.model_fields):
-            raise SurveyError(f"{how}, three numbers separated by colons: it has {len(parts)}")
+            raise SurveyError(f"{how}, three numbers separated by colons: this text has {len(parts)}")
         numbers: dict[str, Any] = {}
         for name, part in zip(cls.model_fields, parts, strict=True):
             whole = name == "num"

@@ -266,7 +266,7 @@ class SurveyRequest(_ModelFields):
         if len(self.third_axis) > 1:
             raise ValueError(f"a survey has one third axis: give one number for {', or for '.join(self.third_axis)}")
         if self.slots_by == BY_FAMILY and Group.FAMILIES not in self.quantities:
-            raise ValueError("slots_by family needs the quantity families: add it to quantities, or leave slots_by out")
+            raise ValueError("slots_by family needs families: add families to quantities, or leave slots_by out")
         known = groups_of(self.model, bool(self.harmonics))
         if unknown := set(self.quantities).difference(known):
             names, whose = ", ".join(sorted(unknown)), f"the {self.model} model"
@@ -302,7 +302,7 @@ class SurveyRequest(_ModelFields):
     @model_validator(mode="after")
     def _check_certifiable(self) -> Self:
         if self.certify and Group.ATTRACTORS not in self.quantities:
-            raise ValueError("certify needs the quantity attractors: add it to quantities, or leave certify out")
+            raise ValueError("certify needs attractors: add attractors to quantities, or leave certify out")
         if self.certify and Capability.PROOFS not in MODELS[self.model].has:
             raise ValueError(f"periodic motions of the {self.model} model cannot be proved: leave certify out")
         if self.certify and self.third_axis_name:
@@ -319,7 +319,7 @@ class SurveyRequest(_ModelFields):
             if size is not None and size > num:
                 raise ValueError(f"tile.{axis} ({size}) exceeds the axis ({num} values): use {num} or less")
             if self.refine is not None and size not in (None, num) and size % BLOCK:
-                raise ValueError(f"tile.{axis} ({size}) cuts the blocks that are refined: use a multiple of {BLOCK}")
+                raise ValueError(f"tile.{axis} ({size}) cuts blocks of a refined survey: use a multiple of {BLOCK}")
         if self.tile_shape[0] * self.tile_shape[1] > self._largest_tile:
             raise ValueError(f"a tile may hold at most {self._largest_tile:,} cells: use a smaller tile")
         if self.tile_shape[0] * self.tile_shape[1] * self.samples_per_cell > MAX_TILE_SAMPLES:

@@ -35,7 +35,7 @@ def require_slice(third: Mapping[str, int], number: int | None) -> None:
         raise SurveyError("this survey has no third axis: leave slice out")
     for name, length in third.items():
         if number is None or not 0 <= number < length:
-            raise SurveyError(f"this survey has {length} values of {name}: choose one, slice 0 to {length - 1}")
+            raise SurveyError(f"this survey has {length} values of {name}: choose a slice from 0 to {length - 1}")
 
 
 def third_axis_length(dataset: xr.Dataset) -> dict[str, int]:

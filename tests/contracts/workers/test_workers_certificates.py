@@ -210,7 +210,7 @@ def test_a_survey_that_asks_for_it_is_proved_after_its_tiles_beside_it(tmp_path,
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ({"quantities": ["region"]}, "certify needs the quantity attractors"),
+        ({"quantities": ["region"]}, "certify needs attractors: add attractors to quantities"),
         ({"beta": {"start": 0.5, "stop": 0.6, "num": 2}}, "give one number for beta"),
         ({"certify": 1}, "certify"),
         ({}, "give `out`"),

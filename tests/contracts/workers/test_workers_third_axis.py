@@ -207,7 +207,7 @@ def test_what_is_of_a_plane_asks_for_a_slice(store: Path, tmp_path: Path) -> Non
             lambda: open_family(store, 0),
             lambda: slice_of(whole, 2),
         ):
-            with pytest.raises(SurveyError, match="2 values of beta: choose one, slice 0 to 1"):
+            with pytest.raises(SurveyError, match="2 values of beta: choose a slice from 0 to 1"):
                 ask()
         assert map_picture(slice_of(whole, 0), "region") != map_picture(slice_of(whole, 1), "region")
         assert [each.beta.item() for each in slices_of(whole)] == [0.6, 0.7]
