@@ -36,8 +36,7 @@ def run(
     if figure is not None:
         if request.third_axis_name:
             raise typer.BadParameter(
-                f"a survey with a third axis has a picture for each slice: draw a slice when the survey is complete, "
-                f"with rattle figure {out} --slice 0",
+                f"draw a slice of this survey when the survey is complete, with rattle figure {out} --slice 0",
                 param_hint="--figure",
             )
         require_writable(figure)
