@@ -18,7 +18,7 @@ from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import attributes_of, noting, tell
 from gear_rattle.workers.storage.store import write_tile
 from gear_rattle.workers.survey.refined.audit import AUDIT, AUDIT_ATTRIBUTES, DISAGREED, LEAF, ROUNDS, SOURCE_LEVEL
-from gear_rattle.workers.survey.refined.rounds import KINDS, Counts, Round, next_round, wrong_share_upper
+from gear_rattle.workers.survey.refined.rounds import KINDS, AuditCounts, AuditRound, next_round, wrong_share_upper
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.tiles import Tile, compute_tile, first_audit_round, tiles_of
 
@@ -67,7 +67,7 @@ def meet_bound(
     assert request.refine is not None
     assert request.refine.bound is not None
     place = place_of(where)
-    later = tuple(Round(*asked) for asked in json.loads(attributes_of(place).get(ROUNDS, "[]")))
+    later = tuple(AuditRound(*asked) for asked in json.loads(attributes_of(place).get(ROUNDS, "[]")))
     while True:
         tiles = [(replace(tile, rounds=later),) for tile in tiles_of(request)]
         # The counts of all tiles are read in one group, because a pause between groups could end the call before
@@ -92,7 +92,7 @@ def meet_bound(
     return True
 
 
-def audit_counts_of_tile(_request: SurveyRequest, path: str, tile: Tile) -> Counts | None:
+def audit_counts_of_tile(_request: SurveyRequest, path: str, tile: Tile) -> AuditCounts | None:
     """Read a tile's audit counts of its last round from the store; None if the stored tile has other rounds."""
     place = place_of(path)
     with report_damage(f"the audit of {place}"):
@@ -103,12 +103,12 @@ def audit_counts_of_tile(_request: SurveyRequest, path: str, tile: Tile) -> Coun
     return _audit_counts(tile, stored)
 
 
-def recompute_tile(request: SurveyRequest, path: str, tile: Tile) -> tuple[Counts, dict[str, str]]:
+def recompute_tile(request: SurveyRequest, path: str, tile: Tile) -> tuple[AuditCounts, dict[str, str]]:
     """Compute a tile with its rounds of audits (`tile.rounds`), and write it. A repetition writes the same bytes.
 
     Returns
     -------
-    tuple[Counts, dict[str, str]]
+    tuple[AuditCounts, dict[str, str]]
         Audit counts of the last round, and digests of the tile's chunks by key.
     """
     values, _ = compute_tile(request, tile)
@@ -118,22 +118,22 @@ def recompute_tile(request: SurveyRequest, path: str, tile: Tile) -> tuple[Count
     return counts, files
 
 
-def _audit_counts(tile: Tile, values: Mapping[str, np.ndarray]) -> Counts | None:
+def _audit_counts(tile: Tile, values: Mapping[str, np.ndarray]) -> AuditCounts | None:
     """Return a tile's audit counts of its last round; None if `values` were computed with other rounds."""
     source, audit, leaf = (values[name] for name in COUNTED_VARIABLES)
     now = (leaf > 0) & (leaf // KINDS == len(tile.rounds))
     filled = source > 0
     if (filled & ~now).any() or (leaf // KINDS > len(tile.rounds)).any():
         return None
-    return Counts(*(_counts_by_kind(leaf[now & of]) for of in (True, audit > 0, audit == DISAGREED, filled)))
+    return AuditCounts(*(_counts_by_kind(leaf[now & of]) for of in (True, audit > 0, audit == DISAGREED, filled)))
 
 
 def _counts_by_kind(leaf: np.ndarray) -> np.ndarray:
     return np.bincount(leaf % KINDS, minlength=KINDS)
 
 
-def _add_counts(one: Counts, other: Counts) -> Counts:
-    return Counts(*(a + b for a, b in zip(one, other, strict=True)))
+def _add_counts(one: AuditCounts, other: AuditCounts) -> AuditCounts:
+    return AuditCounts(*(a + b for a, b in zip(one, other, strict=True)))
 
 
 def _write_attributes(place: Place, told: Mapping[str, str | int | float]) -> None:

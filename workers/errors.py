@@ -72,7 +72,7 @@ def report_damage(what: str) -> Iterator[None]:
 
 
 #: Error numbers of failures that may end by themselves or by the user's action, so that the survey can continue.
-_PASSING = {
+_TRANSIENT_ERRORS = {
     errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.ESTALE, errno.ENOMEM, errno.EMFILE, errno.ENFILE,
 }  # fmt: skip
 
@@ -87,6 +87,6 @@ def storage_error(what: str, error: OSError) -> SurveyError:
     SurveyError
         Its message says what to do.
     """
-    if error.errno in _PASSING:
+    if error.errno in _TRANSIENT_ERRORS:
         return StorageError(f"{what} ({error}): free space or make the store writable, and the same survey continues")
     return SurveyError(f"{what} ({error}): make the path writable, or choose another path")

@@ -99,7 +99,7 @@ def tile_name(request: AnyRequest, tile: AnyTile) -> str:
     return str(_tile_module(request).tile_name(request, tile))
 
 
-def place_of_cell(request: AnyRequest, i: int, j: int) -> dict[str, int]:
+def position_of_cell(request: AnyRequest, i: int, j: int) -> dict[str, int]:
     """Return the position of a failed cell: {axis: index} of a survey's cell, or {"gear": row} in a population.
 
     i, j: the cell's row, counted through all slices, and its column; in a population only j counts.

@@ -18,7 +18,7 @@ from gear_rattle.workers.storage.added import Each, here
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import added_to_store, has_added
 from gear_rattle.workers.survey.levels import reduce
-from gear_rattle.workers.survey.levels.grid import GROUP, LevelBlock, level_blocks, levels_of, steps_of
+from gear_rattle.workers.survey.levels.grid import GROUP, LevelBlock, level_blocks, levels_of, reduction_steps
 from gear_rattle.workers.survey.levels.template import (
     code_meanings,
     create_level_array,
@@ -114,7 +114,7 @@ def _reduced_arrays(
     quantity: Quantity, values: np.ndarray, known: np.ndarray, request: SurveyRequest
 ) -> Iterator[tuple[np.ndarray, ...]]:
     """Reduce one map to each level, and yield the resulting arrays of the level, in the order of `level_arrays`."""
-    steps = steps_of(levels_of(request.shape))
+    steps = reduction_steps(levels_of(request.shape))
     if words := code_meanings(quantity):
         yield from reduce.reduced_codes(values, known, steps, len(words))
     else:

@@ -91,10 +91,10 @@ def _print_comparison(found: Comparison, turn: float, unit: str) -> None:
         columns = f"{near.attractor.fraction:.4f}", *(f"{x:.6g}" for x in rates), f"{near.distance:.4g}"
         nearest.add_row(attractor_name(near.attractor), *columns)
     console.print(nearest)
-    console.print(_histogram(found))
+    console.print(_histogram_table(found))
 
 
-def _histogram(found: Comparison) -> Table:
+def _histogram_table(found: Comparison) -> Table:
     """Return a table of impacts per revolution by phase, for the measured impacts and for the nearest attractor."""
     from rich.table import Table
 

@@ -86,7 +86,7 @@ def figure(
     if what[0] in (ALL, STIFF) or what[0].isdecimal():
         if slice_ is not None:
             raise typer.BadParameter("a figure of the paper has no slices: leave --slice out", param_hint="--slice")
-        requests = _requests(what, delta or [], epsilon or [], beta, numbers)
+        requests = _figure_requests(what, delta or [], epsilon or [], beta, numbers)
         _draw_figures(requests, out or Path(), format_ or ["pdf"])
         return
     for option, given in options.items():
@@ -103,7 +103,7 @@ def figure(
     draw_survey(what[0], Path(what[1] if len(what) == 2 else SURVEY_PICTURE), slice_)
 
 
-def _requests(
+def _figure_requests(
     what: list[str], delta: list[str], epsilon: list[str], beta: float | None, added: Mapping[str, float]
 ) -> list[Request | StiffRequest]:
     """Return the requested figures. All requests are checked before the first figure is computed."""

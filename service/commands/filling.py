@@ -119,7 +119,7 @@ def _compute_tiles(
 ) -> None:
     from gear_rattle import workers as survey
     from gear_rattle.service.commands.progress import reporter
-    from gear_rattle.workers.kinds import place_of_cell
+    from gear_rattle.workers.kinds import position_of_cell
     from gear_rattle.workers.storage.manifest import attributes_of
     from gear_rattle.workers.survey.refined.audit import AUDIT_ATTRIBUTES
 
@@ -152,7 +152,7 @@ def _compute_tiles(
         some = f", {filled} of them filled" if filled else ""
         typer.echo(f"{done - before} {what} in {seconds:.1f} s{some}: {(done - before) / seconds:.1f} {what}/s")
     for i, j, message in failed[:MAX_MESSAGES]:
-        where = ", ".join(f"{axis}[{number}]" for axis, number in place_of_cell(request, i, j).items())
+        where = ", ".join(f"{axis}[{number}]" for axis, number in position_of_cell(request, i, j).items())
         typer.echo(f"failed: {where}: {message}", err=True)
 
 

@@ -12,7 +12,7 @@ from rattle.attractors import CHAOTIC
 from rattle.families import Rectangle
 
 
-class Edges(NamedTuple):
+class FamilyEdges(NamedTuple):
     """Edges of families. An edge is a pair of neighbouring cells of which exactly one has the family.
 
     names: the names of the bifurcation curves. number (families,): how many edges each family has.
@@ -82,14 +82,16 @@ def edges_in_part(
     return ComponentEdges(ids, number, on)
 
 
-def edges_of(parts: Iterable[ComponentEdges], family: np.ndarray, table: FamilyTable, names: Sequence[str]) -> Edges:
+def edges_of(
+    parts: Iterable[ComponentEdges], family: np.ndarray, table: FamilyTable, names: Sequence[str]
+) -> FamilyEdges:
     """Count the edges of each family in the whole survey, from the edges in its parts.
 
     family: the number of the family of each component. table: the families. names: the names of the curves.
 
     Returns
     -------
-    Edges
+    FamilyEdges
         The numbers of edges for each family, and for each family and curve.
     """
     n = table.cells.size
@@ -98,7 +100,7 @@ def edges_of(parts: Iterable[ComponentEdges], family: np.ndarray, table: FamilyT
         np.add.at(number, family[part.component], part.number)
         np.add.at(on, family[part.component], part.on)
     concerned = np.array([_is_concerned(table, name) for name in names]).reshape(len(names), n)
-    return Edges(tuple(names), number, np.where(concerned.T, on, 0))
+    return FamilyEdges(tuple(names), number, np.where(concerned.T, on, 0))
 
 
 def _is_concerned(table: FamilyTable, name: str) -> np.ndarray:

@@ -100,7 +100,7 @@ def renumbered_in_grid(table: Attractors, cells: Rectangle, columns: int) -> Att
     return table.replace(cell=(row + cells.top) * columns + column + cells.left)
 
 
-def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along: Along) -> ListedAttractors:
+def read_attractors(request: SurveyRequest, place: Place, cells: Rectangle, along: Along) -> ListedAttractors:
     """Read the attractors that a survey lists in a rectangle of a slice. Cells are numbered in the whole grid.
 
     Returns
@@ -146,7 +146,7 @@ def intersection(one: Rectangle, other: Rectangle) -> Rectangle:
     )
 
 
-def read_targets(request: SurveyRequest, place: Place, cells: Rectangle, blocks: Iterable[Block]) -> np.ndarray:
+def read_target_slots(request: SurveyRequest, place: Place, cells: Rectangle, blocks: Iterable[Block]) -> np.ndarray:
     """Read for each listed attractor in a rectangle of cells the slot to which the attractor must move.
 
     The first axis of the result (slots, m, n) counts the attractors of a cell. blocks: the blocks that cover the

@@ -10,14 +10,14 @@ from typing import Any, TypeVar
 import numpy as np
 import zarr
 
-from gear_rattle.workers.boundaries.edges import Edges, edges_of
+from gear_rattle.workers.boundaries.edges import FamilyEdges, edges_of
 from gear_rattle.workers.errors import report_damage, storage_error
 from gear_rattle.workers.families.blocks import COMPONENTS, TARGETS, Block, blocks_of, extended_by_rim, is_within
 from gear_rattle.workers.families.move import move_tile
 from gear_rattle.workers.families.tasks import (
     BlockComponents,
     BlockSummary,
-    Border,
+    BorderAttractors,
     connect_block,
     continue_into_block,
     summarize_block,
@@ -48,7 +48,7 @@ from rattle.families import (
 #: Names of a stored curve's variables: δ and ε of its points, and the number of the piece that each point is on.
 CURVE_POINTS = ("point_delta", "point_epsilon", "piece")
 
-Rows = TypeVar("Rows", Attractors, Border)
+Rows = TypeVar("Rows", Attractors, BorderAttractors)
 
 
 def lacks_families(request: SurveyRequest, where: str | Path | Place) -> bool:
@@ -100,12 +100,12 @@ class _Join:
         self.blocks = blocks_of(self._request, along)
         self._number = {(block.row, block.column): i for i, block in enumerate(self.blocks)}
 
-    def run(self) -> tuple[JoinedFamilies, Edges, dict[str, str]]:
+    def run(self) -> tuple[JoinedFamilies, FamilyEdges, dict[str, str]]:
         """Join the slice and write the family numbers of its cells.
 
         Returns
         -------
-        tuple[JoinedFamilies, Edges, dict[str, str]]
+        tuple[JoinedFamilies, FamilyEdges, dict[str, str]]
             The families, their edges, and the digests of the written chunks by key.
         """
         curves = _read_curves(self._request, self._place, self.along)
@@ -269,9 +269,9 @@ class _Join:
                 note({tile.index: files for tile, files in zip(some, moved, strict=True)})
 
 
-def _concatenate_borders(borders: Sequence[Border], begin: np.ndarray) -> Border:
+def _concatenate_borders(borders: Sequence[BorderAttractors], begin: np.ndarray) -> BorderAttractors:
     """Concatenate the borders of all blocks. The numbers of block i's components are raised by begin[i]."""
-    found = Border.concat(list(borders))
+    found = BorderAttractors.concat(list(borders))
     return found.replace(component=found.component + np.repeat(begin[:-1], [each.cell.size for each in borders]))
 
 

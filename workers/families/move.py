@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gear_rattle.workers.families.blocks import Block, position_in_cell, read_targets
+from gear_rattle.workers.families.blocks import Block, position_in_cell, read_target_slots
 from gear_rattle.workers.kinds import compute_tile
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import read_tile, write_tile
@@ -56,7 +56,7 @@ def _source_slots(
 ) -> np.ndarray:
     """Return for each slot of a tile (slots, m, n) the slot that now holds the attractor which must move into it."""
     cells = Rectangle(tile.epsilon.start, tile.epsilon.stop, tile.delta.start, tile.delta.stop)
-    target = read_targets(request, place, cells, blocks).reshape(request.n_slots, -1)
+    target = read_target_slots(request, place, cells, blocks).reshape(request.n_slots, -1)
     found = attractors_in_slots(values, request.initial_conditions.count)
     cell = found.attractors.cell
     source = np.full(target.shape, -1, np.int8)

@@ -19,10 +19,10 @@ from gear_rattle.workers.families.blocks import (
     COMPONENTS,
     TARGETS,
     Block,
-    attractors_in,
     extended_by_rim,
     is_within,
     position_in_cell,
+    read_attractors,
     read_components,
     renumbered_in_grid,
     renumbered_in_rectangle,
@@ -40,7 +40,7 @@ POSITIONS = 1 << 16  # a number larger than that of the attractors of any cell
 
 
 @dataclass(frozen=True, eq=False)
-class Border(StructOfArrays):
+class BorderAttractors(StructOfArrays):
     """The attractors (k,) on the border of a block.
 
     cell: the cell of each attractor. place: its position among the attractors of the cell. component: the number of the
@@ -67,8 +67,8 @@ class BlockComponents(NamedTuple):
     """
 
     number: int
-    first: Border
-    beyond: Border
+    first: BorderAttractors
+    beyond: BorderAttractors
     entered: np.ndarray
 
 
@@ -100,7 +100,7 @@ def continue_into_block(
     """
     columns = request.shape[1]
     cells, frame, tried = block.cells, extended_by_rim(block.cells, request.shape), beside is not None
-    table = attractors_in(request, place_of(path), cells if tried else frame, block.along).attractors
+    table = read_attractors(request, place_of(path), cells if tried else frame, block.along).attractors
     inside = is_within(table.cell, cells, columns)
     beside = beside or table.take(~inside)
     table = together(table.take(inside), entered)
@@ -128,7 +128,7 @@ def connect_block(
     """
     place, columns = place_of(path), request.shape[1]
     frame = extended_by_rim(block.cells, request.shape, before=0)
-    found = attractors_in(request, place, frame, block.along).attractors
+    found = read_attractors(request, place, frame, block.along).attractors
     n = found.cell.size
     table = together(found, entered, beside)
     order = in_order(table)
@@ -144,7 +144,7 @@ def connect_block(
     row, column = np.divmod(table.cell, columns)
     first = inside & ((row == block.cells.top) | (column == block.cells.left))
     beyond = ~inside & (component > QUIET_FAMILY)
-    on_first, on_beyond = (Border(table.cell[of], where[of], component[of]) for of in (first, beyond))
+    on_first, on_beyond = (BorderAttractors(table.cell[of], where[of], component[of]) for of in (first, beyond))
     given = np.empty_like(component)
     given[order] = component
     return BlockComponents(1 + mine.size, on_first, on_beyond, given[n : n + entered.cell.size])
@@ -156,7 +156,7 @@ def summarize_block(
     block: Block,
     entered: Attractors,
     component: np.ndarray,
-    beyond: Border,
+    beyond: BorderAttractors,
     crossings: Sequence[Crossings],
 ) -> BlockSummary:
     """Summarize the survey's components in a block.
@@ -168,7 +168,7 @@ def summarize_block(
     component : np.ndarray
         Entry i is the number of the survey's component to which the block's component i belongs; the last entry is for
         component −1 (undecided samples).
-    beyond : Border
+    beyond : BorderAttractors
         The attractors in the cells after the block's last row and column.
     crossings : Sequence[Crossings]
         For each curve, the pairs of cells of the block between which the curve passes.
@@ -179,7 +179,7 @@ def summarize_block(
         Sums, edges, and pairs of components that share a cell.
     """
     place = place_of(path)
-    found = attractors_in(request, place, block.cells, block.along)
+    found = read_attractors(request, place, block.cells, block.along)
     table, of, is_listed = _block_attractors(place, block, found, entered)
     of, columns = component[of], request.shape[1]
     cell, each = np.append(table.cell, beyond.cell), np.append(of, beyond.component)
@@ -203,7 +203,7 @@ def write_families(
         Digest of the written chunk.
     """
     place, cells = place_of(path), block.cells
-    found = attractors_in(request, place, cells, block.along)
+    found = read_attractors(request, place, cells, block.along)
     _table, component, is_listed = _block_attractors(place, block, found, entered)
     component = component[is_listed]
     cell, here = renumbered_in_rectangle(found.attractors, cells, request.shape[1]).cell, family[component]

@@ -14,7 +14,7 @@ import xarray as xr
 from gear_rattle.workers.errors import report_damage
 from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of, with_periodic
 from gear_rattle.workers.survey.levels import reduce
-from gear_rattle.workers.survey.levels.grid import GROUP, Level, Pair, centres, levels_of, possible_levels
+from gear_rattle.workers.survey.levels.grid import GROUP, Level, Pair, level_centres, levels_of, possible_levels
 from gear_rattle.workers.survey.levels.template import LEVEL_CELL, OCCURS, SHARE, STATISTIC
 from gear_rattle.workers.survey.slices import slice_of
 from gear_rattle.workers.survey.values.evaluate import FAILED
@@ -160,7 +160,7 @@ def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened:
         with report_damage(f"the map of {variable}"):
             cells = drawn_numbers(with_periodic(dataset, plane.load(), index))
             seen = of_cells(plane, cells, np.asarray(dataset["status"]), level)
-    axes = {name: centres(dataset[name].values, cells) for name, cells in zip(CELL, level.cells, strict=True)}
+    axes = {name: level_centres(dataset[name].values, cells) for name, cells in zip(CELL, level.cells, strict=True)}
     modulus = {"long_name": f"|{plane.attrs.get('long_name', variable)}|"} if np.iscomplexobj(plane) else {}
     whole = np.issubdtype(plane.dtype, np.integer) or plane.dtype == bool
     values = np.nan_to_num(seen.values).astype(plane.dtype) if whole else seen.values

@@ -39,7 +39,7 @@ from gear_rattle.workers.pictures.look import (
 from gear_rattle.workers.pictures.machine_axes import draw_machine_axes
 from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points_over
 from gear_rattle.workers.pictures.planes import SLOT_ORDER, UNJOINED, drawn_numbers, plane_of, with_periodic
-from gear_rattle.workers.survey.levels.grid import centres, possible_levels
+from gear_rattle.workers.survey.levels.grid import level_centres, possible_levels
 from gear_rattle.workers.survey.levels.reduce import pooled_cells
 from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION
 from gear_rattle.workers.survey.slices import third_axis_value
@@ -346,8 +346,8 @@ def _dim_others(axes: Axes, dataset: xr.Dataset, family: int) -> None:
     level = part_for(possible_levels(shape), (0, 0), shape, ROOM).level
     along, across = level.cells if level else (1, 1)
     shown = Finer(
-        centres(dataset["delta"].values, across),
-        centres(dataset["epsilon"].values, along),
+        level_centres(dataset["delta"].values, across),
+        level_centres(dataset["epsilon"].values, along),
         pooled_cells(np.nan_to_num(values), (along, across), np.maximum),
     )
     others = np.where(shown.values > 0, np.nan, 1.0)

@@ -218,7 +218,7 @@ def first_message(error: ValueError) -> str:
 
 
 def field_and_message(error: ValidationError) -> str:
-    """Return the message for the first wrong field, with its name."""
+    """Return the message for the first wrong field, which begins with the name of the field."""
     where = ".".join(str(part) for part in error.errors()[0]["loc"])
     return f"{where}: {first_message(error)}" if where else first_message(error)
 

@@ -73,7 +73,7 @@ FAMILY_VARIABLES: tuple[CurveVariable, ...] = (
 )
 
 
-#: Variables about the edges of families; their values come from `gear_rattle.workers.boundaries.edges.Edges`.
+#: Variables about the edges of families; their values come from `gear_rattle.workers.boundaries.edges.FamilyEdges`.
 EDGE_VARIABLES: tuple[CurveVariable, ...] = (
     CurveVariable("curve", ("curve",), TEXT, "curve of the period-one motions, a group of /curves", lambda x: x.names),
     CurveVariable("edges", ROW, np.int64, "pairs of neighbouring cells of which one has it", lambda x: x.number),
@@ -262,7 +262,7 @@ def files_of_families(request: SurveyRequest, side: int, found: Mapping[Along, t
     Parameters
     ----------
     found : Mapping[Along, tuple[JoinedFamilies, Any]]
-        For each slice, by its index: the families, and the `Edges` with the values of EDGE_VARIABLES.
+        For each slice, by its index: the families, and the `FamilyEdges` with the values of EDGE_VARIABLES.
 
     Returns
     -------

@@ -201,7 +201,7 @@ def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str])
     for dim in COORDINATES:
         if dim in dims:
             values = axes[dim].values() if dim in axes else coordinate_values(dimension_labels(dim, request.n_slots))
-            write_array(root, dim, (dim,), values, {"long_name": dimension_name(request, dim), "units": "1"})
+            write_array(root, dim, (dim,), values, {"long_name": dimension_description(request, dim), "units": "1"})
     for name, (value, long_name) in shared_parameters(request).items():
         values = value.values() if isinstance(value, Axis) else np.array(value)
         write_array(root, name, (name,) * values.ndim, values, {"long_name": long_name, "units": "1"})
@@ -213,7 +213,7 @@ def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str])
         write_array(root, "eccentricity", ("epsilon",), eccentricity, described)
 
 
-def dimension_name(request: SurveyRequest, dim: str) -> str:
+def dimension_description(request: SurveyRequest, dim: str) -> str:
     """Return the description of a dimension, the attribute `long_name` of its coordinate."""
     if dim == SLOT and request.slots_follow_families:
         return "slot of the attractor: that of its family, as far as there are slots"

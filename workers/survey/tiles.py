@@ -9,7 +9,7 @@ import numpy as np
 
 from gear_rattle.workers.survey.curves import traced_crossings
 from gear_rattle.workers.survey.refined.fill import FillingPlan, RefinedCells, refined_cells
-from gear_rattle.workers.survey.refined.rounds import Round, first_round
+from gear_rattle.workers.survey.refined.rounds import AuditRound, first_round
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.values.cells import Cells
 from gear_rattle.workers.survey.values.evaluate import FAILED, SOME_UNDECIDED
@@ -42,7 +42,7 @@ class Tile:
     delta: slice
     epsilon: slice
     along: Along = ()
-    rounds: tuple[Round, ...] = ()
+    rounds: tuple[AuditRound, ...] = ()
 
     @property
     def n_cells(self) -> int:
@@ -165,7 +165,7 @@ def _refined_tile_cells(request: SurveyRequest, tile: Tile) -> RefinedCells:
     return refined_cells(whole, *tile.spans, plan)
 
 
-def first_audit_round(request: SurveyRequest) -> Round:
+def first_audit_round(request: SurveyRequest) -> AuditRound:
     """Return the first round of audits of a refined survey."""
     assert request.refine is not None
     return first_round(request.refine.audit, request.refine.bound, request.n_cells)

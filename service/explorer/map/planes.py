@@ -24,7 +24,7 @@ from gear_rattle.workers.pictures.levels import DisplayedCells, LevelPart, of_ce
 from gear_rattle.workers.pictures.look import IN_SLOTS, LARGEST, SHARE, WHICH, variable_words
 from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of, with_periodic
 from gear_rattle.workers.storage.store import has_added
-from gear_rattle.workers.survey.levels.grid import GROUP, centres, levels_of, possible_levels
+from gear_rattle.workers.survey.levels.grid import GROUP, level_centres, levels_of, possible_levels
 from gear_rattle.workers.survey.levels.reduce import pooled_cells
 from gear_rattle.workers.survey.slices import slice_of
 from gear_rattle.workers.survey.tiles import tiles_of_slice
@@ -146,7 +146,7 @@ class MapPlane:
         part = part_for(self._levels, (i, j), (end_i, end_j), room[::-1])
         seen, (rows, columns) = self._largest(part) if anywhere else self._seen(part), part.at
         across, along = (part.level.cells if part.level else (1, 1))[::-1]
-        delta, epsilon = centres(self.delta, across)[columns], centres(self.epsilon, along)[rows]
+        delta, epsilon = level_centres(self.delta, across)[columns], level_centres(self.epsilon, along)[rows]
         box = _covered(self.delta, across, columns), _covered(self.epsilon, along, rows)
         return MapBlock(delta, epsilon, seen.values, seen.status, box, seen.shares, seen.without)
 

@@ -27,8 +27,8 @@ from gear_rattle.workers.survey.refined.audit import AUDIT_ATTRIBUTES, AUDITED, 
 from gear_rattle.workers.survey.refined.rounds import (
     CHAOTIC,
     KINDS,
-    Counts,
-    Round,
+    AuditCounts,
+    AuditRound,
     first_round,
     next_round,
     wrong_share_upper,
@@ -86,7 +86,7 @@ def test_the_bound_holds_whatever_is_wrong() -> None:
             filled &= limit < 1 << kind % CHAOTIC
             audited = filled & (before <= draw) & (draw < rounds[-1].drawn)
             after = filled & ~audited
-            counts = Counts(
+            counts = AuditCounts(
                 *(np.bincount(kind[of], minlength=KINDS) for of in (filled, audited, audited & wrong, after))
             )
             filled = after
@@ -214,7 +214,7 @@ def test_slices_that_are_told_together_audit_other_places() -> None:
 
 def test_tiles_do_not_show_after_any_round() -> None:
     """Two rounds of a sampled survey, the second of which computes chaotic leaves whole, in tiles of two shapes."""
-    rounds = (Round(0.3, 0, 0), Round(0.4, 0, 4))
+    rounds = (AuditRound(0.3, 0, 0), AuditRound(0.4, 0, 4))
     found = []
     for request in (SAMPLED, SAMPLED.model_copy(update={"tile": SurveyRequest.model_fields["tile"].default})):
         whole: dict[str, np.ndarray] = {}

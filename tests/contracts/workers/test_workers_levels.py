@@ -34,7 +34,7 @@ from gear_rattle.workers.pictures.levels import levels_in_groups, overview
 from gear_rattle.workers.storage.added import here
 from gear_rattle.workers.storage.store import before_tiles
 from gear_rattle.workers.survey.levels import reduce
-from gear_rattle.workers.survey.levels.grid import GROUP, Pair, level_blocks, levels_of, steps_of
+from gear_rattle.workers.survey.levels.grid import GROUP, Pair, level_blocks, levels_of, reduction_steps
 from gear_rattle.workers.survey.levels.template import OCCURS, SHARE, code_meanings
 from gear_rattle.workers.survey.slices import slice_of
 from gear_rattle.workers.survey.values.quantities import variables_of_groups
@@ -178,7 +178,7 @@ def test_axes_are_halved_down_to_256(shape: Pair, shapes: list[Pair], monkeypatc
     monkeypatch.setattr(grid, "LARGEST_WITHOUT_LEVELS", 512)
     monkeypatch.setattr(grid, "LARGEST_NOT_HALVED", 256)
     assert [level.shape for level in levels_of(shape)] == shapes
-    assert all(set(step) <= {1, 2} for step in steps_of(levels_of(shape)))
+    assert all(set(step) <= {1, 2} for step in reduction_steps(levels_of(shape)))
 
 
 def test_an_island_of_one_cell_is_in_every_level(tmp_path: Path) -> None:
@@ -221,7 +221,7 @@ def test_levels_are_of_what_the_cells_hold_in_the_end(joined: Path) -> None:
     assert int(whole.attractor_kind.isel(attractor=1).max()) > 0
     for name in names:
         cells = np.abs(whole[name].values) if np.iscomplexobj(whole[name]) else whole[name].values.astype(float)
-        for at, (rows, columns) in cells_of_level(JOINED.shape, steps_of(levels_of(JOINED.shape))[:1]):
+        for at, (rows, columns) in cells_of_level(JOINED.shape, reduction_steps(levels_of(JOINED.shape))[:1]):
             some = cells[..., rows, columns].reshape(*cells.shape[:-2], -1)
             found = of[name].isel(level_epsilon=at[0], level_delta=at[1])
             if name + OCCURS in of:
@@ -262,7 +262,7 @@ def test_any_reader_finds_them(joined: Path) -> None:
     assert convention["uuid"] == "d35379db-88df-4056-af3a-620245f8e347"
     layout = attributes["multiscales"]["layout"]
     assert [each["asset"] for each in layout] == [str(level.number) for level in levels]
-    for each, step in zip(layout, steps_of(levels), strict=True):
+    for each, step in zip(layout, reduction_steps(levels), strict=True):
         assert each["transform"]["scale"] == list(step)
         assert each.get("derived_from", "0") == str(int(each["asset"]) - 1)
 

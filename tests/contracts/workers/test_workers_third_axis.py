@@ -28,7 +28,7 @@ from gear_rattle.workers import (
 )
 from gear_rattle.workers.boundaries.explain import explain
 from gear_rattle.workers.certificates import IDENTITY_ATTRIBUTE, certify_survey
-from gear_rattle.workers.kinds import place_of_cell
+from gear_rattle.workers.kinds import position_of_cell
 from gear_rattle.workers.pictures.figure import survey_figure
 from gear_rattle.workers.pictures.maps import map_picture
 from gear_rattle.workers.storage.export import csv_lines, require_readable, tables, write_netcdf
@@ -172,7 +172,7 @@ def test_a_cell_that_fails_is_named_with_its_slice(monkeypatch: pytest.MonkeyPat
     request = SurveyRequest(**AXES, beta=BETAS, quantities=("region",))
     *_, last = tiles_of(request)
     _, record = compute_tile(request, last)
-    places = [place_of_cell(request, i, j) for i, j, _ in record.failed_cells]
+    places = [position_of_cell(request, i, j) for i, j, _ in record.failed_cells]
     assert places == [{"beta": 1, "epsilon": 2, "delta": j} for j in range(4)]
 
 

@@ -99,7 +99,7 @@ def levels_of(shape: Pair) -> tuple[Level, ...]:
     return all_of[: 1 + sum(max(level.shape) > LARGEST_NOT_HALVED for level in all_of)]
 
 
-def steps_of(levels: tuple[Level, ...]) -> list[Pair]:
+def reduction_steps(levels: tuple[Level, ...]) -> list[Pair]:
     """Return for each level how many cells of the next finer level a cell covers along each axis, 1 or 2."""
     cells = [(1, 1), *(level.cells for level in levels)]
     return [_pair(new // old for old, new in zip(*both, strict=True)) for both in pairwise(cells)]
@@ -129,7 +129,7 @@ def level_blocks(request: SurveyRequest) -> list[LevelBlock]:
     ]
 
 
-def centres(axis: np.ndarray, cells: int) -> np.ndarray:
+def level_centres(axis: np.ndarray, cells: int) -> np.ndarray:
     """Return the centres of a level's cells along an axis.
 
     axis: the centres of the survey's cells. cells: how many of the survey's cells each cell of the level covers along

@@ -8,7 +8,7 @@ import zarr
 from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
-from gear_rattle.workers.survey.levels.grid import GROUP, Level, block_shape, centres, levels_of, steps_of
+from gear_rattle.workers.survey.levels.grid import GROUP, Level, block_shape, level_centres, levels_of, reduction_steps
 from gear_rattle.workers.survey.levels.reduce import STATISTICS, mask_type
 from gear_rattle.workers.survey.manifest import ROOT
 from gear_rattle.workers.survey.request import SurveyRequest
@@ -17,7 +17,7 @@ from gear_rattle.workers.survey.template import (
     WRITE_ALL_CHUNKS,
     Template,
     coordinate_values,
-    dimension_name,
+    dimension_description,
     file_contents,
     shared_parameters,
     write_array,
@@ -112,7 +112,10 @@ def files_of_levels(request: SurveyRequest) -> Template:
     attributes = {
         "long_name": "the survey in less and less resolution; level 0 is the survey itself",
         "zarr_conventions": [MULTISCALES],
-        "multiscales": {"layout": list(_layout(levels)), "resampling_method": "mode of codes, average of numbers"},
+        "multiscales": {
+            "layout": list(_layout_entries(levels)),
+            "resampling_method": "mode of codes, average of numbers",
+        },
     }
     root.create_group(GROUP, attributes=attributes)
     for level in levels:
@@ -126,7 +129,7 @@ def files_of_levels(request: SurveyRequest) -> Template:
     return {key: content for key, content in file_contents(kept).items() if key != ROOT}
 
 
-def _layout(levels: tuple[Level, ...]) -> Iterator[dict[str, Any]]:
+def _layout_entries(levels: tuple[Level, ...]) -> Iterator[dict[str, Any]]:
     """Yield each level's entry of the multiscales convention, with scales relative to the next finer level.
 
     Pairs are along (epsilon, delta).
@@ -136,7 +139,7 @@ def _layout(levels: tuple[Level, ...]) -> Iterator[dict[str, Any]]:
     dict[str, Any]
         Name of the level, of the level from which it is derived, and scale and translation.
     """
-    for level, step in zip(levels, steps_of(levels), strict=True):
+    for level, step in zip(levels, reduction_steps(levels), strict=True):
         before = {"derived_from": str(level.number - 1)} if level.number > 1 else {}
         translation = [(each - 1) / 2 for each in step]
         transform = {"scale": [float(each) for each in step], "translation": translation}
@@ -147,9 +150,9 @@ def _write_coordinates(group: zarr.Group, request: SurveyRequest, level: Level, 
     axes = (request.epsilon, request.delta)
     for name, dim, axis, cells in zip(CELL, LEVEL_CELL, axes, level.cells, strict=True):
         long_name = f"{COORDINATES[name].long_name}, middle of the cells"
-        write_array(group, dim, (dim,), centres(axis.values(), cells), {"long_name": long_name, "units": "1"})
+        write_array(group, dim, (dim,), level_centres(axis.values(), cells), {"long_name": long_name, "units": "1"})
     for dim in sorted(dims):
-        words = "what is told of the numbers of the cells" if dim == STATISTIC else dimension_name(request, dim)
+        words = "what is told of the numbers of the cells" if dim == STATISTIC else dimension_description(request, dim)
         values = coordinate_values(_dimension_labels(request, dim))
         write_array(group, dim, (dim,), values, {"long_name": words, "units": "1"})
     for name, axis in request.third_axis.items():

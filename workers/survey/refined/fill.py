@@ -13,7 +13,7 @@ from gear_rattle.workers.survey.crossings import Crossings
 from gear_rattle.workers.survey.refined.audit import random_draws
 from gear_rattle.workers.survey.refined.blocks import Blocks
 from gear_rattle.workers.survey.refined.evidence import Evidence
-from gear_rattle.workers.survey.refined.rounds import Round
+from gear_rattle.workers.survey.refined.rounds import AuditRound
 from gear_rattle.workers.survey.refined.shares import fill_leaves
 from gear_rattle.workers.survey.refined.tree import Tree, crossed_edges
 from gear_rattle.workers.survey.values.cells import Cells
@@ -111,7 +111,7 @@ class FillingPlan(NamedTuple):
     passes. seed: the seed of the random numbers that choose the audited cells.
     """
 
-    rounds: Sequence[Round]
+    rounds: Sequence[AuditRound]
     quantities: tuple[Group, ...]
     crossings: Sequence[Crossings]
     seed: int

@@ -27,7 +27,7 @@ MOST_AUDITED = 0.5  # a round that would have to audit more than this share of t
 FIRST_AUDIT_FACTOR = 3.0
 
 
-class Round(NamedTuple):
+class AuditRound(NamedTuple):
     """A round of audits.
 
     drawn: a filled cell is audited if its random number (see `random_draws`) is below this value. regular, chaotic: all
@@ -40,7 +40,7 @@ class Round(NamedTuple):
     chaotic: int = 0
 
 
-class Counts(NamedTuple):
+class AuditCounts(NamedTuple):
     """The findings of a round of audits; each array (KINDS,) has a number for each kind of leaf.
 
     before: how many cells were to be filled before the round. audited: how many of these cells the round audited.
@@ -58,7 +58,7 @@ def confidence_of_round(number: int) -> float:
     return 1.0 - (1.0 - CONFIDENCE) / 2.0 ** (number + 1)
 
 
-def first_round(audit: float, bound: float | None, cells: int) -> Round:
+def first_round(audit: float, bound: float | None, cells: int) -> AuditRound:
     """Return the first round of audits of a survey.
 
     audit: the least share of the filled cells to audit. bound: the largest allowed share of wrong cells; None if the
@@ -66,16 +66,16 @@ def first_round(audit: float, bound: float | None, cells: int) -> Round:
 
     Returns
     -------
-    Round
+    AuditRound
         A round without limits on the sizes of leaves.
     """
     if bound is None:
-        return Round(audit)
+        return AuditRound(audit)
     needed = -FIRST_AUDIT_FACTOR * math.log(1.0 - confidence_of_round(0)) / (bound * cells)
-    return Round(1.0 if needed > MOST_AUDITED else max(audit, needed))
+    return AuditRound(1.0 if needed > MOST_AUDITED else max(audit, needed))
 
 
-def wrong_share_upper(counts: Counts, number: int) -> float:
+def wrong_share_upper(counts: AuditCounts, number: int) -> float:
     """Return an upper bound of the share of wrong cells among the cells that are filled after a round.
 
     counts: the findings of the round. number: the number of the round. The audit bounds the number of wrong cells
@@ -93,7 +93,7 @@ def wrong_share_upper(counts: Counts, number: int) -> float:
     return min(max(left, 0.0) / filled, 1.0)
 
 
-def next_round(bound: float, rounds: tuple[Round, ...], counts: Counts) -> Round | None:
+def next_round(bound: float, rounds: tuple[AuditRound, ...], counts: AuditCounts) -> AuditRound | None:
     """Return the next round of audits, or None if the bound is met. counts: the findings of the round `rounds[-1]`."""
     number = len(rounds)
     if wrong_share_upper(counts, number - 1) <= bound:
@@ -113,7 +113,7 @@ def next_round(bound: float, rounds: tuple[Round, ...], counts: Counts) -> Round
         if number == LAST_ROUND
         else _share_to_audit(bound, left.sum(), (left * rate).sum(), confidence_of_round(number))
     )
-    return Round(drawn + share * (1.0 - drawn) if share < 1.0 else 1.0, *limits)
+    return AuditRound(drawn + share * (1.0 - drawn) if share < 1.0 else 1.0, *limits)
 
 
 def _share_to_audit(bound: float, filled: float, wrong: float, sure: float) -> float:

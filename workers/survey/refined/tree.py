@@ -13,7 +13,7 @@ from gear_rattle.workers.survey.refined.asked import BLOCK
 from gear_rattle.workers.survey.refined.audit import AUDITED, DISAGREED
 from gear_rattle.workers.survey.refined.blocks import Blocks, LeafCells, Leaves, concatenate_leaves
 from gear_rattle.workers.survey.refined.evidence import Evidence
-from gear_rattle.workers.survey.refined.rounds import CHAOTIC, KINDS, Round
+from gear_rattle.workers.survey.refined.rounds import CHAOTIC, KINDS, AuditRound
 
 
 @dataclass(eq=False)
@@ -31,12 +31,12 @@ class Tree:
     evidence: Evidence
     crossed: tuple[np.ndarray, np.ndarray]
     draws: np.ndarray
-    rounds: Sequence[Round]
+    rounds: Sequence[AuditRound]
     audit: np.ndarray = field(init=False)
     leaf: np.ndarray = field(init=False)
     filled: list[Leaves] = field(init=False, default_factory=list)
     _number: int = field(init=False, default=0)
-    _now: Round = field(init=False)
+    _now: AuditRound = field(init=False)
     _chosen: np.ndarray = field(init=False)  # (cells,): flags of the cells to audit in this round
 
     def __post_init__(self) -> None:
@@ -142,7 +142,13 @@ class Tree:
 
 
 def crossed_edges(blocks: Blocks, crossings: Sequence[Crossings]) -> tuple[np.ndarray, np.ndarray]:
-    """Return for each cell of the frame whether a curve passes between it and the next cell along δ, and along ε."""
+    """Return where curves pass between neighbouring cells of the frame (see `Blocks`).
+
+    Returns
+    -------
+    tuple[np.ndarray, np.ndarray]
+        Flags (rows, columns): a curve passes between the cell and the next cell along δ; the same along ε.
+    """
     rows, columns = blocks.frame
     found = []
     for along in range(2):

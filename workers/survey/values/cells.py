@@ -77,7 +77,7 @@ class Cells:
 
     @cached_property
     def period_one(self) -> rattle.PeriodOne:
-        """The orbits A to D; shapes end in (n_epsilon, n_delta)."""
+        """The orbits A to D of each cell; the shapes of the arrays end in (n_epsilon, n_delta)."""
         return self.model.period_one(self.delta, self.epsilon[:, None])
 
     @cached_property
@@ -87,7 +87,7 @@ class Cells:
 
     @cached_property
     def intensities(self) -> Intensities:
-        """The intensities of all attractors, in the order of `attractors`."""
+        """The intensities of all attractors (how hard they rattle), in the order of `attractors`."""
         return self.model.intensities_of(self.delta, self.epsilon[:, None], self.attractors)
 
     @cached_property
@@ -135,7 +135,7 @@ class Cells:
 
     @cached_property
     def robust_chaos(self) -> np.ndarray:
-        """True for each δ inside the robust-chaos interval; not every β has such an interval."""
+        """True for each δ inside the robust-chaos interval; False everywhere if this β has no such interval."""
         try:
             low, high = rattle.robust_chaos_interval(self.model.beta)
         except rattle.RattleError:
