@@ -1,4 +1,4 @@
-"""Complete a survey whose tiles are all computed: meet its bound, add families and levels, prove certificates."""
+"""Complete a survey whose tiles are all computed: meet its bound, add families and levels, prove attractors."""
 
 from __future__ import annotations
 

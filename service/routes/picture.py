@@ -213,7 +213,7 @@ async def _compute_overlays(front: Front, overlaid: Overlays, job: JobRow, asked
     """Compute the overlays of a map before it is drawn. Raises SurveyError and UnavailableError."""
     whole = SurveyRequest.model_validate(job.request)
     require_slice({name: axis.num for name, axis in whole.third_axis.items()}, asked.slice)
-    survey = whole.at(whole.along(asked.slice or 0))
+    survey = whole.slice_request(whole.slice_index(asked.slice or 0))
     await front.kernels.wait_until_compiled(survey.gear_model.name, patience=math.inf)
     return await overlaid.overlays_of(survey, asked)
 

@@ -117,7 +117,7 @@ with front_end(data, points=IN_A_THREAD) as client:
     assert client.get("/v1/curves", params={"wear": 0.5}).json()["curves"] == []
 assert "wear" in OPTIONS
 options = {"delta": "0.4:0.5:2", "epsilon": "0.1:0.2:2", "wear": "0.1:0.5:3"}
-assert (survey_request(options).model, survey_request(options).third) == ("worn", "wear")
+assert (survey_request(options).model, survey_request(options).third_axis_name) == ("worn", "wear")
 pin = pin_of(0.4, 0.1, model)
 assert "wear" in View(pins=(pin,)).query() and pin.model == model
 

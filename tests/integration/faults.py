@@ -135,7 +135,7 @@ SPARE = 0.1
 FEW_AUDITED = f"""
     @patch("gear_rattle.workers.survey.refined.rounds")
     def few_audited(rounds):
-        rounds.SPARE = {SPARE}
+        rounds.FIRST_AUDIT_FACTOR = {SPARE}
 """
 
 #: A service without a deadline: its stop hangs unless the service itself ends everything that is open.

@@ -72,8 +72,8 @@ def documents(place: Any) -> dict[str, bytes]:
 
 
 def test_bytes_are_those_on_disk(url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gear_rattle.workers.survey.template.now", lambda: "2009-01-01T00:00:00+00:00")
-    monkeypatch.setattr("gear_rattle.workers.storage.store.now", lambda: "2009-01-01T00:00:00+00:00")
+    monkeypatch.setattr("gear_rattle.workers.survey.template.current_time", lambda: "2009-01-01T00:00:00+00:00")
+    monkeypatch.setattr("gear_rattle.workers.storage.store.current_time", lambda: "2009-01-01T00:00:00+00:00")
     path = tmp_path / "survey.zarr"
     for where in (url, path):
         create_store(REQUEST, where)
@@ -88,7 +88,7 @@ def test_bytes_are_those_on_disk(url: str, tmp_path: Path, monkeypatch: pytest.M
 @deep
 def test_families_are_joined_in_it(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The join leaves no temporary file."""
-    monkeypatch.setattr("gear_rattle.workers.families.join._curves", lambda *_: {})
+    monkeypatch.setattr("gear_rattle.workers.families.join._read_curves", lambda *_: {})
     monkeypatch.setattr("gear_rattle.workers.families.blocks.SLOTS_OF_BLOCK", 8 * 3**2)
     groups = {"quantities": ("attractors", "lyapunov", "families"), "initial_conditions": {"count": 4}}
     request = SurveyRequest.model_validate(REQUEST.model_dump() | groups)

@@ -142,7 +142,7 @@ def test_a_refined_survey_of_a_service_that_is_killed(tmp_path: Path, monkeypatc
         faults.inject(IN_PROCESS, FEW_AUDITED)
         with server(data, port, settings=faults.environment):
             job.wait()
-    monkeypatch.setattr("gear_rattle.workers.survey.refined.rounds.SPARE", SPARE)
+    monkeypatch.setattr("gear_rattle.workers.survey.refined.rounds.FIRST_AUDIT_FACTOR", SPARE)
     run_survey(BOUNDED, out=tmp_path / "here.zarr").close()
     assert written_in(data / "surveys" / f"{job.id}.zarr") == written_in(tmp_path / "here.zarr")
     other = run_survey(BOUNDED, tile={"delta": 96, "epsilon": 64})

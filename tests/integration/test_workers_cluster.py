@@ -395,7 +395,7 @@ def test_workers_that_cannot_prove_say_so_before_they_compute(
     def missing() -> None:
         raise MissingExtraError("proofs need python-flint")
 
-    monkeypatch.setattr(gear_rattle.workers.cluster.runner, "require_proofs", missing)
+    monkeypatch.setattr(gear_rattle.workers.cluster.runner, "require_proof_extra", missing)
     request = REQUEST.model_copy(update={"certify": True})
     create_store(request, tmp_path / "survey.zarr")
     with pytest.raises(MissingExtraError):

@@ -17,7 +17,13 @@ from uuid import uuid4
 
 from distributed import Client, Future, KilledWorker, get_worker
 
-from gear_rattle.workers.certificates import Answers, AttractorClaim, certify_claims, certify_survey, require_proofs
+from gear_rattle.workers.certificates import (
+    Answers,
+    AttractorClaim,
+    certify_claims,
+    certify_survey,
+    require_proof_extra,
+)
 from gear_rattle.workers.cluster.cluster import end_tasks, end_tasks_and_wait
 from gear_rattle.workers.cluster.costs import Begun
 from gear_rattle.workers.cluster.isolation import compute_tile_apart
@@ -226,7 +232,7 @@ def run_tiles(
             before_tiles(request, place)
             if isinstance(request, SurveyRequest) and request.certify:
                 with suppress(StoppedError):
-                    Joining(client, should_stop).map(require_proofs, [()])
+                    Joining(client, should_stop).map(require_proof_extra, [()])
         begun, columns = begun or Begun(), request.tile_grid[1]
         begun.expect(tiles, columns)
         submission = Submission(advance_tile, request, str(place), client, begun.partial)
@@ -239,9 +245,9 @@ def run_tiles(
                 begun.take_ended(record)
                 del left[record.index]
                 on_tile(record)
-                tell_left()
+                show_time_left()
 
-            def tell_left() -> None:
+            def show_time_left() -> None:
                 if (seconds := begun.seconds_left(submission.n_threads)) is not None:
                     on_left(seconds)
 
@@ -258,16 +264,16 @@ def run_tiles(
                     _run(submission, measuring, on_ended, *asked, on_measured)
                     submission.seconds = PART_SECONDS
                     begun.expect(list(left.values()), columns)
-                    tell_left()
+                    show_time_left()
                 waiting = deque(begun.in_order(list(left.values()), columns))
 
                 def on_part(tile: AnyTile) -> None:
                     waiting.appendleft(tile)
-                    tell_left()
+                    show_time_left()
 
                 if not should_stop():
                     _run(submission, waiting, on_ended, *asked, on_part)
-                if submission.superseded and isinstance(request, SurveyRequest) and request.is_bounded:
+                if submission.superseded and isinstance(request, SurveyRequest) and request.has_bound:
                     # Repeated attempts at finished tiles would overwrite the tiles of later rounds.
                     end_tasks_and_wait(client, submission.superseded)
             finally:

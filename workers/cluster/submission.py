@@ -14,7 +14,7 @@ from gear_rattle.workers.cluster.cluster import end_tasks
 from gear_rattle.workers.cluster.in_flight import InFlight, Task
 from gear_rattle.workers.cluster.partial import PART_SECONDS, PartialTile
 from gear_rattle.workers.errors import SurveyError
-from gear_rattle.workers.kinds import AnyRequest, AnyTile, described, tile_error
+from gear_rattle.workers.kinds import AnyRequest, AnyTile, tile_error, tile_name
 from gear_rattle.workers.survey.tiles import TileRecord
 
 #: A tile is late if it takes longer than LATE_SECONDS, and than LATE_FACTOR times the longest tile of the run so far.
@@ -156,7 +156,7 @@ class Submission(InFlight[Attempt, Found]):
         if not isinstance(error, KilledWorker):
             raise tile_error(self._request, tile, error) from error
         if task.work.apart:
-            what, attempts = described(self._request, tile), error.allowed_failures + 1
+            what, attempts = tile_name(self._request, tile), error.allowed_failures + 1
             raise SurveyError(
                 f"{what} killed its worker (attempts: {attempts}), although its cells were computed in another process"
                 ": see the logs of the workers"

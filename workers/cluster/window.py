@@ -13,13 +13,13 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from gear_rattle.workers.errors import SurveyError, no_map
-from gear_rattle.workers.survey.axes import Axis, Window, reason
+from gear_rattle.workers.errors import SurveyError, missing_map_message
+from gear_rattle.workers.survey.axes import Axis, Window, first_message
 from gear_rattle.workers.survey.request import SurveyRequest, TileShape
 from gear_rattle.workers.survey.tiles import MACHINE_FAILURES
 from gear_rattle.workers.survey.values.cells import Cells
 from gear_rattle.workers.survey.values.evaluate import FAILED
-from gear_rattle.workers.survey.values.quantities import QUANTITIES, shape_of, stored
+from gear_rattle.workers.survey.values.quantities import QUANTITIES, shape_of, stored_variables
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group, Quantity
 from rattle.errors import require_integer, require_pair
 
@@ -62,10 +62,10 @@ class Frame:
 
 def map_quantity(variable: str, index: int, request: SurveyRequest) -> Quantity:
     """Return the variable that a map shows. Raises SurveyError if a survey of this model has no such map."""
-    per_cell = [quantity for quantity in QUANTITIES if quantity.per_cell and quantity.is_of(request.model)]
+    per_cell = [quantity for quantity in QUANTITIES if quantity.per_cell and quantity.is_in_model(request.model)]
     maps = {quantity.name: quantity for quantity in per_cell}
     if variable not in maps:
-        raise SurveyError(no_map(variable, maps))
+        raise SurveyError(missing_map_message(variable, maps))
     count, *_ = (*shape_of(maps[variable], (1, 1), request.n_slots)[:-2], 1)
     if not 0 <= index < count:
         raise SurveyError(f"{variable} has no map {index}: use an index from 0 to {count - 1}")
@@ -100,7 +100,7 @@ def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int
         same = {"initial_conditions": sample, "slots": request.n_slots, "tile": TileShape(), "certify": False}
         return SurveyRequest.model_validate(request.model_dump() | axes | same)
     except ValidationError as error:
-        raise SurveyError(f"the window cannot be computed: {reason(error)}") from error
+        raise SurveyError(f"the window cannot be computed: {first_message(error)}") from error
 
 
 def _axis(name: str, low: float, high: float, number: int) -> Axis:
@@ -123,7 +123,7 @@ class Grid:
 
     def __init__(self, survey: SurveyRequest, quantity: Quantity) -> None:
         self.delta, self.epsilon = survey.delta.values(), survey.epsilon.values()
-        self.values = np.full(survey.shape, quantity.fill, quantity.dtype)
+        self.values = np.full(survey.shape, quantity.fill_value, quantity.dtype)
         self.known = np.zeros(survey.shape, np.bool_)
         self.failed = 0
         whole = math.gcd(*(number - 1 for number in survey.shape))
@@ -176,7 +176,7 @@ def compute_part(
     began = time.perf_counter()
     quantity = map_quantity(variable, index, request)
     # The variable `status`, which has no group, needs the computation of all stored variables.
-    wanted = (quantity,) if quantity.group else stored(request.quantities, request.model)
+    wanted = (quantity,) if quantity.group else stored_variables(request.quantities, request.model)
     groups = {each.group for each in wanted}
     cells = Cells(
         delta=delta,
@@ -192,10 +192,10 @@ def compute_part(
     except MACHINE_FAILURES:
         raise
     except Exception:  # the model failed in some cell: compute the cells one by one
-        values = np.full(cells.shape, quantity.fill if quantity.group else FAILED, quantity.dtype)
+        values = np.full(cells.shape, quantity.fill_value if quantity.group else FAILED, quantity.dtype)
         for cell in np.ndindex(cells.shape):
             try:
-                values[cell] = _evaluated(wanted, index, cells.one(*cell))[0, 0]
+                values[cell] = _evaluated(wanted, index, cells.single_cell(*cell))[0, 0]
             except MACHINE_FAILURES:
                 raise
             except Exception:

@@ -15,10 +15,10 @@ import xarray as xr
 from xarray.backends import BackendArray
 from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
 
-from gear_rattle.workers.errors import SurveyError, reading
+from gear_rattle.workers.errors import SurveyError, report_damage
 from gear_rattle.workers.pictures.look import AMONG, LARGEST, SHARE, WHICH
 from gear_rattle.workers.survey.families import FAMILY, GROUP
-from gear_rattle.workers.survey.slices import group_in, slice_of, surveyed_model
+from gear_rattle.workers.survey.slices import slice_group_path, slice_of, surveyed_model
 from gear_rattle.workers.survey.values.schema import CELL, SLOT, Group
 from rattle import KINDS
 from rattle.attractors import CHAOTIC, PERIODIC
@@ -68,7 +68,7 @@ def open_maps(
         raise SurveyError(
             f"the families of this survey's {cells:,} cells cannot be drawn, at most of {limit:,}: save a window of it"
         )
-    return with_families(survey, opened(group_in(number, GROUP)))
+    return with_families(survey, opened(slice_group_path(number, GROUP)))
 
 
 def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
@@ -79,7 +79,7 @@ def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
     xr.Dataset
         The survey with the variables LARGEST (among, epsilon, delta) and SHARE (family, epsilon, delta).
     """
-    with reading("the families"):
+    with report_damage("the families"):
         names, colours = names_of(survey, table), colours_of(table)
     if len(names) > OTHERS - 1:
         names, colours = [*names[: OTHERS - 1], "others"], [*colours[: OTHERS - 1], KIND_COLOURS["undecided"]]

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import xarray as xr
 
-from gear_rattle.workers.errors import reading
+from gear_rattle.workers.errors import report_damage
 from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of, with_periodic
 from gear_rattle.workers.survey.levels import reduce
-from gear_rattle.workers.survey.levels.grid import GROUP, Level, Pair, centres, halvings, levels_of
+from gear_rattle.workers.survey.levels.grid import GROUP, Level, Pair, level_centres, levels_of, possible_levels
 from gear_rattle.workers.survey.levels.template import LEVEL_CELL, OCCURS, SHARE, STATISTIC
 from gear_rattle.workers.survey.slices import slice_of
 from gear_rattle.workers.survey.values.evaluate import FAILED
@@ -82,11 +82,13 @@ def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level:
         everything = slice(None)
         sizes = (_sizes(size, cells, everything) for size, cells in zip(values.shape, level.cells, strict=True))
         return _coded(found, states, *sizes)
-    *_, statistics = (reduce.phases if is_phase(str(plane.name)) else reduce.numbers)(values, known, steps)
+    *_, statistics = (reduce.reduced_phases if is_phase(str(plane.name)) else reduce.reduced_numbers)(
+        values, known, steps
+    )
     return _numbered(plane, statistics, states)
 
 
-def _codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int, rows: int) -> reduce.Codes:
+def _codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int, rows: int) -> reduce.LevelCodes:
     """Reduce a map of codes step by step, and return the last, coarsest level.
 
     known: flags of the cells that have a value. steps: for each halving, how many cells become one along (epsilon,
@@ -95,16 +97,16 @@ def _codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number:
 
     Returns
     -------
-    reduce.Codes
+    reduce.LevelCodes
         The most frequent codes, their shares, and all codes that occur.
     """
     together = max(1, BAND // (rows * values.shape[1])) * rows
     parts = []
     for begin in range(0, values.shape[0], together):
         band = slice(begin, begin + together)
-        *_, last = reduce.codes(np.nan_to_num(values[band]).astype(np.int8), known[band], steps, number)
+        *_, last = reduce.reduced_codes(np.nan_to_num(values[band]).astype(np.int8), known[band], steps, number)
         parts.append(last)
-    return reduce.Codes(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+    return reduce.LevelCodes(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
 def of_level(
@@ -119,10 +121,10 @@ def of_level(
         chosen = dict(zip(beside, [index] + [0] * len(beside), strict=False))
         return np.asarray(array.isel(chosen | dict(zip(LEVEL_CELL, at, strict=True))))
 
-    with reading(f"the map of {name}"):
-        states = reduce.Codes(*(read("status" + end) for end in ("", SHARE, OCCURS)))
+    with report_damage(f"the map of {name}"):
+        states = reduce.LevelCodes(*(read("status" + end) for end in ("", SHARE, OCCURS)))
         if _number_of_codes(plane):
-            found = reduce.Codes(*(read(name + end) for end in ("", SHARE, OCCURS)))
+            found = reduce.LevelCodes(*(read(name + end) for end in ("", SHARE, OCCURS)))
             return _coded(found, states, *(_sizes(*each) for each in zip(plane.shape, level.cells, at, strict=True)))
         return _numbered(plane, read(name), states)
 
@@ -148,17 +150,17 @@ def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened:
     """
     plane = plane_of(dataset, variable, index)
     shape = plane.shape[0], plane.shape[1]
-    part = part_for(halvings(shape), (0, 0), shape, room)
+    part = part_for(possible_levels(shape), (0, 0), shape, room)
     if (level := part.level) is None:
         return dataset
     stored = opened(level.path) if opened and level in levels_of(shape) else None
     if stored is not None and variable in stored:  # maps of families have no stored levels
         seen = of_level(plane, stored, index, level, part.at)
     else:
-        with reading(f"the map of {variable}"):
+        with report_damage(f"the map of {variable}"):
             cells = drawn_numbers(with_periodic(dataset, plane.load(), index))
             seen = of_cells(plane, cells, np.asarray(dataset["status"]), level)
-    axes = {name: centres(dataset[name].values, cells) for name, cells in zip(CELL, level.cells, strict=True)}
+    axes = {name: level_centres(dataset[name].values, cells) for name, cells in zip(CELL, level.cells, strict=True)}
     modulus = {"long_name": f"|{plane.attrs.get('long_name', variable)}|"} if np.iscomplexobj(plane) else {}
     whole = np.issubdtype(plane.dtype, np.integer) or plane.dtype == bool
     values = np.nan_to_num(seen.values).astype(plane.dtype) if whole else seen.values
@@ -193,7 +195,7 @@ def _number_of_codes(plane: xr.DataArray) -> int:
     return 2 if plane.dtype == bool else len(plane.attrs.get("flag_meanings", "").split())
 
 
-def _status(states: reduce.Codes) -> np.ndarray:
+def _status(states: reduce.LevelCodes) -> np.ndarray:
     """Return the status of reduced cells: failed if one of their cells failed."""
     failed = (states.occurs >> FAILED & 1).astype(bool)
     found: np.ndarray = np.where(failed, np.int8(FAILED), states.most).astype(np.int8)
@@ -207,7 +209,9 @@ def _sizes(size: int, cells: int, at: slice) -> np.ndarray:
     return found
 
 
-def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns: np.ndarray) -> DisplayedCells:
+def _coded(
+    found: reduce.LevelCodes, states: reduce.LevelCodes, rows: np.ndarray, columns: np.ndarray
+) -> DisplayedCells:
     """Choose the displayed code of each cell of a level.
 
     A cell with several codes displays the code that occurs in the fewest cells around it. If two codes are equally
@@ -247,7 +251,7 @@ def _around(cells: np.ndarray) -> np.ndarray:
 
 
 def _shares(
-    found: reduce.Codes, others: np.ndarray, cells: Mapping[int, np.ndarray], sizes: np.ndarray
+    found: reduce.LevelCodes, others: np.ndarray, cells: Mapping[int, np.ndarray], sizes: np.ndarray
 ) -> dict[int, float]:
     """Return the share of each code among the survey's cells.
 
@@ -268,7 +272,7 @@ def _shares(
     }
 
 
-def _numbered(plane: xr.DataArray, statistics: np.ndarray, states: reduce.Codes) -> DisplayedCells:
+def _numbered(plane: xr.DataArray, statistics: np.ndarray, states: reduce.LevelCodes) -> DisplayedCells:
     """Choose the displayed number of each cell of a level: the mean, or an extreme if it is rare.
 
     If some of the survey's cells in a cell have no number, but less than half of them, the cell displays no number,

@@ -17,7 +17,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 
-from gear_rattle.workers.errors import SurveyError, reading
+from gear_rattle.workers.errors import SurveyError, report_damage
 from gear_rattle.workers.pictures.largest import FLAG_COLOURS
 from gear_rattle.workers.pictures.levels import OpenGroup, overview, part_for
 from gear_rattle.workers.pictures.look import (
@@ -39,10 +39,10 @@ from gear_rattle.workers.pictures.look import (
 from gear_rattle.workers.pictures.machine_axes import draw_machine_axes
 from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points_over
 from gear_rattle.workers.pictures.planes import SLOT_ORDER, UNJOINED, drawn_numbers, plane_of, with_periodic
-from gear_rattle.workers.survey.levels.grid import centres, halvings
+from gear_rattle.workers.survey.levels.grid import level_centres, possible_levels
 from gear_rattle.workers.survey.levels.reduce import pooled_cells
 from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION
-from gear_rattle.workers.survey.slices import value_along
+from gear_rattle.workers.survey.slices import third_axis_value
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from gear_rattle.workers.survey.values.quantities import QUANTITIES
 from gear_rattle.workers.survey.values.schema import FIXED, OF_PERIODIC, SLOT, Group, is_phase
@@ -172,7 +172,7 @@ def map_figure(
         dataset, opened = look.cut(dataset), None  # levels cover all cells, not a window
     shown = overview(dataset, variable, index, ROOM, opened)
     plane = plane_of(shown, variable, index if shown is dataset else 0)
-    with reading(f"the map of {variable}"):
+    with report_damage(f"the map of {variable}"):
         plane = with_periodic(shown, plane.load(), index) if shown is dataset else plane
         shown["status"].load()
     figure = new_figure(7.0, 5.2)
@@ -181,7 +181,7 @@ def map_figure(
     is_machine = draw_machine_axes(axes, dataset)
     if look.family is not None:
         _dim_others(axes, dataset, look.family)
-    third = "".join(f", {name} = {value:g}" for name, value in value_along(dataset).items())
+    third = "".join(f", {name} = {value:g}" for name, value in third_axis_value(dataset).items())
     axes.set_title(title_of(plane) + third, fontsize=11)
     if is_machine:
         axes.set_title(in_revolutions(axes.get_title()), fontsize=11)
@@ -340,14 +340,14 @@ def draw_legend(axes: Axes) -> None:
 def _dim_others(axes: Axes, dataset: xr.Dataset, family: int) -> None:
     """Dim the cells without a family. A cell of a reduced map stays bright if any of the cells in it has the family."""
     share = plane_of(dataset, SHARE, family)
-    with reading(f"the map of {SHARE}"):
+    with report_damage(f"the map of {SHARE}"):
         values = drawn_numbers(share)
     shape = values.shape[0], values.shape[1]
-    level = part_for(halvings(shape), (0, 0), shape, ROOM).level
+    level = part_for(possible_levels(shape), (0, 0), shape, ROOM).level
     along, across = level.cells if level else (1, 1)
     shown = Finer(
-        centres(dataset["delta"].values, across),
-        centres(dataset["epsilon"].values, along),
+        level_centres(dataset["delta"].values, across),
+        level_centres(dataset["epsilon"].values, along),
         pooled_cells(np.nan_to_num(values), (along, across), np.maximum),
     )
     others = np.where(shown.values > 0, np.nan, 1.0)

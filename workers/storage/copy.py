@@ -118,7 +118,7 @@ def _manifest(files: Files) -> tuple[Manifest, bytes]:
         content = files.read(MANIFEST)
     except (FileNotFoundError, NotADirectoryError):
         content = b""
-    manifest = Manifest.of_bytes(content)
+    manifest = Manifest.from_bytes(content)
     if manifest is None:
         raise SurveyError(
             f"{files} holds no survey with a manifest that this version can read: run rattle verify to find the damage"
@@ -129,7 +129,7 @@ def _manifest(files: Files) -> tuple[Manifest, bytes]:
 def _known(place: Place) -> Manifest | None:
     """Return the manifest that an earlier copy has left, or None."""
     with suppress(FileNotFoundError, NotADirectoryError):
-        return Manifest.of_bytes(place.read(MANIFEST))
+        return Manifest.from_bytes(place.read(MANIFEST))
     return None
 
 

@@ -8,10 +8,10 @@ from typing import IO
 import numpy as np
 import xarray as xr
 
-from gear_rattle.workers.errors import SurveyError, reading
+from gear_rattle.workers.errors import SurveyError, report_damage
 from gear_rattle.workers.storage.complex import split_complex
 from gear_rattle.workers.survey.machine import AXES
-from gear_rattle.workers.survey.slices import slices_of, third_of
+from gear_rattle.workers.survey.slices import slices_of, third_axis_length
 from gear_rattle.workers.survey.values.schema import CELL, FIXED, RowForm
 from rattle import MissingExtraError
 
@@ -35,7 +35,7 @@ def write_netcdf(dataset: xr.Dataset, groups: Mapping[str, xr.Dataset] | None = 
     with tempfile.TemporaryDirectory(prefix="rattle-") as directory:
         path = Path(directory) / "survey.nc"
         # All variables are written at once: opening the file for each took most of the time of a small survey.
-        whole = split_complex(dataset.chunk({"epsilon": rows, **dict.fromkeys(third_of(dataset), 1)}))
+        whole = split_complex(dataset.chunk({"epsilon": rows, **dict.fromkeys(third_axis_length(dataset), 1)}))
         whole.attrs = {name: value for name, value in whole.attrs.items() if value is not None}
         _append(whole, path, "w", rows)
         for group, each in (groups or {}).items():
@@ -72,7 +72,7 @@ def require_readable(dataset: xr.Dataset, names: Sequence[Hashable] | None = Non
 
 def _read(values: xr.DataArray, rows: int) -> None:
     for start in range(0, values.sizes.get("epsilon", 1), rows):
-        with reading(f"{values.name} of this survey"):
+        with report_damage(f"{values.name} of this survey"):
             np.asarray(values.isel(epsilon=slice(start, start + rows)) if "epsilon" in values.dims else values)
 
 

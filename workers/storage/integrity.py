@@ -17,7 +17,7 @@ import numpy as np
 import zarr
 from zarr.errors import ZarrUserWarning
 
-from gear_rattle.workers.apart import CalledProcessError, call_apart
+from gear_rattle.workers.apart import CalledProcessError, call_in_subprocess
 from gear_rattle.workers.errors import StoppedError, SurveyError
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import manifest_of, read_file, said_by_root, whole_root
@@ -206,7 +206,7 @@ def _examine_apart(place: Place, manifest: Manifest, processes: int) -> Found:
 def _examined_apart(where: str, manifest: Manifest) -> Found:
     """Return what `examine_tiles` returns, from a process of its own."""
     try:
-        return call_apart(_examine_at, where, manifest)
+        return call_in_subprocess(_examine_at, where, manifest)
     except CalledProcessError as error:
         raise SurveyError(
             f"a process that read tiles of {where} ended with status {error.returncode}: verify it again"
@@ -219,7 +219,7 @@ def _examine_at(where: str, manifest: Manifest) -> Found:
 
 def _lost(place: Place, manifest: Manifest, index: int) -> tuple[str, ...]:
     """Return the variables of a computed tile that are lost or damaged."""
-    keys, known = manifest.keys(index), manifest.digests_of(index)
+    keys, known = manifest.chunk_keys(index), manifest.digests_of(index)
     return tuple(name for name, key in keys.items() if not _is_whole(place, key, known.get(key)))
 
 

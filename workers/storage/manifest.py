@@ -17,8 +17,8 @@ from zarr.storage import MemoryStore
 
 from gear_rattle.workers.errors import StorageError, SurveyError, storage_error
 from gear_rattle.workers.storage.location import Place
-from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest, digests
-from gear_rattle.workers.survey.template import COMPACT, Template, consolidate
+from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest, file_digests
+from gear_rattle.workers.survey.template import COMPACT, Template, consolidate_metadata
 
 #: The manifest is written when more than 1/SHARE of its tiles are new since it was last written, so that a large
 #: manifest is written rarely.
@@ -64,8 +64,8 @@ def manifest_of(place: Place) -> Manifest | None:
     return (_parsed_large if len(content) > LARGE else _parsed_small)(content)
 
 
-_parsed_small = lru_cache(maxsize=KNOWN)(Manifest.of_bytes)
-_parsed_large = lru_cache(maxsize=1)(Manifest.of_bytes)
+_parsed_small = lru_cache(maxsize=KNOWN)(Manifest.from_bytes)
+_parsed_large = lru_cache(maxsize=1)(Manifest.from_bytes)
 
 
 def known_manifest(place: Place) -> Manifest:
@@ -168,7 +168,7 @@ def noting(place: Place) -> Iterator[Note]:
     def note(tiles: Mapping[int, Mapping[str, str]]) -> None:
         nonlocal waiting
         for index, files in tiles.items():
-            manifest.note(index, files)
+            manifest.record_tile(index, files)
         waiting += len(tiles)
         if waiting > len(manifest.tiles) // SHARE:
             write()
@@ -237,8 +237,8 @@ def update_metadata(place: Place, added: Template, there: Mapping[str, str], is_
     kept: dict[str, Buffer] = {
         key: cpu.Buffer.from_bytes(content) for key, content in described.items() if content is not None
     }
-    consolidate(MemoryStore(kept))
-    after = replace(manifest, files=files | digests(added) | dict(there))
+    consolidate_metadata(MemoryStore(kept))
+    after = replace(manifest, files=files | file_digests(added) | dict(there))
     replace_root(place, manifest, kept[ROOT].to_bytes(), after)
 
 

@@ -13,7 +13,7 @@ import zarr
 from zarr.buffer import cpu
 
 from gear_rattle.workers.errors import StorageError, SurveyError, storage_error
-from gear_rattle.workers.kinds import AnyRequest, AnyTile, blank, template_of, tiles_of
+from gear_rattle.workers.kinds import AnyRequest, AnyTile, empty_arrays, template_of, tiles_of
 from gear_rattle.workers.storage.bucket import SCHEME
 from gear_rattle.workers.storage.encoding import prepare_for_writing
 from gear_rattle.workers.storage.integrity import COMPLETED, STATUS, damaged_template, examine_tiles
@@ -34,19 +34,19 @@ from gear_rattle.workers.storage.manifest import (
 from gear_rattle.workers.survey.families import FAMILY
 from gear_rattle.workers.survey.families import GROUP as FAMILIES
 from gear_rattle.workers.survey.levels.grid import GROUP as LEVELS
-from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, chunk_key, digests
+from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, chunk_key, file_digests
 from gear_rattle.workers.survey.refined.audit import (
     AUDIT,
+    AUDIT_ATTRIBUTES,
     AUDITED,
     DISAGREED,
     LEAF,
     ROUNDS,
     SOURCE_LEVEL,
-    TOLD,
-    told_of_audit,
+    audit_attributes,
 )
 from gear_rattle.workers.survey.request import SurveyRequest
-from gear_rattle.workers.survey.template import Template, now
+from gear_rattle.workers.survey.template import Template, current_time
 from gear_rattle.workers.survey.values.schema import CELL
 from gear_rattle.workers.survey.version import code_version
 
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
 Make = Callable[[AnyRequest, str | None], Template]
 KEPT = COMPLETED, ROUNDS  # attributes that a repaired root keeps, because the template does not contain them
-_blank = lru_cache(maxsize=16)(blank)
+_blank = lru_cache(maxsize=16)(empty_arrays)
 
 
 def create_store(request: AnyRequest, where: str | Path | Place, make: Make | None = None) -> None:
@@ -105,11 +105,11 @@ def _mend(request: AnyRequest, place: Place, make: Make) -> None:
     template = make(request, created)
     for key in template.keys() - {ROOT, MANIFEST}:
         place.put(key, template[key])
-    after = Manifest.of_bytes(template[MANIFEST])
+    after = Manifest.from_bytes(template[MANIFEST])
     assert after is not None, "a template is whole"
     if manifest is None:
         for index, files in _decodable(request, place):
-            after.note(index, files)
+            after.record_tile(index, files)
     else:
         after.tiles.update(manifest.tiles)
     attributes = json.loads(template[ROOT])["attributes"]
@@ -126,7 +126,7 @@ def _decodable(request: AnyRequest, place: Place) -> Iterator[tuple[int, dict[st
         except Exception:  # codecs raise errors of several types for damaged chunks
             continue
         if is_computed:
-            yield tile.index, digests(contents)
+            yield tile.index, file_digests(contents)
 
 
 def _require_same(request: AnyRequest, place: Place) -> Manifest | None:
@@ -207,7 +207,7 @@ def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[st
             require_there(place)
             raise StorageError(f"{ROOT} of {place} is gone: run the survey again to repair it")
         place.put(key, content)
-    return digests(written)
+    return file_digests(written)
 
 
 @lru_cache(maxsize=16)
@@ -233,7 +233,7 @@ def read_tile(request: AnyRequest, path: str, tile: AnyTile, known: Mapping[str,
         The store cannot be read now.
     """
     contents = _contents(request, _place(path, request), tile)
-    return _decoded(request, tile, contents) if digests(contents) == known else None
+    return _decoded(request, tile, contents) if file_digests(contents) == known else None
 
 
 def _contents(request: AnyRequest, place: Place, tile: AnyTile) -> dict[str, bytes]:
@@ -249,7 +249,7 @@ def _decoded(request: AnyRequest, tile: AnyTile, contents: Mapping[str, bytes]) 
     for name, key in _keys(request, tile).items():
         kept[key] = cpu.Buffer.from_bytes(contents[key])
         try:
-            values[name] = np.asarray(arrays[name][tile.at])
+            values[name] = np.asarray(arrays[name][tile.selection])
         finally:
             del kept[key]
     return values
@@ -259,7 +259,7 @@ def _encoded(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.ndarray
     """Encode a tile. Return the contents of its files by key, as zarr writes them."""
     kept, arrays, chunks = _blank(request)
     for name, given in values.items():
-        if given.shape != np.broadcast_to(0, arrays[name].shape)[tile.at].shape:
+        if given.shape != np.broadcast_to(0, arrays[name].shape)[tile.selection].shape:
             raise SurveyError(
                 f"tile {tile.index}: {name} has shape {given.shape}, which is not the shape of its chunk: pass the "
                 "arrays of compute_tile unchanged"
@@ -268,7 +268,7 @@ def _encoded(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.ndarray
         raise SurveyError(f"tile {tile.index} lacks {', '.join(sorted(missing))}: pass all arrays of compute_tile")
     contents = {}
     for name, key in _keys(request, tile).items():
-        arrays[name][tile.at] = values[name]
+        arrays[name][tile.selection] = values[name]
         contents[key] = kept.pop(key).to_bytes()
     return contents
 
@@ -301,7 +301,7 @@ def finish_store(where: str | Path | Place) -> None:
             )
         try:
             place.sweep()
-            told = {COMPLETED: attributes_of(place).get(COMPLETED) or now()}
+            told = {COMPLETED: attributes_of(place).get(COMPLETED) or current_time()}
             # If the survey has LEAF, the rounds of audits have counted its cells.
             if AUDIT in manifest.chunks and LEAF not in manifest.chunks:
                 told |= _refined(place)
@@ -346,8 +346,8 @@ def before_tiles(request: AnyRequest, place: Place) -> None:
         The store cannot be written now.
     """
     try:
-        if TOLD[-1] in said_by_root(place):
-            tell(place, dict.fromkeys(TOLD))
+        if AUDIT_ATTRIBUTES[-1] in said_by_root(place):
+            tell(place, dict.fromkeys(AUDIT_ATTRIBUTES))
         if isinstance(request, SurveyRequest) and request.slots_follow_families and has_added(place, FAMILY):
             update_metadata(place, {}, {}, _is_added)
     except OSError as error:
@@ -360,14 +360,14 @@ def _is_added(key: str) -> bool:
 
 
 def _refined(place: Place) -> dict[str, int | float]:
-    """Count filled and audited cells of a refined survey, and return the attributes `TOLD` for its root."""
+    """Count filled and audited cells of a refined survey, and return the attributes `AUDIT_ATTRIBUTES` for its root."""
     counts: dict[int, list[int]] = {}
     for i, (source, audit) in enumerate(zip(bands(place, SOURCE_LEVEL), bands(place, AUDIT), strict=True)):
         found = np.bincount(audit.ravel(), minlength=DISAGREED + 1)
         of = counts.setdefault(i if source.ndim > len(CELL) else 0, [0, 0, 0])
         for j, more in enumerate((np.count_nonzero(source), found[AUDITED:].sum(), found[DISAGREED])):
             of[j] += int(more)
-    return told_of_audit(list(counts.values()))
+    return audit_attributes(list(counts.values()))
 
 
 def bands(place: Place, name: str) -> Iterator[np.ndarray]:

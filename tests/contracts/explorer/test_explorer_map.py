@@ -32,7 +32,7 @@ from gear_rattle.workers.pictures.levels import levels_in_groups, overview
 from gear_rattle.workers.pictures.maps import readable
 from gear_rattle.workers.pictures.names import overlap, place_names
 from gear_rattle.workers.survey.levels import grid
-from gear_rattle.workers.survey.values.quantities import held
+from gear_rattle.workers.survey.values.quantities import variables_of_groups
 from gear_rattle.workers.survey.values.schema import Group
 from rattle import KINDS
 from rattle.curves import codimension_two
@@ -72,8 +72,8 @@ def survey(client: TestClient) -> str:
 @pytest.fixture
 def leveled(client: TestClient, survey: str, monkeypatch: pytest.MonkeyPatch) -> str:
     """The same survey, in the store of which are levels."""
-    monkeypatch.setattr(grid, "LARGEST", 16)
-    monkeypatch.setattr(grid, "LEAST", 8)
+    monkeypatch.setattr(grid, "LARGEST_WITHOUT_LEVELS", 16)
+    monkeypatch.setattr(grid, "LARGEST_NOT_HALVED", 8)
     store = front_of(client).directory.store(survey)
     if is_incomplete(REQUEST, store):
         complete(REQUEST, store)
@@ -483,7 +483,7 @@ def test_names_and_titles_of_maps_are_written_as_everywhere() -> None:
     names = planes.map_names(request)
     assert "orbit speed, A" in names
     assert not [name for name in names if "velocity" in name or "_" in name]
-    titles = [readable(each.long_name) for each in held(request.quantities, request.model)]
+    titles = [readable(each.long_name) for each in variables_of_groups(request.quantities, request.model)]
     assert "m of P(m,n₊,n₋), forcing periods; 0 unless periodic" in titles
     assert "n₋ of P(m,n₊,n₋), impacts on or contacts with Σ⁻; 0 unless periodic" in titles
     assert not [title for title in titles if re.search(r"velocit|[nvΣ][+-]", title)]

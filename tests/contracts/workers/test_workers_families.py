@@ -246,7 +246,7 @@ def test_blocks_do_not_show(
     assert_same(path, followed)
     assert slots_in(path).equals(slots_in(followed))
     assert examine(path).whole
-    assert done.count("enter_block") >= rounds
+    assert done.count("continue_into_block") >= rounds
     assert [*(path / "families").glob("joining*")] == []
     assert (path / f"attractor_family/c/0/{9 // side}/{11 // side}").exists()
 
@@ -347,7 +347,7 @@ def test_slots_by_family_need_families() -> None:
     assert SurveyRequest.model_validate(survey(*TILES[0]).model_dump() | {"slots_by": None}).slots_follow_families
     assert not survey(*TILES[0]).slots_follow_families
     assert by_family().content_hash() != survey(*TILES[0]).content_hash()
-    with pytest.raises(ValidationError, match="slots_by family needs the quantity families"):
+    with pytest.raises(ValidationError, match="slots_by family needs families: add families to quantities"):
         SurveyRequest(delta=by_family().delta, epsilon=by_family().epsilon, slots_by="family")
 
 

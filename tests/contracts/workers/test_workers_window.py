@@ -181,7 +181,7 @@ def test_a_cell_that_fails_is_the_only_one_lost(monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setattr(gear_rattle.workers.cluster.window, "QUANTITIES", quantities)
     fails = map_quantity("lyapunov_max", 0, REQUEST)
     monkeypatch.setattr(
-        gear_rattle.workers.cluster.window, "stored", lambda *_: (quantities[-1], fails, quantities[-1])
+        gear_rattle.workers.cluster.window, "stored_variables", lambda *_: (quantities[-1], fails, quantities[-1])
     )
     values, failed, _ = compute_part(request, variable, 0, delta, epsilon)
     assert failed == 1
