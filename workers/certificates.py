@@ -26,7 +26,7 @@ from gear_rattle.workers.storage.integrity import COMPLETED
 from gear_rattle.workers.storage.location import CERTIFICATES as BESIDE
 from gear_rattle.workers.storage.location import Directory, certificates_of, place_of
 from gear_rattle.workers.storage.location import Place as Location
-from gear_rattle.workers.storage.manifest import said_by_root
+from gear_rattle.workers.storage.manifest import unchecked_attributes
 from gear_rattle.workers.storage.store import open_survey
 from gear_rattle.workers.survey.manifest import ROOT, digest
 from gear_rattle.workers.survey.request import SurveyRequest
@@ -296,7 +296,7 @@ def holds_certificates(where: str | Path | Location) -> bool:
     """Return whether a directory is a store of certificates, damaged or not."""
     place = place_of(where)
     return isinstance(place, Directory) and (
-        KNOWN in said_by_root(place) or any((place.path / name).is_file() for name in (SEAL, CERTIFICATES))
+        KNOWN in unchecked_attributes(place) or any((place.path / name).is_file() for name in (SEAL, CERTIFICATES))
     )
 
 
@@ -318,7 +318,7 @@ def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrit
     known, files = _sealed(out)
     complete = ended or (out / SEAL).exists()
     if not known:
-        known = str(said_by_root(Directory(out)).get(KNOWN, ""))
+        known = str(unchecked_attributes(Directory(out)).get(KNOWN, ""))
         return CertificatesIntegrity(out, known, 0, (SEAL,) if complete else (), complete)
     found = _checksums(out, files)
     lost = tuple(key for key, of in files.items() if found.get(key) != of)
@@ -330,7 +330,7 @@ def examine_beside(where: str | Path | Location) -> list[CertificatesIntegrity]:
     place = place_of(where)
     if not isinstance(place, Directory):
         return []
-    attributes = said_by_root(place)
+    attributes = unchecked_attributes(place)
     try:
         certify = json.loads(attributes["request"])["certify"] is True
     except (KeyError, TypeError, ValueError):

@@ -36,7 +36,7 @@ def verdict(report: Report, number: Number) -> str:
     return f"{number.verdict}: finding {report.number_of(number.finding)}" if number.finding else number.verdict
 
 
-def cell(text: str) -> str:
+def escaped_cell(text: str) -> str:
     """Return a text for a table cell, with each | escaped, because | would end the cell."""
     return text.replace("|", "\\|")
 
@@ -47,7 +47,9 @@ def markdown(report: Report) -> str:
         f"| {x.where} | {x.what} | {x.paper} | {value(x)} | {difference(x)} | {verdict(report, x)} |"
         for x in report.numbers
     ]
-    statements = [f"| {x.where} | {cell(x.says)} | {cell(x.computed)} | {x.verdict} |" for x in report.statements]
+    statements = [
+        f"| {x.where} | {escaped_cell(x.says)} | {escaped_cell(x.computed)} | {x.verdict} |" for x in report.statements
+    ]
     findings = []
     for i, x in enumerate(report.findings, 1):
         evidence = [f"- {one.shows}{'' if one.holds else ' (NOT BORNE OUT)'}" for one in x.evidence]

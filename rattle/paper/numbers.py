@@ -48,13 +48,13 @@ PROVED = {
 
 
 def epsilon_at(curve: str, delta: float) -> float:
-    """Return ε of a bifurcation curve at one damping; NaN where it is absent."""
+    """Return ε of a bifurcation curve at one damping; NaN if the curve does not exist there."""
     found = trace(curve, delta=(delta - 0.01, delta + 0.01)).at(delta)
     return found[0] if found else math.nan
 
 
-def _computed() -> dict[str, Callable[[], float | tuple[float, float]]]:
-    """Return a function that computes each number, by the number's name in STATED. Raises RattleError."""
+def _computations() -> dict[str, Callable[[], float | tuple[float, float]]]:
+    """Return {name of a number in STATED: function that computes the number}. Raises RattleError."""
     points = {point.name: point for point in codimension_two()}
     missing = {"COD21", "COD22", "COD23"} - set(points)
     if missing:
@@ -86,7 +86,7 @@ def _computed() -> dict[str, Callable[[], float | tuple[float, float]]]:
 
 def paper_numbers(of: str | None = None) -> tuple[Number, ...]:
     """Return all numbers in the paper's order, or only those that the finding with the key `of` explains."""
-    computed = _computed()
+    computed = _computations()
     return tuple(
         Number(where, what, paper, computed[what](), key)
         for what, (where, paper, key) in STATED.items()

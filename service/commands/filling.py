@@ -148,7 +148,7 @@ def _complete(request: AnyRequest, out: str, client: Client | None, should_stop:
         for words in _what_follows(request):
             typer.echo(f"{words} …", err=True)
     if client is None:
-        with survey.place_of(out).writing():
+        with survey.place_of(out).lock_for_writing():
             survey.complete(request, out)
     else:
         survey.complete_on(client, request, out, should_stop)

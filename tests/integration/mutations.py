@@ -220,12 +220,12 @@ PROTECTIONS = (
         (
             Edit(
                 "workers/cluster/in_flight.py",
-                "            raise self.lost() from error\n        raise error",
+                "            raise self.lost_error() from error\n        raise error",
                 "            return None\n        raise error",
             ),
             Edit(
                 "workers/cluster/in_flight.py",
-                "            raise self.lost() from error\n        now",
+                "            raise self.lost_error() from error\n        now",
                 "            return 0\n        now",
             ),
         ),

@@ -157,11 +157,11 @@ def test_another_survey_is_left_alone(url: str) -> None:
 
 def test_one_writer(url: str) -> None:
     create_store(REQUEST, url)
-    with place_of(url).writing():
-        for second in (place_of(url).writing().__enter__, lambda: finish_store(url)):
+    with place_of(url).lock_for_writing():
+        for second in (place_of(url).lock_for_writing().__enter__, lambda: finish_store(url)):
             with pytest.raises(SurveyError, match="another run"):
                 second()
-    with place_of(url).writing():  # the lock was released
+    with place_of(url).lock_for_writing():  # the lock was released
         pass
 
 
@@ -174,11 +174,11 @@ def test_the_lock_of_a_dead_process_is_taken_over(url: str) -> None:
         pass
     holder = bucket_lock.identity() | {"process": ended.pid}
     obstore.put(place.objects, gear_rattle.workers.storage.bucket.LOCK, json.dumps(holder).encode())
-    with place.writing():
+    with place.lock_for_writing():
         pass
     elsewhere = json.dumps(holder | {"host": "elsewhere"}).encode()
     obstore.put(place.objects, gear_rattle.workers.storage.bucket.LOCK, elsewhere)
-    with pytest.raises(SurveyError, match=r"on elsewhere.*delete the object .*\.lock"), place.writing():
+    with pytest.raises(SurveyError, match=r"on elsewhere.*delete the object .*\.lock"), place.lock_for_writing():
         pass
     assert place.read(gear_rattle.workers.storage.bucket.LOCK) == elsewhere
 
@@ -214,7 +214,7 @@ def test_deletion_cut_short_is_no_store(url: str, monkeypatch: pytest.MonkeyPatc
         with pytest.raises(KeyboardInterrupt):
             place.delete()
     assert not place.exists()
-    assert place.deletion_begun()
+    assert place.has_deletion_begun()
     with pytest.raises(SurveyError):
         create_store(REQUEST, url)
     place.delete()

@@ -32,7 +32,7 @@ INSTANTS = {
     "template renamed": """
         @patch("gear_rattle.workers.storage.store")
         def kill(store):
-            before(store, "_require_same", lambda *_: in_service() and die())
+            before(store, "_require_same_survey", lambda *_: in_service() and die())
     """,
     "tile half written": """
         @patch("gear_rattle.workers.storage.location")

@@ -27,7 +27,7 @@ class _Item:
     attempt: int
 
 
-class Joining(InFlight[_Item, Any]):
+class CompletionTasks(InFlight[_Item, Any]):
     """Runs the tasks that complete a survey on a cluster. Its method `each` is an argument of `complete`."""
 
     def __init__(self, client: Client, should_stop: Callable[[], bool]) -> None:
@@ -65,7 +65,7 @@ class Joining(InFlight[_Item, Any]):
             while self._waiting or self.in_flight:
                 if self._should_stop():
                     raise StoppedError("stopped while the survey was completed")
-                room = self.threads(WORKERLESS_SECONDS) - len(self.in_flight)
+                room = self.count_threads(WORKERLESS_SECONDS) - len(self.in_flight)
                 for _ in range(min(room, len(self._waiting))):
                     item = self._waiting.popleft()
                     self.put(item, task, *items[item.number])
@@ -79,11 +79,11 @@ class Joining(InFlight[_Item, Any]):
                 end_tasks_and_wait(self._client, futures)
         return found
 
-    def several(self) -> int:
+    def batch_size(self) -> int:
         """Return how many tasks a batch needs so that no thread is idle for long before the batch ends."""
-        return SEVERAL * max(self.threads(WORKERLESS_SECONDS), 1)
+        return SEVERAL * max(self.count_threads(WORKERLESS_SECONDS), 1)
 
-    def after_error(self, task: Task[_Item], error: BaseException) -> None:
+    def handle_error(self, task: Task[_Item], error: BaseException) -> None:
         """Repeat a task after a worker's death; raise any other error."""
         self.drop(task.work.__eq__)
         if not isinstance(error, KilledWorker):

@@ -46,7 +46,7 @@ def refined_frames(
     SurveyError
         The survey has no such map, or a part of the map cannot be computed.
     """
-    work = _Work(client, survey, variable, index)
+    work = _WindowTasks(client, survey, variable, index)
     quantity = map_quantity(variable, index, survey)
     grid = Grid(survey, quantity)
     try:
@@ -68,7 +68,7 @@ def refined_frames(
         work.drop(lambda _: True)
 
 
-class _Work(InFlight[WindowPart, PartValues]):
+class _WindowTasks(InFlight[WindowPart, PartValues]):
     """The parts of a window that are submitted to the cluster and have not ended."""
 
     def __init__(self, client: Client, survey: SurveyRequest, variable: str, index: int) -> None:
@@ -90,7 +90,7 @@ class _Work(InFlight[WindowPart, PartValues]):
         left = next(parts, None)
         self._cells, self._seconds = 0, 0.0  # cells of a finer level are at other points, and may take longer
         while (left or self.in_flight) and not should_stop():
-            room = AHEAD * self.threads(WORKERLESS_SECONDS) - len(self.in_flight)
+            room = AHEAD * self.count_threads(WORKERLESS_SECONDS) - len(self.in_flight)
             while left and room > 0:
                 axes = self._delta[left.delta], self._epsilon[left.epsilon]
                 self.put(left, compute_part, *self._map, *axes, priority=PRIORITY)
@@ -102,7 +102,7 @@ class _Work(InFlight[WindowPart, PartValues]):
                 self._seconds += values.seconds
                 yield task.work, values
 
-    def after_error(self, _: Task[WindowPart], error: BaseException) -> None:
+    def handle_error(self, _: Task[WindowPart], error: BaseException) -> None:
         """Raise an error. Parts are not repeated, because a viewer does not wait for a window that long."""
         if isinstance(error, KilledWorker):
             raise SurveyError("a part of this window kills its worker: choose another window") from error

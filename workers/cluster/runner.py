@@ -20,8 +20,8 @@ from distributed import Client, Future, KilledWorker, get_worker
 from gear_rattle.workers.certificates import Answers, AttractorClaim, certify_claims, certify_survey, require_proofs
 from gear_rattle.workers.cluster.cluster import end_tasks, end_tasks_and_wait
 from gear_rattle.workers.cluster.costs import Begun
-from gear_rattle.workers.cluster.isolation import compute_tile_apart
-from gear_rattle.workers.cluster.joining import Joining
+from gear_rattle.workers.cluster.isolation import compute_tile_isolated
+from gear_rattle.workers.cluster.joining import CompletionTasks
 from gear_rattle.workers.cluster.partial import PART_SECONDS, PartialTile, compute_partly, is_divisible
 from gear_rattle.workers.cluster.submission import Submission
 from gear_rattle.workers.completion import complete
@@ -29,8 +29,8 @@ from gear_rattle.workers.errors import ClusterLostError, StoppedError, SurveyErr
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, compute_tile, template_of
 from gear_rattle.workers.populations.tiles import GearTile
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import noting
-from gear_rattle.workers.storage.store import before_tiles, require_aligned, write_tile
+from gear_rattle.workers.storage.manifest import recording_tiles
+from gear_rattle.workers.storage.store import prepare_for_tiles, require_aligned, write_tile
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.template import Template
 from gear_rattle.workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, TileRecord
@@ -46,7 +46,7 @@ ATTEMPTS = 3
 def compute_and_write(request: AnyRequest, path: str, tile: AnyTile, apart: bool = False) -> TileRecord:
     """Compute a tile and write it to the store. apart: compute it in a process of its own."""
     if apart:
-        values, record = compute_tile_apart(request, tile, get_worker().memory_manager.memory_limit)
+        values, record = compute_tile_isolated(request, tile, get_worker().memory_manager.memory_limit)
     else:
         values, record = compute_tile(request, tile)
     return replace(record, files=write_tile(request, path, tile, values))
@@ -116,11 +116,13 @@ def template_on(client: Client, request: AnyRequest, created: str | None, should
     """
     for _ in range(ATTEMPTS):
         with suppress(KilledWorker):
-            return _traced(client, request, created, should_stop)
+            return _compute_template(client, request, created, should_stop)
     raise SurveyError("the process that traces the survey's curves was killed repeatedly: see the log of the workers")
 
 
-def _traced(client: Client, request: AnyRequest, created: str | None, should_stop: Callable[[], bool]) -> Template:
+def _compute_template(
+    client: Client, request: AnyRequest, created: str | None, should_stop: Callable[[], bool]
+) -> Template:
     future = client.submit(template_of, request, created, key=f"template-{uuid4().hex}", pure=False)
     ended: SimpleQueue[Future] = SimpleQueue()
     future.add_done_callback(ended.put)
@@ -151,9 +153,9 @@ def complete_on(
     See `complete` for on_proved and should_pause, and `template_on` for should_stop and the errors. After a stop no
     process continues the work.
     """
-    place, joining = place_of(where), Joining(client, should_stop)
-    with place.writing():
-        complete(request, place, joining.each, joining.several(), on_proved, should_pause)
+    place, joining = place_of(where), CompletionTasks(client, should_stop)
+    with place.lock_for_writing():
+        complete(request, place, joining.each, joining.batch_size(), on_proved, should_pause)
 
 
 def certify_on(
@@ -164,12 +166,12 @@ def certify_on(
     should_stop: Callable[[], bool] = _never,
 ) -> Dataset:
     """Prove the attractors of a survey on a cluster with `certify_survey`. Raises StoppedError after a stop."""
-    joining = Joining(client, should_stop)
+    joining = CompletionTasks(client, should_stop)
 
     def prove(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
         return joining.map(certify_claims, [(part,) for part in parts])
 
-    return certify_survey(survey, out, prove, joining.several(), on_done)
+    return certify_survey(survey, out, prove, joining.batch_size(), on_done)
 
 
 def run_tiles(
@@ -221,22 +223,22 @@ def run_tiles(
     tiles = list(tiles)
     require_aligned(request, tiles)
     place = place_of(where)
-    with place.writing():
+    with place.lock_for_writing():
         if tiles:
-            before_tiles(request, place)
+            prepare_for_tiles(request, place)
             if isinstance(request, SurveyRequest) and request.certify:
                 with suppress(StoppedError):
-                    Joining(client, should_stop).map(require_proofs, [()])
+                    CompletionTasks(client, should_stop).map(require_proofs, [()])
         begun, columns = begun or Begun(), request.tile_grid[1]
-        begun.expect(tiles, columns)
+        begun.predict_costs(tiles, columns)
         submission = Submission(advance_tile, request, str(place), client, begun.partial)
         left = {tile.index: tile for tile in tiles}
 
-        with noting(place) as note:
+        with recording_tiles(place) as note:
 
             def on_ended(record: TileRecord) -> None:
                 note({record.index: record.files})
-                begun.take_ended(record)
+                begun.record_ended(record)
                 del left[record.index]
                 on_tile(record)
                 tell_left()
@@ -248,18 +250,18 @@ def run_tiles(
             asked = should_stop, unwanted, should_pause
             try:
                 if is_divisible(request, math.prod(request.tile_shape)):
-                    measuring = deque(begun.to_measure(tiles, columns))
+                    measuring = deque(begun.tiles_to_measure(tiles, columns))
 
                     def on_measured(tile: AnyTile) -> None:
-                        if begun.take_measured(tile):
+                        if begun.record_measured(tile):
                             measuring.append(tile)
 
                     submission.seconds = 0.0  # a task computes one cell
                     _run(submission, measuring, on_ended, *asked, on_measured)
                     submission.seconds = PART_SECONDS
-                    begun.expect(list(left.values()), columns)
+                    begun.predict_costs(list(left.values()), columns)
                     tell_left()
-                waiting = deque(begun.in_order(list(left.values()), columns))
+                waiting = deque(begun.by_falling_cost(list(left.values()), columns))
 
                 def on_part(tile: AnyTile) -> None:
                     waiting.appendleft(tile)
@@ -300,10 +302,10 @@ def _run(
         for _ in range(min(room, len(waiting))):
             submission.submit(waiting.popleft())
             has_begun = True
-        submission.set_endless_tile_apart()
+        submission.isolate_endless_tile()
         take(submission.next_record(POLL_SECONDS))
     if submission.in_flight and unwanted():
-        submission.cut_off()
+        submission.kill_tasks()
     deadline = time.monotonic() + GRACE_SECONDS
     while submission.in_flight and (left := deadline - time.monotonic()) > 0:
         take(submission.next_record(left))

@@ -146,7 +146,7 @@ class Grid:
         piece = len(columns) if cells >= len(columns) else max(1, cells)
         for i in range(0, len(rows), band):
             for j in range(0, len(columns), piece):
-                yield WindowPart(*(_slice(some) for some in (rows[i : i + band], columns[j : j + piece])))
+                yield WindowPart(*(_as_slice(some) for some in (rows[i : i + band], columns[j : j + piece])))
 
     def put(self, part: WindowPart, found: PartValues) -> None:
         """Store the values of a part."""
@@ -165,7 +165,7 @@ class Grid:
         )
 
 
-def _slice(some: range) -> slice:
+def _as_slice(some: range) -> slice:
     return slice(some.start, some.stop, some.step)
 
 

@@ -66,16 +66,16 @@ class Bucket:
         """Return the store that zarr opens."""
         return ObjectStore(self.objects)
 
-    def occupied(self) -> bool:
+    def is_occupied(self) -> bool:
         """Return whether the prefix has any object that a killed creation did not leave."""
-        with self.reaching():
+        with self.translate_errors():
             if self.has(ROOT) or self.has(DELETING):
                 return True
             return not self.has(CREATING) and any(key not in MARKERS for key in self.keys())
 
     def exists(self) -> bool:
         """Return whether the prefix has a whole store."""
-        with self.reaching():
+        with self.translate_errors():
             return self.has(ROOT)
 
     def has(self, key: str) -> bool:
@@ -96,7 +96,7 @@ class Bucket:
         """Return the content of an object and its ETag. Raises FileNotFoundError, and the errors of `reaching`."""
         import obstore
 
-        with self.reaching():
+        with self.translate_errors():
             found = obstore.get(self.objects, key)
             return bytes(found.bytes()), found.meta["e_tag"] or '""'
 
@@ -111,17 +111,17 @@ class Bucket:
         """Return the names one level below the prefix."""
         import obstore
 
-        with self.reaching():
+        with self.translate_errors():
             found = obstore.list_with_delimiter(self.objects)
         return [prefix.rstrip("/").rpartition("/")[2] for prefix in found["common_prefixes"]]
 
-    def deletion_begun(self) -> bool:
+    def has_deletion_begun(self) -> bool:
         """Return whether a deletion has begun and not ended."""
-        with self.reaching():
+        with self.translate_errors():
             return self.has(DELETING)
 
     @contextmanager
-    def reaching(self) -> Iterator[None]:
+    def translate_errors(self) -> Iterator[None]:
         """Turn errors of obstore into errors of this project.
 
         Raises
@@ -149,7 +149,7 @@ class Bucket:
         import obstore
         from obstore.exceptions import AlreadyExistsError
 
-        with self.writing(), self.reaching():
+        with self.lock_for_writing(), self.translate_errors():
             obstore.put(self.objects, CREATING, b"")
             for key in sorted(template.keys() - {ROOT}):
                 obstore.put(self.objects, key, template[key])
@@ -161,28 +161,28 @@ class Bucket:
         """Write or replace an object in one step. Raises the errors of `reaching`."""
         import obstore
 
-        with self.reaching():
+        with self.translate_errors():
             obstore.put(self.objects, key, content)
 
     def remove(self, keys: Iterable[str]) -> None:
         """Remove objects; missing ones are ignored. Raises the errors of `reaching`."""
         import obstore
 
-        with self.reaching():
+        with self.translate_errors():
             obstore.delete(self.objects, list(keys))
 
-    def sweep(self) -> None:
+    def remove_leftovers(self) -> None:
         """Remove the marker that a killed creation has left."""
         import obstore
 
-        with self.reaching():
+        with self.translate_errors():
             obstore.delete(self.objects, CREATING)
 
     def delete(self) -> None:
         """Delete the store. The root is removed first, so that a half-deleted store does not look like a store."""
         import obstore
 
-        with self.reaching():
+        with self.translate_errors():
             if next(self.keys(), None) is None:
                 return
             obstore.put(self.objects, DELETING, b"")
@@ -192,7 +192,7 @@ class Bucket:
             obstore.delete(self.objects, DELETING)
 
     @contextmanager
-    def writing(self) -> Iterator[None]:
+    def lock_for_writing(self) -> Iterator[None]:
         """Lock the store for one run, by an object that names the run.
 
         Raises
@@ -208,7 +208,7 @@ class Bucket:
         import obstore
 
         mine = json.dumps(identity()).encode()
-        with self.reaching():
+        with self.translate_errors():
             self._take_lock(mine)
         try:
             yield

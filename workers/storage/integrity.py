@@ -20,7 +20,7 @@ from zarr.errors import ZarrUserWarning
 from gear_rattle.workers.apart import CalledProcessError, call_apart
 from gear_rattle.workers.errors import StoppedError, SurveyError
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import manifest_of, read_file, said_by_root, whole_root
+from gear_rattle.workers.storage.manifest import manifest_of, read_file, unchecked_attributes, whole_root
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest
 from gear_rattle.workers.survey.version import code_version
 
@@ -84,9 +84,9 @@ def examine(where: str | Path | Place, processes: int = 1) -> Integrity:
         There is no store, or it is too damaged to be identified; or a process that reads tiles was killed.
     """
     place = place_of(where)
-    if not place.occupied():
+    if not place.is_occupied():
         raise SurveyError(f"{place} does not exist or is empty: give the path of a survey")
-    manifest, attributes = manifest_of(place), said_by_root(place)
+    manifest, attributes = manifest_of(place), unchecked_attributes(place)
     version, completed = (str(attributes.get(name, "")) for name in ("code_version", COMPLETED))
     if manifest is None and (not version or "content_hash" not in attributes):
         raise SurveyError(
@@ -94,9 +94,11 @@ def examine(where: str | Path | Place, processes: int = 1) -> Integrity:
             f" is damaged, restore its {ROOT} and {MANIFEST} from a copy"
         )
     if manifest is None:
-        number, lost = _undecodable(place, attributes)
+        number, lost = _check_by_decoding(place, attributes)
         return Integrity(frozenset(), {}, lost, 0, number, version, completed)
-    done, damaged = examine_tiles(place, manifest) if processes == 1 else _examine_apart(place, manifest, processes)
+    done, damaged = (
+        examine_tiles(place, manifest) if processes == 1 else _examine_in_processes(place, manifest, processes)
+    )
     if completed:
         for index in set(range(manifest.n_tiles)) - manifest.tiles.keys():
             damaged[index] = tuple(manifest.chunks)
@@ -105,7 +107,7 @@ def examine(where: str | Path | Place, processes: int = 1) -> Integrity:
     return Integrity(frozenset(done), damaged, template, manifest.n_tiles, files, version, completed)
 
 
-def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tuple[str, ...]]:
+def _check_by_decoding(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tuple[str, ...]]:
     """Decode all chunks of a store without a readable manifest.
 
     Returns
@@ -172,7 +174,7 @@ def examine_tiles(place: Place, manifest: Manifest, should_stop: Callable[[], bo
     """
     done, damaged = set[int](), dict[int, tuple[str, ...]]()
     with ThreadPoolExecutor(READERS) as readers:
-        found = _mapped(readers, lambda index: _lost(place, manifest, index), manifest.tiles)
+        found = _map_in_batches(readers, lambda index: _damaged_variables(place, manifest, index), manifest.tiles)
         for index, lost in zip(manifest.tiles, found, strict=True):
             if should_stop and should_stop():
                 readers.shutdown(cancel_futures=True)  # without waiting for the other tiles
@@ -184,26 +186,30 @@ def examine_tiles(place: Place, manifest: Manifest, should_stop: Callable[[], bo
     return done, damaged
 
 
-def _mapped(threads: ThreadPoolExecutor, function: Callable[[Item], Answer], items: Iterable[Item]) -> Iterator[Answer]:
+def _map_in_batches(
+    threads: ThreadPoolExecutor, function: Callable[[Item], Answer], items: Iterable[Item]
+) -> Iterator[Answer]:
     """Yield the results of `threads.map`, submitting the items in batches."""
     left = iter(items)
     while batch := list(islice(left, BATCH)):
         yield from threads.map(function, batch)
 
 
-def _examine_apart(place: Place, manifest: Manifest, processes: int) -> Found:
+def _examine_in_processes(place: Place, manifest: Manifest, processes: int) -> Found:
     """Examine tiles like `examine_tiles`, in several processes. Each of n processes reads every n-th tile."""
     tiles = list(manifest.tiles.items())
     parts = [replace(manifest, files={}, tiles=dict(tiles[first::processes])) for first in range(processes)]
     done, damaged = set[int](), dict[int, tuple[str, ...]]()
     with ThreadPoolExecutor(processes) as threads:
-        for some, lost in threads.map(partial(_examined_apart, str(place)), filter(lambda part: part.tiles, parts)):
+        for some, lost in threads.map(
+            partial(_examine_in_own_process, str(place)), filter(lambda part: part.tiles, parts)
+        ):
             done |= some
             damaged |= lost
     return done, damaged
 
 
-def _examined_apart(where: str, manifest: Manifest) -> Found:
+def _examine_in_own_process(where: str, manifest: Manifest) -> Found:
     """Return what `examine_tiles` returns, from a process of its own."""
     try:
         return call_apart(_examine_at, where, manifest)
@@ -217,7 +223,7 @@ def _examine_at(where: str, manifest: Manifest) -> Found:
     return examine_tiles(place_of(where), manifest)
 
 
-def _lost(place: Place, manifest: Manifest, index: int) -> tuple[str, ...]:
+def _damaged_variables(place: Place, manifest: Manifest, index: int) -> tuple[str, ...]:
     """Return the variables of a computed tile that are lost or damaged."""
     keys, known = manifest.keys(index), manifest.digests_of(index)
     return tuple(name for name, key in keys.items() if not _is_whole(place, key, known.get(key)))
@@ -232,5 +238,5 @@ def damaged_template(place: Place, manifest: Manifest) -> tuple[str, ...]:
     """Return the keys of lost or damaged files of a survey, except the chunks of tiles."""
     lost = [ROOT] if whole_root(place, manifest) is None else []
     with ThreadPoolExecutor(READERS) as readers:
-        whole = _mapped(readers, lambda key: _is_whole(place, key, manifest.files[key]), manifest.files)
+        whole = _map_in_batches(readers, lambda key: _is_whole(place, key, manifest.files[key]), manifest.files)
         return (*lost, *(key for key, is_whole in zip(manifest.files, whole, strict=True) if not is_whole))

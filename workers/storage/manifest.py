@@ -59,7 +59,7 @@ def read_file(place: Place, key: str) -> bytes | None:
 def manifest_of(place: Place) -> Manifest | None:
     """Return the manifest of a store, or None if it is missing, damaged or of another version."""
     content = read_file(place, MANIFEST)
-    if content is None or place.deletion_begun():
+    if content is None or place.has_deletion_begun():
         return None
     return (_parsed_large if len(content) > LARGE else _parsed_small)(content)
 
@@ -84,22 +84,22 @@ def known_manifest(place: Place) -> Manifest:
         There is no survey, or its manifest is damaged.
     """
     if (manifest := manifest_of(place)) is None:
-        require_there(place)
-        if "content_hash" not in said_by_root(place):
+        require_store(place)
+        if "content_hash" not in unchecked_attributes(place):
             raise SurveyError(f"{place} holds something that is not a survey: choose another path")
         raise SurveyError(f"{MANIFEST} of {place} is damaged: run the survey again to repair it")
     return manifest
 
 
-def require_there(place: Place) -> None:
+def require_store(place: Place) -> None:
     """Raise StorageError if a store is gone. This is not damage, because the store may come back."""
-    if not place.occupied():
+    if not place.is_occupied():
         raise StorageError(
             f"{place} is gone: it was moved or deleted. Bring it back, or run the survey again to compute it anew"
         )
 
 
-def said_by_root(place: Place) -> dict[str, Any]:
+def unchecked_attributes(place: Place) -> dict[str, Any]:
     """Return the attributes in a store's root without checking its digest; empty if there is no readable root."""
     try:
         attributes = json.loads(read_file(place, ROOT) or b"{}").get("attributes", {})
@@ -133,7 +133,7 @@ def attributes_of(place: Place) -> dict[str, Any]:
 
 
 @contextmanager
-def noting(place: Place) -> Iterator[Note]:
+def recording_tiles(place: Place) -> Iterator[Note]:
     """Yield a function that records written tiles in the manifest.
 
     The caller holds the lock of the store, and changes nothing else in the manifest in this context. If the process is
@@ -158,7 +158,7 @@ def noting(place: Place) -> Iterator[Note]:
         nonlocal waiting
         try:
             if not place.exists():  # writing would recreate a part of a deleted survey
-                require_there(place)
+                require_store(place)
             place.put(MANIFEST, manifest.to_bytes())
         except OSError as error:
             refusal = storage_error(f"{place} cannot be written", error)
@@ -180,7 +180,7 @@ def noting(place: Place) -> Iterator[Note]:
             write()
 
 
-def tell(place: Place, told: Mapping[str, Any]) -> None:
+def set_attributes(place: Place, told: Mapping[str, Any]) -> None:
     """Set attributes of the store's root; the value None removes an attribute. The caller holds the lock of the store.
 
     Raises
@@ -255,6 +255,6 @@ def replace_root(place: Place, before: Manifest, root: bytes, after: Manifest) -
 
 def _root(place: Place, manifest: Manifest) -> bytes:
     if (root := whole_root(place, manifest)) is None:
-        require_there(place)
+        require_store(place)
         raise SurveyError(f"{ROOT} of {place} is damaged: run the survey again to repair it")
     return root

@@ -18,7 +18,7 @@ from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.service.explorer.point.parts import listed_in
 from gear_rattle.workers import QUANTITIES
 from gear_rattle.workers.pictures.look import in_revolutions
-from gear_rattle.workers.pictures.maps import meanings_of, title_of, without_value
+from gear_rattle.workers.pictures.maps import meanings_of, title_of, words_without_value
 from gear_rattle.workers.survey.families import FAMILY
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from gear_rattle.workers.survey.values.evaluate import FAILED, STATUS
@@ -97,7 +97,7 @@ def finer_value(plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: 
     value = finer.at(delta, epsilon) if finer is not None else None
     if value is None:
         return None
-    here = without_value(plane.plane) if np.isnan(value) else _value(value, plane.plane)
+    here = words_without_value(plane.plane) if np.isnan(value) else _value(value, plane.plane)
     return f"{title_of(plane.plane)}, computed here", here
 
 
@@ -120,7 +120,7 @@ def _said_of(plane: MapPlane, delta: float, epsilon: float) -> str:
     if status in (0, FAILED):
         said = STATUS[status].replace("_", " ")
     elif np.isnan(value):
-        said = without_value(plane.plane)
+        said = words_without_value(plane.plane)
     else:
         said = _value(value, plane.plane)
     return f"{title_of(plane.plane)}, {said}"

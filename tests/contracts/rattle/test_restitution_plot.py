@@ -22,10 +22,10 @@ def test_what_planes_show() -> None:
                 assert plane.contact_share[i, j] == sum(x.fraction for x in found if x.contacts)
                 assert np.isnan(plane.exponent[i, j]) == (shares["chaotic"] == 0)
     elastic, lossy = planes
-    assert elastic.dominant[0, 1] == QUIET_ALONE
-    assert lossy.dominant[1, 0] == ONE
-    assert elastic.dominant[2, 0] == CHAOTIC
-    assert lossy.dominant[2, 0] == CONTACT
+    assert elastic.dominant_types[0, 1] == QUIET_ALONE
+    assert lossy.dominant_types[1, 0] == ONE
+    assert elastic.dominant_types[2, 0] == CHAOTIC
+    assert lossy.dominant_types[2, 0] == CONTACT
     drawn = restitution_figure(planes).figure
     titles = [axes.get_title() for axes in drawn.axes]
     assert titles[:2] == ["r = 1", "r = 0.8"]

@@ -25,7 +25,7 @@ from gear_rattle.workers import (
     tiles_of,
 )
 from gear_rattle.workers.storage.location import Directory
-from gear_rattle.workers.storage.manifest import attributes_of, manifest_of, tell
+from gear_rattle.workers.storage.manifest import attributes_of, manifest_of, set_attributes
 from gear_rattle.workers.survey.version import code_version
 
 REQUEST = SurveyRequest(
@@ -237,7 +237,7 @@ def test_a_store_of_another_version_is_decoded(store: Path) -> None:
 
 
 def test_a_store_of_another_version_with_our_manifest_is_verified_by_it(store: Path) -> None:
-    tell(Directory(store), {"code_version": "1.0.0a1+0123456789abcdef"})
+    set_attributes(Directory(store), {"code_version": "1.0.0a1+0123456789abcdef"})
     found = examine(store)
     assert found.whole
     assert not found.decoded
@@ -354,7 +354,7 @@ def test_other_readers_do_not_see_the_manifest(store: Path) -> None:
 def test_damage_is_mended_by_one_run_at_a_time(store: Path) -> None:
     edited_root(EDITS["another type"])(store)
     before = contents(store)
-    with Directory(store).writing(), pytest.raises(SurveyError, match="another run"):
+    with Directory(store).lock_for_writing(), pytest.raises(SurveyError, match="another run"):
         create_store(REQUEST, store)
     assert contents(store) == before
 

@@ -68,14 +68,14 @@ def test_endless_tiles_are_taken_one_at_a_time(monkeypatch: pytest.MonkeyPatch) 
         return {each.work.tile.index for each in submission.in_flight.values() if each.work.apart}
 
     for _ in range(3):
-        submission.set_endless_tile_apart()
+        submission.isolate_endless_tile()
         assert apart() == {first.index}
     assert len(ended) == 1
     monkeypatch.setattr(submission, "_next_end", 0.0)  # a minute later
-    submission.set_endless_tile_apart()
+    submission.isolate_endless_tile()
     assert apart() == {first.index, second.index}
     monkeypatch.setattr(submission, "_next_end", 0.0)
-    submission.set_endless_tile_apart()
+    submission.isolate_endless_tile()
     assert len(ended) == 2  # what is apart has its own limits
 
 
@@ -88,9 +88,9 @@ def test_a_large_tile_may_take_longer(monkeypatch: pytest.MonkeyPatch) -> None:
     submission.submit(small)
     now = time.monotonic()
     monkeypatch.setattr(time, "monotonic", lambda: now + 1.5 * gear_rattle.workers.cluster.submission.TILE_SECONDS)
-    submission.set_endless_tile_apart()
+    submission.isolate_endless_tile()
     monkeypatch.setattr(submission, "_next_end", 0.0)
-    submission.set_endless_tile_apart()
+    submission.isolate_endless_tile()
     assert [each.work.tile for each in submission.in_flight.values() if each.work.apart] == [small]
 
 
@@ -180,8 +180,8 @@ def test_a_pause_begins_no_tile_and_gives_up_none(tmp_path: Path, monkeypatch: p
         return TileRecord(tile.index, tile.n_cells, (), 0, 0.0)
 
     monkeypatch.setattr(runner, "advance_tile", compute)
-    monkeypatch.setattr(runner, "before_tiles", lambda *_: None)
-    monkeypatch.setattr(runner, "noting", lambda _: nullcontext(lambda _: None))
+    monkeypatch.setattr(runner, "prepare_for_tiles", lambda *_: None)
+    monkeypatch.setattr(runner, "recording_tiles", lambda _: nullcontext(lambda _: None))
     client, tiles = ended_tasks.Client(2), tiles_of(REQUEST)
 
     def run(should_pause: Any) -> None:
