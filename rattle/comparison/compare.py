@@ -162,6 +162,11 @@ def _with_offset_intervals(fitting: FitProblem, found: Comparison, near: list[Fi
     """Return the comparison with the intervals of its offset and of other offsets, and with `is_sure`.
 
     near: the comparison's own fit, followed by the other fits that are about as good.
+
+    Returns
+    -------
+    Comparison
+        A copy with these fields set.
     """
     own, *others = (interval_of_offset(fitting, each) for each in near)
     sharp = fitting._replace(unit=near[0].unit)
@@ -235,9 +240,14 @@ def _phases_by_wall(time: ArrayLike, wall: NDArray[np.int64]) -> list[Array]:
 
 
 def _histogram(phases: list[Array], rate: float, bins: int) -> Array:
-    """Return impacts per forcing period (2, bins) on Σ⁺ and Σ⁻ in equal intervals of the phase.
+    """Return the number of impacts per forcing period on each wall, in equal intervals of the phase.
 
-    rate: the number of impacts per forcing period that each phase stands for.
+    phases: the phases of the impacts on Σ⁺, and on Σ⁻. rate: the impacts per forcing period that each phase stands for.
+
+    Returns
+    -------
+    Array
+        Numbers (2, bins) for Σ⁺ and Σ⁻.
     """
     return np.array([rate * np.histogram(each, bins, (0.0, 1.0))[0] for each in phases])
 

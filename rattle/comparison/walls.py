@@ -217,9 +217,14 @@ def interval_of_offset(fitting: FitProblem, found: Fit) -> tuple[float, float]:
 
 
 def _impact_costs(fitting: FitProblem, wall: Walls, offsets: Array) -> Array:
-    """Return the cost (k, n − 2) of each impact except the first and the last, if phase 0 is at the times `offsets` (k,).
+    """Return the cost of each impact except the first and the last, if phase 0 is at the times `offsets` (k,).
 
-    wall: the wall of each impact, 0 for a false impact; n impacts are not false.
+    wall: the wall of each impact, 0 for a false impact.
+
+    Returns
+    -------
+    Array
+        Costs (k, n − 2), where n is the number of impacts that are not false.
     """
     leaves, arrives = _velocities(fitting, wall, offsets)
     costs = np.minimum(((leaves + arrives) / fitting.unit) ** 2, WORST)
@@ -230,9 +235,14 @@ def _impact_costs(fitting: FitProblem, wall: Walls, offsets: Array) -> Array:
 
 
 def _velocities(fitting: FitProblem, wall: Walls, offsets: Array) -> tuple[Array, Array]:
-    """Return the velocities (k, n − 2) after and before each impact except the first and the last.
+    """Return the velocities after and before each impact except the first and the last.
 
-    Phase 0 is at the times `offsets` (k,). wall: the wall of each impact, 0 for a false impact; n impacts are not false.
+    offsets (k,): times of phase 0. wall: the wall of each impact, 0 for a false impact.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        Velocities (k, n − 2) after and before the impacts, where n is the number of impacts that are not false.
     """
     gear, time = fitting.gear, fitting.measured.time[wall != 0]
     gaps = gear.beta * np.diff(wall[wall != 0]).astype(np.float64)

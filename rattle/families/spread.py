@@ -20,7 +20,8 @@ from rattle.orbits.return_map import (
     step,
 )
 
-#: Largest distance of an orbit's point (τ, v) from the point of its continuation in the next cell; v in units of `unit_at`.
+#: Largest distance from an orbit's point (τ, v) to the point of its continuation in the next cell, where speeds are in
+#: units of `unit_at`.
 FARTHEST = 0.2
 #: Smallest step of continuation, as a share of the way from a cell to the next.
 LEAST_STEP = 2.0**-6
@@ -110,7 +111,10 @@ def stability_with_label(tau, v, k, orbits, point):
 def solve_from_rounded(tau, v, n_plus, point):
     """Solve for an orbit's point again from rounded numbers, so that its last bits hardly depend on the first guess.
 
-    The point (tau, v) itself is returned if Newton's method fails or finds another point.
+    Returns
+    -------
+    tuple
+        (τ, v). This is the given point if Newton's method fails or finds another point.
     """
     unit = unit_at(point)
     t, w = np.rint(tau / ROUNDING) * ROUNDING, np.rint(v / unit / ROUNDING) * ROUNDING * unit
@@ -152,9 +156,12 @@ def follow_orbit(k, here, there, orbits):
 
 @kernel
 def continue_orbit(k, cell, n, orbits, cells):
-    """Continue orbit k into a neighbouring cell, and return its number there.
+    """Continue orbit k into a neighbouring cell.
 
-    The number is n if the orbit was not known in that cell, and NOWHERE if it cannot be continued.
+    Returns
+    -------
+    result
+        The orbit's number in that cell: n if it was not known there and was added, NOWHERE if it cannot be continued.
     """
     point, n_plus = point_of(cell, cells), np.int64(orbits.n_plus[k])
     found, tau, v = follow_orbit(k, point_of(orbits.cell[k], cells), point, orbits)

@@ -191,7 +191,7 @@ def factor_three_finding() -> Finding:
 
 
 def extremes_of_f_finding() -> Finding:
-    """Return the finding on the paper's (3.11) and (3.12): the extremes of its f are printed with a factor v² too much."""
+    """Return the finding on the paper's (3.11) and (3.12): the extremes of f are printed with a factor v² too much."""
     v, delta, epsilon = 0.05, 0.6, 0.1
     values = formulas.f(np.arange(4000) / 4000, v, delta, epsilon)
     sign = np.array([-1, 1])

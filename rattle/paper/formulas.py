@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 
 def acceleration_by_formula(phase: Array, v: float, delta: float, epsilon: float) -> Array:
-    """Return Φ'' on departure: the bracket of the paper's (3.7), or the denominator of its (3.8) with the right sign."""
+    """Return Φ'' on departure: the bracket of the paper's (3.7), or its denominator of (3.8) with the right sign."""
     return (
         delta * v
         - TWO_PI * delta * epsilon * np.sin(TWO_PI * phase)
@@ -133,7 +133,8 @@ def decay_rate_by_formula(
 ) -> float:
     """Return the rate at which ln v falls if each bounce takes 2v/Φ'' and changes v by factor · (f/g) v².
 
-    f and g are the paper's functions (3.9) and (3.10). Bounces start at phase 0 and continue for the given number of forcing periods.
+    f and g are the paper's functions (3.9) and (3.10). Bounces start at phase 0 and continue for the given number of
+    forcing periods.
 
     Returns
     -------

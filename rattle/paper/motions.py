@@ -116,9 +116,14 @@ def cod23_finding() -> Finding:
 
 
 def _exponents_beside_c(delta: float, below: float) -> Array:
-    """Return the largest Lyapunov exponents of trajectories that do not settle, at an ε that is `below` less than G1's.
+    """Return the largest exponents of trajectories that start near the orbit that grazes on G1, and do not settle.
 
-    The trajectories start near the orbit that grazes on G1.
+    below: by how much ε is less than on G1.
+
+    Returns
+    -------
+    Array
+        First Lyapunov exponents per forcing period.
     """
     graze = rattle.grazing("G1", delta)
     epsilon = float(graze.epsilon) - below

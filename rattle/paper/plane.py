@@ -55,7 +55,7 @@ def figure_7_statements(orbits: PeriodOne, region: NDArray[np.int8]) -> tuple[St
 
 
 def _orbits_beside(curve: str, delta: Array) -> tuple[set[str], set[str]]:
-    """Return which orbits, such as "AD", exist just below and just above a grazing curve: a set for each side, over all δ."""
+    """Return the combinations of orbits, such as "AD", that exist just below and just above a grazing curve."""
     epsilon = rattle.grazing(curve, delta).epsilon
     both = []
     for side in (-ASIDE, ASIDE):

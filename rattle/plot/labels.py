@@ -203,9 +203,14 @@ class Labels:
         return int(np.all(np.abs(self.covered - centre) < half, axis=1).sum())
 
     def _cost(self, origin: Array, centre: Array, half: Array, most: float) -> float:
-        """Return the cost of a label at `centre` for a point at `origin`. A result of `most` or more may be too low.
+        """Return the cost of a label at `centre` for a point at `origin`.
 
         half: half of the label's width and height.
+
+        Returns
+        -------
+        float
+            The cost. A result of `most` or more may be too low.
         """
         cost = float(np.hypot(*(centre - origin)))
         if cost >= most:
