@@ -97,7 +97,7 @@ def test_families_are_joined_in_it(url: str, monkeypatch: pytest.MonkeyPatch) ->
         write_tile(request, url, tile, compute_tile(request, tile)[0])
     join_survey(request, url)
     finish_store(url)
-    assert examine(url).whole
+    assert examine(url).is_whole
     assert not [key for key in documents(place_of(url)) if "joining" in key]
     with open_survey(url) as survey, open_survey(url, "families") as families:
         listed = survey["attractor_family"].load()
@@ -227,7 +227,7 @@ def test_a_server_that_fails_once_is_asked_again(url: str, s3: S3) -> None:
     s3.fail(2)
     fill(url, TILES)
     finish_store(url)
-    assert examine(url).whole
+    assert examine(url).is_whole
 
 
 def test_a_server_that_fails_is_waited_for(url: str, s3: S3, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -238,7 +238,7 @@ def test_a_server_that_fails_is_waited_for(url: str, s3: S3, monkeypatch: pytest
     with pytest.raises(StorageError):
         examine(impatient)
     s3.fail(0)
-    assert examine(impatient).whole
+    assert examine(impatient).is_whole
 
 
 @pytest.mark.parametrize("where", ["s3://bucket", "s3:///x", "gs://bucket/x", "s3://user@bucket/x", "s3://b/x?y=1"])

@@ -25,7 +25,7 @@ BITS = 20  # numbers of rows and columns of tiles have at most this many bits
 
 @dataclass
 class Begun:
-    """State of a run, with which it continues after a pause.
+    """State of a run, from which the run continues after a pause.
 
     partial: partly computed tiles, by index. foreseen: mean seconds per measured cell of a tile, by index of the tile.
     """
@@ -108,7 +108,7 @@ class Begun:
             return None
         pace = (self._spent + trusted) / (self._ended + trusted)
         # Tiles with too high predictions begin first. So the ratio of measured and predicted time of the finished tiles
-        # # must not be extrapolated to the others.
+        # must not be extrapolated to the others.
         if self.foreseen:
             pace = max(pace, 1.0)
         lefts, begun = [], 0.0

@@ -23,7 +23,8 @@ QUICK = 0.25  # a tile that takes less than this share of a task's time has no p
 class PartialTile:
     """A partly computed tile.
 
-    values: arrays of the whole tile. done (rows, columns): flags of the computed cells; the gears of a population are
+    values: arrays of the whole tile, 0 in cells that are not computed.
+    done (rows, columns): flags of the computed cells; the gears of a population are
     one row. record: sums over the computed cells. slowest: seconds for a cell in the slowest group of cells so far.
     """
 
@@ -83,11 +84,11 @@ def compute_partly(
     began = time.perf_counter()
     part = before or _empty_part(tile)
     if before is None and expected * part.done.size < QUICK * seconds:
-        return _with_group(part, request, tile, *(slice(0, size) for size in part.done.shape))
+        return _compute_group(part, request, tile, *(slice(0, size) for size in part.done.shape))
     while True:
         left = max(seconds - (time.perf_counter() - began), 0.0)
         most = int(min(max(left / part.slowest, 1.0), part.done.size)) if part.slowest else 1
-        part = _with_group(part, request, tile, *_next_group(part.done, most))
+        part = _compute_group(part, request, tile, *_next_group(part.done, most))
         if part.is_whole or time.perf_counter() - began >= seconds:
             return part
 
@@ -113,7 +114,7 @@ def _next_group(done: np.ndarray, most: int) -> tuple[slice, slice]:
     return slice(row, row + 1), slice(first, first + (int(np.argmax(free)) if free.any() else free.size))
 
 
-def _with_group(part: PartialTile, request: AnyRequest, tile: AnyTile, rows: slice, columns: slice) -> PartialTile:
+def _compute_group(part: PartialTile, request: AnyRequest, tile: AnyTile, rows: slice, columns: slice) -> PartialTile:
     began = time.perf_counter()
     values, record = compute_tile(request, _subtile(tile, rows, columns))
     slowest = max((time.perf_counter() - began) / record.cells, part.slowest)

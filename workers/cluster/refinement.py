@@ -13,7 +13,7 @@ from gear_rattle.workers.survey.request import SurveyRequest
 PRIORITY = 10  # dask runs tasks of higher priority first; tiles have 0
 PART_SECONDS = 0.3  # intended duration of a part; a running part cannot be interrupted
 FIRST_CELLS = 64  # number of cells of a part until the time per cell has been measured
-FIRST_CLOSED_FORM = 16_384  # this number for variables in closed form
+FIRST_CLOSED_FORM = 16_384  # number of cells of a part, for variables in closed form
 FRAME_SECONDS = 0.4  # seconds between two frames of a level
 POLL_SECONDS = 0.1  # seconds between two checks whether to stop
 WORKERLESS_SECONDS = 20.0  # the cluster is lost after this time without workers

@@ -241,9 +241,9 @@ def run_tiles(
                 begun.record_ended(record)
                 del left[record.index]
                 on_tile(record)
-                tell_left()
+                report_time_left()
 
-            def tell_left() -> None:
+            def report_time_left() -> None:
                 if (seconds := begun.seconds_left(submission.n_threads)) is not None:
                     on_left(seconds)
 
@@ -260,12 +260,12 @@ def run_tiles(
                     _run(submission, measuring, on_ended, *asked, on_measured)
                     submission.seconds = PART_SECONDS
                     begun.predict_costs(list(left.values()), columns)
-                    tell_left()
+                    report_time_left()
                 waiting = deque(begun.by_falling_cost(list(left.values()), columns))
 
                 def on_part(tile: AnyTile) -> None:
                     waiting.appendleft(tile)
-                    tell_left()
+                    report_time_left()
 
                 if not should_stop():
                     _run(submission, waiting, on_ended, *asked, on_part)
@@ -285,7 +285,7 @@ def _run(
     should_pause: Callable[[], bool],
     on_part: Callable[[AnyTile], None],
 ) -> None:
-    def take(found: TileRecord | AnyTile | None) -> None:
+    def report(found: TileRecord | AnyTile | None) -> None:
         if isinstance(found, Tile | GearTile):
             on_part(found)
         elif found:
@@ -303,9 +303,9 @@ def _run(
             submission.submit(waiting.popleft())
             has_begun = True
         submission.isolate_endless_tile()
-        take(submission.next_record(POLL_SECONDS))
+        report(submission.next_record(POLL_SECONDS))
     if submission.in_flight and unwanted():
         submission.kill_tasks()
     deadline = time.monotonic() + GRACE_SECONDS
     while submission.in_flight and (left := deadline - time.monotonic()) > 0:
-        take(submission.next_record(left))
+        report(submission.next_record(left))

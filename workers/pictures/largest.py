@@ -63,10 +63,11 @@ def open_maps(
     if FAMILY not in survey:
         if Group.FAMILIES in json.loads(survey.attrs["request"])["quantities"]:
             raise SurveyError(NOT_JOINED)
-        raise SurveyError(f"this survey has no families: compute one with --quantity {Group.FAMILIES}")
+        raise SurveyError(f"this survey has no families: compute a survey with --quantity {Group.FAMILIES}")
     if (cells := math.prod(survey.sizes[axis] for axis in CELL)) > limit:
         raise SurveyError(
-            f"the families of this survey's {cells:,} cells cannot be drawn, at most of {limit:,}: save a window of it"
+            f"this survey has {cells:,} cells, and families can be drawn for at most {limit:,}: save a window of the "
+            "survey"
         )
     return with_families(survey, opened(group_in(number, GROUP)))
 
@@ -102,7 +103,7 @@ def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
 
 
 def family_names(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> list[str]:
-    """Return the names of the first families, such as "2: P(1,1,0) = C"; letters only for the impacting gear."""
+    """Return names of the first `most` families, such as "2: P(1,1,0) = C". Only the impacting gear has the letters."""
     of = {name: np.asarray(table[name][:most]).tolist() for name in ("kind", "m", "n_plus", "n_minus")}
     letters = LETTERS if surveyed_model(survey).in_closed_form else {}
     found = []
@@ -127,7 +128,7 @@ def _contacts_of(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
 
 
 def family_colours(table: xr.Dataset) -> list[str]:
-    """Return a colour for each of the first families: the colour of its motion, or a spare one if that is taken."""
+    """Return a colour for each of the first families: that of its motion, or a spare one if another family has it."""
     palette, found = Palette(APART), []
     rows = (np.asarray(table[name][: OTHERS - 1]).tolist() for name in ("kind", "m", "n_plus", "n_minus"))
     for kind, *label in zip(*rows, strict=True):

@@ -46,7 +46,10 @@ class DisplayedCells:
 
 @dataclass(frozen=True)
 class LevelPart:
-    """A rectangle of the cells of a pyramid level. level: None for the full map. at: its rows and columns there."""
+    """A rectangle of the cells of a pyramid level.
+
+    level: the level, or None for the full map. at: the rows and the columns of the rectangle on this level.
+    """
 
     level: Level | None
     at: tuple[slice, slice]
@@ -113,20 +116,20 @@ def read_level(
     """Return the displayed cells in the part `at` of a stored pyramid level. plane: the map in full resolution."""
     name = str(plane.name)
 
-    def read(name: str) -> np.ndarray:
+    def read_part(name: str) -> np.ndarray:
         array = stored[name]
         beside = [dim for dim in array.dims[:-2] if dim != STATISTIC]
         chosen = dict(zip(beside, [index] + [0] * len(beside), strict=False))
         return np.asarray(array.isel(chosen | dict(zip(LEVEL_CELL, at, strict=True))))
 
     with reading(f"the map of {name}"):
-        states = reduce.Codes(*(read("status" + end) for end in ("", SHARE, OCCURS)))
+        states = reduce.Codes(*(read_part("status" + end) for end in ("", SHARE, OCCURS)))
         if _number_of_codes(plane):
-            found = reduce.Codes(*(read(name + end) for end in ("", SHARE, OCCURS)))
+            found = reduce.Codes(*(read_part(name + end) for end in ("", SHARE, OCCURS)))
             return _display_codes(
                 found, states, *(_covered_cells(*each) for each in zip(plane.shape, level.cells, at, strict=True))
             )
-        return _display_numbers(plane, read(name), states)
+        return _display_numbers(plane, read_part(name), states)
 
 
 def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened: OpenGroup | None) -> xr.Dataset:
@@ -173,7 +176,15 @@ def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened:
 
 
 def level_opener(opened: Callable[[str], xr.Dataset], number: int | None, has_levels: bool) -> OpenGroup:
-    """Return a function that opens a pyramid level by its path. number: of the slice; None without a third axis."""
+    """Return a function that opens a pyramid level by its path, and returns None if there is no such level.
+
+    number: the number of the slice, None without a third axis. has_levels: whether the store has pyramid levels.
+
+    Returns
+    -------
+    OpenGroup
+        The function.
+    """
     return lambda path: slice_of(opened(path), number) if has_levels and path.startswith(GROUP) else None
 
 
@@ -192,11 +203,12 @@ def _halving_of(cells: Pair, number: int) -> Pair:
 
 
 def _number_of_codes(plane: xr.DataArray) -> int:
+    """Return the number of codes of a map: 2 for flags, 0 for a map of numbers."""
     return 2 if plane.dtype == bool else len(plane.attrs.get("flag_meanings", "").split())
 
 
 def _reduced_status(states: reduce.Codes) -> np.ndarray:
-    """Return the status of reduced cells: failed if one of their cells failed."""
+    """Return the status of each reduced cell: failed if one of its cells failed, else the most frequent status."""
     failed = (states.occurs >> FAILED & 1).astype(bool)
     found: np.ndarray = np.where(failed, np.int8(FAILED), states.most).astype(np.int8)
     return found

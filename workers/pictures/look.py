@@ -107,7 +107,7 @@ class FinerCells:
 
 @dataclass(frozen=True)
 class Overlays:
-    """Overlays of a map that are computed beforehand, because this takes long.
+    """Overlays of a map, which are computed before the map is drawn, because they take long.
 
     lines: points (k, 2) of the lines CRISIS and LIMIT, by name, with NaN between pieces. band: dampings (n,), and the
     lower and upper ends of the design limit's confidence interval at each damping, NaN at an open end; None for no

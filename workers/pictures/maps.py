@@ -222,7 +222,7 @@ def title_of(plane: xr.DataArray) -> str:
 
 
 def _orbit_or_slot(dim: str, value: object, plane: xr.DataArray) -> str:
-    """Return the words that tell one map of a variable from its others: the orbit, or the slot of the attractors."""
+    """Return in words which of a variable's maps this is: the map of an orbit, or of a slot of attractors."""
     if dim != SLOT:
         return f"{dim} {value}"
     return SLOTS[plane.attrs.get(SLOT_ORDER, BY_FRACTION)].format(value)
@@ -375,7 +375,15 @@ def _exceeded_ends(norm: Normalize, values: np.ndarray) -> str:
 
 
 def _is_listed(plane: xr.DataArray, code: int, values: np.ndarray) -> bool:
-    """Return whether the colour bar lists a code. Families, and regions not in the paper, are listed if they occur."""
+    """Return whether the colour bar lists the region, family or motion with this code.
+
+    Families, and regions that the paper does not name, are listed only if they occur among the values.
+
+    Returns
+    -------
+    bool
+        True if the code is listed.
+    """
     always = code <= len(PAPER_REGIONS) if plane.name == "region" else plane.name != LARGEST
     return always or bool((values == code).any())
 

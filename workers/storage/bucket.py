@@ -67,7 +67,7 @@ class Bucket:
         return ObjectStore(self.objects)
 
     def is_occupied(self) -> bool:
-        """Return whether the prefix has any object that a killed creation did not leave."""
+        """Return whether the prefix has a store or other objects. Objects that a killed creation left do not count."""
         with self.translate_errors():
             if self.has(ROOT) or self.has(DELETING):
                 return True
@@ -108,7 +108,7 @@ class Bucket:
             yield from (each["path"] for each in batch)
 
     def children(self) -> list[str]:
-        """Return the names one level below the prefix."""
+        """Return the names of the directories one level below the prefix."""
         import obstore
 
         with self.translate_errors():
@@ -141,7 +141,7 @@ class Bucket:
             if "NoSuchBucket" in str(error):
                 raise SurveyError(f"{self}: there is no such bucket: create it, or correct the URL") from error
             raise StorageError(
-                f"{self} cannot be reached ({_first_line(error)}): the survey continues when it can"
+                f"{self} cannot be reached ({_first_line(error)}): the survey continues when it answers again"
             ) from error
 
     def build(self, template: Mapping[str, bytes]) -> None:

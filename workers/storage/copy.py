@@ -22,7 +22,7 @@ BATCH = 256  # at most this many files are in memory at a time
 
 
 class CopyResult(NamedTuple):
-    """Result of a copy. files: number of files. size: their bytes. kept: how many files the target already had."""
+    """Result of a copy: the number of files, the bytes of all files, and how many files the target already had."""
 
     files: int
     size: int
@@ -55,7 +55,7 @@ class ZipStore:
         try:
             return self._file.read(key)
         except (KeyError, BadZipFile) as error:
-            raise FileNotFoundError(f"{self.path} has no whole {key}") from error
+            raise FileNotFoundError(f"{key} is missing or damaged in {self.path}") from error
 
 
 def copy_store(
@@ -178,7 +178,7 @@ def _copy_to_place(
             return len(part), kept
         place.put(key, part)
         if not _is_whole(place, key, known):
-            raise OSError(f"{key} is not what was written")
+            raise OSError(f"{key} does not read back as it was written")
         return len(part), False
 
     total, size, kept, done = _count_files(manifest), len(content), 0, 1
@@ -225,7 +225,7 @@ def _copy_to_zip(
 def _require_whole(files: Files, keys: Iterable[tuple[str, tuple[str, ...]]]) -> None:
     for key, known in keys:
         if not _is_whole(files, key, known):
-            raise OSError(f"{key} is not what was written")
+            raise OSError(f"{key} does not read back as it was written")
 
 
 def _batches(keys: Iterable[tuple[str, tuple[str, ...]]]) -> Iterator[list[tuple[str, tuple[str, ...]]]]:

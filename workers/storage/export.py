@@ -19,7 +19,8 @@ ROWS = 32  # rows of a band, if the dataset does not say how many rows the store
 CELLS = 16_384  # at most this many cells are converted to text at a time
 
 
-#: By form of a table: the dimension whose entries have a row each, and the variable that says whether an entry exists.
+#: For two forms of a table: the dimension whose entries have a row each, and the variable that says whether an entry
+#: exists.
 OWN_ROWS = {RowForm.ATTRACTORS: ("attractor", "attractor_kind"), RowForm.ORBITS: ("orbit", "orbit_exists")}
 
 
@@ -63,7 +64,7 @@ def _rows_of_band(dataset: xr.Dataset) -> int:
 
 
 def require_readable(dataset: xr.Dataset, names: Sequence[Hashable] | None = None) -> None:
-    """Read some variables (by default all) before their export is sent, which cannot be undone. Raises DamageError."""
+    """Raise DamageError unless variables (by default all) can be read, before their export is sent to a client."""
     rows = _rows_of_band(dataset)
     for name in dataset.variables if names is None else names:
         for one in slices_of(dataset[[name]]):
@@ -92,7 +93,7 @@ def table_names(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> list[str]
 
 
 def table_bands(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> Iterator[dict[str, np.ndarray]]:
-    """Yield the table of an open survey in bands.
+    """Yield the table of an open survey in bands of rows.
 
     δ varies fastest, then ε, then a third axis. In the forms `attractors` and `orbits` there is a row for each existing
     attractor or orbit. A variable with a further dimension, such as the number of an exponent, has a column for each

@@ -51,13 +51,13 @@ class Integrity:
     completed: str  # date of completion; empty if it is not complete
 
     @property
-    def whole(self) -> bool:
+    def is_whole(self) -> bool:
         """True if nothing is damaged; an incomplete survey may still lack tiles."""
         return not self.damaged and not self.template
 
     @property
-    def decoded(self) -> bool:
-        """True if the store has no manifest that this version can read."""
+    def is_decoded(self) -> bool:
+        """True if the chunks were checked by decoding, because this version cannot read a manifest of the store."""
         return not self.tiles
 
 
@@ -210,7 +210,7 @@ def _examine_in_processes(place: Place, manifest: Manifest, processes: int) -> F
 
 
 def _examine_in_own_process(where: str, manifest: Manifest) -> Found:
-    """Return what `examine_tiles` returns, from a process of its own."""
+    """Run `examine_tiles` in a process of its own. Raises SurveyError if the process is killed."""
     try:
         return call_apart(_examine_at, where, manifest)
     except CalledProcessError as error:

@@ -24,7 +24,8 @@ from gear_rattle.workers.survey.template import COMPACT, Template, consolidate
 #: manifest is written rarely.
 SHARE = 200
 KNOWN = 8  # parsed manifests in the cache, because each is needed repeatedly
-LARGE = 4 * 2**20  # bytes; only the latest larger manifest is kept, because that of 10⁹ cells takes 250 MB
+#: Bytes of a large manifest. The cache keeps only the latest large manifest, because that of 10⁹ cells takes 250 MB.
+LARGE = 4 * 2**20
 
 Note = Callable[[Mapping[int, Mapping[str, str]]], None]
 
@@ -180,7 +181,7 @@ def recording_tiles(place: Place) -> Iterator[Note]:
             write()
 
 
-def set_attributes(place: Place, told: Mapping[str, Any]) -> None:
+def set_attributes(place: Place, attributes: Mapping[str, Any]) -> None:
     """Set attributes of the store's root; the value None removes an attribute. The caller holds the lock of the store.
 
     Raises
@@ -193,7 +194,7 @@ def set_attributes(place: Place, told: Mapping[str, Any]) -> None:
     manifest = known_manifest(place)
     root = _root(place, manifest)
     known = json.loads(root)["attributes"]
-    changed = {name: value for name, value in {**known, **told}.items() if value is not None}
+    changed = {name: value for name, value in {**known, **attributes}.items() if value is not None}
     if changed != known:
         replace_root(place, manifest, with_attributes(root, changed), manifest)
 

@@ -283,7 +283,7 @@ def _chunk_keys(request: AnyRequest, tile: AnyTile) -> dict[str, str]:
 
 
 def finish_store(where: str | Path | Place) -> None:
-    """Finish a survey whose tiles are all computed: remove partial files, and write the date. It may be repeated.
+    """Finish a survey whose tiles are all computed: remove partial files, and write the date. This may be repeated.
 
     Raises
     ------
@@ -301,11 +301,11 @@ def finish_store(where: str | Path | Place) -> None:
             )
         try:
             place.remove_leftovers()
-            told = {COMPLETED: attributes_of(place).get(COMPLETED) or now()}
-            # If the survey has LEAF, the rounds of audits have counted its cells.
+            attributes = {COMPLETED: attributes_of(place).get(COMPLETED) or now()}
+            # In a survey with the variable LEAF, the rounds of audits have already counted the audited cells.
             if AUDIT in manifest.chunks and LEAF not in manifest.chunks:
-                told |= _audit_attributes(place)
-            set_attributes(place, told)
+                attributes |= _audit_attributes(place)
+            set_attributes(place, attributes)
         except OSError as error:
             refusal = storage_error(f"{place} cannot be finished", error)
             raise refusal from error

@@ -131,7 +131,7 @@ def test_a_run_that_is_killed_while_it_joins_is_resumed(
             join_survey(request, path)
     assert len(written) == 9
     assert lacks_families(request, path)
-    assert examine(path).whole
+    assert examine(path).is_whole
     assert_same(finished(request, path), whole)
 
 
@@ -141,13 +141,13 @@ def test_a_run_that_is_killed_while_it_joins_is_resumed(
 def test_damage_is_found_and_joined_anew(whole: Path, tmp_path: Path, lost: str) -> None:
     request = survey(*TILES[0])
     path = Path(shutil.copytree(whole, tmp_path / "survey.zarr"))
-    assert examine(path).whole
+    assert examine(path).is_whole
     (path / lost).write_bytes(b"\0" + (path / lost).read_bytes()[1:])
     assert examine(path).template == (lost,)
     create_store(request, path)
     assert lacks_families(request, path)
     assert_same(finished(request, path), whole)
-    assert examine(path).whole
+    assert examine(path).is_whole
     assert {"date_completed", "content_hash"} <= set(open_survey(path).attrs)
 
 
@@ -245,7 +245,7 @@ def test_blocks_do_not_show(
     join_survey(request, path, each)
     assert_same(path, followed)
     assert slots_in(path).equals(slots_in(followed))
-    assert examine(path).whole
+    assert examine(path).is_whole
     assert done.count("enter_block") >= rounds
     assert [*(path / "families").glob("joining*")] == []
     assert (path / f"attractor_family/c/0/{9 // side}/{11 // side}").exists()
@@ -294,7 +294,7 @@ def test_a_tile_that_was_being_moved_when_its_worker_died_is_moved_all_the_same(
     join_survey(request, path, each)
     assert died
     finish_store(path)
-    assert examine(path).whole
+    assert examine(path).is_whole
     assert slots_in(path).equals(slots_in(followed))
 
 
@@ -318,7 +318,7 @@ def test_slots_that_are_being_moved_when_a_run_is_killed(
             join_survey(request, path)
     assert lacks_families(request, path)
     finished(request, path)
-    assert examine(path).whole
+    assert examine(path).is_whole
     assert slots_in(path).equals(slots_in(followed))
 
 
@@ -334,11 +334,11 @@ def test_a_tile_that_is_computed_again_is_joined_again(followed: Path, apart: Pa
     assert len(missing) == 1
     run_tiles_here(request, path, missing, lambda _: None, lambda: False)
     assert lacks_families(request, path)
-    assert examine(path).whole
+    assert examine(path).is_whole
     with open_survey(path) as root:
         assert "attractor_family" not in root
     finished(request, path)
-    assert examine(path).whole
+    assert examine(path).is_whole
     assert slots_in(path).equals(slots_in(followed))
 
 

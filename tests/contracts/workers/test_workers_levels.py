@@ -274,7 +274,7 @@ def test_no_order_and_no_tile_shows_in_their_bytes(store: Path, tmp_path: Path) 
 
     make_levels(survey(), tmp_path / "back", backwards)
     assert files_of(tmp_path / "back") == files_of(store)
-    assert examine(tmp_path / "back").whole
+    assert examine(tmp_path / "back").is_whole
 
 
 def test_who_is_killed_leaves_a_survey_without_levels(store: Path, tmp_path: Path) -> None:
@@ -288,7 +288,7 @@ def test_who_is_killed_leaves_a_survey_without_levels(store: Path, tmp_path: Pat
     with pytest.raises(KeyboardInterrupt):
         complete(survey(), path, dying)
     assert is_incomplete(survey(), path)
-    assert examine(path).whole
+    assert examine(path).is_whole
     with xr.open_datatree(path, engine="zarr") as tree:
         assert GROUP not in tree.children
     complete(survey(), path)
@@ -304,14 +304,14 @@ def test_what_is_damaged_is_made_again(store: Path, tmp_path: Path) -> None:
     create_store(survey(), path)
     assert is_incomplete(survey(), path)
     complete(survey(), path)
-    assert examine(path).whole
+    assert examine(path).is_whole
     assert files_of(path) == files_of(store)
 
 
 def test_tiles_that_are_computed_anew_take_levels_with_them_where_slots_are_moved(joined: Path, tmp_path: Path) -> None:
     path = Path(shutil.copytree(joined, tmp_path / "survey.zarr"))
     prepare_for_tiles(JOINED, place_of(path))
-    assert examine(path).whole
+    assert examine(path).is_whole
     assert is_incomplete(JOINED, path)
     with xr.open_datatree(path, engine="zarr") as tree:
         assert GROUP not in tree.children

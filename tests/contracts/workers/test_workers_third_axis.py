@@ -143,7 +143,7 @@ def test_what_is_damaged_is_found_in_its_slice_and_repaired(store: Path, tmp_pat
         assert examine(copy).template == ("slices/1/curves/SN1/point_delta/c/0",)
         run_survey(REQUEST, out=copy)
         assert (copy / "attractor_phase/c/1/0/0/1").read_bytes() == whole
-        assert examine(copy).whole
+        assert examine(copy).is_whole
         with open_survey(copy) as found:
             assert_same_bits(found, expected)
 
