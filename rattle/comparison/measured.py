@@ -81,7 +81,10 @@ def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | 
     times = real_array("time", time)
     require(times.ndim == 1, f"time must be a list of times, got an array of shape {times.shape}")
     require(times.size >= LEAST, f"there are {times.size} impacts: give at least {LEAST}")
-    require(bool(np.isfinite(times).all() and (np.diff(times) > 0).all()), "times must be finite and rise")
+    require(
+        bool(np.isfinite(times).all() and (np.diff(times) > 0).all()),
+        "times must be finite and increase: sort the impacts by time",
+    )
     require(
         times[-1] - times[0] > SHORTEST,
         f"all impacts are within {times[-1] - times[0]:g} forcing periods: give the times in forcing periods",

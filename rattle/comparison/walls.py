@@ -279,7 +279,7 @@ def _flight_ends(t0, t1, dwell):
     tuple
         Both times, and (sine, cosine) at each.
     """
-    a = complex(min(t0 + dwell, 0.5 * (t0 + t1)))  # the contact must be over before t1
+    a = complex(min(t0 + dwell, 0.5 * (t0 + t1)))  # the contact must end before t1
     b = complex(t1)
     return a, b, analytic_phase(a), analytic_phase(b)
 

@@ -137,7 +137,7 @@ def components(
     NDArray[np.int64]
         The numbers (rows,): QUIET_FAMILY for quiet motion, NO_FAMILY for undecided samples.
     """
-    from scipy.sparse import coo_array  # imported here, because it takes an eighth of a second
+    from scipy.sparse import coo_array  # imported here, because this takes an eighth of a second
     from scipy.sparse.csgraph import connected_components
 
     chaotic = np.flatnonzero(table.kind == Outcome.CHAOTIC)

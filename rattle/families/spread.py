@@ -29,7 +29,7 @@ LEAST_STEP = 2.0**-6
 ROUNDING = 2.0**-26
 #: Stands for the number of an orbit where there is no such orbit.
 NOWHERE = -1
-#: Offsets of the neighbours in rows and columns, in the order of `Linked.to`.
+#: Offsets of the neighbours in rows and columns, in the order of `LinkedOrbits.to`.
 ROWS, COLUMNS = (1, 0, -1, 0), (0, 1, 0, -1)
 
 

@@ -131,7 +131,9 @@ def contact_force_finding() -> Finding:
     never = float((least / top).mean())
     phase = np.linspace(0, 1, 1001)
     at = float(formulas.acceleration_by_formula(phase, 0.0, 0.4, 0.2).min())
-    born = np.fmin(rattle.sn1(delta), rattle.grazing("G2", delta).epsilon)  # region I ends at SN1 or G2, NaN is ignored
+    born = np.fmin(
+        rattle.sn1(delta), rattle.grazing("G2", delta).epsilon
+    )  # region I ends at SN1 or G2; fmin ignores NaN
     return Finding(
         "contact force",
         "Neither positive g nor (3.13) holds throughout Figure 7's plane",

@@ -198,7 +198,7 @@ def d_stability_finding(delta: Array, epsilon: Array, orbits: PeriodOne, region:
 
 
 def g1_multipliers_finding() -> Finding:
-    """Return the finding on the multipliers along G1, below and above COD20."""
+    """Return the finding on the Floquet multipliers along G1, at dampings below and above COD20."""
     corner = codimension_two()[0]
     delta = np.linspace(0.4, 0.6, 20001)
     multipliers = rattle.grazing("G1", delta).multipliers

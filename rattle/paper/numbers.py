@@ -10,7 +10,8 @@ from rattle.paper.birth import birth_of_chaos
 from rattle.paper.chaos import end_of_chaos
 from rattle.paper.records import Number
 
-#: For each number: its place in the paper, its digits as printed, and the key of the finding that explains an error.
+#: For each number: its place in the paper, its digits as printed, and the key of the finding that explains why the
+#: number is wrong ("" if it is right).
 STATED = {
     "SN1 at δ = 0.6": ("5.1, Fig. 5", "≈ 0.0596", ""),
     "SN2 at δ = 0.6": ("5.1, Fig. 5", "≈ 0.0687", ""),
@@ -33,7 +34,8 @@ STATED = {
     "λ₁ = λ₂ = 2/3, δ": ("5.2", "≈ 0.8109", ""),
 }
 
-#: The numbers that are proved (docs/proofs.md): a curve and its damping, or a codimension-two point and a coordinate.
+#: The numbers that are proved (docs/proofs.md), each as a curve and its damping, or as a codimension-two point and one
+#: of its coordinates.
 PROVED = {
     **{f"{curve} at δ = {delta}": (curve, delta) for curve in ("SN1", "G1") for delta in ("0.6", "0.762")},
     "SN2 at δ = 0.6": ("SN2", "0.6"),

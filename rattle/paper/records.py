@@ -53,7 +53,7 @@ class Number:
 
     @property
     def verdict(self) -> str:
-        """AGREES, OFF, or UNDECIDED if only a part of the interval agrees."""
+        """AGREES or OFF; UNDECIDED if only a part of the computed interval agrees."""
         low, high = (end - float(self.stated) for end in self.interval)
         reach = self.tolerance + ROUNDING
         if -reach <= low and high <= reach:
@@ -81,7 +81,7 @@ class Statement:
 
     @property
     def verdict(self) -> str:
-        """HOLDS or FAILS."""
+        """HOLDS if the evidence supports the statement, else FAILS."""
         return HOLDS if self.holds else FAILS
 
     @property

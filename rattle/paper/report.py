@@ -9,7 +9,7 @@ from rattle.paper import forces, motions, pictures, plane
 from rattle.paper.numbers import paper_numbers
 from rattle.paper.records import Finding, Number, Report, Statement
 
-#: Name in `numbers.STATED` of the ε up to which the statements about Figure 9 hold.
+#: Name, in `numbers.STATED`, of the ε up to which the statements about Figure 9 hold.
 END = "chaotic attractor ends at δ = 0.762"
 
 

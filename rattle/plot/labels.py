@@ -13,7 +13,8 @@ from rattle.plot.drawing import HALO, lay_out
 Array = NDArray[np.float64]
 Point = tuple[float, float]
 
-#: The distances in points (1/72 inch), and the directions, that are tried for a label around its point of the picture.
+#: The distances in points (1/72 inch), and the directions in radians, in which places for a label are tried around the
+#: point that the label names.
 DISTANCES = (20, 30, 42, 56, 72, 90)
 DIRECTIONS = np.arange(24) / 24 * 2 * np.pi
 #: Free space around a label, in pixels.
@@ -22,11 +23,11 @@ ROOM = 3.0
 ANCHORS = 24
 #: Number of cells that are tried as the centre of a label inside a part of the axes.
 CANDIDATES = 400
-#: From this distance in pixels to other lines it is clear which line a label along a line names.
+#: If other lines are at least this far from a label along a line, in pixels, it is clear which line the label names.
 CLEAR = 45.0
 #: Cost of covering a label or a marker, and cost of leaving the frame.
 WRONG, OUTSIDE = 1000.0, 1e5
-#: Largest cost of covering lines. It is below WRONG: a label rather covers lines than a label or a marker.
+#: Largest cost of covering lines. It is below WRONG, so a label covers lines rather than a label or a marker.
 MOST_HIDDEN = 800.0
 
 
@@ -282,7 +283,7 @@ def _distances(points: Array, others: Array) -> Array:
     Array
         Distances (n,); inf for a point that is NaN, and if `others` is empty.
     """
-    from scipy.spatial import cKDTree  # imported here, because it takes a tenth of a second
+    from scipy.spatial import cKDTree  # imported here, because this takes a tenth of a second
 
     others = others[~np.isnan(others).any(axis=1)]
     if not len(others):

@@ -45,11 +45,11 @@ CELLS = 240
 LEAST = 20
 #: Width and height of the inset including its tick labels, as shares of the axes.
 INSET = 0.42, 0.44
-#: The range of δ in the inset: least and largest distance from COD23, in units of the distance from COD21 to COD23.
+#: Least and largest distance in δ from COD23 in the inset, in units of the distance from COD21 to COD23.
 NEAREST, BEFORE = 0.15, 9.0
 #: Number of points of the inset's curves.
 BESIDE = 60
-#: An inset is drawn only in windows up to this width, in units of the distance from COD21 to COD23.
+#: An inset is drawn only in windows up to this wide along δ, in units of the distance from COD21 to COD23.
 FARTHEST = 200.0
 #: Style of the lines that mark the ranges of the paper's other figures.
 MARKED: dict[str, Any] = {"color": "0.35", "linestyle": (0, (5, 3)), "linewidth": 1.0}
@@ -101,7 +101,9 @@ def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Ar
     if not points:
         return None
     labels = Labels(axes, [*lines, *(np.array([[point.delta, point.epsilon]]) for point in points)])
-    labels.keep_clear_of([(point.delta, point.epsilon) for point in points], MARKER_SIZE + 1)  # 1 for the marker's edge
+    labels.keep_clear_of(
+        [(point.delta, point.epsilon) for point in points], MARKER_SIZE + 1
+    )  # 1 is the width of the marker's edge
     for point in points:
         labels.add(point.name, (point.delta, point.epsilon))
     return labels

@@ -178,8 +178,8 @@ PROTECTIONS = (
         "a tile apart goes on after the cell that killed it",
         f"{WORKERS}::test_a_poison_cell_is_the_only_one_lost",
         "workers/cluster/isolation.py",
-        '({_cause(child.returncode)})"\n                first, deaths = first + 1, 0\n',
-        '({_cause(child.returncode)})"\n                first, deaths = first, 0\n',
+        '({_cause_of_death(child.returncode)})"\n                first, deaths = first + 1, 0\n',
+        '({_cause_of_death(child.returncode)})"\n                first, deaths = first, 0\n',
     ),
     _one(
         "a cell that raises fails alone",

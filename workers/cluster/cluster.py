@@ -49,9 +49,9 @@ WATCH_SECONDS = 0.1  # seconds between two checks whether the nannies' process l
 END_SECONDS, LOOK_SECONDS = 1.0, 0.02
 #: Cancelled tasks have ended if no worker runs one in this many successive checks: by then all messages have arrived.
 ROUNDS = 5
-#: Fewer diagnostics than dask keeps by default (1000 messages of every connection, two hours of each processor's load,
-#: all submitted tasks), because nobody reads them here. dask's frequent measurements of load and clock took a seventh
-#: of a processor for two idle workers.
+#: LAST and NOTES let dask keep fewer diagnostics than by default (1000 messages of every connection, two hours of each
+#: processor's load, all submitted tasks), because nobody reads them here. dask's frequent measurements of load and clock
+#: took a seventh of a processor for two idle workers.
 LAST = 10
 NOTES = {
     "distributed.admin.low-level-log-length": LAST,
@@ -144,7 +144,7 @@ def version_check(versions: Mapping[str, str | None], module: str, topic: str) -
                 # only once the worker has started.
                 self.closing = asyncio.create_task(worker.close(reason=sentence))
                 await asyncio.sleep(0)  # closing has begun
-                raise RuntimeError(sentence)  # dask writes it to the worker's log
+                raise RuntimeError(sentence)  # dask writes this error to the worker's log
             await import_module(module).WarmKernels().setup(worker)
 
     return VersionCheck()
@@ -185,7 +185,7 @@ class _WorkerProcesses:
             "extensions": {},  # without SPANS, which is dask's only extension of workers
             "preload": __name__,  # imported before the worker must send heartbeats
         }
-        start = nannies.Start(dask.config.config, cluster.scheduler_address, n_workers, nice, options)
+        start = nannies.StartMessage(dask.config.config, cluster.scheduler_address, n_workers, nice, options)
         self._start, self._n_workers, self._should_stop = pickle.dumps(start), n_workers, should_stop
         self._cluster = cluster
         self.started, self._over = Event(), Event()
@@ -344,7 +344,7 @@ def connect(url: str) -> Iterator[Client]:
             client.wait_for_workers(1, timeout=CONNECT_SECONDS)
         except (OSError, ValueError, TypeError, RuntimeError) as error:  # the last two mean wrong settings of TLS
             raise ClusterLostError(
-                f"no dask scheduler with workers answers at {url} ({error}): start them, or correct the address"
+                f"no dask scheduler with workers answers at {url} ({error}): start both, or correct the address"
             ) from error
         try:
             versions = require_compatible(client)
@@ -415,7 +415,7 @@ def _address_of(url: str) -> str:
         return str(json.loads(Path(url).read_text())["address"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ClusterLostError(
-            f"no dask scheduler has written the scheduler file {url} ({error}): start it, or correct the path"
+            f"no dask scheduler has written the scheduler file {url} ({error}): start a scheduler, or correct the path"
         ) from error
 
 

@@ -33,7 +33,7 @@ class Begun:
     partial: dict[int, PartialTile] = field(default_factory=dict)
     foreseen: dict[int, float] = field(default_factory=dict)
     _each: int = 1  # how many cells are measured in a tile
-    _expected: dict[int, float] = field(default_factory=dict)  # predicted seconds of each tile that is left, by index
+    _expected: dict[int, float] = field(default_factory=dict)  # predicted seconds of each remaining tile, by index
     _rest: float = 0.0  # sum of _expected
     _ended: float = 0.0  # predicted seconds of all finished tiles
     _spent: float = 0.0  # measured seconds of all finished tiles
@@ -72,7 +72,7 @@ class Begun:
         for index in self.partial.keys() - self._expected.keys():
             del self.partial[index]
         if self.foreseen and tiles:
-            from scipy.spatial import KDTree  # here, because it takes a tenth of a second to load
+            from scipy.spatial import KDTree  # imported here, because it takes a tenth of a second to load
 
             known = np.array(list(self.foreseen))
             wanted = np.array(list(self._expected))

@@ -27,7 +27,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Task(Generic[Work]):
-    """A submitted task. work: what it computes. began: time.monotonic() when it was submitted."""
+    """A submitted task. work: the work that the task does. began: time.monotonic() when the task was submitted."""
 
     future: Future
     work: Work
@@ -86,7 +86,7 @@ class InFlight(ABC, Generic[Work, Result]):
         self.in_flight[key] = Task(future, work, time.monotonic())
         future.add_done_callback(partial(self._loop.add_callback, self._queue_result))
 
-    def next_ended(self, seconds: float) -> tuple[Task[Work], Result] | None:
+    def next_result(self, seconds: float) -> tuple[Task[Work], Result] | None:
         """Return the next finished task and its result, or None if no task finishes within `seconds`."""
         try:
             future, result, error = self._ended.get(timeout=seconds)

@@ -66,7 +66,7 @@ def _outcomes(request: AnyRequest, tile: AnyTile, memory: int | None) -> Iterato
         elif first < tile.n_cells:
             deaths += 1
             if deaths == ATTEMPTS:
-                yield f"killed its process {ATTEMPTS} times ({_cause(child.returncode)})"
+                yield f"killed its process {ATTEMPTS} times ({_cause_of_death(child.returncode)})"
                 first, deaths = first + 1, 0
 
 
@@ -86,7 +86,7 @@ def _receive_outcomes(stream: IO[bytes]) -> Iterator[CellOutcome]:
         yield received
 
 
-def _cause(code: int) -> str:
+def _cause_of_death(code: int) -> str:
     return signal.Signals(-code).name if code < 0 else f"exit status {code}"
 
 

@@ -16,7 +16,9 @@ from gear_rattle.workers.survey.tiles import POLL_SECONDS
 
 #: A task is attempted at most this many times; an attempt fails when two workers have died during it.
 ATTEMPTS = 3
-SEVERAL = 8  # tasks for each thread in a batch; the next batch begins only after all tasks of this one have ended
+SEVERAL = (
+    8  # number of tasks for each thread in a batch; the next batch begins only after all tasks of this one have ended
+)
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class _Item:
 
 
 class CompletionTasks(InFlight[_Item, Any]):
-    """Runs the tasks that complete a survey on a cluster. Its method `each` is an argument of `complete`."""
+    """Runs the tasks that complete a survey on a cluster. `complete` takes its method `run_for_each`."""
 
     def __init__(self, client: Client, should_stop: Callable[[], bool]) -> None:
         """Store the client. should_stop: returns whether to stop; it is called several times a second."""
@@ -36,7 +38,7 @@ class CompletionTasks(InFlight[_Item, Any]):
         self._should_stop = should_stop
         self._waiting = deque[_Item]()
 
-    def each(
+    def run_for_each(
         self, task: Callable[..., Any], request: SurveyRequest, path: str, items: Sequence[tuple[Any, ...]]
     ) -> list[Any]:
         """Run `task(request, path, *item)` for each item with `map`, and return the results in order."""
@@ -69,7 +71,7 @@ class CompletionTasks(InFlight[_Item, Any]):
                 for _ in range(min(room, len(self._waiting))):
                     item = self._waiting.popleft()
                     self.put(item, task, *items[item.number])
-                if ended := self.next_ended(POLL_SECONDS):
+                if ended := self.next_result(POLL_SECONDS):
                     done, result = ended
                     found[done.work.number] = result
                     self.drop(done.work.__eq__)

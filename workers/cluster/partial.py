@@ -24,8 +24,8 @@ class PartialTile:
     """A partly computed tile.
 
     values: arrays of the whole tile, 0 in cells that are not computed.
-    done (rows, columns): flags of the computed cells; the gears of a population are
-    one row. record: sums over the computed cells. slowest: seconds for a cell in the slowest group of cells so far.
+    done (rows, columns): flags of the computed cells; the gears of a population are one row.
+    record: sums over the computed cells. slowest: seconds for a cell in the slowest group of cells so far.
     """
 
     values: TileArrays

@@ -95,7 +95,7 @@ class _WindowTasks(InFlight[WindowPart, PartValues]):
                 axes = self._delta[left.delta], self._epsilon[left.epsilon]
                 self.put(left, compute_part, *self._map, *axes, priority=PRIORITY)
                 left, room = next(parts, None), room - 1
-            if ended := self.next_ended(POLL_SECONDS):
+            if ended := self.next_result(POLL_SECONDS):
                 task, values = ended
                 del self.in_flight[task.future.key]
                 self._cells += values.values.size

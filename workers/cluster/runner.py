@@ -88,7 +88,7 @@ def _loaded_for(_request: AnyRequest) -> list[bool]:
     return []
 
 
-def _never() -> bool:
+def _always_false() -> bool:
     return False
 
 
@@ -146,7 +146,7 @@ def complete_on(
     where: str | Path | Place,
     should_stop: Callable[[], bool],
     on_proved: Callable[[int, int], None] = lambda _done, _number: None,
-    should_pause: Callable[[], bool] = _never,
+    should_pause: Callable[[], bool] = _always_false,
 ) -> None:
     """Complete a survey on a cluster with `complete`, while holding the lock of the store.
 
@@ -155,7 +155,7 @@ def complete_on(
     """
     place, joining = place_of(where), CompletionTasks(client, should_stop)
     with place.lock_for_writing():
-        complete(request, place, joining.each, joining.batch_size(), on_proved, should_pause)
+        complete(request, place, joining.run_for_each, joining.batch_size(), on_proved, should_pause)
 
 
 def certify_on(
@@ -163,7 +163,7 @@ def certify_on(
     survey: Dataset,
     out: Path,
     on_done: Callable[[int, int], None] = lambda _done, _number: None,
-    should_stop: Callable[[], bool] = _never,
+    should_stop: Callable[[], bool] = _always_false,
 ) -> Dataset:
     """Prove the attractors of a survey on a cluster with `certify_survey`. Raises StoppedError after a stop."""
     joining = CompletionTasks(client, should_stop)
@@ -181,8 +181,8 @@ def run_tiles(
     client: Client,
     on_tile: Callable[[TileRecord], None],
     should_stop: Callable[[], bool],
-    unwanted: Callable[[], bool] = _never,
-    should_pause: Callable[[], bool] = _never,
+    unwanted: Callable[[], bool] = _always_false,
+    should_pause: Callable[[], bool] = _always_false,
     begun: Begun | None = None,
     on_left: Callable[[float], None] = lambda _: None,
 ) -> None:
@@ -257,7 +257,7 @@ def run_tiles(
                             measuring.append(tile)
 
                     submission.seconds = 0.0  # a task computes one cell
-                    _run(submission, measuring, on_ended, *asked, on_measured)
+                    _run_submission(submission, measuring, on_ended, *asked, on_measured)
                     submission.seconds = PART_SECONDS
                     begun.predict_costs(list(left.values()), columns)
                     report_time_left()
@@ -268,7 +268,7 @@ def run_tiles(
                     report_time_left()
 
                 if not should_stop():
-                    _run(submission, waiting, on_ended, *asked, on_part)
+                    _run_submission(submission, waiting, on_ended, *asked, on_part)
                 if submission.superseded and isinstance(request, SurveyRequest) and request.is_bounded:
                     # Repeated attempts at finished tiles would overwrite the tiles of later rounds.
                     end_tasks_and_wait(client, submission.superseded)
@@ -276,7 +276,7 @@ def run_tiles(
                 submission.cancel()
 
 
-def _run(
+def _run_submission(
     submission: Submission,
     waiting: deque[AnyTile],
     on_tile: Callable[[TileRecord], None],
@@ -297,7 +297,7 @@ def _run(
             waiting.clear()
         # Late tiles are repeated before new tiles begin. If there are no new tiles, late tiles are repeated once more,
         # because the first repetition may have gone to a frozen worker, too.
-        room = submission.room()
+        room = submission.free_threads()
         room -= submission.repeat_late_tiles(again=not waiting or not room)
         for _ in range(min(room, len(waiting))):
             submission.submit(waiting.popleft())

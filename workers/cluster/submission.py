@@ -69,7 +69,7 @@ class Submission(InFlight[Attempt, Found]):
         #: Futures that may still run although another attempt at the same tile has ended.
         self.superseded: list[Future] = []
 
-    def room(self) -> int:
+    def free_threads(self) -> int:
         """Return how many more tiles are needed to keep every thread busy.
 
         No tile waits at a busy worker, because dask counts a worker's death against every task that the worker has.
@@ -138,7 +138,7 @@ class Submission(InFlight[Attempt, Found]):
         TileRecord | AnyTile | None
             None if no task ends within `seconds`.
         """
-        if (ended := self.next_ended(seconds)) is None:
+        if (ended := self.next_result(seconds)) is None:
             return None
         task, found = ended
         tile = task.work.tile

@@ -188,14 +188,14 @@ def compute_part(
     )
     failed = 0
     try:
-        values = _evaluated(wanted, index, cells)
+        values = _compute_map(wanted, index, cells)
     except MACHINE_FAILURES:
         raise
     except Exception:  # the model failed in some cell: compute the cells one by one
         values = np.full(cells.shape, quantity.fill if quantity.group else FAILED, quantity.dtype)
         for cell in np.ndindex(cells.shape):
             try:
-                values[cell] = _evaluated(wanted, index, cells.one(*cell))[0, 0]
+                values[cell] = _compute_map(wanted, index, cells.one(*cell))[0, 0]
             except MACHINE_FAILURES:
                 raise
             except Exception:
@@ -203,8 +203,16 @@ def compute_part(
     return PartValues(values, failed, time.perf_counter() - began)
 
 
-def _evaluated(wanted: tuple[Quantity, ...], index: int, cells: Cells) -> np.ndarray:
-    """Compute variables, and return the map of the last one. index: position along its dimension besides δ and ε."""
+def _compute_map(wanted: tuple[Quantity, ...], index: int, cells: Cells) -> np.ndarray:
+    """Compute variables of cells, and return a map of the last variable.
+
+    index: which of its maps, if the variable has a further dimension.
+
+    Returns
+    -------
+    np.ndarray
+        The values of the map.
+    """
     for quantity in (each for each in wanted if each.per_cell):
         values = np.asarray(quantity.evaluate(cells)).astype(quantity.dtype)
     return values[(index, *(0,) * (values.ndim - 3))] if values.ndim > 2 else values

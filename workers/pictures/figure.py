@@ -68,8 +68,8 @@ def region_places(region: np.ndarray, delta: np.ndarray, epsilon: np.ndarray) ->
     return {REGIONS[code]: (float(delta[j]), float(epsilon[i])) for code, (i, j, _) in widest.items()}
 
 
-def widest_cells(codes: np.ndarray, asked: Iterable[int]) -> dict[int, tuple[int, int, float]]:
-    """Return for each requested code that occurs in a map (m, n) the middle cell of the widest part with this code.
+def widest_cells(codes: np.ndarray, wanted: Iterable[int]) -> dict[int, tuple[int, int, float]]:
+    """Return for each wanted code that occurs in a map (m, n) the middle cell of the widest part with this code.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def widest_cells(codes: np.ndarray, asked: Iterable[int]) -> dict[int, tuple[int
     from scipy.ndimage import distance_transform_edt  # imported here, because it takes a fifth of a second to load
 
     places = {}
-    for code in asked:
+    for code in wanted:
         inside = codes == code
         if inside.any():
             # A margin of cells with another code keeps the name away from the frame.

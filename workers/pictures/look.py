@@ -83,7 +83,7 @@ class Look:
         return replace(self, caption=caption)
 
     def norm(self, usual: Normalize, values: np.ndarray) -> Normalize:
-        """Return the colour scale for these values. usual: the variable's usual scale."""
+        """Return matplotlib's norm (range of colours) for these values. usual: the usual norm of the variable."""
         from matplotlib.colors import LogNorm, Normalize
 
         low, high, _ = colour_limits(values, (float(usual.vmin or 0.0), float(usual.vmax or 0.0)), self.span)

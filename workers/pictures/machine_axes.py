@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from gear_rattle.workers.survey.machine import AXES
 
-MICROMETRES = 1e6  # per metre
+MICROMETRES = 1e6  # micrometres per metre
 LABELS = ("speed, rpm", "eccentricity, µm")
 STEPS = 6  # an axis has about this many steps between ticks
 NEAREST = 0.1  # least distance between two ticks, as a share of the axis

@@ -92,7 +92,7 @@ UNITS = {
     "periods": "forcing periods",
 }
 FARTHEST_DRAWN = 1e300  # axes reach at most to this value, so that matplotlib's margins do not overflow
-SIGNS = {"+": "₊", "-": "₋"}  # subscripts of the walls
+SIGNS = {"+": "₊", "-": "₋"}  # subscripts that name the walls Σ⁺ and Σ⁻
 CAPTION = 110  # at most this many characters in a line of the caption
 ROOM = (512, 512)  # largest number of drawn cells along (epsilon, delta); a map has more pixels than cells
 SYMMETRIC = "symmetric"  # attribute of a map whose colours are centred at 0
@@ -185,7 +185,7 @@ def map_figure(
     axes.set_title(title_of(plane) + third, fontsize=11)
     if is_machine:
         axes.set_title(in_revolutions(axes.get_title()), fontsize=11)
-        for each in figure.axes[1:]:  # the colour bar
+        for each in figure.axes[1:]:  # the axes of the colour bar
             each.set_ylabel(in_revolutions(each.get_ylabel()))
     usual = (*CURVES_ON.get(variable, ()), *([POINTS] if variable == "region" else []))
     lines = usual if look.lines is None else look.lines

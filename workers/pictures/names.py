@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Box = tuple[float, float, float, float]
 
-DIRECTIONS = ((1, 1), (-1, 1), (1, -1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1))  # tried in turn
+DIRECTIONS = (
+    (1, 1),
+    (-1, 1),
+    (1, -1),
+    (-1, -1),
+    (1, 0),
+    (-1, 0),
+    (0, 1),
+    (0, -1),
+)  # in this order, directions from a mark to its name are tried
 GAPS = (8.0, 20.0, 34.0, 50.0, 70.0, 95.0, 125.0)  # pixels between a mark and its name
 MARK = 6.0  # half a side of the square that a mark fills
 SAMPLES = np.linspace(0.1, 1.0, 24)[:, None]  # positions of the tested points along a leader, from mark (0) to name (1)

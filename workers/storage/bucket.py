@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from obstore.store import S3Store
 
 SCHEME = "s3://"
-#: Objects beside the files of a store. Their existence means: creation has begun, deletion has begun, and a run has
-#: locked the store.
+#: Keys of objects beside the files of a store. CREATING exists while the store is created, DELETING while it is
+#: deleted, and LOCK while a run writes to it.
 CREATING, DELETING, LOCK = ".creating", ".deleting", ".lock"
 MARKERS = (CREATING, DELETING, LOCK)
 #: A failed request is repeated for RETRY_SECONDS; after that the survey has to wait. RETRIES is so large that the time
@@ -34,7 +34,7 @@ RETRIES, RETRY_SECONDS = 1000, 60
 
 
 class Bucket:
-    """A prefix of a bucket.
+    """The location of a store in a bucket: all objects whose keys begin with a prefix.
 
     Parameters
     ----------
@@ -89,11 +89,11 @@ class Bucket:
         return True
 
     def read(self, key: str) -> bytes:
-        """Return the content of an object. Raises FileNotFoundError, and the errors of `reaching`."""
+        """Return the content of an object. Raises FileNotFoundError, and the errors of `translate_errors`."""
         return self.read_tagged(key)[0]
 
     def read_tagged(self, key: str) -> tuple[bytes, str]:
-        """Return the content of an object and its ETag. Raises FileNotFoundError, and the errors of `reaching`."""
+        """Return the content and the ETag of an object. Raises as `read` does."""
         import obstore
 
         with self.translate_errors():
@@ -141,7 +141,7 @@ class Bucket:
             if "NoSuchBucket" in str(error):
                 raise SurveyError(f"{self}: there is no such bucket: create it, or correct the URL") from error
             raise StorageError(
-                f"{self} cannot be reached ({_first_line(error)}): the survey continues when it answers again"
+                f"{self} cannot be reached ({_first_line(error)}): the survey continues when the bucket answers"
             ) from error
 
     def build(self, template: Mapping[str, bytes]) -> None:
@@ -158,14 +158,14 @@ class Bucket:
             obstore.delete(self.objects, CREATING)
 
     def put(self, key: str, content: bytes) -> None:
-        """Write or replace an object in one step. Raises the errors of `reaching`."""
+        """Write or replace an object in one step. Raises the errors of `translate_errors`."""
         import obstore
 
         with self.translate_errors():
             obstore.put(self.objects, key, content)
 
     def remove(self, keys: Iterable[str]) -> None:
-        """Remove objects; missing ones are ignored. Raises the errors of `reaching`."""
+        """Remove objects; missing ones are ignored. Raises the errors of `translate_errors`."""
         import obstore
 
         with self.translate_errors():
@@ -240,8 +240,8 @@ class Bucket:
             f" (process {holder.get('process')} on {holder.get('host')} since {holder.get('since')})" if holder else ""
         )
         raise SurveyError(
-            f"{self} is being computed by another run{who}: wait for it, or choose another location. If that run was"
-            f" killed, delete the object {self}/{LOCK}"
+            f"{self} is being computed by another run{who}: wait until that run ends, or choose another location. If "
+            f"that run was killed, delete the object {self}/{LOCK}"
         )
 
 

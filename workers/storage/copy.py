@@ -95,7 +95,7 @@ def copy_store(
     place = place_of(target)
     before = _earlier_manifest(place)
     if before is not None and before.content_hash != manifest.content_hash:
-        raise SurveyError(f"{place} holds another survey: choose another location, or remove that one")
+        raise SurveyError(f"{place} holds another survey: choose another location, or remove that survey")
     if before is None and place.is_occupied():
         raise SurveyError(f"{place} holds something that is not a copy of {source}: choose another location")
     try:

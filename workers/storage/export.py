@@ -25,7 +25,7 @@ OWN_ROWS = {RowForm.ATTRACTORS: ("attractor", "attractor_kind"), RowForm.ORBITS:
 
 
 def write_netcdf(dataset: xr.Dataset, groups: Mapping[str, xr.Dataset] | None = None) -> IO[bytes]:
-    """Write an open survey to a NetCDF 4 file under the CF conventions. groups: further datasets, by path of a group.
+    """Write an open survey to a NetCDF 4 file under the CF conventions. groups: {path of a group: dataset}.
 
     Returns
     -------
@@ -59,7 +59,7 @@ def _write_group(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: s
 
 
 def _rows_of_band(dataset: xr.Dataset) -> int:
-    """Return the number of rows of a band: that of a tile if the dataset names it, else ROWS."""
+    """Return the number of rows of a band: the rows of a tile if the dataset has their number, else ROWS."""
     return int(dataset["status"].encoding.get("preferred_chunks", {}).get("epsilon", ROWS))
 
 
@@ -129,7 +129,7 @@ def _slice_bands(dataset: xr.Dataset, form: RowForm) -> Iterator[dict[str, np.nd
 
 
 def _repeat_for_cells(values: xr.DataArray, sizes: Mapping[Hashable, int]) -> np.ndarray:
-    """Repeat values along δ or ε (speeds or eccentricities of a machine) for every cell of a band."""
+    """Repeat values along δ or ε (speeds or eccentricities of a machine), so that each cell of a band has its value."""
     if values.dims == ("delta",):
         return np.tile(values.values, sizes["epsilon"])
     return np.repeat(values.values, sizes["delta"])

@@ -48,7 +48,7 @@ class Integrity:
     tiles: int  # number of tiles of the survey
     files: int  # number of checked files
     version: str  # code version of the store; empty if its root is damaged
-    completed: str  # date of completion; empty if it is not complete
+    completed: str  # date of completion; empty if the survey is not complete
 
     @property
     def is_whole(self) -> bool:
@@ -131,7 +131,8 @@ def _check_by_decoding(place: Place, attributes: Mapping[str, Any]) -> tuple[int
             arrays = [(name, each) for name, each in group.members(max_depth=None) if isinstance(each, zarr.Array)]
     except Exception as error:  # a foreign format raises errors of several types
         raise SurveyError(
-            f"{place} was computed by version {version} and cannot be read ({error}): verify it with that version"
+            f"{place} was computed by version {version} and cannot be read ({error}): verify the store with that "
+            "version"
         ) from error
     number = 0
     for name, array in arrays:
@@ -153,7 +154,7 @@ def _check_by_decoding(place: Place, attributes: Mapping[str, Any]) -> tuple[int
 
 
 def examine_tiles(place: Place, manifest: Manifest, should_stop: Callable[[], bool] | None = None) -> Found:
-    """Return the tiles that are computed and whole, and the damaged variables of the others.
+    """Return the tiles that are computed and whole, and the damaged variables of the damaged tiles.
 
     Parameters
     ----------
@@ -177,7 +178,7 @@ def examine_tiles(place: Place, manifest: Manifest, should_stop: Callable[[], bo
         found = _map_in_batches(readers, lambda index: _damaged_variables(place, manifest, index), manifest.tiles)
         for index, lost in zip(manifest.tiles, found, strict=True):
             if should_stop and should_stop():
-                readers.shutdown(cancel_futures=True)  # without waiting for the other tiles
+                readers.shutdown(cancel_futures=True)  # returns without waiting for the other tiles
                 raise StoppedError(f"stopped while {place} was read")
             if lost:
                 damaged[index] = lost
@@ -215,7 +216,7 @@ def _examine_in_own_process(where: str, manifest: Manifest) -> Found:
         return call_apart(_examine_at, where, manifest)
     except CalledProcessError as error:
         raise SurveyError(
-            f"a process that read tiles of {where} ended with status {error.returncode}: verify it again"
+            f"a process that read tiles of {where} ended with status {error.returncode}: verify the store again"
         ) from error
 
 

@@ -95,9 +95,7 @@ def known_manifest(place: Place) -> Manifest:
 def require_store(place: Place) -> None:
     """Raise StorageError if a store is gone. This is not damage, because the store may come back."""
     if not place.is_occupied():
-        raise StorageError(
-            f"{place} is gone: it was moved or deleted. Bring it back, or run the survey again to compute it anew"
-        )
+        raise StorageError(f"{place} is gone: it was moved or deleted. Bring the store back, or run the survey again")
 
 
 def unchecked_attributes(place: Place) -> dict[str, Any]:
@@ -143,7 +141,7 @@ def recording_tiles(place: Place) -> Iterator[Note]:
     Yields
     ------
     Note
-        The function; its argument has for each written tile, by index, the digests of its chunks, by key.
+        The function. Its argument is {index of a written tile: {key of a chunk: digest}}.
 
     Raises
     ------

@@ -146,7 +146,7 @@ def _require_same_survey(request: AnyRequest, place: Place) -> Manifest | None:
         )
     if manifest is None and attributes["content_hash"] == request.content_hash():
         return None
-    raise SurveyError(f"{place} holds another survey: choose another path, or delete that one first")
+    raise SurveyError(f"{place} holds another survey: choose another path, or delete that survey first")
 
 
 def tiles_done(
@@ -175,7 +175,7 @@ def tiles_done(
 
 def require_aligned(request: AnyRequest, tiles: Iterable[AnyTile]) -> None:
     """Raise SurveyError unless each tile is one whole chunk, because two writers in one chunk lose data silently."""
-    sides = list(zip(request.tile_shape, request.shape, strict=True))  # once, not for each of 10⁵ tiles
+    sides = list(zip(request.tile_shape, request.shape, strict=True))  # computed once, not for each of 10⁵ tiles
     for tile in tiles:
         for span, (size, num) in zip(tile.spans, sides, strict=True):
             if span.start % size or not 0 <= span.start < num or span.stop != min(span.start + size, num) or span.step:
@@ -360,7 +360,7 @@ def _is_addition(key: str) -> bool:
 
 
 def _audit_attributes(place: Place) -> dict[str, int | float]:
-    """Count filled and audited cells of a refined survey, and return the attributes `TOLD` for its root."""
+    """Count filled and audited cells of a refined survey, and return the attributes for its root that TOLD names."""
     counts: dict[int, list[int]] = {}
     for i, (source, audit) in enumerate(zip(read_bands(place, SOURCE_LEVEL), read_bands(place, AUDIT), strict=True)):
         found = np.bincount(audit.ravel(), minlength=DISAGREED + 1)
@@ -417,7 +417,7 @@ def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_st
     SurveyError
         There is no survey, or it cannot be read.
     """
-    import xarray as xr  # here, because loading takes a third of a second, and workers do not need it
+    import xarray as xr  # imported here, because it takes a third of a second, and workers do not need it
 
     try:
         dataset = xr.open_zarr(_zarr_source(path_or_url), chunks=None, consolidated=True, group=group)

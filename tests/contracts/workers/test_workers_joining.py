@@ -20,7 +20,7 @@ def killed() -> KilledWorker:
 
 def each(task: Callable[[Any], Any], stop: Callable[[], bool] = lambda: False) -> list[Any]:
     joining = CompletionTasks(Client(3), stop)  # type: ignore[arg-type]
-    found = joining.each(lambda _, __, item: task(item), REQUEST, "nowhere", [(i,) for i in range(7)])
+    found = joining.run_for_each(lambda _, __, item: task(item), REQUEST, "nowhere", [(i,) for i in range(7)])
     assert not joining.in_flight
     return found
 

@@ -156,7 +156,9 @@ def test_a_result_that_waits_with_one_of_a_frozen_worker_is_not_waited_for(monke
     monkeypatch.setattr(runner, "POLL_SECONDS", 0.0)
     submission = Submission(lambda: None, REQUEST, "nowhere", Two())  # type: ignore[arg-type, return-value]
     done: list[Any] = []
-    runner._run(submission, tiles, done.append, lambda: next(rounds) > 100, lambda: True, lambda: False, print)
+    runner._run_submission(
+        submission, tiles, done.append, lambda: next(rounds) > 100, lambda: True, lambda: False, print
+    )
     assert sorted(record.index for record in done) == [tile.index for tile in tiles_of(REQUEST)]
 
 
