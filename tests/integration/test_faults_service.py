@@ -59,7 +59,7 @@ INSTANTS = {
     "all tiles done": """
         @patch("gear_rattle.workers.storage.location")
         def kill(location):
-            before(location.Directory, "sweep", lambda *_: die())
+            before(location.Directory, "remove_leftovers", lambda *_: die())
     """,
     "whole, about to be dated": """
         @patch("gear_rattle.workers.storage.location")

@@ -260,7 +260,7 @@ def draw_map(
     Parameters
     ----------
     nothing : str
-        Words in the legend for computed cells without a value; "": the words of `without_value(plane)`.
+        Words in the legend for computed cells without a value; "": the words of `words_without_value(plane)`.
     look : Look
         Window, and range of the colours.
     finer : FinerCells | None

@@ -168,7 +168,7 @@ def test_attempts_that_lost_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
     for _ in range(3):
         submission.submit(tiles_of(REQUEST)[0])
     slow, quick, late = submission.in_flight.values()
-    monkeypatch.setattr(submission, "next_ended", lambda _: (quick, RECORD))
+    monkeypatch.setattr(submission, "next_result", lambda _: (quick, RECORD))
     assert submission.next_record(0.0) == RECORD
     assert submission.superseded == [slow.future, late.future]
     assert not submission.in_flight
