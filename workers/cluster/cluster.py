@@ -49,7 +49,7 @@ WATCH_SECONDS = 0.1  # seconds between two checks whether the nannies' process l
 END_SECONDS, LOOK_SECONDS = 1.0, 0.02
 #: Cancelled tasks have ended if no worker runs one in this many successive checks: by then all messages have arrived.
 ROUNDS = 5
-#: With LAST and NOTES dask keeps fewer diagnostics than by default (1000 messages of every connection, two hours of each
+#: NOTES makes dask keep fewer diagnostics than by default (1000 messages of every connection, two hours of each
 #: processor's load, all submitted tasks), because nobody reads them here. dask's frequent measurements of load and
 #: clock took a seventh of a processor for two idle workers.
 LAST = 10
