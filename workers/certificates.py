@@ -24,7 +24,7 @@ from gear_rattle.workers.errors import SurveyError, storage_error
 from gear_rattle.workers.storage.added import Each
 from gear_rattle.workers.storage.integrity import COMPLETED
 from gear_rattle.workers.storage.location import CERTIFICATES as BESIDE
-from gear_rattle.workers.storage.location import Directory, certificates_of, place_of
+from gear_rattle.workers.storage.location import Directory, certificates_path, place_of
 from gear_rattle.workers.storage.location import Place as Location
 from gear_rattle.workers.storage.manifest import unchecked_attributes
 from gear_rattle.workers.storage.store import open_survey
@@ -243,7 +243,7 @@ def lacks_certificates(request: SurveyRequest, where: str | Path | Location) -> 
     """Return whether a completed survey has requested certificates that are missing or damaged."""
     if not request.certify:
         return False
-    out = certificates_of(where)
+    out = certificates_path(where)
     known, files = _sealed(out)
     return known != request.content_hash() or files != _checksums(out, files)
 
@@ -262,7 +262,7 @@ def prove_survey(
         return each(_certified, request, str(where), [(part,) for part in parts])
 
     with open_survey(where) as survey:
-        certify_survey(survey, certificates_of(where), prove, at_once, on_done, should_stop)
+        certify_survey(survey, certificates_path(where), prove, at_once, on_done, should_stop)
 
 
 def _certified(_request: SurveyRequest, _path: str, claims: list[AttractorClaim]) -> Answers:
@@ -277,7 +277,7 @@ def require_proofs() -> None:
 def require_certifiable(request: object, where: str | Path | Location) -> None:
     """Raise SurveyError or MissingExtraError if the certificates that a request asks for cannot be made here."""
     if isinstance(request, SurveyRequest) and request.certify:
-        certificates_of(where)
+        certificates_path(where)
         require_proofs()
 
 
@@ -335,7 +335,7 @@ def examine_beside(where: str | Path | Location) -> list[CertificatesIntegrity]:
         certify = json.loads(attributes["request"])["certify"] is True
     except (KeyError, TypeError, ValueError):
         certify = False
-    due = certificates_of(place)
+    due = certificates_path(place)
     stem = due.name.removesuffix(BESIDE)
     ours = re.compile(rf"{re.escape(stem)}(\.slice\d+)?{re.escape(BESIDE)}")
     there = {each for each in due.parent.iterdir() if ours.fullmatch(each.name)}

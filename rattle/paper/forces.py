@@ -26,7 +26,7 @@ def convexity_finding() -> Finding:
         np.nan_to_num(w.first, nan=np.inf)
         for w in flights.worst_flights(there, column, rattle.period_one(there, column))
     )
-    low = min(_smallest_on_random_flights(*point) for point in ((0.6, 0.056), (0.6, 0.1), (0.762, 0.0974)))
+    low = min(_smallest_random_acceleration(*point) for point in ((0.6, 0.056), (0.6, 0.1), (0.762, 0.0974)))
     return Finding(
         "convexity",
         "Φ'' > 0 fails in parts of Figure 7's plane",
@@ -55,7 +55,7 @@ def convexity_finding() -> Finding:
     )
 
 
-def _smallest_on_random_flights(delta: float, epsilon: float) -> float:
+def _smallest_random_acceleration(delta: float, epsilon: float) -> float:
     """Return the smallest Φ'' during one step of Π from 500 random states."""
     random = np.random.default_rng(0)
     states = zip(random.random(500), 7 * random.random(500), strict=True)

@@ -17,7 +17,7 @@ from rattle.orbits.period_one import PeriodOne
 from rattle.paper.birth import birth_of_chaos
 from rattle.paper.chaos import has_settled
 from rattle.paper.numbers import epsilon_at
-from rattle.paper.pictures import DELTA, Panels, basin_share, fractions_text, label_of
+from rattle.paper.pictures import DELTA, Panels, basin_fraction, fractions_text, label_of
 from rattle.paper.plane import Array, C, D
 from rattle.paper.records import Finding, FindingEvidence
 
@@ -59,14 +59,14 @@ def chaos_birth_finding() -> Finding:
             ),
             FindingEvidence(
                 f"ε = {JUST_BELOW}: {fractions_text(before)}",
-                basin_share(before, "chaotic") + basin_share(before, "undecided")
+                basin_fraction(before, "chaotic") + basin_fraction(before, "undecided")
                 == 0
-                < basin_share(before, "P(4,4,2)"),
+                < basin_fraction(before, "P(4,4,2)"),
             ),
             *(
                 FindingEvidence(
                     f"ε = {e}: {fractions_text(seen)}; exponent {chaos_exponent(seen):.2f}",
-                    basin_share(seen, "chaotic") > 0.1,
+                    basin_fraction(seen, "chaotic") > 0.1,
                 )
                 for e, seen in ((0.0974, above), (0.098, after), (FAR_BELOW, early))
             ),
@@ -192,7 +192,7 @@ def d_stability_finding(delta: Array, epsilon: Array, orbits: PeriodOne, region:
             FindingEvidence(
                 f"stable D in {part:.1%} of region V, for δ up to {delta[stable & five].max():.3f}", part > 0.01
             ),
-            FindingEvidence(f"δ = 0.5, ε = 0.29 (V): {fractions_text(seen)}", basin_share(seen, "P(1,1,1)") > 0.01),
+            FindingEvidence(f"δ = 0.5, ε = 0.29 (V): {fractions_text(seen)}", basin_fraction(seen, "P(1,1,1)") > 0.01),
         ),
     )
 
@@ -250,7 +250,7 @@ def region_one_finding() -> Finding:
         (
             FindingEvidence(
                 f"δ = 1, ε = 0.23, region {rattle.REGIONS[here.region()]}: {fractions_text(seen)}",
-                here.region() == 1 and basin_share(seen, "P(1,2,0)") > 0.01,
+                here.region() == 1 and basin_fraction(seen, "P(1,2,0)") > 0.01,
             ),
             FindingEvidence(
                 f"it attracts at {which.size} of {delta.size} random points of region I, δ from "
@@ -261,7 +261,7 @@ def region_one_finding() -> Finding:
             ),
             FindingEvidence(
                 f"δ = 0.6: born in a saddle-node at ε = {born:.7f}; ε = 0.12: {fractions_text(also)}",
-                basin_share(also, "P(1,2,0)") > 0.05 and 0.1 < born < 0.12,
+                basin_fraction(also, "P(1,2,0)") > 0.05 and 0.1 < born < 0.12,
             ),
             FindingEvidence(
                 "there its speeds on Σ⁺ are {:.4f} and {:.4f}".format(*orbit.speeds),
@@ -274,8 +274,8 @@ def region_one_finding() -> Finding:
 def attractor_number_finding(found: Panels) -> Finding:
     """Return the finding on the number of attractors in the panels of Figure 4."""
     counts = [sum(a.fraction >= SEEN for a in attractors) for attractors in found.values()]
-    c = [basin_share(attractors, "P(1,1,0)") for attractors in found.values()]
-    rattling = [1 - basin_share(attractors, "quiet") for attractors in found.values()]
+    c = [basin_fraction(attractors, "P(1,1,0)") for attractors in found.values()]
+    rattling = [1 - basin_fraction(attractors, "quiet") for attractors in found.values()]
     lone = sorted({label_of(a) for a in found[0.089]})
     return Finding(
         "number of attractors",

@@ -36,7 +36,7 @@ def fractions_text(attractors: tuple[Attractor, ...]) -> str:
     return ", ".join(f"{label_of(a)} {a.fraction:.3f}" for a in attractors)
 
 
-def basin_share(attractors: tuple[Attractor, ...], wanted: str) -> float:
+def basin_fraction(attractors: tuple[Attractor, ...], wanted: str) -> float:
     """Return the basin fraction of all attractors with the label `wanted`."""
     return sum(a.fraction for a in attractors if label_of(a) == wanted)
 
@@ -46,20 +46,24 @@ def figure_4_statements(found: Panels) -> tuple[Statement, ...]:
     a, b, d, e, g, i = (found[x] for x in (0.056, 0.0615, 0.0725, 0.078, 0.089, 0.1))
     several = min(len(x) for epsilon, x in found.items() if epsilon > 0.056)
     return (
-        Statement("Fig. 4(a)", "all initial conditions become quiet", fractions_text(a), basin_share(a, "quiet") == 1),
-        Statement("Fig. 4", "more than one attractor in all other panels", f"{several} or more", several > 1),
-        Statement("Fig. 4(b)", "basin of C, P(1,1,0), is seen", fractions_text(b), basin_share(b, "P(1,1,0)") > SMALL),
         Statement(
-            "Fig. 4(d)", "very small basin of D, P(1,1,1)", fractions_text(d), 0 < basin_share(d, "P(1,1,1)") < SMALL
+            "Fig. 4(a)", "all initial conditions become quiet", fractions_text(a), basin_fraction(a, "quiet") == 1
+        ),
+        Statement("Fig. 4", "more than one attractor in all other panels", f"{several} or more", several > 1),
+        Statement(
+            "Fig. 4(b)", "basin of C, P(1,1,0), is seen", fractions_text(b), basin_fraction(b, "P(1,1,0)") > SMALL
+        ),
+        Statement(
+            "Fig. 4(d)", "very small basin of D, P(1,1,1)", fractions_text(d), 0 < basin_fraction(d, "P(1,1,1)") < SMALL
         ),
         Statement(
             "Fig. 4(e)",
             "P(2,2,2) in its place",
             fractions_text(e),
-            basin_share(e, "P(2,2,2)") > 0 == basin_share(e, "P(1,1,1)"),
+            basin_fraction(e, "P(2,2,2)") > 0 == basin_fraction(e, "P(1,1,1)"),
         ),
         Statement("Fig. 4(g)", "period four and period eight", fractions_text(g), {4, 8} <= {x.m for x in g}),
-        Statement("Fig. 4(i)", "chaotic attractor", fractions_text(i), basin_share(i, "chaotic") > 0),
+        Statement("Fig. 4(i)", "chaotic attractor", fractions_text(i), basin_fraction(i, "chaotic") > 0),
     )
 
 

@@ -61,7 +61,7 @@ class RestitutionPlane:
         """The model of the plane: impacting at restitution 1, otherwise inelastic."""
         return Impacting(self.beta) if self.restitution == 1.0 else Inelastic(self.beta, self.restitution)
 
-    def share_of(self, kind: Outcome) -> Array:
+    def fraction_of(self, kind: Outcome) -> Array:
         """Return the basin fraction (m, n) of all attractors of a kind."""
         found = np.zeros(self.epsilon.size * self.delta.size)
         rows = self.table.kind == kind
@@ -69,7 +69,7 @@ class RestitutionPlane:
         return found.reshape(self.epsilon.size, self.delta.size)
 
     @property
-    def contact_share(self) -> Array:
+    def contact_fraction(self) -> Array:
         """The basin fraction (m, n) of periodic attractors with contact phases."""
         found = np.zeros(self.epsilon.size * self.delta.size)
         rows = (self.table.kind == Outcome.PERIODIC) & (self.table.contacts > 0)

@@ -172,7 +172,7 @@ def test_the_lock_of_a_dead_process_is_taken_over(url: str) -> None:
     assert isinstance(place, Bucket)
     with subprocess.Popen(["true"]) as ended:
         pass
-    holder = bucket_lock.identity() | {"process": ended.pid}
+    holder = bucket_lock.process_identity() | {"process": ended.pid}
     obstore.put(place.objects, gear_rattle.workers.storage.bucket.LOCK, json.dumps(holder).encode())
     with place.lock_for_writing():
         pass

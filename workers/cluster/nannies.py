@@ -48,10 +48,10 @@ def main() -> None:
     threading.Thread(target=_end_with_parent, name="end-with-parent", daemon=True).start()
     os.setpriority(os.PRIO_PROCESS, 0, max(start.nice, os.getpriority(os.PRIO_PROCESS, 0)))
     dask.config.update(dask.config.config, start.config)
-    asyncio.run(_serve(start))
+    asyncio.run(_run_nannies(start))
 
 
-async def _serve(start: StartMessage) -> None:
+async def _run_nannies(start: StartMessage) -> None:
     from distributed import Nanny
 
     nannies = [Nanny(start.scheduler, **start.options) for _ in range(start.n_workers)]

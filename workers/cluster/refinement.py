@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator, Iterator
 from distributed import Client, KilledWorker
 
 from gear_rattle.workers.cluster.in_flight import InFlight, Task
-from gear_rattle.workers.cluster.window import Frame, Grid, PartValues, WindowPart, compute_part, map_quantity
+from gear_rattle.workers.cluster.window import Frame, PartValues, WindowGrid, WindowPart, compute_part, map_quantity
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.survey.request import SurveyRequest
 
@@ -48,7 +48,7 @@ def refined_frames(
     """
     work = _WindowTasks(client, survey, variable, index)
     quantity = map_quantity(variable, index, survey)
-    grid = Grid(survey, quantity)
+    grid = WindowGrid(survey, quantity)
     try:
         for level in grid.levels:
             shown = time.monotonic()
@@ -77,7 +77,7 @@ class _WindowTasks(InFlight[WindowPart, PartValues]):
         self._delta, self._epsilon = survey.delta.values(), survey.epsilon.values()
         self._cells, self._seconds = 0, 0.0
 
-    def parts(self, grid: Grid, level: int, first_cells: int) -> Iterator[WindowPart]:
+    def parts(self, grid: WindowGrid, level: int, first_cells: int) -> Iterator[WindowPart]:
         """Yield the parts of a level. Their size follows from measured times, so that a part takes PART_SECONDS."""
         cells = max(1, int(PART_SECONDS * self._cells / self._seconds)) if self._seconds else first_cells
         for block in grid.blocks(level):

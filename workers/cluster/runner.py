@@ -84,7 +84,7 @@ def advance_tile(
 
 @lru_cache(maxsize=16)
 def _loaded_for(_request: AnyRequest) -> list[bool]:
-    """Return the list of this request. It is empty until this process has loaded the kernels that the request needs."""
+    """Return a list for a request, which is empty until this process has loaded the kernels that the request needs."""
     return []
 
 

@@ -118,7 +118,7 @@ def _axis(name: str, low: float, high: float, number: int) -> Axis:
     return Axis(start=low, stop=high, num=step * max(1, (number - 1) // step) + 1)
 
 
-class Grid:
+class WindowGrid:
     """The grid of a window, with the values computed so far."""
 
     def __init__(self, survey: SurveyRequest, quantity: Quantity) -> None:

@@ -25,7 +25,7 @@ from gear_rattle.workers.families.tasks import (
 )
 from gear_rattle.workers.storage.added import Each, run_in_process
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import known_manifest, recording_tiles
+from gear_rattle.workers.storage.manifest import recording_tiles, require_manifest
 from gear_rattle.workers.storage.store import add_to_store, has_added
 from gear_rattle.workers.survey.crossings import Crossings, Polyline, crossings_of
 from gear_rattle.workers.survey.families import FAMILY, Joined, files_of_families, slots_of_families
@@ -251,7 +251,7 @@ class _Join:
         If an earlier run rewrote a tile but was killed before it recorded the tile, the tile counts as damaged, and is
         computed again.
         """
-        known, tiles = known_manifest(self._place), iter(tiles_at(self._survey, self.along))
+        known, tiles = require_manifest(self._place), iter(tiles_at(self._survey, self.along))
         with recording_tiles(self._place) as note:
             while some := list(islice(tiles, self._at_once)):
                 items = [(tile, self._around(tile), known.digests_of(tile.index)) for tile in some]

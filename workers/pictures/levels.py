@@ -132,7 +132,7 @@ def read_level(
         return _display_numbers(plane, read_part(name), states)
 
 
-def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened: OpenGroup | None) -> xr.Dataset:
+def reduce_map(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened: OpenGroup | None) -> xr.Dataset:
     """Reduce one map of an open survey, or of a slice, to at most `room` cells along (epsilon, delta).
 
     Parameters

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 from gear_rattle.workers.errors import SurveyError, reading
 from gear_rattle.workers.pictures.largest import FLAG_COLOURS
-from gear_rattle.workers.pictures.levels import OpenGroup, level_part_for, overview
+from gear_rattle.workers.pictures.levels import OpenGroup, level_part_for, reduce_map
 from gear_rattle.workers.pictures.look import (
     AMONG,
     COVERED,
@@ -170,7 +170,7 @@ def map_figure(
     """
     if look.delta or look.epsilon:
         dataset, opened = look.cut_to_window(dataset), None  # levels cover all cells, not a window
-    shown = overview(dataset, variable, index, ROOM, opened)
+    shown = reduce_map(dataset, variable, index, ROOM, opened)
     plane = plane_of(shown, variable, index if shown is dataset else 0)
     with reading(f"the map of {variable}"):
         plane = mask_nonperiodic(shown, plane.load(), index) if shown is dataset else plane

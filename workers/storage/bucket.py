@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 from zarr.storage import ObjectStore
 
 from gear_rattle.workers.errors import StorageError, SurveyError
-from gear_rattle.workers.storage.bucket_lock import has_died, identity
+from gear_rattle.workers.storage.bucket_lock import has_died, process_identity
 from gear_rattle.workers.survey.manifest import ROOT
 
 if TYPE_CHECKING:
@@ -207,7 +207,7 @@ class Bucket:
             return
         import obstore
 
-        mine = json.dumps(identity()).encode()
+        mine = json.dumps(process_identity()).encode()
         with self.translate_errors():
             self._take_lock(mine)
         try:

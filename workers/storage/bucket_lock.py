@@ -10,7 +10,7 @@ from uuid import uuid4
 import psutil
 
 
-def identity() -> dict[str, Any]:
+def process_identity() -> dict[str, Any]:
     """Return the identity of this process, by which a process on the same machine can check whether it still runs."""
     return {
         "host": socket.gethostname(),

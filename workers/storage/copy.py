@@ -29,7 +29,7 @@ class CopyResult(NamedTuple):
     kept: int
 
 
-class Files(Protocol):
+class FileSource(Protocol):
     """A collection of files by key, to copy from."""
 
     def read(self, key: str) -> bytes:
@@ -109,11 +109,11 @@ def copy_store(
         raise refusal from error
 
 
-def _files_of(source: str | Path | Place) -> Files:
+def _files_of(source: str | Path | Place) -> FileSource:
     return ZipStore(Path(str(source))) if str(source).endswith(ZIP) else place_of(source)
 
 
-def _read_manifest(files: Files) -> tuple[Manifest, bytes]:
+def _read_manifest(files: FileSource) -> tuple[Manifest, bytes]:
     try:
         content = files.read(MANIFEST)
     except (FileNotFoundError, NotADirectoryError):
@@ -143,14 +143,14 @@ def _keys_with_digests(manifest: Manifest) -> Iterator[tuple[str, tuple[str, ...
     yield ROOT, manifest.root
 
 
-def _is_whole(files: Files, key: str, known: Sequence[str]) -> bool:
+def _is_whole(files: FileSource, key: str, known: Sequence[str]) -> bool:
     try:
         return digest(files.read(key)) in known
     except (FileNotFoundError, NotADirectoryError):
         return False
 
 
-def _read_whole(files: Files, key: str, known: Sequence[str]) -> bytes:
+def _read_whole(files: FileSource, key: str, known: Sequence[str]) -> bytes:
     """Return the content of a file of the source. Raises SurveyError if the file is lost or damaged."""
     try:
         content = files.read(key)
@@ -165,13 +165,13 @@ def _read_whole(files: Files, key: str, known: Sequence[str]) -> bytes:
 
 
 def _copy_to_place(
-    files: Files, manifest: Manifest, content: bytes, place: Place, on_file: Callable[[int, int], None] | None
+    files: FileSource, manifest: Manifest, content: bytes, place: Place, on_file: Callable[[int, int], None] | None
 ) -> CopyResult:
     if isinstance(place, Bucket):
         place.put(CREATING, b"")
     place.put(MANIFEST, content)
 
-    def copy(one: tuple[str, tuple[str, ...]]) -> tuple[int, bool]:
+    def copy_file(one: tuple[str, tuple[str, ...]]) -> tuple[int, bool]:
         key, known = one
         part = _read_whole(files, key, known)
         if kept := _is_whole(place, key, known):
@@ -185,11 +185,11 @@ def _copy_to_place(
     keys = list(_keys_with_digests(manifest))
     with ThreadPoolExecutor(READERS) as threads:
         for some in _batches(keys[:-1]):
-            for length, was_there in threads.map(copy, some):
+            for length, was_there in threads.map(copy_file, some):
                 size, kept, done = size + length, kept + was_there, done + 1
             if on_file:
                 on_file(done, total)
-    length, was_there = copy(keys[-1])
+    length, was_there = copy_file(keys[-1])
     if isinstance(place, Bucket):
         place.remove_leftovers()
     if on_file:
@@ -198,7 +198,7 @@ def _copy_to_place(
 
 
 def _copy_to_zip(
-    files: Files, manifest: Manifest, content: bytes, path: Path, on_file: Callable[[int, int], None] | None
+    files: FileSource, manifest: Manifest, content: bytes, path: Path, on_file: Callable[[int, int], None] | None
 ) -> CopyResult:
     if path.exists():
         raise SurveyError(f"{path} exists: choose another file, or remove it")
@@ -222,7 +222,7 @@ def _copy_to_zip(
     return CopyResult(total, size, 0)
 
 
-def _require_whole(files: Files, keys: Iterable[tuple[str, tuple[str, ...]]]) -> None:
+def _require_whole(files: FileSource, keys: Iterable[tuple[str, tuple[str, ...]]]) -> None:
     for key, known in keys:
         if not _is_whole(files, key, known):
             raise OSError(f"{key} does not read back as it was written")

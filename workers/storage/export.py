@@ -81,10 +81,10 @@ def table_names(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> list[str]
     """Return the variables that become columns of a table. Raises SurveyError if the survey has none for this form."""
     own = OWN_ROWS.get(form, (None,))[0]
 
-    def belongs(dims: tuple[Hashable, ...]) -> bool:
+    def is_column(dims: tuple[Hashable, ...]) -> bool:
         return dims[-2:] == CELL and (dims == CELL if own is None else dims[0] == own)
 
-    names = [str(name) for name, values in next(slices_of(dataset)).data_vars.items() if belongs(values.dims)]
+    names = [str(name) for name, values in next(slices_of(dataset)).data_vars.items() if is_column(values.dims)]
     if not names:
         raise SurveyError(
             f"this survey was computed without {form}: use the form cells, which has a row for every cell"
@@ -159,7 +159,7 @@ def csv_lines(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> Iterator[st
         if number == 0:
             yield ",".join(columns) + "\r\n"
         for first in range(0, next(iter(columns.values())).size, CELLS):
-            texts = [_texts(column[first : first + CELLS]) for column in columns.values()]
+            texts = [_numbers_as_text(column[first : first + CELLS]) for column in columns.values()]
             yield "".join(",".join(row) + "\r\n" for row in zip(*texts, strict=True))
 
 
@@ -194,7 +194,7 @@ def write_parquet(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> IO[byte
         return path.open("rb")
 
 
-def _texts(column: np.ndarray) -> list[str]:
+def _numbers_as_text(column: np.ndarray) -> list[str]:
     """Convert numbers to text that reads back to the same value; NaN becomes empty text."""
     if column.dtype == bool:
         column = column.astype(np.int8)

@@ -103,7 +103,7 @@ def examine(where: str | Path | Place, processes: int = 1) -> Integrity:
         for index in set(range(manifest.n_tiles)) - manifest.tiles.keys():
             damaged[index] = tuple(manifest.chunks)
     files = 2 + len(manifest.files) + len(manifest.chunks) * len(manifest.tiles)
-    template, damaged = damaged_template(place, manifest), dict(sorted(damaged.items()))
+    template, damaged = damaged_template_files(place, manifest), dict(sorted(damaged.items()))
     return Integrity(frozenset(done), damaged, template, manifest.n_tiles, files, version, completed)
 
 
@@ -235,7 +235,7 @@ def _is_whole(place: Place, key: str, known: str | None) -> bool:
     return content is not None and digest(content) == known
 
 
-def damaged_template(place: Place, manifest: Manifest) -> tuple[str, ...]:
+def damaged_template_files(place: Place, manifest: Manifest) -> tuple[str, ...]:
     """Return the keys of lost or damaged files of a survey, except the chunks of tiles."""
     lost = [ROOT] if whole_root(place, manifest) is None else []
     with ThreadPoolExecutor(READERS) as readers:

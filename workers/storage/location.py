@@ -139,7 +139,7 @@ def place_of(where: str | Path | Place) -> Place:
     return _bucket(str(where))
 
 
-def certificates_of(where: str | Path | Place) -> Path:
+def certificates_path(where: str | Path | Place) -> Path:
     """Return the path of the store for a survey's certificates, beside the survey. Raises SurveyError for a bucket."""
     place = place_of(where)
     if isinstance(place, Bucket):

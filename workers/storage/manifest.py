@@ -69,7 +69,7 @@ _parsed_small = lru_cache(maxsize=KNOWN)(Manifest.of_bytes)
 _parsed_large = lru_cache(maxsize=1)(Manifest.of_bytes)
 
 
-def known_manifest(place: Place) -> Manifest:
+def require_manifest(place: Place) -> Manifest:
     """Return the manifest of a store.
 
     Returns
@@ -128,7 +128,7 @@ def attributes_of(place: Place) -> dict[str, Any]:
     StorageError
         The root cannot be read now.
     """
-    return dict(json.loads(_root(place, known_manifest(place)))["attributes"])
+    return dict(json.loads(_root(place, require_manifest(place)))["attributes"])
 
 
 @contextmanager
@@ -150,10 +150,10 @@ def recording_tiles(place: Place) -> Iterator[Note]:
     StorageError
         The manifest cannot be written now, or the store is gone.
     """
-    before = known_manifest(place)
+    before = require_manifest(place)
     manifest, waiting = replace(before, tiles=dict(before.tiles)), 0
 
-    def write() -> None:
+    def write_manifest() -> None:
         nonlocal waiting
         try:
             if not place.exists():  # writing would recreate a part of a deleted survey
@@ -170,13 +170,13 @@ def recording_tiles(place: Place) -> Iterator[Note]:
             manifest.note(index, files)
         waiting += len(tiles)
         if waiting > len(manifest.tiles) // SHARE:
-            write()
+            write_manifest()
 
     try:
         yield note
     finally:
         if waiting:
-            write()
+            write_manifest()
 
 
 def set_attributes(place: Place, attributes: Mapping[str, Any]) -> None:
@@ -189,7 +189,7 @@ def set_attributes(place: Place, attributes: Mapping[str, Any]) -> None:
     OSError
         The root cannot be written now.
     """
-    manifest = known_manifest(place)
+    manifest = require_manifest(place)
     root = _root(place, manifest)
     known = json.loads(root)["attributes"]
     changed = {name: value for name, value in {**known, **attributes}.items() if value is not None}
@@ -224,7 +224,7 @@ def update_metadata(place: Place, added: Template, there: Mapping[str, str], is_
     OSError
         A file cannot be written now.
     """
-    manifest = known_manifest(place)
+    manifest = require_manifest(place)
     root = _root(place, manifest)
     files = {key: known for key, known in manifest.files.items() if not is_removed(key)}
     nodes = {key: read_file(place, key) for key in files if key.endswith(f"/{ROOT}")} | {ROOT: root}

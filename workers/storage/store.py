@@ -16,14 +16,14 @@ from gear_rattle.workers.errors import StorageError, SurveyError, storage_error
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, blank, template_of, tiles_of
 from gear_rattle.workers.storage.bucket import SCHEME
 from gear_rattle.workers.storage.encoding import prepare_for_writing
-from gear_rattle.workers.storage.integrity import COMPLETED, STATUS, damaged_template, examine_tiles
+from gear_rattle.workers.storage.integrity import COMPLETED, STATUS, damaged_template_files, examine_tiles
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import (
     attributes_of,
-    known_manifest,
     manifest_of,
     read_file,
     replace_root,
+    require_manifest,
     require_store,
     set_attributes,
     unchecked_attributes,
@@ -91,7 +91,7 @@ def create_store(request: AnyRequest, where: str | Path | Place, make: Make | No
 
 
 def _is_damaged(place: Place, manifest: Manifest | None) -> bool:
-    return manifest is None or bool(damaged_template(place, manifest))
+    return manifest is None or bool(damaged_template_files(place, manifest))
 
 
 def _repair(request: AnyRequest, place: Place, make: Make) -> None:
@@ -170,7 +170,7 @@ def tiles_done(
     """
     place = place_of(where)
     _require_same_survey(request, place)
-    return examine_tiles(place, known_manifest(place), should_stop)[0]
+    return examine_tiles(place, require_manifest(place), should_stop)[0]
 
 
 def require_aligned(request: AnyRequest, tiles: Iterable[AnyTile]) -> None:
@@ -293,7 +293,7 @@ def finish_store(where: str | Path | Place) -> None:
         The store cannot be written now.
     """
     place = place_of(where)
-    manifest = known_manifest(place)
+    manifest = require_manifest(place)
     with place.lock_for_writing():
         if missing := manifest.n_tiles - len(manifest.tiles):
             raise SurveyError(

@@ -28,7 +28,7 @@ from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import KEPT
 from gear_rattle.service.explorer.state.events import Event, PointOpened, WayChosen
 from gear_rattle.workers import SurveyRequest, complete, is_incomplete, open_survey
-from gear_rattle.workers.pictures.levels import level_opener, overview
+from gear_rattle.workers.pictures.levels import level_opener, reduce_map
 from gear_rattle.workers.pictures.maps import readable_description
 from gear_rattle.workers.pictures.names import is_overlapping, place_names
 from gear_rattle.workers.survey.levels import grid
@@ -162,10 +162,10 @@ def test_a_picture_is_drawn_from_levels(client: TestClient, leveled: str, monkey
     """The same as from all cells, of which none is read."""
     store, room = front_of(client).directory.store(leveled), (9, 16)
     with open_survey(store) as survey:
-        whole = overview(survey, "region", 0, room, None)
+        whole = reduce_map(survey, "region", 0, room, None)
         monkeypatch.setattr("gear_rattle.workers.pictures.levels.reduce_cells", None)
         levels = level_opener(partial(open_survey, store), None, True)
-        drawn = overview(survey, "region", 0, room, levels)
+        drawn = reduce_map(survey, "region", 0, room, levels)
     xr.testing.assert_identical(drawn, whole)
     assert drawn.region.shape == (8, 15)
     assert client.get(f"/v1/surveys/{leveled}/map.png").content.startswith(b"\x89PNG")

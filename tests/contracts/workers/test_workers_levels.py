@@ -30,7 +30,7 @@ from gear_rattle.workers import (
     tiles_of,
 )
 from gear_rattle.workers.overviews import make_levels
-from gear_rattle.workers.pictures.levels import level_opener, overview
+from gear_rattle.workers.pictures.levels import level_opener, reduce_map
 from gear_rattle.workers.storage.added import run_in_process
 from gear_rattle.workers.storage.store import prepare_for_tiles
 from gear_rattle.workers.survey.levels import reduce
@@ -233,7 +233,7 @@ def test_levels_are_of_what_the_cells_hold_in_the_end(joined: Path) -> None:
 def test_what_levels_do_not_have_is_drawn_from_the_cells(joined: Path) -> None:
     levels = level_opener(partial(open_survey, joined), 1, True)
     one = slice_of(open_survey(joined), 1)
-    drawn = overview(one, "attractor_family", 0, (3, 4), levels)
+    drawn = reduce_map(one, "attractor_family", 0, (3, 4), levels)
     assert drawn.attractor_family.shape == (3, 4)
     assert np.isin(drawn.attractor_family, one.attractor_family[0]).all()
 
