@@ -44,7 +44,7 @@ const steps = {  // of the view of a point, one after the other
   "answer": (all) => Math.abs(Number(/Damping δ = ([\d.]+)/.exec(all)?.[1]) - clicked.delta) < 0.005 &&
     /random start|every start|From a/.test(all),
   "own answer": (all) => !all.includes(of_cell) && /from 1,024 starts|1,024 random starts|every start/.test(all),
-  "margin": (all) => /margin of quiet|No impact slower|margin is 0|cannot be told/.test(all),
+  "margin": (all) => /margin of quiet|No impact slower|margin is 0|cannot be computed which/.test(all),
 }
 function look() {
   const map = window.Bokeh?.documents?.map((each) => each.get_model_by_name("map")).find((each) => each)

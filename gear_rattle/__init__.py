@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from gear_rattle.workers.storage.complex import split_complex
     from rattle import __version__
 
-_PLACES = {
+#: The module that defines each exported name.
+_MODULES = {
     "Client": "gear_rattle.service.client",
     "ClusterLostError": "gear_rattle.workers.errors",
     "DamageError": "gear_rattle.workers.errors",
@@ -36,8 +37,8 @@ _PLACES = {
     "split_complex": "gear_rattle.workers.storage.complex",
 }
 
-_ACCESSOR = "gear_rattle.workers.pictures.accessor"  # registers `survey.rattle` with xarray
-_SURVEYS = ("Client", "open_survey", "run_survey")  # these return surveys, which need the accessor
+_ACCESSOR = "gear_rattle.workers.pictures.accessor"  # importing this module registers `survey.rattle` with xarray
+_NEED_ACCESSOR = ("Client", "open_survey", "run_survey")  # names whose results are surveys, which need the accessor
 
 __all__ = [
     "Client",
@@ -60,11 +61,11 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _PLACES:
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    if name in _SURVEYS:
+    if name in _NEED_ACCESSOR:
         import_module(_ACCESSOR)
-    return getattr(import_module(_PLACES[name]), name)
+    return getattr(import_module(_MODULES[name]), name)
 
 
 def __dir__() -> list[str]:

@@ -6,10 +6,10 @@ import sys
 from importlib.metadata import version
 
 REFUSED = 2
-OBJECTS = 400_000  # new objects between two garbage collections; Python's default is 700
+GC_OBJECTS = 400_000  # new objects between two garbage collections; Python's default is 700
 
-# Garbage collections among the imported modules took a fifth of the time of a short command.
-gc.set_threshold(OBJECTS)
+# With the default, garbage collections during imports took a fifth of the time of a short command.
+gc.set_threshold(GC_OBJECTS)
 
 
 def main() -> None:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 LONGEST_NAME = 80  # no known name is longer; a longer text is not compared, as the time grows as its length squared
-LEAST_PART = 3  # a known name is suggested if it contains the given text of at least this length
-MOST_MEANT = 3  # most names that a message suggests
+LEAST_PART = 3  # a known name is suggested if it contains the given text, which must be at least this long
+MOST_MEANT = 3  # a message suggests at most this many names
 MAY_BE_ZERO = ("epsilon", "load")  # parameters that may be 0; all others must be greater than 0
 AT_MOST = {"restitution": (1.0, "1 is an elastic impact")}
 
@@ -48,7 +48,7 @@ class MissingExtraError(RattleError, ImportError):
 
 
 def require(ok: bool, message: str) -> None:
-    """Raise ParameterError with this message unless ok."""
+    """Raise ParameterError with this message unless `ok` is true."""
     if not ok:
         raise ParameterError(message)
 
@@ -84,7 +84,7 @@ def require_one_of(what: str, name: object, known: Iterable[str]) -> None:
     names = list(known)
     if not (isinstance(name, str) and name in names):
         raise ParameterError(
-            f"{what} must be one of {', '.join(names)}, got {_shortened(name)}{did_you_mean(name, names)}"
+            f"{what} must be one of {', '.join(names)}, got {_short_repr(name)}{did_you_mean(name, names)}"
         )
 
 
@@ -97,23 +97,23 @@ def real_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
     except (TypeError, ValueError) as error:
         raise ParameterError(f"{name} must be a number or an array of numbers: {error}") from None
     if array.dtype.kind not in "iuf":  # test the type first, because printing a large array for the message is slow
-        raise ParameterError(f"{name} must be real numbers in double precision, got {_shortened(value)}")
+        raise ParameterError(f"{name} must be real numbers in double precision, got {_short_repr(value)}")
     return array.astype(np.float64)
 
 
-def _shortened(value: object) -> str:
+def _short_repr(value: object) -> str:
     """Return the value as text of at most 80 characters, or a description if it is an integer too large to print."""
     try:
         return repr(value)[:80]
     except ValueError:
-        return f"an integer of {type(value).__name__} beyond printing"
+        return "an integer that is too large to print"
 
 
 def require_integer(name: str, value: int, low: int, high: int) -> int:
     """Return value as an int; raise ParameterError unless it is an integer (no bool) from low to high."""
     integral = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not (integral and low <= value <= high):
-        raise ParameterError(f"{name} must be an integer from {low} to {high}, got {_shortened(value)}")
+        raise ParameterError(f"{name} must be an integer from {low} to {high}, got {_short_repr(value)}")
     return int(value)
 
 
@@ -143,7 +143,9 @@ def require_pair(name: str, value: ArrayLike) -> tuple[float, float]:
     return float(array[0]), float(array[1])
 
 
-def parameters(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **others: ArrayLike) -> list[NDArray[np.float64]]:
+def broadcast_parameters(
+    delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **others: ArrayLike
+) -> list[NDArray[np.float64]]:
     """Broadcast parameters to one shape, and check that they are finite and inside their domains.
 
     A parameter must be > 0, or ≥ 0 if `MAY_BE_ZERO` has its name, and at most the value of its name in `AT_MOST`.

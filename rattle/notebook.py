@@ -25,7 +25,7 @@ ROWS = 12
 Columns = Mapping[str, Sequence[Any] | NDArray[Any]]
 
 
-class Shown(Protocol):
+class DisplayedResult(Protocol):
     """A result with a caption and a table."""
 
     def _caption(self) -> str:
@@ -35,17 +35,17 @@ class Shown(Protocol):
         """Return the table of the result: columns of the same length, by name."""
 
 
-class Tabular:
+class TabularResult:
     """Base class of results that are shown as one line, as a table in a notebook, and as a DataFrame."""
 
-    def __repr__(self: Shown) -> str:
+    def __repr__(self: DisplayedResult) -> str:
         """Return a one-line description."""
         return line_of(self)
 
-    def _repr_html_(self: Shown) -> str:
+    def _repr_html_(self: DisplayedResult) -> str:
         return html_of(self)
 
-    def to_dataframe(self: Shown) -> DataFrame:
+    def to_dataframe(self: DisplayedResult) -> DataFrame:
         """Return the table of the result.
 
         Returns
@@ -61,17 +61,17 @@ class Tabular:
         return dataframe_of(self)
 
 
-def line_of(result: Shown) -> str:
+def line_of(result: DisplayedResult) -> str:
     """Return the text that `repr` shows for a result."""
     return f"<{result._caption()}>"
 
 
-def html_of(result: Shown) -> str:
+def html_of(result: DisplayedResult) -> str:
     """Return the HTML that a notebook shows for a result."""
-    return html(result._caption(), result._columns())
+    return html_table(result._caption(), result._columns())
 
 
-def dataframe_of(result: Shown) -> DataFrame:
+def dataframe_of(result: DisplayedResult) -> DataFrame:
     """Return the table of a result. Raises MissingExtraError without pandas."""
     try:
         import pandas
@@ -91,7 +91,7 @@ def dataset_of(
     return xarray.Dataset(dict(variables), dict(coordinates), dict(attributes))
 
 
-def figure_of(result: Shown, drawn_by: str) -> Figure:
+def figure_of(result: DisplayedResult, drawn_by: str) -> Figure:
     """Return the picture of a result.
 
     drawn_by: the name of the function of `rattle.plot` that draws the result. The function is loaded by its name,
@@ -118,7 +118,7 @@ def motion_label(m: int, n_plus: int, n_minus: int) -> str:
 
 def table_of(columns: Columns) -> str:
     """Return a table as plain text: a line with the names of the columns, then a line for each row."""
-    texts = [[name, *map(_text, values)] for name, values in columns.items()]
+    texts = [[name, *map(_value_as_text, values)] for name, values in columns.items()]
     widths = [max(map(len, column)) for column in texts]
     return "\n".join(
         "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip()
@@ -126,24 +126,24 @@ def table_of(columns: Columns) -> str:
     )
 
 
-def html(caption: str, columns: Columns) -> str:
+def html_table(caption: str, columns: Columns) -> str:
     """Return a table as HTML. A table with more than ROWS rows shows only its first and its last rows."""
     length = max((len(values) for values in columns.values()), default=0)
     shown: Iterable[int | None] = range(length)
     if length > ROWS:
         shown = [*range(ROWS // 2), None, *range(length - ROWS // 2, length)]
     head = "".join(f"<th>{escape(name)}</th>" for name in columns)
-    rows = "".join(f"<tr>{_cells(columns, row)}</tr>" for row in shown)
+    rows = "".join(f"<tr>{_html_cells(columns, row)}</tr>" for row in shown)
     return f"<table><caption>{escape(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
 
 
-def _cells(columns: Columns, row: int | None) -> str:
+def _html_cells(columns: Columns, row: int | None) -> str:
     """Return the HTML cells of row number `row`; None stands for the row of dots in the middle of a long table."""
-    texts = ("…" if row is None else _text(values[row]) for values in columns.values())
+    texts = ("…" if row is None else _value_as_text(values[row]) for values in columns.values())
     return "".join(f"<td>{escape(text)}</td>" for text in texts)
 
 
-def _text(value: Any) -> str:
+def _value_as_text(value: Any) -> str:
     """Return a value as text; real and complex numbers have at most six digits."""
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import parameters
+from rattle.errors import broadcast_parameters
 
 Array = NDArray[np.float64]
 Harmonic = tuple[int, float, float]  # (order, amplitude relative to the first harmonic, phase in turns)
@@ -119,7 +119,7 @@ BETA = Parameter("beta", "β", "half-backlash", default=0.6, example=0.6)
 class Parameters:
     """The values of all parameters of a model at one point or at many, as arrays of one shape.
 
-    `Parameters.of` checks and broadcasts values.
+    `Parameters.from_values` checks given values and broadcasts them.
 
     Parameters
     ----------
@@ -141,14 +141,16 @@ class Parameters:
     harmonics: tuple[Harmonic, ...] = ()
 
     @classmethod
-    def of(cls, model: str, delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **added: ArrayLike) -> Parameters:
+    def from_values(
+        cls, model: str, delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **added: ArrayLike
+    ) -> Parameters:
         """Check values and broadcast them to one shape. Raises ParameterError if one is outside its domain."""
         # copies, because kernels need arrays that are contiguous and writable
-        d, e, b, *others = (np.array(x, order="C") for x in parameters(delta, epsilon, beta, **added))
+        d, e, b, *others = (np.array(x, order="C") for x in broadcast_parameters(delta, epsilon, beta, **added))
         return cls(model, d, e, b, dict(zip(added, others, strict=True)))
 
     @property
-    def named(self) -> dict[str, Array]:
+    def values_by_name(self) -> dict[str, Array]:
         """All values by name."""
         return {"delta": self.delta, "epsilon": self.epsilon, "beta": self.beta, **self.added}
 
@@ -169,21 +171,21 @@ class Parameters:
 
     def flat(self) -> Parameters:
         """Return the points in C order as new arrays (size,)."""
-        return self._each(lambda x: np.array(x, order="C").ravel())
+        return self._map_arrays(lambda x: np.array(x, order="C").ravel())
 
     def take(self, which: Any) -> Parameters:
         """Return the points that an index, a slice or a mask selects."""
-        return self._each(lambda x: np.ascontiguousarray(x[which]))
+        return self._map_arrays(lambda x: np.ascontiguousarray(x[which]))
 
     def repeat(self, count: int) -> Parameters:
         """Return each point `count` times in a row."""
-        return self._each(lambda x: np.repeat(x, count))
+        return self._map_arrays(lambda x: np.repeat(x, count))
 
-    def towards(self, other: Parameters, share: float) -> Parameters:
+    def interpolate(self, other: Parameters, share: float) -> Parameters:
         """Return the points at a share of the way to other points of the same model; share 1 gives the other points."""
         if share == 1.0:
             return other
-        mixed = {name: x + share * (other.named[name] - x) for name, x in self.named.items()}
+        mixed = {name: x + share * (other.values_by_name[name] - x) for name, x in self.values_by_name.items()}
         delta, epsilon, beta = (mixed.pop(name) for name in ("delta", "epsilon", "beta"))
         return Parameters(self.model, delta, epsilon, beta, mixed, self.harmonics)
 
@@ -193,9 +195,9 @@ class Parameters:
 
     def point(self, number: int = 0) -> dict[str, float]:
         """Return the values at point number `number`, by name."""
-        return {name: float(x[number]) for name, x in self.named.items()}
+        return {name: float(x[number]) for name, x in self.values_by_name.items()}
 
-    def _each(self, change: Any) -> Parameters:
+    def _map_arrays(self, change: Any) -> Parameters:
         """Return the points with a function applied to each array."""
         added = {name: change(x) for name, x in self.added.items()}
         return Parameters(

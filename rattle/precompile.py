@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.chaos import group_numbers, pooled
-from rattle.attractors.classify import nothing_seen
+from rattle.attractors.chaos import pooled_exponents, write_group_numbers
+from rattle.attractors.classify import empty_record
 from rattle.attractors.recurrence import mark_footprints, resolve
 from rattle.attractors.speeds import SampleSpec
 from rattle.families.join import joined
@@ -18,8 +18,8 @@ from rattle.numerics.compile import compile_apart
 
 DELTA, EPSILON = 0.6, 0.1
 HIGHEST = 0.25  # largest ε of the example curve
-COUNT = 16  # samples of an example cell
-SURVEY, BY_REQUEST = f"{__name__}:survey", f"{__name__}:by_request"
+COUNT = 16  # number of samples of an example cell
+SURVEY, OPTIONAL_QUANTITIES = f"{__name__}:survey", f"{__name__}:optional_quantities"
 Steps = dict[str, Callable[[], object]]
 
 
@@ -45,7 +45,7 @@ def precompile(*, preload: bool = False, optional: bool = False, **added: float 
         If the kernels cannot be compiled; the message says why.
     """
     model = model_adding(name for name, value in added.items() if value is not None).name
-    compile_apart(model, SURVEY, *([BY_REQUEST] if optional else []))
+    compile_apart(model, SURVEY, *([OPTIONAL_QUANTITIES] if optional else []))
     if preload:
         survey(model)["attractors"]()
 
@@ -57,50 +57,50 @@ def example_of(name: str) -> Model:
 
 def survey(name: str) -> Steps:
     """Return functions, by name, that run the kernels that every survey of this model needs, and so compile them."""
-    model, delta, epsilon, few = _cells(name)
+    model, delta, epsilon, few = _example_cells(name)
 
-    def orbits() -> None:
+    def compile_orbits() -> None:
         model.period_one(delta, epsilon)
         model.gear(DELTA, EPSILON).orbits()
         if Capability.CORNERS in model.has:
             grazing("G2", DELTA, BETA.example)
             model.trace("G1", (0.99 * DELTA, DELTA), (0.0, HIGHEST))
 
-    def attractors() -> None:
+    def compile_attractors() -> None:
         table = model.attractors_of(delta, epsilon, few)
         if Capability.BALANCE in model.has:
             model.impulse_balance_errors(delta, epsilon, table)
 
-    def rare() -> None:  # kernels that only some samples need
-        none, nothing, seen = np.zeros(0, np.int64), np.zeros(0), nothing_seen(0)
+    def compile_rare_cases() -> None:  # kernels that only some samples need
+        none, nothing, seen = np.zeros(0, np.int64), np.zeros(0), empty_record(0)
         states = np.zeros((delta.size, 1)), np.full((delta.size, 1), 5.0)
-        of = model.classified(model.at(delta, epsilon), *states)
+        of = model.classify_states(model.parameters_at(delta, epsilon), *states)
         resolve(none, of.cells, of.samples, of.orbits, of.balls, of.grown)
         mark_footprints(none, 1, of.cells, of.samples, seen.prints)
-        group_numbers(seen.prints, none, none)
-        of.watch(none, nothing, nothing, seen)
-        pooled([seen.sums])
+        write_group_numbers(seen.prints, none, none)
+        of.follow_with_tangent(none, nothing, nothing, seen)
+        pooled_exponents([seen.sums])
 
-    first: Steps = {"orbits": orbits} if Capability.PERIOD_ONE in model.has else {}
-    return first | {"attractors": attractors, "rare cases": rare}
+    first: Steps = {"orbits": compile_orbits} if Capability.PERIOD_ONE in model.has else {}
+    return first | {"attractors": compile_attractors, "rare cases": compile_rare_cases}
 
 
-def by_request(name: str) -> Steps:
+def optional_quantities(name: str) -> Steps:
     """Return functions, by name, that run the kernels of optional quantities of a survey, and so compile them."""
-    model, delta, epsilon, few = _cells(name)
+    model, delta, epsilon, few = _example_cells(name)
 
-    def families() -> None:
+    def compile_families() -> None:
         table = model.attractors_of(delta[:1], epsilon[:, None], few)
         joined(delta[:1], epsilon, COUNT, table, model.cells(delta, epsilon))
 
-    def intensities() -> None:
+    def compile_intensities() -> None:
         model.intensities_of(delta, epsilon, model.attractors_of(delta, epsilon, few))
 
-    more: Steps = {"intensities": intensities} if Capability.INTENSITY in model.has else {}
-    return {"families": families, **more}
+    more: Steps = {"intensities": compile_intensities} if Capability.INTENSITY in model.has else {}
+    return {"families": compile_families, **more}
 
 
-def _cells(name: str) -> tuple[Model, NDArray[np.float64], NDArray[np.float64], SampleSpec]:
+def _example_cells(name: str) -> tuple[Model, NDArray[np.float64], NDArray[np.float64], SampleSpec]:
     """Return the model of this name, δ (n,) and ε (n,) of the example cells, and the specification of their samples."""
     model = example_of(name)
     epsilon = np.array(model.compiled_at)

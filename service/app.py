@@ -22,19 +22,19 @@ from gear_rattle.service.access.revocation import Revocations
 from gear_rattle.service.explorer.page.mount import Explorer
 from gear_rattle.service.jobs.broadcast import Broadcast
 from gear_rattle.service.jobs.manager import JobManager
-from gear_rattle.service.jobs.opening import opened
+from gear_rattle.service.jobs.opening import open_data
 from gear_rattle.service.jobs.recovery import recover
 from gear_rattle.service.kernels import Kernels
 from gear_rattle.service.observability.logs import adopt_handlers
 from gear_rattle.service.observability.metrics import Metrics
 from gear_rattle.service.observability.request_log import RequestLogMiddleware
-from gear_rattle.service.operations.overlaid import Overlaid
+from gear_rattle.service.operations.overlaid import Overlays
 from gear_rattle.service.routes import ROUTERS, health
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
 from gear_rattle.service.web import problems
 from gear_rattle.service.web.conditional import AnyTagMiddleware
-from gear_rattle.service.web.documents import documents_of
+from gear_rattle.service.web.documents import documents_app
 from gear_rattle.service.web.head import HeadMiddleware
 from gear_rattle.service.web.prefix import PrefixMiddleware, public_path
 from gear_rattle.service.web.queries import refuse_unknown
@@ -44,21 +44,21 @@ if TYPE_CHECKING:
     from distributed import Client
 
 #: Methods and headers that pages of the origins in `Settings.cors_origins` may use.
-READING: dict[str, Any] = {
+CORS_OPTIONS: dict[str, Any] = {
     "allow_methods": ["GET", "HEAD"],
     "allow_headers": ["Authorization", "If-None-Match", "Range"],
     "expose_headers": ["Content-Disposition", "Content-Range", "ETag", "Link", "Retry-After"],
 }
 DOCUMENTS = Path(__file__).with_name("help")  # directory of the site that `make docs` builds
 SOURCES = Path(__file__).with_name("documents")  # a link to docs/; a wheel contains copies of the files
-#: Niceness of workers, so that requests are answered before tiles. At 19, a worker beside two busy programs would get
-#: 1.4 % of a core.
+#: Niceness of worker processes, so that the service answers requests before workers compute tiles. At 19, a worker
+#: beside two busy programs would get 1.4 % of a core.
 WORKERS_NICE = 5
 
 Cluster = Callable[[], AbstractContextManager["Client"]]
-#: A function that opens the cluster. Its argument is called while the cluster starts; it returns whether start-up was
-#: cancelled.
-Starting = Callable[[Callable[[], bool]], AbstractContextManager["Client"]]
+#: A function that opens the cluster. Its argument is a function that returns whether the start-up was cancelled; it is
+#: called again and again while the cluster starts.
+StartCluster = Callable[[Callable[[], bool]], AbstractContextManager["Client"]]
 Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
 
 
@@ -75,7 +75,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
     Returns
     -------
     FastAPI
-        The application with all routes and middlewares and, unless it is switched off, the explorer.
+        The application with all routes and middlewares and, unless `Settings.explorer` is False, the explorer.
     """
     settings = settings or Settings()
     metrics = Metrics()
@@ -83,8 +83,8 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         title="gear rattle",
         summary="Surveys of the damping-eccentricity plane of an impacting gear model.",
         version=rattle.__version__,
-        lifespan=_lifespan(settings, _starting(settings, cluster), metrics),
-        responses=problems.declared(*problems.ANYWHERE),
+        lifespan=_lifespan(settings, _cluster_starter(settings, cluster), metrics),
+        responses=problems.declare_problems(*problems.ANYWHERE),
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
         static_url=REFERENCE_ASSETS,
@@ -96,24 +96,24 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
     app.add_middleware(problems.ProblemMiddleware)
     app.add_middleware(AccessMiddleware, settings=settings)
     if settings.cors_origins:  # pages of these origins may read, but never write
-        app.add_middleware(CORSMiddleware, allow_origins=settings.cors_origins, **READING)
+        app.add_middleware(CORSMiddleware, allow_origins=settings.cors_origins, **CORS_OPTIONS)
     app.add_middleware(RequestLogMiddleware, metrics=metrics)
     app.add_middleware(PrefixMiddleware, root_path=settings.root_path, trusted=settings.behind_proxy)
-    problems.install(app)
+    problems.install_handlers(app)
     app.include_router(health.router, dependencies=[Depends(refuse_unknown)])
     for router in ROUTERS:
         app.include_router(
-            router, dependencies=[Depends(caller_of), Depends(refuse_unknown)], responses=problems.declared(401)
+            router, dependencies=[Depends(caller_of), Depends(refuse_unknown)], responses=problems.declare_problems(401)
         )
-    if (documents := documents_of(DOCUMENTS, SOURCES)) is not None:
+    if (documents := documents_app(DOCUMENTS, SOURCES)) is not None:
         app.add_route("/help", lambda _: RedirectResponse(public_path("/help/")), include_in_schema=False)
         app.mount("/help", documents, name="help")
     app.state.explorer = Explorer(app, settings) if settings.explorer else None
-    app.state.on_start = lambda: None  # `serve` replaces it
+    app.state.on_start = lambda: None  # `run_server` sets another function
     return app
 
 
-def _starting(settings: Settings, cluster: Cluster | None) -> Starting:
+def _cluster_starter(settings: Settings, cluster: Cluster | None) -> StartCluster:
     if cluster:
         return lambda _: cluster()
     if settings.scheduler:
@@ -123,17 +123,17 @@ def _starting(settings: Settings, cluster: Cluster | None) -> Starting:
 
 
 def _lifespan(
-    settings: Settings, cluster: Starting, metrics: Metrics
+    settings: Settings, cluster: StartCluster, metrics: Metrics
 ) -> Callable[[FastAPI], AbstractAsyncContextManager[None]]:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         leave_working_directory()
         adopt_handlers()
         broadcast = Broadcast()
-        with opened(settings, broadcast.changed) as (directory, database):
+        with open_data(settings, broadcast.notify) as (directory, database):
             recover(database, directory)
-            manager = JobManager(database, directory, cluster, metrics.tile)
-            metrics.watch(database, manager)
+            manager = JobManager(database, directory, cluster, metrics.count_tile)
+            metrics.report_database(database, manager)
             app.state.front = Front(
                 settings=settings,
                 directory=directory,
@@ -141,17 +141,17 @@ def _lifespan(
                 manager=manager,
                 broadcast=broadcast,
                 metrics=metrics,
-                pictures=CapacityLimiter(1),
-                exports=CapacityLimiter(1),
-                points=CapacityLimiter(settings.max_points),
+                picture_limiter=CapacityLimiter(1),
+                export_limiter=CapacityLimiter(1),
+                point_limiter=CapacityLimiter(settings.max_points),
                 kernels=Kernels(settings),
                 revocations=Revocations(database),
             )
             manager.start()
-            app.state.overlaid = overlaid = Overlaid(app.state.front)
+            app.state.overlaid = overlaid = Overlays(app.state.front)
             explorer = app.state.explorer.running(app.state.front, overlaid) if settings.explorer else nullcontext()
             try:
-                async with app.state.front.kernels.running(), app.state.front.revocations.running(), explorer:
+                async with app.state.front.kernels.lifespan(), app.state.front.revocations.lifespan(), explorer:
                     app.state.on_start()
                     yield
             finally:

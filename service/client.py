@@ -20,8 +20,8 @@ from urllib.parse import urlsplit
 import httpx
 from httpx_sse import SSEError, connect_sse
 
-from gear_rattle.service.declared import added
 from gear_rattle.service.errors import ResponseError, ServiceError, WaitTimeoutError
+from gear_rattle.service.parameters import added_parameters
 from gear_rattle.service.results import key_headers, open_family, open_results
 
 if TYPE_CHECKING:
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 
     from gear_rattle.workers import AnyRequest, PopulationRequest, SurveyRequest
 
-OF_A_MACHINE = ("rpm", "eccentricity")
-AXIS = ("start", "stop", "num")
+MACHINE_AXES = ("rpm", "eccentricity")  # the numbers of a machine that may be axes of a survey
+AXIS_FIELDS = ("start", "stop", "num")
 FINAL = ("successful", "failed", "dismissed")
-RECONNECT_SECONDS = 1.0
-LONGEST = 60  # a message quotes at most this many characters of another program's answer
+RECONNECT_SECONDS = 1.0  # seconds until the next attempt to connect
+LONGEST_QUOTE = 60  # a message quotes at most this many characters of another program's answer
 READ_SECONDS = 60.0  # longest wait for data of an answer; the event stream has several heartbeats in this time
 
 Document = dict[str, Any]
@@ -107,7 +107,7 @@ class Client:
         ServiceError
             The service refuses the survey, or cannot be reached.
         """
-        return self._submitted("/v1/surveys", _body(request, fields), idempotency_key, force)
+        return self._submit_to("/v1/surveys", _request_body(request, fields), idempotency_key, force)
 
     def submit_population(
         self,
@@ -118,9 +118,9 @@ class Client:
         **fields: Any,
     ) -> Job:
         """Submit a population of gears; arguments as in :meth:`submit`. :meth:`Job.answers` returns its answers."""
-        return self._submitted("/v1/populations", _body(request, fields), idempotency_key, force)
+        return self._submit_to("/v1/populations", _request_body(request, fields), idempotency_key, force)
 
-    def _submitted(self, path: str, body: Document, idempotency_key: str | None, force: bool) -> Job:
+    def _submit_to(self, path: str, body: Document, idempotency_key: str | None, force: bool) -> Job:
         headers = {"Idempotency-Key": idempotency_key} if idempotency_key else {}
         params = {"force": "true"} if force else {}
         return Job(self, self.document("POST", path, json=body, headers=headers, params=params))
@@ -135,13 +135,13 @@ class Client:
 
     def surveys(self) -> Iterator[Job]:
         """Yield every survey of the service, newest first."""
-        return self._listed("surveys")
+        return self._list_jobs("surveys")
 
     def populations(self) -> Iterator[Job]:
         """Yield every population of the service, newest first."""
-        return self._listed("populations")
+        return self._list_jobs("populations")
 
-    def _listed(self, kind: str) -> Iterator[Job]:
+    def _list_jobs(self, kind: str) -> Iterator[Job]:
         cursor: dict[str, str] = {}
         while True:
             page = self.document("GET", f"/v1/{kind}", params=cursor)
@@ -200,13 +200,13 @@ class Client:
             found = None
         if not isinstance(found, dict):
             raise ServiceError(
-                f"{answer.url} answered {answer.text[:LONGEST]!r}, which is not a JSON object: is a gear-rattle "
+                f"{answer.url} answered {answer.text[:LONGEST_QUOTE]!r}, which is not a JSON object: is a gear-rattle "
                 f"service at {self._http.base_url}? Give its address."
             )
         return found
 
     def events(self, path: str, after: int) -> Iterator[tuple[int, Document]]:
-        """Yield the number and data of each event after number ``after``, until the service closes the stream."""
+        """Yield the number and the data of each event of a stream after number ``after``, until the stream ends."""
         with connect_sse(self._http, "GET", path, headers=self.headers | {"Last-Event-ID": str(after)}) as source:
             if source.response.is_error:
                 source.response.read()
@@ -253,11 +253,11 @@ class Job:
 
     @property
     def state(self) -> str:
-        """The state of the job at the last request: accepted, running, or one of FINAL."""
+        """The state of the job at the last request: accepted, running, successful, failed or dismissed."""
         return str(self.document["state"])
 
     def _link(self, name: str) -> str:
-        """Return a link of the job as a path relative to the address of the service."""
+        """Return the path of a link of the job, such as "events", relative to the address of the service."""
         return str(self.document["links"][name]).removeprefix(urlsplit(self._client.url).path)
 
     @property
@@ -301,15 +301,15 @@ class Job:
         """
         seen = 0
         deadline = math.inf if timeout is None else time.monotonic() + timeout
-        away = math.inf  # the time since which the service is unreachable
+        away = math.inf  # time at which the service became unreachable; infinity while it is reachable
         while True:
             try:
                 if self.refresh().state in FINAL:
                     break
                 away = math.inf
                 if time.monotonic() >= deadline:
-                    raise self._too_late(timeout)
-                for number, data in self._news(seen, deadline):
+                    raise self._timeout_error(timeout)
+                for number, data in self._new_events(seen, deadline):
                     seen = number
                     if progress:
                         progress(data)
@@ -323,21 +323,21 @@ class Job:
                     refusal = _as_service_error(error)
                     raise refusal from error
                 if time.monotonic() >= deadline:
-                    raise self._too_late(timeout) from error
+                    raise self._timeout_error(timeout) from error
                 time.sleep(max(0.0, min(RECONNECT_SECONDS, deadline - time.monotonic())))
         if self.state != "successful":
             raise ServiceError(f"{self.kind.capitalize()} {self.id} is {self.state}: {self.document['message']}")
         return self
 
-    def _too_late(self, timeout: float | None) -> WaitTimeoutError:
+    def _timeout_error(self, timeout: float | None) -> WaitTimeoutError:
         what = f"{self.kind.capitalize()} {self.id}"
         return WaitTimeoutError(f"{what} is {self.state} after {timeout:g} s. Wait for it again.")
 
-    def _news(self, seen: int, deadline: float) -> Iterator[tuple[int, Document]]:
-        """Yield the events after number `seen`.
+    def _new_events(self, seen: int, deadline: float) -> Iterator[tuple[int, Document]]:
+        """Yield the number and the data of each event after number `seen`.
 
-        With a deadline, wait a moment and yield the present state instead, because an event stream may stay open beyond
-        the deadline.
+        With a finite deadline, wait a second at most and yield the job's document as the only event instead, because an
+        event stream may stay open beyond the deadline.
 
         Yields
         ------
@@ -404,34 +404,34 @@ class Job:
         return self
 
     def delete(self) -> None:
-        """Dismiss a waiting or running job, or delete a job that has ended together with its store."""
+        """Dismiss a waiting or running job, or delete a job that has ended, together with its store."""
         self._client.call("DELETE", self._link("self"))
 
 
-def _body(request: AnyRequest | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> Document:
+def _request_body(request: AnyRequest | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> Document:
     given = request if isinstance(request, Mapping) else request.model_dump(mode="json") if request else {}
-    body = _with_axes({**given, **fields}, ("delta", "epsilon", "beta", *added()))
+    body = _expand_axes({**given, **fields}, ("delta", "epsilon", "beta", *added_parameters()))
     if isinstance(machine := body.get("machine"), Mapping):
-        body["machine"] = _with_axes(machine, OF_A_MACHINE)
-    return {name: _plain(value) for name, value in body.items()}
+        body["machine"] = _expand_axes(machine, MACHINE_AXES)
+    return {name: _to_plain_numbers(value) for name, value in body.items()}
 
 
-def _with_axes(fields: Mapping[str, Any], names: Sequence[str]) -> Document:
-    return {name: _axis(value) if name in names else value for name, value in fields.items()}
+def _expand_axes(fields: Mapping[str, Any], names: Sequence[str]) -> Document:
+    return {name: _expand_axis(value) if name in names else value for name, value in fields.items()}
 
 
-def _axis(value: Any) -> Any:
-    # Other values are sent unchanged, and the service explains what is wrong with them.
-    is_one = isinstance(value, (list, tuple)) and len(value) == len(AXIS)
-    return dict(zip(AXIS, value, strict=True)) if is_one else value
+def _expand_axis(value: Any) -> Any:
+    # A value that is no (start, stop, num) is sent unchanged, and the service explains what is wrong with it.
+    is_triple = isinstance(value, (list, tuple)) and len(value) == len(AXIS_FIELDS)
+    return dict(zip(AXIS_FIELDS, value, strict=True)) if is_triple else value
 
 
-def _plain(value: Any) -> Any:
+def _to_plain_numbers(value: Any) -> Any:
     """Replace numpy's numbers by Python's, because the JSON encoder does not know numpy's."""
     if isinstance(value, Mapping):
-        return {name: _plain(each) for name, each in value.items()}
+        return {name: _to_plain_numbers(each) for name, each in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(each) for each in value]
+        return [_to_plain_numbers(each) for each in value]
     return value.item() if getattr(value, "shape", None) == () else value
 
 

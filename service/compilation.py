@@ -12,12 +12,12 @@ from rattle.families import joined
 from rattle.models import Capability
 from rattle.precompile import Steps, example_of
 
-AT = 0.6, 0.1  # δ, ε of the computed example
+EXAMPLE_POINT = 0.6, 0.1  # δ, ε of the computed example
 
 
-def answers(name: str) -> Steps:
-    """Return the steps that compile the kernels of a model that requests need but surveys do not. name: the model."""
-    model, (delta, epsilon) = example_of(name), AT
+def answer_kernel_steps(name: str) -> Steps:
+    """Return steps that compile those kernels of the model `name` that REST requests need and surveys do not."""
+    model, (delta, epsilon) = example_of(name), EXAMPLE_POINT
     gear = model.gear(delta, epsilon)
 
     def attractors() -> None:
@@ -26,7 +26,7 @@ def answers(name: str) -> Steps:
         table = model.attractors_of(deltas, epsilons[:, None], SampleSpec(16))
         joined(deltas, epsilons, 16, table, model.cells(deltas, epsilons))
 
-    crises: Steps = {"crises": lambda: rattle.crisis_side(*AT)} if Capability.CRISIS in model.has else {}
+    crises: Steps = {"crises": lambda: rattle.crisis_side(*EXAMPLE_POINT)} if Capability.CRISIS in model.has else {}
     return {
         "closed forms": lambda: orbits_document(gear),
         "curves": lambda: curves_document(model, (0.99 * delta, delta), (0.0, 0.2)),

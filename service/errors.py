@@ -86,7 +86,7 @@ class ConflictError(ServiceError):
 
 
 class LimitError(ServiceError):
-    """The request is well formed, but larger than this service allows."""
+    """A value of the request is outside the limits of this service. field: location of the value in the request."""
 
     code = "limit_exceeded"
 
@@ -108,14 +108,14 @@ class UnavailableError(ServiceError):
 
 
 class DirectoryAwayError(UnavailableError):
-    """The data directory is missing, or another one is in its place."""
+    """The data directory is missing, or another directory is in its place."""
 
     code = "data_directory_away"
 
     def __init__(self) -> None:
         super().__init__(
-            "The data directory of the service is away: is its disk mounted? The service continues when the directory "
-            "is back. Try again later."
+            "The data directory of the service is missing: is its disk mounted? The service continues when the "
+            "directory is back. Try again later."
         )
 
 

@@ -9,23 +9,23 @@ from rattle.parameters import Harmonic
 
 SHAPE = "ORDER:AMPLITUDE:PHASE"
 EXAMPLE = "20:0.0033:0"
-TEXT = (
+HARMONIC_HELP = (
     f"a harmonic of the forcing beside the first, {SHAPE}: its amplitude over that of the first, its phase in turns, "
     f"such as {EXAMPLE}; repeatable; needs restitution, 1 of which is an elastic impact"
 )
 
 
 def read_harmonics(texts: Iterable[str]) -> tuple[Harmonic, ...]:
-    """Read harmonics from texts ORDER:AMPLITUDE:PHASE. Raises ParameterError for other texts."""
-    return tuple(_read(text) for text in texts)
+    """Return the harmonics that texts ORDER:AMPLITUDE:PHASE describe. Raises ParameterError for other texts."""
+    return tuple(_read_harmonic(text) for text in texts)
 
 
-def written_harmonics(harmonics: Iterable[Harmonic]) -> list[str]:
+def harmonic_texts(harmonics: Iterable[Harmonic]) -> list[str]:
     """Return harmonics as texts, from which `read_harmonics` reads the same numbers to the last bit."""
     return [f"{order}:{amplitude!r}:{phase!r}" for order, amplitude, phase in harmonics]
 
 
-def _read(text: str) -> Harmonic:
+def _read_harmonic(text: str) -> Harmonic:
     try:
         order, amplitude, phase = text.split(":")
         return int(order), float(amplitude), float(phase)

@@ -1,7 +1,7 @@
 """Compile the kernels of a service in a process of its own, while requests wait for them with a time limit.
 
-A fresh installation compiles for a minute. The kernels of surveys, for which workers wait, are compiled when the
-service starts; those of other models are compiled when a request first needs them.
+A fresh installation compiles for a minute. The kernels of the default model are compiled when the service starts,
+because workers wait for them; the kernels of another model are compiled when a request first needs them.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from gear_rattle.service.errors import KernelsError
 from gear_rattle.service.settings import Settings
 from rattle.models import DEFAULT_MODEL
 from rattle.numerics import compile_apart, note_of
-from rattle.precompile import BY_REQUEST, SURVEY
+from rattle.precompile import OPTIONAL_QUANTITIES, SURVEY
 
 log = logging.getLogger(__name__)
 
-#: Functions that compile kernels. The function for surveys comes first, because workers wait for these kernels.
-WORKS = (SURVEY, BY_REQUEST, "gear_rattle.service.compilation:answers")
+#: Functions that compile kernels. The function for surveys comes first, because workers wait for its kernels.
+COMPILERS = (SURVEY, OPTIONAL_QUANTITIES, "gear_rattle.service.compilation:answer_kernel_steps")
 
 
 def compile_kernels(model: str) -> None:
     """Compile all kernels of a model in one process, and wait for the end."""
-    compile_apart(model, *WORKS)
+    compile_apart(model, *COMPILERS)
 
 
 class Kernels:
@@ -40,8 +40,8 @@ class Kernels:
         self.waiting = 0  # number of requests that wait for kernels
 
     @asynccontextmanager
-    async def running(self) -> AsyncIterator[None]:
-        """Cancel unfinished compilations at the end of the context."""
+    async def lifespan(self) -> AsyncIterator[None]:
+        """Let compilations run during this context, and cancel unfinished ones at its end."""
         try:
             yield
         finally:
@@ -49,27 +49,27 @@ class Kernels:
                 compiled.cancel()
             await asyncio.gather(*self._compiled.values(), return_exceptions=True)
 
-    def begin(self, model: str = DEFAULT_MODEL) -> None:
+    def start_compiling(self, model: str = DEFAULT_MODEL) -> None:
         """Begin to compile the kernels of a model, unless this has begun before or an earlier process compiled them."""
         if model in self._compiled:
             return
         loop = asyncio.get_running_loop()
-        if all(note_of(model, work).exists() for work in WORKS):
+        if all(note_of(model, work).exists() for work in COMPILERS):
             self._compiled[model] = loop.create_future()
             self._compiled[model].set_result(None)
         else:
             self._compiled[model] = loop.create_task(_compile(model))
 
     @property
-    def at_work(self) -> bool:
+    def is_compiling(self) -> bool:
         """True if kernels are being compiled now."""
         return not all(compiled.done() for compiled in self._compiled.values())
 
-    def has(self, model: str) -> bool:
-        """Return whether all kernels of a model are compiled."""
+    def is_compiled(self, model: str) -> bool:
+        """Return whether the compilation of a model's kernels has begun and ended."""
         return model in self._compiled and self._compiled[model].done()
 
-    async def require(self, model: str, patience: float | None = None) -> None:
+    async def wait_until_compiled(self, model: str, patience: float | None = None) -> None:
         """Wait until all kernels of a model are compiled.
 
         Parameters
@@ -77,15 +77,15 @@ class Kernels:
         model : str
             Name of the model.
         patience : float, optional
-            Seconds to wait; by default the service's time limit for a point.
+            Longest wait in seconds; by default `Settings.max_point_seconds`.
 
         Raises
         ------
         KernelsError
             The kernels are still being compiled, or too many requests wait for kernels.
         """
-        self.begin(model)
-        if self.has(model):
+        self.start_compiling(model)
+        if self.is_compiled(model):
             return
         if self.waiting >= self._settings.max_points_waiting:
             raise KernelsError
@@ -100,10 +100,10 @@ class Kernels:
 
 
 async def _compile(model: str) -> None:
-    """Compile kernels in a process that is killed, with its own child process, when the service ends."""
+    """Compile the kernels of a model in a process that is killed, with its child process, when the service ends."""
     try:
         await to_process.run_sync(compile_kernels, model, cancellable=True)
-    except BrokenWorkerProcess as error:  # requests then compile kernels themselves, and report errors
+    except BrokenWorkerProcess as error:  # requests then compile the kernels that they need, and report errors
         log.warning("the process that compiles kernels has died: %s", error)
     except Exception:
-        log.exception("kernels could not be made ready")
+        log.exception("the kernels of the model %s could not be compiled", model)

@@ -20,12 +20,12 @@ STORE_URL = re.compile(r"https?://[^/]+/(.*/)?v1/(surveys|populations)/[0-9a-f]+
 
 
 def key_headers(key: str | None = None) -> dict[str, str]:
-    """Return the HTTP header with an API key, by default that of ``RATTLE_API_KEY``; no header if there is no key.
+    """Return the HTTP header with an API key. key: the key; by default the variable ``RATTLE_API_KEY``.
 
     Returns
     -------
     dict[str, str]
-        The value of the header, by name.
+        {"Authorization": value}, or an empty dictionary if there is no key.
 
     Raises
     ------
@@ -48,8 +48,10 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
     store : str | Path
         Path or URL.
     headers : Mapping[str, str] | None
-        Headers for the service. By default they contain the key of ``RATTLE_API_KEY`` if the URL is that of a store on
-        this machine or of the service at ``RATTLE_URL``. The key is sent to no other address.
+        Headers for the service. By default they contain the key of ``RATTLE_API_KEY`` if `store` is the URL of a store
+        on this machine or of the service at ``RATTLE_URL``. The key is sent to no other address.
+    group : str | None
+        Name of a group of the store; None opens the survey itself.
 
     Returns
     -------
@@ -61,7 +63,7 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
     RattleError
         There is no survey, or it cannot be read.
     ServiceError
-        The URL is not that of a trusted service.
+        ``RATTLE_API_KEY`` is set, and `store` is a URL at another address, to which the key is not sent.
     """
     from gear_rattle.workers import open_survey
 

@@ -82,27 +82,27 @@ class Settings(BaseSettings):
 
     @field_validator("allowed_hosts", "cors_origins", mode="before")
     @classmethod
-    def _split(cls, given: object) -> object:
+    def _split_commas(cls, given: object) -> object:
         return [name.strip() for name in given.split(",") if name.strip()] if isinstance(given, str) else given
 
     @field_validator("root_path")
     @classmethod
-    def _plain_path(cls, given: str) -> str:
+    def _check_root_path(cls, given: str) -> str:
         path = given.rstrip("/")
         if not ROOT_PATH.fullmatch(path):
-            raise ValueError(f"{given!r} is not a path of plain segments: write it like /rattle or /apps/rattle")
+            raise ValueError(f"{given!r} is not a path of plain segments: write the path like /rattle or /apps/rattle")
         return path
 
     @field_validator("cors_origins")
     @classmethod
-    def _origins(cls, given: tuple[str, ...]) -> tuple[str, ...]:
+    def _check_origins(cls, given: tuple[str, ...]) -> tuple[str, ...]:
         for origin in given:
             if not re.fullmatch(r"https?://[^/*\s]+", origin):
                 raise ValueError(f"{origin!r} is not an origin: write each as https://HOST or http://HOST:PORT")
         return given
 
     @model_validator(mode="after")
-    def _decided(self) -> Self:
+    def _check_contradiction(self) -> Self:
         if self.insecure and self.require_keys:
             raise ValueError("insecure and require_keys contradict each other: set one of them")
         return self

@@ -24,15 +24,19 @@ from gear_rattle.service.jobs.broadcast import Broadcast
 from gear_rattle.service.jobs.directory import DataDirectory
 from gear_rattle.service.jobs.manager import JobManager
 from gear_rattle.service.kernels import Kernels
+from gear_rattle.service.limiter import PriorityLimiter
 from gear_rattle.service.observability.metrics import Metrics
-from gear_rattle.service.places import PriorityLimiter
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers import Bucket
 
 
 @dataclass(frozen=True)
 class Front:
-    """The state of an application that its routes need. It exists during the application's lifespan."""
+    """The state of an application that its routes need. It exists during the application's lifespan.
+
+    picture_limiter, export_limiter, point_limiter: limits of the pictures that are drawn, the files that are written
+    and the parameter points that are computed at the same time.
+    """
 
     settings: Settings
     directory: DataDirectory
@@ -40,15 +44,15 @@ class Front:
     manager: JobManager
     broadcast: Broadcast
     metrics: Metrics
-    pictures: CapacityLimiter
-    exports: CapacityLimiter
-    points: CapacityLimiter
+    picture_limiter: CapacityLimiter
+    export_limiter: CapacityLimiter
+    point_limiter: CapacityLimiter
     kernels: Kernels
     revocations: Revocations
     _interruptible: set[CancelScope] = field(default_factory=set)
 
-    def stored(self, survey_id: str, kind: JobKind = JobKind.SURVEY) -> tuple[JobRow, Path | Bucket]:
-        """Return the row of a survey or a population, and the location of its store. It blocks: use a thread.
+    def job_and_store(self, survey_id: str, kind: JobKind = JobKind.SURVEY) -> tuple[JobRow, Path | Bucket]:
+        """Return the row of a survey or a population, and the location of its store. This blocks: use a thread.
 
         Returns
         -------
@@ -64,8 +68,8 @@ class Front:
         """
         return self.database.job(survey_id, kind), self.directory.store(survey_id)
 
-    def with_numbers(self, survey_id: str) -> tuple[JobRow, Path | Bucket]:
-        """Return the row of a survey, and the location of its store, which must exist. It blocks: use a thread.
+    def job_with_results(self, survey_id: str) -> tuple[JobRow, Path | Bucket]:
+        """Return the row of a survey, and the location of its store, which must exist. This blocks: use a thread.
 
         Returns
         -------
@@ -75,11 +79,11 @@ class Front:
         Raises
         ------
         UnknownSurveyError, DirectoryAwayError
-            See `stored`.
+            See `job_and_store`.
         MissingError
             The survey has no numbers yet, or its store is gone.
         """
-        job, place = self.stored(survey_id)
+        job, place = self.job_and_store(survey_id)
         if place.exists():
             return job, place
         if job.cells_done or job.state == State.SUCCESSFUL:
@@ -90,18 +94,18 @@ class Front:
         raise MissingError(f"Survey {survey_id} is {job.state} and has no numbers yet. Try again once it runs.")
 
     @cached_property
-    def windows(self) -> CapacityLimiter:
-        """The limiter of windows that are computed at the same time."""
+    def window_limiter(self) -> CapacityLimiter:
+        """The limiter of windows of maps that are computed at the same time."""
         return CapacityLimiter(self.settings.max_windows)
 
     @cached_property
-    def slow_points(self) -> PriorityLimiter:
-        """The limiter of slow computations for points of all pages. It leaves one process for quick computations."""
+    def slow_point_limiter(self) -> PriorityLimiter:
+        """The limiter of slow computations for points of all pages. It leaves a process free for quick computations."""
         return PriorityLimiter(max(1, self.settings.max_points - 1))
 
     @contextmanager
-    def interruptible(self) -> Iterator[None]:
-        """Run work that the end of the service cancels; raise UnavailableError if it was cancelled."""
+    def interruptible_work(self) -> Iterator[None]:
+        """Run the work of this context so that `end` can cancel it. Raises UnavailableError if it was cancelled."""
         with CancelScope() as scope:
             self._interruptible.add(scope)
             try:
@@ -112,7 +116,7 @@ class Front:
             raise UnavailableError("The service is ending. Try again when it is back.")
 
     def end(self) -> None:
-        """Cancel all interruptible work, and let the job manager end. It must be called in the event loop."""
+        """Cancel all interruptible work, and ask the job manager to end. This must be called in the event loop."""
         self.manager.ask_to_stop()
         for scope in tuple(self._interruptible):
             scope.cancel()

@@ -1,9 +1,9 @@
 """Capture regions: neighbourhoods of stable periodic points from which every trajectory converges (compiled).
 
-The tangent map J = DΠ^k at the point contracts in the norm zᵀMz, where M solves M − JᵀMJ/ρ² = Q and ρ lies between the
-spectral radius of J and 1. The region is the ellipse zᵀMz < radius². Its radius is half the largest tried radius with
-two properties, which are checked in several directions on the ellipse of that radius and on the ellipse of half that
-radius: Π^k makes as many impacts on Σ⁻ as the orbit does, and DΠ^k contracts in that norm.
+The tangent map J = DΠ^k at the point contracts in the norm zᵀMz, where M solves M − JᵀMJ/ρ² = Q with a diagonal matrix
+Q, and ρ lies between the spectral radius of J and 1. The region is the ellipse zᵀMz < radius². Its radius is half the
+largest tried radius with two properties, which are checked in several directions on the ellipse of that radius and on
+the ellipse of half that radius: Π^k makes as many impacts on Σ⁻ as the orbit does, and DΠ^k contracts in that norm.
 
 Where Π^k is smooth and DΠ^k contracts on a convex set around its fixed point, the set is mapped into itself and shrinks
 to the point. The conditions are assumed to hold between the sampled directions too; docs/decisions/0007-survey-cost.md
@@ -22,11 +22,15 @@ from rattle.flight.law import speed_unit
 from rattle.numerics.compile import inline, kernel
 from rattle.orbits.return_map import point_of, power_map, step
 
-LARGEST, SMALLEST = 0.25, 1e-5  # first and last radius to try, in units of phase; each is half the previous one
-SPEED_WEIGHT = 1.0 / 16.0  # the distance is (Δτ)² + (Δv)²/16, because phases are of order 1 and speeds of order 4 units
+# The first radius that is tried, in units of phase. Each further radius is half the previous one; no smaller one than
+# SMALLEST is tried.
+LARGEST, SMALLEST = 0.25, 1e-5
+# The squared distance of states is (Δτ)² + (Δv)²/16, with v in units of `speed_unit`, because phases are of order 1 and
+# speeds of order 4 units.
+SPEED_WEIGHT = 1.0 / 16.0
 DIRECTIONS = 8  # directions that are checked on each of the two ellipses
 COSINES, SINES = (np.array([f(math.pi * i / DIRECTIONS) for i in range(2 * DIRECTIONS)]) for f in (math.cos, math.sin))
-BALLS_PER_ORBIT = 4
+BALLS_PER_ORBIT = 4  # an orbit has capture regions around at most this many of its points
 
 
 class Centres(NamedTuple):
@@ -61,19 +65,21 @@ class Centres(NamedTuple):
 
 @kernel
 def contracting_norm(a, b, c, d, q):
-    """Return the matrix M of a norm zᵀMz in which [[a, b], [c, d]] contracts, for Q = diag(1, q).
+    """Return the matrix M of a norm zᵀMz in which J = [[a, b], [c, d]] contracts.
+
+    M solves M − JᵀMJ/ρ² = diag(1, q), with ρ² half-way between 1 and the square of the spectral radius of J.
 
     Returns
     -------
     tuple[bool, float, float, float]
-        (found, m00, m01, m11); `found` is False if the spectral radius of the matrix is not below 1.
+        (found, m00, m01, m11); `found` is False if the spectral radius of J is not below 1.
     """
     determinant, trace = a * d - b * c, a + d
     inside = 0.25 * trace * trace - determinant
     radius = math.sqrt(abs(determinant)) if inside <= 0.0 else abs(0.5 * trace) + math.sqrt(inside)
     if not radius < 1.0:
         return False, 0.0, 0.0, 0.0
-    r = 2.0 / (1.0 + radius * radius)  # 1/ρ², with ρ half-way between the spectral radius and 1
+    r = 2.0 / (1.0 + radius * radius)  # 1/ρ², with ρ² half-way between the square of the spectral radius and 1
     k00, k01, k02 = 1.0 - r * a * a, -2.0 * r * a * c, -r * c * c
     k10, k11, k12 = -r * a * b, 1.0 - r * (a * d + b * c), -r * c * d
     k20, k21, k22 = -r * b * b, -2.0 * r * b * d, 1.0 - r * d * d
@@ -86,8 +92,8 @@ def contracting_norm(a, b, c, d, q):
 
 
 @inline
-def shrinks(a, b, c, d, m00, m01, m11):
-    """Return whether [[a, b], [c, d]] contracts in the norm M."""
+def is_contraction(a, b, c, d, m00, m01, m11):
+    """Return whether the matrix [[a, b], [c, d]] contracts in the norm zᵀMz, M = [[m00, m01], [m01, m11]]."""
     n00 = a * (m00 * a + m01 * c) + c * (m01 * a + m11 * c)
     n01 = a * (m00 * b + m01 * d) + c * (m01 * b + m11 * d)
     n11 = b * (m00 * b + m01 * d) + d * (m01 * b + m11 * d)
@@ -98,11 +104,11 @@ def shrinks(a, b, c, d, m00, m01, m11):
 
 
 @inline
-def placed(centres, i, direction, radius):
-    """Return the state in a given direction from centre i, on the ellipse zᵀMz = size².
+def state_on_ellipse(centres, i, direction, radius):
+    """Return the state in direction number `direction` from centre i, on the ellipse zᵀMz = size².
 
-    The size is the radius, or half the radius in every other direction. The state follows from the Cholesky factor of
-    M.
+    M is the matrix of the centre's norm. The size is the radius in directions with even numbers, and half the radius in
+    the others. The state follows from the Cholesky factor of M.
 
     Returns
     -------
@@ -118,8 +124,11 @@ def placed(centres, i, direction, radius):
 
 
 @kernel
-def contracts(tau, v, i, centres, point):
-    """Return whether Π^k at this state has as many impacts on Σ⁻ as the orbit of centre i, and its tangent contracts.
+def is_contracting_at(tau, v, i, centres, point):
+    """Return whether the state (τ, v) meets the conditions for the capture region around centre i.
+
+    With k impacts on Σ⁺ in a period of the centre's orbit, Π^k must make as many impacts on Σ⁻ as the orbit does, and
+    its tangent map must contract in the centre's norm.
 
     Returns
     -------
@@ -130,37 +139,37 @@ def contracts(tau, v, i, centres, point):
         return False
     status, _t, _v, _time, below, a, b, c, d, _ln = power_map(tau, v, centres.n_plus[i], point)
     same = status == OK and below == centres.n_minus[i]
-    return same and shrinks(a, b, c, d, centres.m00[i], centres.m01[i], centres.m11[i])
+    return same and is_contraction(a, b, c, d, centres.m00[i], centres.m01[i], centres.m11[i])
 
 
 @kernel
-def enlarge_one_by_one(centres, cells):
-    """Find the radii of capture regions one flight at a time, for gears whose flights have no vector lanes."""
+def find_radii_one_by_one(centres, cells):
+    """Write the radii of capture regions to `centres`, one flight at a time, for gears without vector lanes."""
     for i in range(centres.radius.size):
         point = point_of(centres.cell[i], cells)
         direction = 0
         while centres.radius[i] > 0.0 and direction < 2 * DIRECTIONS:
-            tau, v = placed(centres, i, direction, centres.radius[i])
+            tau, v = state_on_ellipse(centres, i, direction, centres.radius[i])
             direction += 1
-            if not contracts(tau, v, i, centres, point):
-                centres.radius[i], direction = halved(centres.radius[i]), 0
+            if not is_contracting_at(tau, v, i, centres, point):
+                centres.radius[i], direction = next_radius(centres.radius[i]), 0
 
 
 @inline
-def halved(radius):
+def next_radius(radius):
     """Return half the radius, or 0 below the smallest radius to try."""
     return 0.5 * radius if 0.5 * radius > SMALLEST else 0.0
 
 
 @inline
 def impacts_between_centres(n_plus):
-    """Return the number of impacts from one centre of an orbit to the next."""
+    """Return the number of impacts from one centre to the next, on an orbit with n_plus impacts on Σ⁺."""
     return (n_plus + BALLS_PER_ORBIT - 1) // BALLS_PER_ORBIT
 
 
 @kernel
 def fill_centres(grown, orbits, cells, whole, real):
-    """Fill the integer columns `whole` and the float columns `real` of `centres_of` in a compiled loop."""
+    """Fill the integer columns `whole` and the float columns `real` of the result of `centres_of` in compiled code."""
     n = 0
     for cell in range(grown.size):
         for j in range(grown[cell], orbits.n[cell]):
@@ -193,7 +202,8 @@ def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
     Returns
     -------
     Centres
-        The centres; their radius is the largest radius to try, or 0 where Π^k does not contract.
+        The centres. Their radius is the largest radius to try; it is 0 where Π^k, with the k impacts on Σ⁺ of the
+        orbit, does not contract.
     """
     number = np.arange(orbits.n_plus.shape[1])
     new = (number >= grown[:, None]) & (number < orbits.n[:, None])

@@ -17,10 +17,16 @@ from rattle.attractors.classify import BUDGET, WEAK, Classifier
 from rattle.attractors.recurrence import SAME_POINT
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import SampleSpec
-from rattle.attractors.table import Attractor, AttractorTable, attractor_columns, attractors_of_cell, tabulated
+from rattle.attractors.table import (
+    Attractor,
+    AttractorTable,
+    attractor_columns,
+    attractors_of_cell,
+    tabulate_attractors,
+)
 from rattle.errors import require_integer, require_number, require_one_of
 from rattle.flight.law import speed_unit, wrapped
-from rattle.notebook import Columns, Dataset, Tabular, dataset_of
+from rattle.notebook import Columns, Dataset, TabularResult, dataset_of
 from rattle.numerics.states import box_of
 from rattle.parameters import Parameters
 
@@ -30,11 +36,11 @@ Range = tuple[float, float] | None
 
 METHODS = ("cells", "direct", "refined")
 FINEST = 4096  # most cells along each axis; 4096² cells need 16 million trajectories and some gigabytes of memory
-SAMPLE = 256  # initial conditions, besides the cells, that search for attractors
+SAMPLE = 256  # number of initial conditions that are followed besides the cells, to find all attractors
 LATTICE = 8  # method "refined": one cell in 8 along τ and v is followed exactly, whatever the map of cells says
-RETURNS = 8  # steps of the cell map in which a state above v_max may return to the box before it is followed exactly
-MOST_IMPACTS = 1000
-# at weak damping: most impacts of all states together, and least budget of one state
+RETURNS = 8  # a state above v_max is followed exactly if it does not return to the box in this many steps of the map
+MOST_IMPACTS = 1000  # in one step of the cell map
+# at weak damping all states together may make MOST_IN_ALL impacts, but each state at least LEAST_BUDGET
 MOST_IN_ALL, LEAST_BUDGET = 1 << 33, 1 << 13
 
 
@@ -60,18 +66,18 @@ class StatePlane:
 
     @property
     def unit(self) -> float:
-        """Scale of speeds (`rattle.flight.law.speed_unit`)."""
+        """The unit of speed differences (`rattle.flight.law.speed_unit`), which depends on δ, ε and β."""
         point = self.parameters.point()
         return float(speed_unit(point["delta"], point["epsilon"], point["beta"]))
 
     def classify(self, tau: Array, v: Array) -> Classifier:
-        """Follow the states to their attractors as the samples of one cell, and return their classifier."""
+        """Follow states to their attractors as samples of one cell, and return the classifier with the outcomes."""
         budget = budget_of(self.delta, tau.size)
         return self.classifier.classify(self.parameters, tau[None].copy(), v[None].copy(), budget)
 
-    def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return the states after a number of returns to Σ⁺, and flags of states that became quiet before."""
-        return self.classifier.iterated(self.parameters, tau, v, returns)
+    def states_after(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Return the states after a number of returns to Σ⁺, and flags of states that became quiet on the way."""
+        return self.classifier.states_after(self.parameters, tau, v, returns)
 
     def cell_of(self, tau: Array, v: Array, n: int, box: Box) -> NDArray[np.int64]:
         """Return the number of the cell that holds each state.
@@ -94,7 +100,7 @@ class StatePlane:
 
 
 @dataclass(frozen=True, repr=False)
-class Basins(Tabular):
+class Basins(TabularResult):
     """Basins of attraction on n × n cells of a box of (τ, v).
 
     Attributes
@@ -146,19 +152,19 @@ class Basins(Tabular):
 
 
 def classified(plane: StatePlane, tau: Array, v: Array) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
-    """Return the table of attractors that states (n,) go to, and the table's row and the impacts of each state."""
+    """Return the table of attractors that states (n,) go to, and each state's row in the table and its impacts."""
     classifier = plane.classify(tau, v)
-    table, rows = tabulated(classifier)
+    table, rows = tabulate_attractors(classifier)
     return table, rows, classifier.samples.impacts
 
 
-def _without_chaos(steps: NDArray[np.int64], table: AttractorTable, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the steps to convergence, with −1 for states that converge to no attractor."""
+def _mark_unconverged(steps: NDArray[np.int64], table: AttractorTable, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the steps to convergence, with −1 for chaotic and undecided states; `rows` are their rows in the table."""
     kind = table.kind[rows]
     return np.where((kind == Outcome.CHAOTIC) | (kind == Outcome.UNDECIDED), -1, steps)
 
 
-def boundary(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.bool_]:
+def boundary_cells(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.bool_]:
     """Return the cells (n_v, n_tau) that have a neighbour with another label, among the eight around them.
 
     If the grid covers all phases, the last phase is a neighbour of the first. Speeds are not periodic.
@@ -178,7 +184,7 @@ def boundary(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.b
     return found
 
 
-def _images(plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impacts: int) -> NDArray[np.int64]:
+def _cell_images(plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impacts: int) -> NDArray[np.int64]:
     """Return the map of cells (n² + 1,). Its last cell is the sink of states that become quiet.
 
     A cell whose trajectory does not return to the box maps to itself. Such a cell is a group of its own, which is
@@ -190,20 +196,20 @@ def _images(plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impacts: 
         Number of the cell to which the centre of each cell is mapped.
     """
     sink = tau.size
-    t, speed, rests = plane.iterated(tau, v, impacts)
+    t, speed, rests = plane.states_after(tau, v, impacts)
     image = np.append(np.where(rests, sink, plane.cell_of(t, speed, n, box)), sink)
     image[:-1][plane.cell_of(tau, v, n, box) == sink] = sink
     outside = np.flatnonzero(image < 0)
     for _ in range(RETURNS):
-        t[outside], speed[outside], rests = plane.iterated(t[outside], speed[outside], impacts)
+        t[outside], speed[outside], rests = plane.states_after(t[outside], speed[outside], impacts)
         image[outside] = np.where(rests, sink, plane.cell_of(t[outside], speed[outside], n, box))
         outside = outside[image[outside] < 0]
     image[outside] = outside
     return image
 
 
-class States:
-    """States of one parameter point, classified in several calls with one common table of attractors."""
+class GrowingClassification:
+    """Classify states of one parameter point in several calls, with one common table of attractors."""
 
     def __init__(self, plane: StatePlane) -> None:
         self.plane = plane
@@ -212,7 +218,7 @@ class States:
         self.tau, self.v = np.zeros((2, 0))
 
     def follow(self, tau: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Classify states, and return the row of each in the common table, and its impacts.
+        """Classify states, and return the row of each state in the common table, and its impacts.
 
         Attractors that are in the table already keep their rows.
 
@@ -223,7 +229,7 @@ class States:
         """
         known, tau, v = self.tau.size, np.append(self.tau, tau), np.append(self.v, v)
         table, rows, impacts = classified(self.plane, tau, v)
-        row_of = self._known(table, rows[:known])
+        row_of = self._rows_in_common_table(table, rows[:known])
         fresh = np.flatnonzero(row_of < 0)
         row_of[fresh] = known + np.arange(fresh.size)
         self.table = AttractorTable.concat([self.table, table.take(fresh)])
@@ -231,7 +237,7 @@ class States:
         self.tau, self.v = np.append(self.tau, tau[one]), np.append(self.v, v[one])
         return row_of[rows[known:]], impacts[known:]
 
-    def _known(self, table: AttractorTable, reached: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _rows_in_common_table(self, table: AttractorTable, reached: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return for each row of `table` the row of the same attractor in the common table, −1 if it is new.
 
         reached: the row of `table` that the kept state of each attractor of the common table goes to.
@@ -254,7 +260,7 @@ class States:
         return row
 
 
-def _by_cells(
+def _classify_by_cell_map(
     plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impacts: int, refine: bool
 ) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
     """Classify the centres of all cells by simple cell mapping.
@@ -269,7 +275,7 @@ def _by_cells(
     """
     # at weak damping a step of the cell map needs more impacts to move a state by more than a cell
     impacts = round(impacts * max(1.0, WEAK / plane.delta))
-    image = _images(plane, tau, v, n, box, impacts)
+    image = _cell_images(plane, tau, v, n, box, impacts)
     group, steps, members = groups_of_map(image)
     sink, on_sink = tau.size, np.flatnonzero(image[:-1] == tau.size)[:1]
     chosen = np.concatenate([members[:-1], on_sink])  # the last group is the sink's, which may have no members
@@ -277,7 +283,7 @@ def _by_cells(
         each = np.arange(min(LATTICE, n) // 2, n, LATTICE)
         chosen = np.concatenate([chosen, np.setdiff1d(n * each[:, None] + each, chosen)])
     first, second = plane.sample(SAMPLE, box.v_high)
-    states = States(plane)
+    states = GrowingClassification(plane)
     found, made = states.follow(np.append(first, tau[chosen]), np.append(second, v[chosen]))
     # row and impacts of each cell that was followed exactly, and of the sink
     row, needed, known = np.zeros(sink + 1, np.int64), np.zeros(sink + 1, np.int64), np.zeros(sink + 1, np.bool_)
@@ -286,7 +292,7 @@ def _by_cells(
     while refine:
         image[known] = np.flatnonzero(known)
         group, steps, members = groups_of_map(image)
-        meet = boundary(row[members][group[:-1]].reshape(n, n), box.tau_high - box.tau_low == 1.0)
+        meet = boundary_cells(row[members][group[:-1]].reshape(n, n), box.tau_high - box.tau_low == 1.0)
         edge = np.flatnonzero(meet.ravel() & ~known[:-1])
         if not edge.size:
             break
@@ -294,13 +300,13 @@ def _by_cells(
         known[edge] = True
     rows = row[members][group[:-1]]
     steps = steps[:-1] * impacts + needed[members][group[:-1]]
-    return states.table, rows, _without_chaos(steps, states.table, rows)
+    return states.table, rows, _mark_unconverged(steps, states.table, rows)
 
 
 def basins(
     plane: StatePlane, resolution: int, v_max: float, method: str, impacts: int, tau: Range = None, v: Range = None
 ) -> Basins:
-    """Return the basins of attraction on a grid of this plane; `rattle.Gear.basins` explains the arguments."""
+    """Return the basins of attraction on a grid of states (τ, v); `rattle.Gear.basins` explains the arguments."""
     n = require_integer("resolution", resolution, 1, FINEST)
     v_max = require_number("v_max", v_max, positive=True)
     phases, speeds = box_of((0.0, 1.0) if tau is None else tau, (0.0, v_max) if v is None else v)
@@ -312,9 +318,9 @@ def basins(
     first, second = np.tile(across, n), np.repeat(up, n)
     if method == "direct":
         table, rows, steps = classified(plane, first, second)
-        steps = _without_chaos(steps, table, rows)
+        steps = _mark_unconverged(steps, table, rows)
     else:
-        table, rows, steps = _by_cells(plane, first, second, n, box, impacts, method == "refined")
+        table, rows, steps = _classify_by_cell_map(plane, first, second, n, box, impacts, method == "refined")
     count = np.bincount(rows, minlength=table.kind.size)
     order = np.argsort(-count, kind="stable")[: np.count_nonzero(count)]
     label = np.zeros(count.size, np.int64)

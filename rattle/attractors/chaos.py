@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from rattle.attractors.samples import Outcome
 from rattle.numerics.compile import inline, kernel
 
-SAME_FOOTPRINT = 0.2  # two trajectories that share this part of the smaller set of visited cells are on one attractor
+SAME_FOOTPRINT = 0.2  # two trajectories are on one attractor if they share over this part of the fewer visited cells
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 BATCHES = 32
-LEAKS_MISSED = 3.0  # a leaking set from which this many losses are expected shows none with probability e^(−3)
+LEAKS_MISSED = 3.0  # if 3 samples are expected to leave a chaotic set, none of them leaves it with probability e^(−3)
 LEAST_GROWTH = 8.0  # least growth of ln stretch over the second half of the batches, in chaotic motion
 T_95 = 2.0395  # 97.5 % point of Student's t with 31 degrees of freedom
 PAIRS, FOURS, EIGHTS, SUM = (np.uint64(int(x * 8, 16)) for x in ("55", "33", "0f", "01"))
@@ -30,31 +30,31 @@ ONE, TWO, FOUR, TOP = (np.uint64(x) for x in (1, 2, 4, 56))
 
 
 @inline
-def boxes_in(bits):
-    """Return the number of ones in a 64-bit word by sums over growing groups of bits, without branches."""
+def count_bits(bits):
+    """Return the number of bits that are 1 in a 64-bit word, by sums over growing groups of bits, without branches."""
     bits = bits - ((bits >> ONE) & PAIRS)
     bits = (bits & FOURS) + ((bits >> TWO) & FOURS)
     return np.int64((((bits + (bits >> FOUR)) & EIGHTS) * SUM) >> TOP)
 
 
 @inline
-def same_attractor(boxes, i, j):
-    """Return whether visited-cell bitmaps i and j share SAME_FOOTPRINT of the smaller one."""
+def is_same_attractor(boxes, i, j):
+    """Return whether bitmaps i and j share more than the part SAME_FOOTPRINT of the smaller one's visited cells."""
     in_i, in_j, shared = 0, 0, 0
     for k in range(boxes.shape[1]):
-        in_i += boxes_in(boxes[i, k])
-        in_j += boxes_in(boxes[j, k])
-        shared += boxes_in(boxes[i, k] & boxes[j, k])
+        in_i += count_bits(boxes[i, k])
+        in_j += count_bits(boxes[j, k])
+        shared += count_bits(boxes[i, k] & boxes[j, k])
     return shared > SAME_FOOTPRINT * min(in_i, in_j)
 
 
 @kernel
-def group_numbers(boxes, size, group):
+def write_group_numbers(boxes, size, group):
     """Write the number of the attractor of each visited-cell bitmap to group (k,).
 
-    Bitmaps of one cell whose visited cells share SAME_FOOTPRINT of the smaller set are joined, until no two can be
-    joined. The number of an attractor is the place of its first bitmap among the bitmaps of its cell. Cell i has
-    size[i] consecutive rows of `boxes` (k, GRID), which holds the bitmaps and is overwritten.
+    Two bitmaps of one cell of the plane are joined if they share more than the part SAME_FOOTPRINT of the smaller one,
+    until no two can be joined. The number of an attractor is the place of its first bitmap among the bitmaps of its
+    cell. Cell i has size[i] consecutive rows of `boxes` (k, GRID), which holds the bitmaps and is overwritten.
     """
     begin = 0
     for cell in range(size.size):
@@ -66,7 +66,7 @@ def group_numbers(boxes, size, group):
             joined = False
             for i in range(begin, end):
                 for j in range(begin, i):
-                    if group[i] != i - begin or group[j] != j - begin or not same_attractor(boxes, i, j):
+                    if group[i] != i - begin or group[j] != j - begin or not is_same_attractor(boxes, i, j):
                         continue
                     for k in range(boxes.shape[1]):
                         boxes[j, k] |= boxes[i, k]
@@ -123,7 +123,7 @@ def is_chaotic(sums):
 
 
 @kernel
-def fill_chaotic(sums, found):
+def fill_chaos_flags(sums, found):
     """Write to found (k,) whether each of several trajectories is chaotic, from sums (k, BATCHES, 3)."""
     for k in range(found.size):
         found[k] = is_chaotic(sums[k])
@@ -132,7 +132,7 @@ def fill_chaotic(sums, found):
 def are_chaotic(sums: Array) -> NDArray[np.bool_]:
     """Return flags (k,) of chaotic trajectories, from sums (k, BATCHES, 3)."""
     found = np.zeros(len(sums), np.bool_)
-    fill_chaotic(sums, found)
+    fill_chaos_flags(sums, found)
     return found
 
 
@@ -145,7 +145,7 @@ def fill_exponents(sums, size, found):
         begin += size[i]
 
 
-def pooled(sums: Sequence[Array]) -> Array:
+def pooled_exponents(sums: Sequence[Array]) -> Array:
     """Return the Lyapunov exponents of n attractors, pooled over several trajectories on each attractor.
 
     Parameters
@@ -165,8 +165,8 @@ def pooled(sums: Sequence[Array]) -> Array:
 
 
 @kernel
-def fill_standing(cells, status, impacts, first, left, leaks):
-    """Fill the results of `standing` in a compiled loop; `left` must be zero before."""
+def fill_unresolved_counts(cells, status, impacts, first, left, leaks):
+    """Fill the arrays that `count_unresolved` returns, in a compiled loop; `left` must be zero before."""
     for i in range(cells.size):
         cell, leaked, last, since, before = cells[i], 0, 0, 0, 0
         for k in range(status.shape[1]):
@@ -182,7 +182,7 @@ def fill_standing(cells, status, impacts, first, left, leaks):
         leaks[i] = leaked > 0 and leaked * since < LEAKS_MISSED * before
 
 
-def standing(cells: Counts, status: Counts, impacts: Counts, first: Counts) -> tuple[Counts, NDArray[np.bool_]]:
+def count_unresolved(cells: Counts, status: Counts, impacts: Counts, first: Counts) -> tuple[Counts, NDArray[np.bool_]]:
     """Return the number of unresolved samples in each of these cells (k,), and whether more of them may still settle.
 
     More samples may settle if others settled after the first stage, and the unresolved samples have not been followed
@@ -204,5 +204,5 @@ def standing(cells: Counts, status: Counts, impacts: Counts, first: Counts) -> t
         Numbers of unresolved samples, and flags of cells where more may settle.
     """
     left, leaks = np.zeros(cells.size, np.int64), np.zeros(cells.size, np.bool_)
-    fill_standing(cells, status, impacts, first, left, leaks)
+    fill_unresolved_counts(cells, status, impacts, first, left, leaks)
     return left, leaks

@@ -11,8 +11,8 @@ from rattle.attractors.table import KINDS
 from rattle.errors import require, require_integer, require_number
 from rattle.numerics.sampling import Z_95, wilson_interval
 
-LARGEST_SIZE, SIZES = 2.0**-6, 8  # largest perturbation, and number of perturbations, each half the previous one
-FEWEST = 5  # a perturbation with fewer uncertain pairs is not used
+LARGEST_SIZE, SIZES = 2.0**-6, 8  # largest distance of a pair of states, and number of distances, each half the last
+FEWEST = 5  # the fit leaves out a distance with fewer uncertain pairs
 MOST_PAIRS = 1 << 20
 LONGEST_BOX = 4096
 
@@ -72,7 +72,8 @@ def differing(a: Basins, b: Basins) -> NDArray[np.bool_]:
         If the grids differ.
     """
     same_grid = a.labels.shape == b.labels.shape and np.array_equal(a.v, b.v)
-    require(same_grid, f"the grids differ: {a.labels.shape} to v = {a.v[-1]:g}, {b.labels.shape} to v = {b.v[-1]:g}")
+    grids = " and ".join(f"{each.v.size} × {each.tau.size} cells up to v = {each.v_max:g}" for each in (a, b))
+    require(same_grid, f"the basins have different grids, {grids}: compute both with one resolution and one v_max")
     from scipy.optimize import linear_sum_assignment  # imported here because it is slow to load
 
     shape = (len(a.attractors), len(b.attractors))
@@ -121,7 +122,7 @@ def basin_entropy(basins: Basins, box: int = 5) -> BasinEntropy:
     return BasinEntropy(float(entropy.mean()), at_boundary, side * side, int(mixed.sum()))
 
 
-def _pairs(
+def _random_pairs(
     sizes: NDArray[np.float64], pairs: int, v_max: float, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return phases and speeds (sizes, 2, pairs) of random pairs: a uniform state, and a state at a given distance."""
@@ -130,14 +131,14 @@ def _pairs(
     tau, v = random.random(shape), 1.0 - random.random(shape)
     angle = 2 * np.pi * random.random(shape)
     step_tau, step_v = sizes[:, None] * np.cos(angle), sizes[:, None] * np.sin(angle)
-    # turn back a step that would leave the plane
+    # reverse the change of speed where the second state would leave the plane
     step_v = np.where((v + step_v > 0) & (v + step_v < 1), step_v, -step_v)
     other_tau = (tau + step_tau) % 1.0
     other_tau = np.where(other_tau < 1.0, other_tau, 0.0)
     return np.stack([tau, other_tau], axis=1), v_max * np.stack([v, v + step_v], axis=1)
 
 
-def power_law(
+def fit_power_law(
     sizes: NDArray[np.float64], uncertain: NDArray[np.int64], pairs: NDArray[np.int64]
 ) -> tuple[float, float]:
     """Return α of uncertain/pairs ∝ size^α and its 95 % half-width, by weighted least squares of logarithms.
@@ -170,11 +171,11 @@ def uncertainty(plane: StatePlane, pairs: int, v_max: float, seed: int) -> Uncer
     v_max = require_number("v_max", v_max, positive=True)
     seed = require_integer("seed", seed, 0, (1 << 128) - 1)
     sizes = np.asarray(LARGEST_SIZE / 2.0 ** np.arange(SIZES), np.float64)
-    tau, v = _pairs(sizes, pairs, v_max, seed)
+    tau, v = _random_pairs(sizes, pairs, v_max, seed)
     table, rows, _impacts = classified(plane, tau.ravel(), v.ravel())
     one, other = np.moveaxis(rows.reshape(tau.shape), 1, 0)
     decided = (table.kind[one] != Outcome.UNDECIDED) & (table.kind[other] != Outcome.UNDECIDED)
     uncertain, count = ((one != other) & decided).sum(axis=1), decided.sum(axis=1)
-    exponent, error = power_law(sizes, uncertain, count)
+    exponent, error = fit_power_law(sizes, uncertain, count)
     low, high = wilson_interval(uncertain, np.maximum(count, 1))
     return Uncertainty(exponent, error, sizes, uncertain / np.maximum(count, 1), low, high, count)

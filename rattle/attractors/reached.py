@@ -13,7 +13,7 @@ from rattle.attractors.classify import BUDGET, Classifier
 from rattle.attractors.measures import Uncertainty, uncertainty
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec, SpeedLimit
-from rattle.attractors.table import Attractor, attractors_of_cell, of_samples
+from rattle.attractors.table import Attractor, attractors_of_cell, attractors_of_samples
 from rattle.errors import ParameterError, real_array, require, require_number
 from rattle.orbits.iterates import fold
 from rattle.orbits.period_one import HasOrbits, html_of_point
@@ -39,7 +39,7 @@ class Reached:
     impacts: NDArray[np.int64]
 
 
-def states_of(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[int, ...]]:
+def checked_states(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[int, ...]]:
     """Check and broadcast phases and speeds; return them as flat arrays, phases in [0, 1), with their common shape."""
     try:
         phases, speeds = np.broadcast_arrays(real_array("tau", tau), real_array("v", v))
@@ -47,8 +47,8 @@ def states_of(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDArra
         raise
     except ValueError as error:
         raise ParameterError(f"the shapes of tau and v do not broadcast: {error}") from None
-    require(phases.size > 0, "give at least one state")
-    require(phases.size <= MOST_SAMPLES, f"{phases.size} states are too many at once: at most {MOST_SAMPLES}")
+    require(phases.size > 0, "tau and v are empty: give at least one state")
+    require(phases.size <= MOST_SAMPLES, f"{phases.size} states are too many at once: give at most {MOST_SAMPLES}")
     require(bool(np.isfinite(phases).all()), "tau must be finite")
     require(bool((np.isfinite(speeds) & (speeds > 0.0)).all()), "v must be finite and greater than 0")
     return fold(phases.ravel()), speeds.astype(np.float64).ravel(), phases.shape
@@ -56,7 +56,7 @@ def states_of(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDArra
 
 def reached(plane: StatePlane, tau: ArrayLike, v: ArrayLike) -> Reached:
     """Return the attractors that given states of this plane go to; see `rattle.Gear.reached`."""
-    phases, speeds, shape = states_of(tau, v)
+    phases, speeds, shape = checked_states(tau, v)
     table, rows, impacts = classified(plane, phases, speeds)
     count = np.bincount(rows, minlength=table.kind.size)
     order = np.lexsort((np.arange(count.size), -count))
@@ -67,8 +67,8 @@ def reached(plane: StatePlane, tau: ArrayLike, v: ArrayLike) -> Reached:
     return Reached(found, number[rows].reshape(shape), impacts.reshape(shape))
 
 
-class Sampled:
-    """A gear at one parameter point: a frozen dataclass of δ, ε, β and the model's other parameters."""
+class SampledGear:
+    """Base class of gears at one parameter point, which are frozen dataclasses of δ, ε, β and further parameters."""
 
     _classifier: ClassVar[type[Classifier]]
     _resolution: ClassVar[int]  # default resolution of basins
@@ -125,7 +125,7 @@ class Sampled:
         For the stiff gear quiet means permanent contact, and labels P(m, n₊, n₋) count contacts. Above a stiffness of
         about 1e8 a motion that becomes quiet needs some 10,000 returns and may remain undecided.
         """
-        table = of_samples(self._classifier, self.parameters, SampleSpec(count, v_max, seed, budget))
+        table = attractors_of_samples(self._classifier, self.parameters, SampleSpec(count, v_max, seed, budget))
         return attractors_of_cell(table, table.samples)
 
     def basins(
@@ -168,7 +168,7 @@ class Sampled:
             If an argument is outside its domain.
         """
         resolution = self._resolution if resolution is None else resolution
-        return basins(self.states, resolution, self._speed(v_max), method, impacts, tau, v)
+        return basins(self.states, resolution, self._highest_speed(v_max), method, impacts, tau, v)
 
     def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached:
         """Return the attractors that given states go to. Attractors are distinguished as in `attractors`.
@@ -222,7 +222,7 @@ class Sampled:
         ----------
         Grebogi, McDonald, Ott and Yorke, Physics Letters A 99 (1983) 415–418.
         """
-        return uncertainty(self.states, self._pairs if pairs is None else pairs, self._speed(v_max), seed)
+        return uncertainty(self.states, self._pairs if pairs is None else pairs, self._highest_speed(v_max), seed)
 
     @property
     def states(self) -> StatePlane:
@@ -232,11 +232,13 @@ class Sampled:
     @property
     def parameters(self) -> Parameters:
         """Return the parameters of this gear as arrays (1,)."""
-        return Parameters.of(self._classifier.model, **{name: [value] for name, value in self._numbers.items()})
+        return Parameters.from_values(
+            self._classifier.model, **{name: [value] for name, value in self._numbers.items()}
+        )
 
     @property
     def _numbers(self) -> dict[str, Any]:
         return asdict(self)  # type: ignore[call-overload]
 
-    def _speed(self, v_max: SpeedLimit) -> float:
-        return float(SampleSpec(v_max=v_max).highest(self.parameters)[0])
+    def _highest_speed(self, v_max: SpeedLimit) -> float:
+        return float(SampleSpec(v_max=v_max).highest_speeds(self.parameters)[0])

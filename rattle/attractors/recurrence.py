@@ -13,21 +13,22 @@ from rattle.flight.law import speed_unit, wrapped
 from rattle.numerics.compile import inline, kernel
 from rattle.orbits.return_map import fastest_point, log_multipliers, newton, point_of, power_map, shortest_return, step
 
-APPROACH = 0.5  # a trajectory must shrink its distance to the orbit of Newton's method by this factor ...
-ARRIVED = 1e-9  # ... or already be this close to the orbit
-CANDIDATE = 1e-5  # the first return this close gives the period for Newton's method
-LONGEST_PERIOD = 4096  # longest period to try, in impacts; samples with longer recurrences are followed further
+# A trajectory approaches the orbit that Newton's method found if its distance to the orbit falls by the factor
+# APPROACH, or is below ARRIVED.
+APPROACH, ARRIVED = 0.5, 1e-9
+CANDIDATE = 1e-5  # the first return to within this distance gives the period for Newton's method
+LONGEST_PERIOD = 4096  # longest period for Newton's method, in impacts on Σ⁺; slower recurrences are followed further
 SAME_POINT = 1e-6  # orbits of one label closer than this are the same orbit
 
 
 @inline
-def unit_at(point):
-    """Return the scale of speeds at a parameter point."""
+def speed_unit_at(point):
+    """Return the unit of speed differences (`speed_unit`) at a parameter point."""
     return speed_unit(point.delta, point.epsilon, point.beta)
 
 
 @kernel
-def approaches(tau, v, star_tau, star_v, k, most, point):
+def is_approaching(tau, v, star_tau, star_v, k, most, point):
     """Return whether the trajectory from (tau, v) is observed to approach an orbit.
 
     The orbit goes through (star_tau, star_v) and has k impacts on Σ⁺ in a period. The trajectory is followed for at
@@ -38,7 +39,7 @@ def approaches(tau, v, star_tau, star_v, k, most, point):
     bool
         False also if the trajectory does not come closer within these impacts.
     """
-    unit = unit_at(point)
+    unit = speed_unit_at(point)
     start = math.hypot(wrapped(tau - star_tau), (v - star_v) / unit)
     if start < ARRIVED:
         return True
@@ -56,9 +57,9 @@ def approaches(tau, v, star_tau, star_v, k, most, point):
 
 
 @kernel
-def first_return(tau, v, gap, point):
-    """Return the number of impacts until the first return to (τ, v). A return after `gap` impacts is known."""
-    t, speed, unit = tau, v, unit_at(point)
+def impacts_until_return(tau, v, gap, point):
+    """Return the number of impacts on Σ⁺ until the first return to (τ, v). A return after `gap` impacts is known."""
+    t, speed, unit = tau, v, speed_unit_at(point)
     for j in range(1, gap):
         status, t, speed, _time, _below = step(t, speed, point)
         if status != OK:
@@ -81,14 +82,14 @@ def stable_orbit(tau, v, gap, most, point):
     nothing = (False, 0, 0, 0, tau, v, math.nan, math.nan)
     if gap > LONGEST_PERIOD:
         return nothing
-    k = first_return(tau, v, gap, point)
+    k = impacts_until_return(tau, v, gap, point)
     found, star_tau, star_v = newton(tau, v, k, point)
-    if not found or math.hypot(wrapped(tau - star_tau), (v - star_v) / unit_at(point)) > 0.05:
+    if not found or math.hypot(wrapped(tau - star_tau), (v - star_v) / speed_unit_at(point)) > 0.05:
         return nothing
     k = shortest_return(star_tau, star_v, k, point)
     _status, _t, _v, time, n_minus, a00, _b, _c, a11, log_det = power_map(star_tau, star_v, k, point)
     first, second = log_multipliers(a00 + a11, log_det)
-    if not first < 0.0 or not approaches(tau, v, star_tau, star_v, k, most, point):
+    if not first < 0.0 or not is_approaching(tau, v, star_tau, star_v, k, most, point):
         return nothing
     star_tau, star_v = fastest_point(star_tau, star_v, k, point)
     m = int(np.rint(time))
@@ -96,7 +97,7 @@ def stable_orbit(tau, v, gap, most, point):
 
 
 @kernel
-def known(m, n_plus, n_minus, tau, v, cell, orbits, point):
+def index_of_orbit(m, n_plus, n_minus, tau, v, cell, orbits, point):
     """Return the index of this orbit among the known orbits of the cell, −1 if it is new.
 
     All points of the orbit are compared, because rounding may decide between two almost equally fast points.
@@ -106,7 +107,7 @@ def known(m, n_plus, n_minus, tau, v, cell, orbits, point):
     int
         Index in the cell's row of `orbits`.
     """
-    near = SAME_POINT * unit_at(point)
+    near = SAME_POINT * speed_unit_at(point)
     for j in range(orbits.n[cell]):
         if orbits.m[cell, j] != m or orbits.n_plus[cell, j] != n_plus or orbits.n_minus[cell, j] != n_minus:
             continue
@@ -119,7 +120,7 @@ def known(m, n_plus, n_minus, tau, v, cell, orbits, point):
 
 
 @inline
-def remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits):
+def append_orbit(m, n_plus, n_minus, tau, v, first, second, cell, orbits):
     """Append an orbit to the table of the cell, which must have room, and return its index there."""
     j = orbits.n[cell]
     orbits.m[cell, j], orbits.n_plus[cell, j], orbits.n_minus[cell, j] = m, n_plus, n_minus
@@ -140,7 +141,7 @@ def fill_footprints(which, impacts, cells, samples, footprints):
             status, tau, v, _time, _below = step(tau, v, point)
             if status != OK:
                 break
-            mark(tau, v, top_speed(point.epsilon, unit_at(point)), footprints[j])
+            mark(tau, v, top_speed(point.epsilon, speed_unit_at(point)), footprints[j])
 
 
 def mark_footprints(
@@ -156,16 +157,17 @@ def mark_footprints(
 
 
 @kernel
-def remember_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
+def append_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
     """Append stable orbits of period one to the tables of their cells, which must have room.
 
-    The arrays are (n_cells, room); `n` (n_cells,) is the number of orbits in each row, `trace` that of the tangent map.
+    The arrays are (n_cells, room). `n` (n_cells,) is the number of orbits in each row, and `trace` the trace of each
+    orbit's tangent map.
     """
     for cell in range(n.size):
         for j in range(n[cell]):
             log_det = log_determinant(cells.delta[cell], 1.0, n_plus[cell, j] + n_minus[cell, j])
             first, second = log_multipliers(trace[cell, j], log_det)
-            remember(1, n_plus[cell, j], n_minus[cell, j], tau[cell, j], v[cell, j], first, second, cell, orbits)
+            append_orbit(1, n_plus[cell, j], n_minus[cell, j], tau[cell, j], v[cell, j], first, second, cell, orbits)
 
 
 @kernel
@@ -187,9 +189,9 @@ def resolve_all(which, cells, samples, orbits, balls, grown, waiting):
                 samples.tau[k], samples.v[k], gap, most, point
             )
             if found:
-                orbit = known(m, n_plus, n_minus, tau, v, cell, orbits, point)
+                orbit = index_of_orbit(m, n_plus, n_minus, tau, v, cell, orbits, point)
                 if orbit < 0:
-                    orbit = remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits)
+                    orbit = append_orbit(m, n_plus, n_minus, tau, v, first, second, cell, orbits)
             # a sample without a stable orbit is tried again only after a pause that grows
             samples.pause[k] = 2 * samples.impacts[k] + 2 * gap
         samples.status[k] = Outcome.PERIODIC if orbit >= 0 else Outcome.UNRESOLVED

@@ -41,8 +41,8 @@ class Rows(NamedTuple):
 
 
 @inline
-def row_of_outcome(kind, which, orbits):
-    """Return the position of an attractor in its cell: quiet motion first, then `orbits` orbits, then chaotic sets."""
+def place_of_attractor(kind, which, orbits):
+    """Return the place of an attractor in its cell: 0 is quiet motion, then come `orbits` orbits, then chaotic sets."""
     if kind == Outcome.QUIET:
         return 0
     return 1 + which if kind == Outcome.PERIODIC else 1 + orbits + which
@@ -65,7 +65,7 @@ def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, r
     for c in range(cells):
         seen[:] = -1
         for i in range(c * count, (c + 1) * count):
-            p = row_of_outcome(kind[i], which[i], orbits) if kind[i] != Outcome.UNDECIDED else places - 1
+            p = place_of_attractor(kind[i], which[i], orbits) if kind[i] != Outcome.UNDECIDED else places - 1
             if seen[p] < 0:
                 seen[p] = i
             row[i] = p
@@ -112,7 +112,7 @@ def rows_of(kind: Counts, which: Counts, impacts: Counts, time: Array, known: Co
     """
     orbits = int(max(which[kind == Outcome.PERIODIC].max(initial=-1) + 1, known.max(initial=0)))
     sets = int(which[kind == Outcome.CHAOTIC].max(initial=-1) + 1)
-    most = kind.size + int(known.sum())  # upper bound: each row has a sample or a known orbit
+    most = kind.size + int(known.sum())  # at most so many rows, because each has a sample or a known orbit
     whole, watched, room = np.zeros((6, most), np.int64), np.zeros(most), np.zeros((2, 2 + orbits + sets), np.int64)
     n = fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, row)
     return Rows._make([*whole[:, :n], watched[:n]])

@@ -15,8 +15,8 @@ from rattle.numerics.compile import inline
 from rattle.numerics.struct_of_arrays import StructOfArrays, kernel_columns
 
 GRID = 32  # boxes along each side of the visited-cell bitmap of a chaotic trajectory
-HIGHEST = 14.0  # upper end of a visited-cell bitmap, in units of speed
-RECURRENCE = 1e-6  # largest distance of a return that starts Newton's method
+HIGHEST = 14.0  # largest upper end of a visited-cell bitmap, in units of speed (`speed_unit`)
+RECURRENCE = 1e-6  # a return to within this distance of an earlier state starts Newton's method
 Known = TypeVar("Known", bound=StructOfArrays)
 CONTACT = -1  # marks, in the field `pause`, a sample that has entered a contact phase
 ALIGNMENT = 64  # impacts after which the tangent vector has turned to the most expanding direction
@@ -73,8 +73,8 @@ class Trajectories(StructOfArrays):
     time: Any
 
 
-class Sets(NamedTuple):
-    """Numbers (k,) of samples of several cells (n,), ordered by cell, and how many each cell has (`size`)."""
+class SampleSets(NamedTuple):
+    """Samples of n cells: their numbers `which` (k,), ordered by cell, and how many each cell has, `size` (n,)."""
 
     which: NDArray[np.int64]
     size: NDArray[np.int64]
@@ -84,32 +84,32 @@ class Sets(NamedTuple):
         """Index (n,) of the first sample of each cell."""
         return np.asarray(np.cumsum(self.size) - self.size)
 
-    def each(self) -> list[NDArray[np.int64]]:
+    def split_by_cell(self) -> list[NDArray[np.int64]]:
         """Return one array of samples for each cell."""
         return np.split(self.which, self.starts[1:]) if self.size.size else []
 
-    def only(self, chosen: NDArray[np.bool_]) -> Sets:
+    def select_cells(self, chosen: NDArray[np.bool_]) -> SampleSets:
         """Return the samples of the cells chosen by the flags `chosen` (n,)."""
-        return Sets(self.which[np.repeat(chosen, self.size)], self.size[chosen])
+        return SampleSets(self.which[np.repeat(chosen, self.size)], self.size[chosen])
 
-    def evenly(self, most: int) -> Sets:
+    def evenly_spaced(self, most: int) -> SampleSets:
         """Return at most `most` samples of each cell, evenly spaced among them."""
         size = np.minimum(most, self.size)
         number = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
         first, among, of = (np.repeat(x, size) for x in (self.starts, self.size, size))
-        return Sets(self.which[first + number * among // of], size)
+        return SampleSets(self.which[first + number * among // of], size)
 
-    def all_of(self, holds: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def cells_where_all(self, holds: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return flags (n,) of the cells where `holds` (k,) is true for all samples."""
         cell = np.repeat(np.arange(self.size.size), self.size)
         return np.asarray(np.bincount(cell[~holds], minlength=self.size.size) == 0)
 
-    def largest(self, values: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the largest value in each cell, from the values of all samples. Every cell must have a sample."""
+    def largest_by_cell(self, values: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the largest value (n,) in each cell; `values` has one for every sample. No cell may be empty."""
         return np.asarray(np.maximum.reduceat(values[self.which], self.starts))
 
-    def smallest(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the smallest value in each cell, from the values of all samples. Every cell must have a sample."""
+    def smallest_by_cell(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the smallest value (n,) in each cell; `values` has one for every sample. No cell may be empty."""
         return np.asarray(np.minimum.reduceat(values[self.which], self.starts)) if self.size.size else np.zeros(0)
 
 
@@ -179,7 +179,7 @@ def with_twice_the_room(table: Known) -> Known:
 
 @inline
 def capturing_orbit(tau, v, cell, balls):
-    """Return the orbit whose capture region holds the state, −1 if none does."""
+    """Return the number of the orbit of this cell whose capture region holds the state (τ, v), −1 if none does."""
     for p in range(balls.n[cell]):
         x, y = wrapped(tau - balls.tau[cell, p]), v - balls.v[cell, p]
         if balls.c00[cell, p] * x * x + 2.0 * balls.c01[cell, p] * x * y + balls.c11[cell, p] * y * y < 1.0:
@@ -189,7 +189,7 @@ def capturing_orbit(tau, v, cell, balls):
 
 @inline
 def top_speed(epsilon, unit):
-    """Return the upper end of a visited-cell bitmap. Few states are faster, if any."""
+    """Return the speed at which a visited-cell bitmap ends. Few states are faster, if any."""
     return min(DRIFT + largest_slope(epsilon), HIGHEST * unit)
 
 
@@ -205,7 +205,10 @@ def mark(tau, v, top, footprint):
 
 
 class Reference(NamedTuple):
-    """A reference state of Brent's cycle search: the state after n returns, replaced after `following` returns."""
+    """A reference state of Brent's cycle search: the state after n returns.
+
+    The state after `following` returns is the next reference.
+    """
 
     tau: float
     v: float
@@ -214,14 +217,14 @@ class Reference(NamedTuple):
 
 
 @inline
-def begun(tau, v):
+def first_reference(tau, v):
     """Return the first reference of a trajectory."""
     return Reference(tau, v, 0, 1)
 
 
 @inline
-def looked(tau, v, n, k, reference, samples, balls, unit):
-    """Check sample k after n returns for capture and recurrence.
+def check_sample(tau, v, n, k, reference, samples, balls, unit):
+    """Check after n returns whether sample k is captured, or has returned close to the reference state.
 
     Returns
     -------
@@ -242,7 +245,7 @@ def looked(tau, v, n, k, reference, samples, balls, unit):
 
 
 @inline
-def finish(tau, v, n, total, k, status, orbit, samples):
+def store_sample(tau, v, n, total, k, status, orbit, samples):
     """Write the state of sample k after n more returns, which took `total` forcing periods, and its outcome."""
     samples.tau[k], samples.v[k], samples.status[k], samples.orbit[k] = tau, v, status, orbit
     samples.impacts[k] += n

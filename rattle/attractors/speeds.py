@@ -20,7 +20,7 @@ PAPER_SPEED = 7.0  # largest speed in the paper's figures
 #: Ranges of δ, ε and β around the paper's plane, where `PAPER_SPEED` is the default.
 PLANE = ((0.3, 1.5), (0.0, 0.5), (0.2, 1.2))
 
-WHOLE = (0.0, 1.0, 0.0)  # all phases, and speeds from 0 on
+WHOLE = (0.0, 1.0, 0.0)  # lowest and highest phase, and lowest speed, of a box of all phases and speeds
 MOST_SAMPLES = 1 << 20
 LARGEST_BUDGET = 1_000_000_000
 LARGEST_SEED = (1 << 128) - 1
@@ -65,13 +65,13 @@ class SampleSpec:
         for name, low, high in (("budget", 1, LARGEST_BUDGET), ("count", 1, MOST_SAMPLES), ("seed", 0, LARGEST_SEED)):
             object.__setattr__(self, name, require_integer(name, getattr(self, name), low, high))
 
-    def highest(self, parameters: Parameters) -> Array:
+    def highest_speeds(self, parameters: Parameters) -> Array:
         """Return the largest speed in each of these cells (n,). Raises ParameterError."""
         return sampled_speeds(self.v_max, parameters.delta, parameters.epsilon, parameters.beta)
 
     def states(self, parameters: Parameters) -> tuple[Array, Array]:
         """Return the phases and speeds (n, count) of these cells (n,). Raises ParameterError."""
-        highest = self.highest(parameters)
+        highest = self.highest_speeds(parameters)
         if (*self.tau, self.v_min) != WHOLE and parameters.size:
             box_of(self.tau, (self.v_min, float(highest.min())))
         cells = parameters.delta, parameters.epsilon, parameters.beta

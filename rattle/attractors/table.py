@@ -9,13 +9,13 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.chaos import pooled
+from rattle.attractors.chaos import pooled_exponents
 from rattle.attractors.classify import Classifier
 from rattle.attractors.rows import rows_of
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec
 from rattle.errors import require
-from rattle.notebook import Columns, DataFrame, dataframe_of, html, html_of, line_of, table_of
+from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, html_table, line_of, table_of
 from rattle.numerics.sampling import wilson_interval
 from rattle.numerics.struct_of_arrays import StructOfArrays
 from rattle.parameters import Parameters
@@ -67,7 +67,7 @@ class Attractor:
         return f"P({self.m},{self.n_plus},{self.n_minus}{phases})"
 
     def _repr_html_(self) -> str:
-        return html(self.name, attractor_columns((self,)))
+        return html_table(self.name, attractor_columns((self,)))
 
 
 def attractor_columns(attractors: Sequence[Attractor]) -> Columns:
@@ -107,7 +107,7 @@ class AttractorTuple(tuple[Attractor, ...]):
         return table_of(self._columns())
 
     def _repr_html_(self) -> str:
-        return html(f"{len(self)} attractors", self._columns())
+        return html_table(f"{len(self)} attractors", self._columns())
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -189,7 +189,7 @@ class AttractorTable(StructOfArrays):
 Attractors = AttractorTable
 
 
-def _kinds(classifier: Classifier) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _kinds_and_numbers(classifier: Classifier) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the kind of every sample, and the number of its orbit or chaotic attractor in its cell."""
     status = classifier.samples.status
     kind = np.full(status.size, Outcome.UNDECIDED)
@@ -204,7 +204,7 @@ def _kinds(classifier: Classifier) -> tuple[NDArray[np.int64], NDArray[np.int64]
     return kind, which
 
 
-def tabulated(classifier: Classifier, missed: bool = False) -> tuple[AttractorTable, NDArray[np.int64]]:
+def tabulate_attractors(classifier: Classifier, missed: bool = False) -> tuple[AttractorTable, NDArray[np.int64]]:
     """Return one row for every attractor of every cell, and the row of every sample.
 
     With `missed`, known stable orbits that no sample reached have rows too.
@@ -214,7 +214,7 @@ def tabulated(classifier: Classifier, missed: bool = False) -> tuple[AttractorTa
     tuple[AttractorTable, NDArray[np.int64]]
         The table, and the row of each sample, cell by cell.
     """
-    kind, which = _kinds(classifier)
+    kind, which = _kinds_and_numbers(classifier)
     samples, orbits = classifier.samples, classifier.orbits
     row, known = np.empty(kind.size, np.int64), orbits.n if missed else np.zeros_like(orbits.n)
     rows = rows_of(kind, which, samples.impacts, samples.time, known, row)
@@ -222,20 +222,20 @@ def tabulated(classifier: Classifier, missed: bool = False) -> tuple[AttractorTa
     watched[(kind != Outcome.CHAOTIC) & (kind != Outcome.UNDECIDED)] = np.nan
     periodic = kind == Outcome.PERIODIC
 
-    def of_orbit(values: NDArray[np.float64], otherwise: ArrayLike) -> NDArray[np.float64]:
+    def orbit_values(values: NDArray[np.float64], otherwise: ArrayLike) -> NDArray[np.float64]:
         column = np.minimum(which, values.shape[1] - 1)
         return np.where(periodic, values[cell, column], otherwise)
 
-    first, second = of_orbit(orbits.first, np.nan), of_orbit(orbits.second, np.nan)
+    first, second = orbit_values(orbits.first, np.nan), orbit_values(orbits.second, np.nan)
     error = np.where(periodic, 0.0, np.nan)
     chaotic = np.flatnonzero(kind == Outcome.CHAOTIC)
     if chaotic.size:
         found = [classifier.chaos[c][i] for c, i in zip(cell[chaotic].tolist(), which[chaotic].tolist(), strict=True)]
-        first[chaotic], second[chaotic], error[chaotic] = pooled([each.sums for each in found])
+        first[chaotic], second[chaotic], error[chaotic] = pooled_exponents([each.sums for each in found])
         watched[chaotic] = [each.watched for each in found]
     labels = orbits.m, orbits.n_plus - orbits.merged, orbits.n_minus, orbits.contacts
-    m, n_plus, n_minus, contacts = (of_orbit(x, 0).astype(np.int64) for x in labels)
-    tau, v = of_orbit(orbits.tau, samples.tau[one]), of_orbit(orbits.v, samples.v[one])
+    m, n_plus, n_minus, contacts = (orbit_values(x, 0).astype(np.int64) for x in labels)
+    tau, v = orbit_values(orbits.tau, samples.tau[one]), orbit_values(orbits.v, samples.v[one])
     order = np.lexsort((tau, v, n_minus, n_plus, m, kind, -number, cell))
     place = np.empty_like(order)
     place[order] = np.arange(order.size)
@@ -258,15 +258,15 @@ def tabulated(classifier: Classifier, missed: bool = False) -> tuple[AttractorTa
     return table.take(order), place[row]
 
 
-def of_samples(classifier: type[Classifier], parameters: Parameters, sample: SampleSpec) -> AttractorTable:
+def attractors_of_samples(classifier: type[Classifier], parameters: Parameters, sample: SampleSpec) -> AttractorTable:
     """Return the attractors that a sample of each of these points finds. Raises ParameterError."""
     cells = parameters.flat()
     require(
         cells.size * sample.count <= 64 * MOST_SAMPLES,
-        f"{cells.size} cells of {sample.count} samples are too many at once: use tiles",
+        f"{cells.size} cells of {sample.count} samples are too many at once: give fewer, or make a survey",
     )
     found = classifier.classify(cells, *sample.states(cells), sample.budget)
-    table, _rows = tabulated(found, missed=True)
+    table, _rows = tabulate_attractors(found, missed=True)
     return table
 
 

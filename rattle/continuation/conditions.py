@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rattle.continuation.arclength import ContinuationProblem, plane_scale
 from rattle.errors import RattleError
-from rattle.numerics.complex_step import Array, bordered
+from rattle.numerics.complex_step import Array, singularity_function
 from rattle.orbits.periodic import Equations
 
 
@@ -63,6 +63,6 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Co
     def equations(x: NDArray) -> NDArray:
         """Return the residual of the motion, and after it a number that is 0 where det J is 0."""
         residual, jacobian = itinerary.with_jacobian(x, multiplier)
-        return np.concatenate([residual, bordered(jacobian, *borders)[..., None]], axis=-1)
+        return np.concatenate([residual, singularity_function(jacobian, *borders)[..., None]], axis=-1)
 
     return ContinuationProblem(equations, prepare, scale_at)

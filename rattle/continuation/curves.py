@@ -25,7 +25,7 @@ from rattle.continuation.arclength import (
     with_values,
 )
 from rattle.errors import require, require_number, require_pair
-from rattle.notebook import Columns, Tabular
+from rattle.notebook import Columns, TabularResult
 from rattle.numerics.complex_step import Array
 
 #: Largest distance in δ and ε, in units of `plane_scale`, between points that count as the same.
@@ -76,7 +76,7 @@ class CurveDescription(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class Curve(Tabular):
+class Curve(TabularResult):
     """A bifurcation curve at half-backlash beta: n points, piece by piece; n = 0 if it does not exist in the window.
 
     delta, epsilon (n,): the points.

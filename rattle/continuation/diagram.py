@@ -32,7 +32,7 @@ from rattle.notebook import (
     Columns,
     Dataset,
     Figure,
-    Tabular,
+    TabularResult,
     dataset_of,
     figure_of,
 )
@@ -98,7 +98,7 @@ class BranchPiece:
 
 
 @dataclass(frozen=True, repr=False)
-class Diagram(Tabular, Generic[AnyBranch, AnyEvent]):
+class Diagram(TabularResult, Generic[AnyBranch, AnyEvent]):
     """A bifurcation diagram along a segment of parameters, at half-backlash beta; all numbers are dimensionless.
 
     segment: the segment with its ends.
@@ -212,7 +212,7 @@ def diagram_of(
     most = require_integer("most", most, 1, MOST_BRANCHES)
     position = np.linspace(0.0, 1.0, steps + 1)
     parameters = model.steps(position)
-    unit = float(replace(sample, v_max=None).highest(parameters).max()) / PAPER_SPEED
+    unit = float(replace(sample, v_max=None).highest_speeds(parameters).max()) / PAPER_SPEED
     sampled = model.sampled(parameters, sample)
     sweeps, search = Sweeps(model, parameters, sampled), Search(model, impacts, most)
     for motion in model.period_one(parameters):

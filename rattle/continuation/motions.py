@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rattle.attractors.classify import Classifier
 from rattle.attractors.speeds import SampleSpec
-from rattle.attractors.table import AttractorTable, of_samples
+from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.continuation.arclength import ContinuationProblem
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import Periodic
@@ -65,7 +65,7 @@ class Motions(ABC):
 
     def sampled(self, steps: Parameters, sample: SampleSpec) -> AttractorTable:
         """Return the attractors that samples of initial conditions reach; cell i of the table is step i."""
-        return of_samples(self.classifier, steps, sample)
+        return attractors_of_samples(self.classifier, steps, sample)
 
     def classify(self, steps: Parameters, tau: Array, v: Array) -> Classifier:
         """Follow k states (n, k) at each of n steps until each state reaches an attractor or its budget ends."""
@@ -73,7 +73,7 @@ class Motions(ABC):
 
     def returned(self, steps: Parameters, tau: Array, v: Array) -> tuple[Array, Array]:
         """Return τ and v (n,) after one return to Σ⁺, for one state at each step."""
-        return self.classifier.iterated(steps, tau, v, 1)[:2]
+        return self.classifier.states_after(steps, tau, v, 1)[:2]
 
     @abstractmethod
     def period_one(self, steps: Parameters) -> Iterator[Motion]:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.samples import Outcome
-from rattle.attractors.table import AttractorTable, tabulated
+from rattle.attractors.table import AttractorTable, tabulate_attractors
 from rattle.continuation.motions import Motions
 from rattle.parameters import Parameters
 
@@ -159,7 +159,7 @@ class Sweeps:
         tau, v = (np.array([[s[i] for s in (here * count)[:count]] for here in states]) for i in (0, 1))
         at = [run.step for run in runs]
         classifier = self.model.classify(self.steps.take(at), tau, v)
-        table, rows = tabulated(classifier)
+        table, rows = tabulate_attractors(classifier)
         for i, run in enumerate(runs):
             first = i * count
             end = float(classifier.samples.tau[first]), float(classifier.samples.v[first])

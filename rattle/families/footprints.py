@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.chaos import SAME_FOOTPRINT, boxes_in
-from rattle.attractors.classify import begun
+from rattle.attractors.chaos import SAME_FOOTPRINT, count_bits
+from rattle.attractors.classify import new_trajectories
 from rattle.attractors.recurrence import mark_footprints
 from rattle.attractors.samples import GRID
 from rattle.numerics.compile import kernel
@@ -24,9 +24,9 @@ def write_overlaps(one, other, prints, overlap):
         in_one, in_other, shared = 0, 0, 0
         for row in range(prints.shape[1]):
             a, b = prints[one[i], row], prints[other[i], row]
-            in_one += boxes_in(a)
-            in_other += boxes_in(b)
-            shared += boxes_in(a & b)
+            in_one += count_bits(a)
+            in_other += count_bits(b)
+            shared += count_bits(a & b)
         overlap[i] = shared > SAME_FOOTPRINT * min(in_one, in_other)
 
 
@@ -44,7 +44,7 @@ def overlapping_pairs(
         The numbers (pairs,) of the first and of the second attractor of each pair.
     """
     prints = np.zeros((cell.size, GRID), np.uint64)
-    states = begun(cell, tau, v, 0)
+    states = new_trajectories(cell, tau, v, 0)
     mark_footprints(np.arange(cell.size), STRETCH, cells, states, prints)
     ones, others = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     for step, inside in ((1, cell % shape[1] < shape[1] - 1), (shape[1], cell < (shape[0] - 1) * shape[1])):

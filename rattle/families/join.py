@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.attractors.classify import Classifier
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import SampleSpec
-from rattle.attractors.table import AttractorTable, of_samples
+from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.errors import real_array, require, require_number
 from rattle.families.footprints import overlapping_pairs
 from rattle.families.spread import NOWHERE, ORBIT_COLUMNS, LinkedOrbits, Rectangle, spread_orbits, write_arrivals
@@ -47,8 +47,8 @@ def families_over(
     """Return a gear's families as `rattle.families_of` does; `others` has β and the parameters that the model adds."""
     delta, epsilon = checked_axis("delta", delta), checked_axis("epsilon", epsilon)
     others = {name: require_number(name, x, positive=True) for name, x in others.items()}
-    cells = Parameters.of(classifier.model, delta, epsilon[:, None], **others).flat()
-    table = of_samples(classifier, cells, sample)
+    cells = Parameters.from_values(classifier.model, delta, epsilon[:, None], **others).flat()
+    table = attractors_of_samples(classifier, cells, sample)
     return joined(delta, epsilon, sample.count, table, classifier.cells_of(cells))
 
 

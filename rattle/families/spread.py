@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rattle.attractors.recurrence import SAME_POINT, unit_at
+from rattle.attractors.recurrence import SAME_POINT, speed_unit_at
 from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
 from rattle.numerics.compile import inline, kernel
@@ -21,11 +21,11 @@ from rattle.orbits.return_map import (
 )
 
 #: Largest distance from an orbit's point (τ, v) to the point of its continuation in the next cell, where speeds are in
-#: units of `unit_at`.
+#: units of `speed_unit_at`.
 FARTHEST = 0.2
 #: Smallest step of continuation, as a share of the way from a cell to the next.
 LEAST_STEP = 2.0**-6
-#: Before Newton's method starts again, τ, and v in units of `unit_at`, are rounded to a multiple of this number.
+#: Before Newton's method starts again, τ, and v in units of `speed_unit_at`, are rounded to a multiple of this number.
 ROUNDING = 2.0**-26
 #: Stands for the number of an orbit where there is no such orbit.
 NOWHERE = -1
@@ -116,7 +116,7 @@ def solve_from_rounded(tau, v, n_plus, point):
     tuple
         (τ, v). This is the given point if Newton's method fails or finds another point.
     """
-    unit = unit_at(point)
+    unit = speed_unit_at(point)
     t, w = np.rint(tau / ROUNDING) * ROUNDING, np.rint(v / unit / ROUNDING) * ROUNDING * unit
     found, t, w = newton(t, w, n_plus, point)
     if found and abs(wrapped(t - tau)) < SAME_POINT and abs(w - v) < SAME_POINT * unit:
@@ -140,7 +140,7 @@ def follow_orbit(k, here, there, orbits):
     while size >= LEAST_STEP:
         point = there if share + size == 1.0 else between(share + size, here, there)
         found, t, w = newton(tau, v, n_plus, point)
-        distance = math.hypot(wrapped(t - tau), (w - v) / unit_at(point))
+        distance = math.hypot(wrapped(t - tau), (w - v) / speed_unit_at(point))
         if not found or distance > (FARTHEST if size == 1.0 else 0.5 * FARTHEST):
             size *= 0.5
             continue
@@ -167,7 +167,7 @@ def continue_orbit(k, cell, n, orbits, cells):
     found, tau, v = follow_orbit(k, point_of(orbits.cell[k], cells), point, orbits)
     if not found:
         return NOWHERE
-    unit = unit_at(point)
+    unit = speed_unit_at(point)
     near = SAME_POINT * unit
     known = orbit_at_point(tau, v, cell, k, near, orbits)
     if known != NOWHERE:
@@ -208,7 +208,7 @@ def add_orbits(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits
     for i in range(cell.size):
         orbits.cell[n], orbits.m[n], orbits.n_plus[n], orbits.n_minus[n] = cell[i], m[i], n_plus[i], n_minus[i]
         orbits.tau[n], orbits.v[n], orbits.first[n], orbits.second[n] = tau[i], v[i], first[i], second[i]
-        near = SAME_POINT * unit_at(point_of(cell[i], cells))
+        near = SAME_POINT * speed_unit_at(point_of(cell[i], cells))
         which[i] = orbit_at_point(tau[i], v[i], cell[i], n, near, orbits)
         if which[i] == NOWHERE:
             orbits.before[n], orbits.last[cell[i]] = orbits.last[cell[i]], n
@@ -255,7 +255,7 @@ def write_arrivals(one, other, steps, way, orbits, arrives):
         arrives[i] = False
         for j in range(steps):
             point = point_of(i * steps + j, way)
-            unit, before, speed = unit_at(point), tau, v
+            unit, before, speed = speed_unit_at(point), tau, v
             found, tau, v = newton(before, speed, n_plus, point)
             if not found or math.hypot(wrapped(tau - before), (v - speed) / unit) > 0.5 * FARTHEST:
                 break

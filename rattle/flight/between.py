@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.flight.forcing import DRIFT, analytic_change, plus_analytic_acceleration, plus_slope
+from rattle.flight.forcing import DRIFT, add_analytic_acceleration, add_slope, analytic_change
 from rattle.numerics.compile import inline
 
 SMALL = 0.1  # product of damping and flight time below which the mean drift would lose digits by cancellation
-# series of 1 − x/(1 − e^(−x)): coefficients of x, x², x⁴, x⁶, …
+# the Taylor series of 1 − x/(1 − e^(−x)) has these coefficients of x, x², x⁴, x⁶, …
 LAG = (-1 / 2, -1 / 12, 1 / 720, -1 / 30240, 1 / 1209600, -1 / 47900160, 691 / 1307674368000)
 
 
@@ -32,7 +32,7 @@ W0, W1, PULL, DECAY, W0_T0, W1_T1 = range(len(Flights._fields))
 
 
 @inline
-def fall(z):
+def decay_loss(z):
     """Return 1 − e^(−z), computed without cancellation, and e^(−z), for complex z."""
     size, half = math.exp(-z.real), math.sin(0.5 * z.imag)
     real, imag = math.cos(z.imag), size * math.sin(z.imag)
@@ -40,7 +40,7 @@ def fall(z):
 
 
 @inline
-def lag(x, s, pull):
+def drift_lag(x, s, pull):
     """Return 1 − x/(1 − e^(−x)) for x = δs, accurate to rounding for any x; `pull` is δ/(1 − e^(−x))."""
     if not abs(x.real) < SMALL:
         return 1.0 - s * pull
@@ -51,7 +51,7 @@ def lag(x, s, pull):
 
 @inline
 def flight_between(t0, t1, turn0, turn1, gap, delta, epsilon):
-    """Return the flight from time t0 to time t1 over the distance `gap`, in the order of `Flights`.
+    """Return the flight from time t0 to time t1 over the distance `gap`, as the fields of `Flights` in order.
 
     turn0 and turn1 are (sine, cosine) of the phases at both ends.
 
@@ -63,13 +63,13 @@ def flight_between(t0, t1, turn0, turn1, gap, delta, epsilon):
     (sin0, cos0), (sin1, cos1) = turn0, turn1
     s = t1 - t0
     x = delta * s
-    lost, decay = fall(x)
+    lost, decay = decay_loss(x)
     pull = np.divide(delta, lost)
     apart = (analytic_change(t0, t1, s, epsilon) - gap) * pull
-    drift = DRIFT * lag(x, s, pull)
-    w0 = plus_slope(drift, sin0, cos0, epsilon) - apart
-    w1 = plus_slope(drift + DRIFT * x, sin1, cos1, epsilon) - apart * decay
+    drift = DRIFT * drift_lag(x, s, pull)
+    w0 = add_slope(drift, sin0, cos0, epsilon) - apart
+    w1 = add_slope(drift + DRIFT * x, sin1, cos1, epsilon) - apart * decay
     slowing = delta * (DRIFT - drift + apart)
-    w0_t0 = plus_analytic_acceleration(w0 * pull + slowing, sin0, cos0, epsilon)
-    w1_t1 = plus_analytic_acceleration((slowing - w1 * pull) * decay, sin1, cos1, epsilon)
+    w0_t0 = add_analytic_acceleration(w0 * pull + slowing, sin0, cos0, epsilon)
+    w1_t1 = add_analytic_acceleration((slowing - w1 * pull) * decay, sin1, cos1, epsilon)
     return w0, w1, pull, decay, w0_t0, w1_t1

@@ -10,7 +10,8 @@ contact:
 
 A law whose chatter completes (`ImpactLaw.chatter_completes`) enters contact in finite time. It is released with speed 0
 at the phase where the force turns away from the wall: the beginning of `forcing.negative_arc` on Σ⁺, its end on Σ⁻. The
-stiff gear's contacts have depth; `rattle.stiff.map.flow.departs` decides their release, and an endless one is quiet.
+stiff gear's contacts have depth; `rattle.stiff.map.flow.is_contact_over` decides their release, and endless contact is
+quiet.
 """
 
 from rattle.flight.forcing import contact_force, library_phase
@@ -20,9 +21,9 @@ IN_CONTACT = 2  # status of a motion in contact: there is no next flight until a
 ENDLESS = 3  # status of a motion that makes MOST_BOUNCES impacts on Σ⁻ between two on Σ⁺
 MOST_BOUNCES = 100_000
 SLOWEST = 1e-150  # speed below which squares of speeds and heights underflow
-#: Largest share x of the time until the force may vanish that a chatter may take (`rattle.inelastic.map.contact`).
+#: A chatter must end within this share of the time until the contact force may vanish (`rattle.inelastic.map.contact`).
 SHARE = 0.4
-LOW = 2.0 * (1.0 - SHARE) ** 2  # largest v²/(gap × force) of a bounce that is certain to stay clear of the other wall
+LOW = 2.0 * (1.0 - SHARE) ** 2  # up to this v²/(gap × force) a bounce is certain to stay clear of the other wall
 
 
 @inline

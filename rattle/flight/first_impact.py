@@ -11,23 +11,33 @@ from numba.core.types import NamedUniTuple, Tuple, float64, int64
 from numpy import float32 as f32
 
 from rattle.flight.forcing import later_phase, negative_arc, short_step
-from rattle.flight.guess import depth, first_guess, in_single, level_of, local_root, refined, taylor
+from rattle.flight.guess import (
+    estimated_minimum,
+    first_guess,
+    flight_in_single,
+    refine_time,
+    step_to_level,
+    taylor_coefficients,
+    wall_level,
+)
 from rattle.flight.law import (
     Flight,
     evaluate,
     evaluate_short,
+    flight_from_phase,
     fourth_derivative,
-    leaving,
     second_derivative,
     third_derivative,
 )
-from rattle.flight.proof import arc_in_single, clears_the_gap, is_located, single_turn
+from rattle.flight.proof import arc_in_single, clears_the_gap, has_single_turn, is_located
 from rattle.numerics.compile import inline, kernel
 
 OK = 0
 # These are np.int64, because for plain 1 and −1 the compiler would make variants of every kernel below.
 SIGMA_PLUS, SIGMA_MINUS = np.int64(1), np.int64(-1)
-NO_IMPACT = 1  # no impact within LONGEST forcing periods: backwards in time, at tiny damping, or on non-finite input
+# Status of a flight that has no impact within LONGEST forcing periods: backwards in time, at tiny damping, or if a
+# number is not finite.
+NO_IMPACT = 1
 LONGEST = 1000.0
 PIECE = 0.25  # longest piece of the search: a quarter turn of the forcing
 # a piece that starts this close before the arc of negative force counts as starting in it, despite rounding
@@ -35,7 +45,7 @@ SAME_PHASE = 1e-12
 MOST_STEPS = 100
 BISECTED = 5  # every fifth step halves the bracket, because other steps are too short where F is nearly exponential
 
-FARTHEST_STEP = 1e-4  # longest last step, as a share of the flight time and in forcing periods
+FARTHEST_STEP = 1e-4  # the last step must be shorter than this share of the flight time, and of a forcing period
 
 FLIGHT = NamedUniTuple(float64, len(Flight._fields), Flight)
 _SAFE = Tuple((int64, float64, int64, *4 * (float64,)))(int64, float64, FLIGHT, float64)
@@ -44,15 +54,15 @@ _FIRST = Tuple((int64, float64, int64, *2 * (float64,), FLIGHT, *2 * (float64,))
 
 @inline
 def last_step(s, f0, f1, lost, sin1, cos1, flight):
-    """Return the step u to F = 0 from a close guess s with height f0, by reversion of the Taylor series to third order.
+    """Return the step u from a close guess s to the impact, where F = 0, by reversion of the Taylor series of F.
 
-    f1, lost, sin1 and cos1 are what `evaluate_short` returns at s. The neglected term is u⁴ (5p (p² − q) + r), where
-    p = F''/2F', q = F‴/6F' and r = F⁗/24F'.
+    f0 is F at s, measured from the wall; f1, lost, sin1 and cos1 are what `evaluate_short` returns at s. The reversion
+    is of third order. The neglected term is u⁴ (5p (p² − q) + r), where p = F''/2F', q = F‴/6F' and r = F⁗/24F'.
 
     Returns
     -------
     tuple[float, bool]
-        u in forcing periods, and whether the neglected term is below 2e-15 s.
+        u in forcing periods, and whether the neglected term is below 2e-15 times s.
     """
     f2 = second_derivative(lost, sin1, cos1, flight)
     f3 = third_derivative(lost, sin1, cos1, flight)
@@ -62,15 +72,23 @@ def last_step(s, f0, f1, lost, sin1, cos1, flight):
     size = abs(u)
     p = 0.5 * f2 * inverse
     q = f3 * (1.0 / 6.0) * inverse
-    # each below 1e-4: |up|, 1e4 |u²q| and 1e7 |u³r|, with r = F⁗/24F'
+    # `exact` implies that |up|, 1e4 |u²q| and 1e7 |u³r|, with r = F⁗/24F', are below 1e-4
     terms = 0.5 * abs(f2) + size * (1e4 / 6.0 * abs(f3) + size * (1e7 / 24.0) * abs(f4))
     exact = (size < FARTHEST_STEP * min(s, 1.0)) & (size * terms < 1e-4 * abs(f1))
     return u * (1.0 - u * (p - u * (2.0 * p * p - q))), exact
 
 
 @inline
-def stepped(u, f1, lost, sin1, cos1, flight):
-    """Return F', F'', 1 − e^(−δs), sine and cosine after a step u, by Taylor series with errors below 1e-15 of each."""
+def state_after_step(u, f1, lost, sin1, cos1, flight):
+    """Return F', F'', 1 − e^(−δs), and sine and cosine of the forcing after a step u in time, from those before it.
+
+    They follow from Taylor series, with relative errors below 1e-15.
+
+    Returns
+    -------
+    tuple of float
+        The five numbers.
+    """
     f2 = second_derivative(lost, sin1, cos1, flight)
     f3 = third_derivative(lost, sin1, cos1, flight)
     f4 = fourth_derivative(lost, sin1, cos1, flight)
@@ -88,28 +106,28 @@ def proven_impact(wall, tau, flight, beta):
     Returns
     -------
     tuple
-        (proved, next wall, s, F', 1 − e^(−δs), sin, cos), with the sine and cosine of 2π times the phase of arrival.
-        Where `proved` is False, the impact may not be the first.
+        (proved, next wall, flight time s, F', 1 − e^(−δs), sin, cos), with sine and cosine of 2π times the phase of
+        arrival. Where `proved` is False, the impact may not be the first.
     """
-    wall_, gap, short = f32(wall), f32(2.0 * beta), in_single(flight)
+    wall_, gap, short = f32(wall), f32(2.0 * beta), flight_in_single(flight)
     s = first_guess(wall_, gap, f32(1.0 / flight.delta), short)
-    series = taylor(s, short)
-    lowest, minimum = depth(s, series, short)
+    series = taylor_coefficients(s, short)
+    lowest, minimum = estimated_minimum(s, series, short)
     falls = wall > 0 and lowest < -gap
-    level_ = level_of(wall_, falls, gap)
-    s += local_root(not falls, level_, series)
-    s += local_root(not falls, level_, taylor(s, short))
-    s, step, speed = refined(s, level_, short)
+    level_ = wall_level(wall_, falls, gap)
+    s += step_to_level(not falls, level_, series)
+    s += step_to_level(not falls, level_, taylor_coefficients(s, short))
+    s, step, speed = refine_time(s, level_, short)
     proved = is_located(s, step, speed, short)
     proved &= clears_the_gap(wall_, not falls, s, minimum, gap, short)
     arc = arc_in_single(negative_arc(flight.delta, flight.epsilon))
-    proved &= single_turn(wall_, not falls, f32(tau), s, minimum.time, short, arc)
+    proved &= has_single_turn(wall_, not falls, f32(tau), s, minimum.time, short, arc)
     level = -2.0 * beta if falls else (0.0 if wall > 0 else 2.0 * beta)
     close = np.float64(s)
     f0, f1, _f2, lost, sin1, cos1 = evaluate_short(close, flight)
     u, exact = last_step(close, f0 - level, f1, lost, sin1, cos1, flight)
     end = close + u
-    w1, _bend, lost, sin1, cos1 = stepped(u, f1, lost, sin1, cos1, flight)
+    w1, _bend, lost, sin1, cos1 = state_after_step(u, f1, lost, sin1, cos1, flight)
     proved &= exact
     target = -1 if falls else 1
     return proved and end > 0.0 and target * w1 > 0.0, target, end, w1, lost, sin1, cos1
@@ -153,7 +171,15 @@ def root_in(lo, hi, guess, level, rising, flight):
 
 @kernel
 def extremum_in(lo, hi, guess, convex, flight):
-    """Return the zero of F' in (lo, hi), where e^(δs) F' is monotone, to 1e-9; F there is then exact to rounding."""
+    """Return the zero of F' in (lo, hi), where e^(δs) F' is monotone, to 1e-9. F at this time is exact to rounding.
+
+    convex: whether the extremum of F is a minimum.
+
+    Returns
+    -------
+    float
+        Time since the departure, in forcing periods.
+    """
     s = guess
     if not (lo < s < hi):
         s = 0.5 * (lo + hi)
@@ -179,7 +205,15 @@ def extremum_in(lo, hi, guess, convex, flight):
 
 @kernel
 def impact_on_piece(s0, s1, start, end, guess, lower, upper, flight):
-    """Return (wall, time) of the crossing on a monotone piece from F = start to F = end; wall 0 if there is none."""
+    """Return (wall, time) of the crossing of F = lower or F = upper on a piece on which F is monotone.
+
+    F goes from `start` at time s0 to `end` at time s1. A guess of the time may be nan.
+
+    Returns
+    -------
+    tuple[int, float]
+        +1 for the upper level, −1 for the lower one, 0 if there is no crossing; and the time.
+    """
     wall = 1 if end > start and end > upper else -1 if end < start and end < lower else 0
     if wall == 0:
         return 0, s1
@@ -191,7 +225,7 @@ def impact_on_piece(s0, s1, start, end, guess, lower, upper, flight):
 
 @inline
 def end_of_piece(s, longest, tau, arc):
-    """Return the end of the piece that begins at s: after `longest`, or earlier where the force changes sign."""
+    """Return the end of the piece of a flight that begins at s: after `longest`, or where the contact force is 0."""
     e = s + longest
     if arc.exists:
         to_exit = arc.leave - tau - s
@@ -241,7 +275,13 @@ def searched_crossing(tau, flight, lower, upper):
 
 @kernel
 def safe_impact(wall, tau, flight, beta):
-    """Return the impact found by the search, with its state: (status, s, wall, F', 1 − e^(−δs), sin, cos)."""
+    """Return the first impact of a flight, found by the search that cannot skip a crossing.
+
+    Returns
+    -------
+    tuple
+        (status, flight time s, wall, F', 1 − e^(−δs), sin, cos), with sine and cosine of 2π times the phase of arrival.
+    """
     upper = 0.0 if wall > 0 else 2.0 * beta
     lower = upper - 2.0 * beta
     status, target, s = searched_crossing(tau, flight, lower, upper)
@@ -259,7 +299,7 @@ def first_impact(wall, tau, w, delta, epsilon, beta, drift):
     tuple
         (status, time, wall, velocity before reflection, 1 − e^(−δ time), the flight, sin, cos of 2π phase at arrival).
     """
-    flight = leaving(tau, w, delta, epsilon, drift)
+    flight = flight_from_phase(tau, w, delta, epsilon, drift)
     if delta > 0.0:
         proved, target, s, w1, lost, sin1, cos1 = proven_impact(wall, tau, flight, beta)
         if proved:

@@ -5,7 +5,7 @@
 Kernels hold a phase as its sine and cosine, from which any harmonic follows. They take the forcing as the argument
 `epsilon`: a number, the amplitude of one cosine. Another forcing is another type of this argument. For this type numba
 compiles these functions again, and all kernels that call them, so that one cosine keeps its own fast code. Functions
-take both sine and cosine of a phase, because a sum of harmonics needs both. `plus_slope` and `plus_acceleration` add to
+take both sine and cosine of a phase, because a sum of harmonics needs both. `add_slope` and `add_acceleration` add to
 a number, because the order of operations decides the stored bits. Code outside kernels uses `Forcing`.
 
 These modules hold for one cosine only, and say so: A to D in closed form and their limits
@@ -35,7 +35,7 @@ SIXTH = f32(TWO_PI**6 / 720)
 Real = float | np.float32
 
 
-class Arc(NamedTuple):
+class NegativeArc(NamedTuple):
     """The arc of phases where the contact force is negative, if it exists."""
 
     exists: bool
@@ -59,13 +59,13 @@ def sine_defect64(q):
 
 @inline
 def versine32(q):
-    """Return versine64 in single precision."""
+    """Return (1 − cos z)/z² for q = z², |z| ≤ π, in single precision."""
     return degree_5(coefficients.VERSINE_32, q)
 
 
 @inline
 def sine_defect32(q):
-    """Return sine_defect64 in single precision."""
+    """Return (z − sin z)/z³ for q = z², |z| ≤ π, in single precision."""
     return degree_4(coefficients.SINE_DEFECT_32, q)
 
 
@@ -73,22 +73,22 @@ class FlightFunctions(NamedTuple):
     """The functions of the forcing that a flight needs, as inline kernels of one precision."""
 
     versines: Inline
-    turned: Inline
-    drop: Inline
-    slowing: Inline
-    plus_slope: Inline
-    plus_acceleration: Inline
-    plus_acceleration_after: Inline
+    phase_changes: Inline
+    tangent_drop: Inline
+    slope_loss_of_change: Inline
+    add_slope: Inline
+    add_acceleration: Inline
+    add_acceleration_after: Inline
 
 
-def _forcing(real, versine, sine_defect):
+def _build_functions(real, versine, sine_defect):
     """Build the functions of a flight in one precision, as straight-line code that a loop over flights vectorises."""
     two_pi = real(TWO_PI)
     rounder = real(1.5 * 2.0 ** (52 if real is np.float64 else 23))  # x + rounder − rounder is the nearest integer
 
     @inline
     def versines(s):
-        """Return 1 − cos 2πs, sin 2πs and 2πs − sin 2πs without cancellation."""
+        """Return 1 − cos 2πs, sin 2πs and 2πs − sin 2πs, computed without cancellation."""
         turns = (s + rounder) - rounder
         z = two_pi * (s - turns)
         q = z * z
@@ -96,43 +96,49 @@ def _forcing(real, versine, sine_defect):
         return q * versine(q), z - defect, two_pi * turns + defect
 
     @inline
-    def turned(step, sin0, cos0):
-        """Return the change of the sine, and the new cosine, when time s has passed; `step` is versines(s)."""
+    def phase_changes(step, sin0, cos0):
+        """Return the change of the forcing's sine, and its new cosine, after a time s; `step` is versines(s)."""
         omc, siny, _defect = step
         return cos0 * siny - sin0 * omc, cos0 - (cos0 * omc + sin0 * siny)
 
     @inline
-    def drop(step, sin0, cos0, epsilon):
-        """Return e(t₀) + s e'(t₀) − e(t₁), without cancellation."""
+    def tangent_drop(step, sin0, cos0, epsilon):
+        """Return e(t₀) + s e'(t₀) − e(t₁), e the forcing and s = t₁ − t₀; `step` is versines(s)."""
         omc, _siny, defect = step
         return epsilon * (cos0 * omc - sin0 * defect)
 
     @inline
-    def slowing(dsin, epsilon):
-        """Return e'(t₀) − e'(t₁) from the change of the sine that `turned` returns."""
+    def slope_loss_of_change(dsin, epsilon):
+        """Return e'(t₀) − e'(t₁), e the forcing, from the change of its sine that `phase_changes` returns."""
         return (two_pi * epsilon) * dsin
 
     @inline
-    def plus_slope(x, sine, cosine, epsilon):
-        """Return x + e'."""
+    def add_slope(x, sine, cosine, epsilon):
+        """Return x + e', e' the derivative of the forcing at the phase with this sine and cosine."""
         return x - two_pi * epsilon * sine
 
     @inline
-    def plus_acceleration(x, sine, cosine, epsilon):
-        """Return x + e''."""
+    def add_acceleration(x, sine, cosine, epsilon):
+        """Return x + e'', e'' the second derivative of the forcing at the phase with this sine and cosine."""
         return x - two_pi * two_pi * epsilon * cosine
 
     @inline
-    def plus_acceleration_after(x, sin0, dsin, cos1, epsilon):
-        """Return x + e'' after `turned`. The sine is given as sin0 and dsin, because adding them loses digits."""
+    def add_acceleration_after(x, sin0, dsin, cos1, epsilon):
+        """Return x + e'' at a later phase, whose sine is given as sin0 and dsin, because adding them loses digits."""
         return x - two_pi * two_pi * epsilon * cos1
 
-    return FlightFunctions(versines, turned, drop, slowing, plus_slope, plus_acceleration, plus_acceleration_after)
+    return FlightFunctions(
+        versines, phase_changes, tangent_drop, slope_loss_of_change, add_slope, add_acceleration, add_acceleration_after
+    )
 
 
-IN_DOUBLE, IN_SINGLE = _forcing(np.float64, versine64, sine_defect64), _forcing(np.float32, versine32, sine_defect32)
-versines, turned, drop, slowing = IN_DOUBLE.versines, IN_DOUBLE.turned, IN_DOUBLE.drop, IN_DOUBLE.slowing
-plus_slope, plus_acceleration, plus_slope32 = IN_DOUBLE.plus_slope, IN_DOUBLE.plus_acceleration, IN_SINGLE.plus_slope
+IN_DOUBLE, IN_SINGLE = (
+    _build_functions(np.float64, versine64, sine_defect64),
+    _build_functions(np.float32, versine32, sine_defect32),
+)
+versines, phase_changes = IN_DOUBLE.versines, IN_DOUBLE.phase_changes
+tangent_drop, slope_loss_of_change = IN_DOUBLE.tangent_drop, IN_DOUBLE.slope_loss_of_change
+add_slope, add_acceleration, add_slope32 = IN_DOUBLE.add_slope, IN_DOUBLE.add_acceleration, IN_SINGLE.add_slope
 
 
 @inline
@@ -172,25 +178,25 @@ def later_phase(step, sine, cosine):
 
 @inline
 def third_derivative(sine, cosine, epsilon):
-    """Return e'''."""
+    """Return the third derivative of the forcing."""
     return TWO_PI * TWO_PI * TWO_PI * epsilon * sine
 
 
 @inline
 def fourth_derivative(sine, cosine, epsilon):
-    """Return e⁗."""
+    """Return the fourth derivative of the forcing."""
     return TWO_PI**4 * epsilon * cosine
 
 
 @inline
 def slope_loss(sin0, cos0, sin1, cos1, epsilon):
-    """Return e'(t₀) − e'(t₁)."""
+    """Return e'(t₀) − e'(t₁): by how much the derivative of the forcing falls from one phase to a later one."""
     return TWO_PI * epsilon * (sin1 - sin0)
 
 
 @inline
 def derivatives_by_departure(f_w, decay, sin0, cos0, sin1, cos1, epsilon):
-    """Return the derivatives of F and F' by the time of departure, for a flight of fixed duration.
+    """Return the derivatives of a flight's height F and of F' by the time of departure, for a fixed duration.
 
     ∂F/∂t₀ = e'(t₁) − e'(t₀) − f_w e''(t₀) and ∂F'/∂t₀ = e''(t₁) − decay e''(t₀), with f_w = ∂F/∂w₀ and decay = ∂F'/∂w₀.
 
@@ -205,7 +211,7 @@ def derivatives_by_departure(f_w, decay, sin0, cos0, sin1, cos1, epsilon):
 
 @inline
 def largest_slope(epsilon):
-    """Return the largest |e'|."""
+    """Return the largest |e'|, e' the derivative of the forcing."""
     return TWO_PI * epsilon
 
 
@@ -214,19 +220,19 @@ def largest_slope(epsilon):
 
 @inline
 def contact_force(sine, cosine, delta, epsilon, drift):
-    """Return g = Φ'' + δΦ' = δq + e'' + δe', which presses on Σ⁺ where it is positive."""
+    """Return the contact force g = Φ'' + δΦ' = δq + e'' + δe', q the drift. It presses on Σ⁺ where it is positive."""
     return delta * drift - TWO_PI * epsilon * (TWO_PI * cosine + delta * sine)
 
 
 @inline
 def contact_force_rate(sine, cosine, delta, epsilon):
-    """Return g'."""
+    """Return the derivative g' of the contact force by time."""
     return TWO_PI * TWO_PI * epsilon * (TWO_PI * sine - delta * cosine)
 
 
 @inline
 def contact_force_swing(delta, epsilon):
-    """Return the amplitude of the contact force, the largest |g − δq|."""
+    """Return the amplitude of the contact force: its largest deviation from its mean."""
     return TWO_PI * epsilon * math.hypot(TWO_PI, delta)
 
 
@@ -237,7 +243,7 @@ def relative_swing(delta, epsilon):
 
 
 @inline
-def swings_beyond(share, delta, epsilon):
+def has_swing_beyond(share, delta, epsilon):
     """Return whether the amplitude of the contact force exceeds this share of its mean."""
     return epsilon * math.hypot(TWO_PI, delta) > share * 2.0 * delta
 
@@ -264,7 +270,7 @@ def phase_of_least_force(delta):
 
 @inline
 def force_ahead(wall, sin0, cos0, delta, epsilon):
-    """Return mean, a and b of the outward force mean + a cos 2πs + b sin 2πs on a wall, a time s after this phase."""
+    """Return mean, a and b: the force mean + a cos 2πs + b sin 2πs presses on the wall a time s after this phase."""
     size = wall * TWO_PI * epsilon
     a = -size * (TWO_PI * cos0 + delta * sin0)
     return wall * abs(delta) * DRIFT, a, size * (TWO_PI * sin0 - delta * cos0)
@@ -272,7 +278,7 @@ def force_ahead(wall, sin0, cos0, delta, epsilon):
 
 @inline
 def force_integral(duration, mean, a, b):
-    """Return the integral over `duration` of the force that `force_ahead` describes, from s = 0."""
+    """Return the integral from s = 0 to `duration` of the force mean + a cos 2πs + b sin 2πs of `force_ahead`."""
     omc, sine, _defect = versines(duration)
     return mean * duration + (a * sine + b * omc) / TWO_PI
 
@@ -285,16 +291,18 @@ def negative_arc(delta, epsilon):
 
     Returns
     -------
-    Arc
+    NegativeArc
         Its field `exists` is False, and the others are 0, if the force keeps its sign.
     """
     largest = contact_force_swing(delta, epsilon)
     mean = abs(delta) * DRIFT
     if not largest > mean:
-        return Arc(False, 0.0, 0.0, 0.0, 0.0)
+        return NegativeArc(False, 0.0, 0.0, 0.0, 0.0)
     middle, half = math.atan2(delta, TWO_PI), math.acos(mean / largest)
     leave = (middle + half) / TWO_PI
-    return Arc(True, leave - math.floor(leave), half / math.pi, math.sin(middle - half), math.sin(middle + half))
+    return NegativeArc(
+        True, leave - math.floor(leave), half / math.pi, math.sin(middle - half), math.sin(middle + half)
+    )
 
 
 # ---- guesses and proofs in single precision
@@ -302,7 +310,7 @@ def negative_arc(delta, epsilon):
 
 @inline
 def mean_cosine32(angle, sin0, cos0):
-    """Return an estimate of the mean cosine over the time angle/2π after a phase, angle ≤ 2π."""
+    """Return an estimate of the mean cosine of the forcing over the time angle/2π after a phase, angle ≤ 2π."""
     square = angle * angle
     return (
         degree_4(coefficients.MEAN_COSINE_32, square) * cos0
@@ -311,32 +319,32 @@ def mean_cosine32(angle, sin0, cos0):
 
 
 @inline
-def plus_mean_acceleration32(x, mean_cosine, epsilon):
-    """Return x + the mean of e'', from what `mean_cosine32` returns."""
+def add_mean_acceleration32(x, mean_cosine, epsilon):
+    """Return x plus the mean second derivative of the forcing, given the result of `mean_cosine32`."""
     return x - W2 * epsilon * mean_cosine
 
 
 @inline
 def third_derivative32(sine, cosine, epsilon):
-    """Return e'''."""
+    """Return the third derivative of the forcing, in single precision."""
     return W3 * epsilon * sine
 
 
 @inline
 def fourth_derivative32(sine, cosine, epsilon):
-    """Return e⁗."""
+    """Return the fourth derivative of the forcing, in single precision."""
     return W4 * epsilon * cosine
 
 
 @inline
 def minus_fifth_derivative32(sine, cosine, epsilon):
-    """Return −e⁽⁵⁾."""
+    """Return minus the fifth derivative of the forcing, in single precision."""
     return W5 * epsilon * sine
 
 
 @inline
 def change_scale32(s):
-    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε; the float32 error is at most proportional to it."""
+    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε, e the forcing, to which its float32 error is relative."""
     y = W1 * s
     return min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
 
@@ -349,37 +357,45 @@ def coarse_change_scale32(s, epsilon):
 
 @inline
 def slope_range32(epsilon):
-    """Return the largest e'(t₁) − e'(t₀)."""
+    """Return the largest difference e'(t₁) − e'(t₀) of the forcing's derivative between two times."""
     return f32(2.0) * W1 * epsilon
 
 
 @inline
 def largest_slope_loss32(sin0, cos0, epsilon):
-    """Return the largest e'(t₀) − e'(t₁) at any later time."""
+    """Return the largest e'(t₀) − e'(t₁) of the forcing for any later time t₁; sin0 and cos0 belong to t₀."""
     return W1 * epsilon * (f32(1.0) - sin0)
 
 
 @inline
 def largest_acceleration32(epsilon):
-    """Return the largest |e''|."""
+    """Return the largest |e''|, e'' the second derivative of the forcing."""
     return W2 * epsilon
 
 
 @inline
 def largest_sixth32(epsilon):
-    """Return the largest |e⁽⁶⁾|/720."""
+    """Return the largest |e⁽⁶⁾|/720, e⁽⁶⁾ the sixth derivative of the forcing."""
     return SIXTH * epsilon
 
 
 @inline
 def sine_changes_to_arc32(inside, sin0, arc):
-    """Return the changes of the sine from the departure to both ends of the arc; the first is 0 for `inside`."""
+    """Return the changes of the forcing's sine from the departure to both ends of the arc of negative contact force.
+
+    inside: whether the departure is inside the arc; then the first change is 0.
+
+    Returns
+    -------
+    tuple[float, float]
+        The changes.
+    """
     return (sin0 if inside else arc.sin_entry) - sin0, arc.sin_exit - sin0
 
 
 @inline
-def plus_slope_change32(x, dsin, epsilon):
-    """Return x plus the change of e' for a given change of the sine."""
+def add_slope_change32(x, dsin, epsilon):
+    """Return x plus the change of the forcing's derivative that belongs to the change `dsin` of its sine."""
     return x - W1 * epsilon * dsin
 
 
@@ -387,7 +403,7 @@ def plus_slope_change32(x, dsin, epsilon):
 
 
 @inline
-def turn(z):
+def complex_sine_cosine(z):
     """Return sin z and cos z of a complex number."""
     sine, cosine, cosh, sinh = math.sin(z.real), math.cos(z.real), math.cosh(z.imag), math.sinh(z.imag)
     return complex(sine * cosh, cosine * sinh), complex(cosine * cosh, -sine * sinh)
@@ -395,39 +411,39 @@ def turn(z):
 
 @inline
 def analytic_phase(t):
-    """Return the sine and cosine of the phase at a complex time."""
-    return turn(TWO_PI * t)
+    """Return the sine and cosine of 2πt for a complex time t."""
+    return complex_sine_cosine(TWO_PI * t)
 
 
 @inline
 def analytic_change(t0, t1, s, epsilon):
-    """Return e(t₁) − e(t₀) at complex times with s = t₁ − t₀, without cancellation."""
-    return epsilon * (-2.0 * turn(math.pi * (t0 + t1))[0] * turn(math.pi * s)[0])
+    """Return the change e(t₁) − e(t₀) of the forcing at complex times, without cancellation; s = t₁ − t₀."""
+    return epsilon * (-2.0 * complex_sine_cosine(math.pi * (t0 + t1))[0] * complex_sine_cosine(math.pi * s)[0])
 
 
 @inline
-def plus_analytic_acceleration(x, sine, cosine, epsilon):
-    """Return x + e''. The order of the products decides the stored bits of curves."""
+def add_analytic_acceleration(x, sine, cosine, epsilon):
+    """Return x + e'', e the forcing, for complex sine and cosine. Stored bits depend on the order of the products."""
     return x - TWO_PI * (TWO_PI * epsilon) * cosine
 
 
 @inline
 def analytic_force_ahead(sign, sin0, cos0, delta, epsilon):
-    """Return `force_ahead` for complex arguments and δ > 0."""
+    """Return the result of `force_ahead` for complex sine and cosine, and δ > 0."""
     size = sign * TWO_PI * epsilon
     mean = sign * 2 * TWO_PI * delta
     return mean, -size * (TWO_PI * cos0 + delta * sin0), size * (TWO_PI * sin0 - delta * cos0)
 
 
 @inline
-def change_shape(t0, t1, s):
-    """Return (e(t₁) − e(t₀))/ε at real times, which is the derivative by ε because e is linear in ε."""
+def change_by_epsilon(t0, t1, s):
+    """Return the derivative by ε of the forcing's change e(t₁) − e(t₀), at real times with s = t₁ − t₀."""
     return -2.0 * math.sin(math.pi * (t0 + t1)) * math.sin(math.pi * s)
 
 
 @inline
-def slope_shape(sine, cosine):
-    """Return e'/ε at real times, which is the derivative of e' by ε."""
+def slope_by_epsilon(sine, cosine):
+    """Return the derivative by ε of e', the forcing's derivative, at a real time."""
     return -TWO_PI * sine
 
 
@@ -450,13 +466,13 @@ class Forcing:
         """Return the smallest contact force of a period."""
         return np.asarray(2 * TWO_PI * delta - TWO_PI * self.epsilon * np.hypot(TWO_PI, delta))
 
-    def lines(self, delta: float) -> list[tuple[float, complex]]:
+    def spectral_lines(self, delta: float) -> list[tuple[float, complex]]:
         """Return the contact force Σ size e^(i frequency t) as a list of (frequency, size); the mean is first."""
         size = self.epsilon * complex(-0.5 * TWO_PI**2, 0.5 * TWO_PI * delta)
         return [(0.0, complex(mean_force(delta))), (TWO_PI, size), (-TWO_PI, size.conjugate())]
 
-    def touch(self, time: NDArray, delta: NDArray) -> NDArray:
-        """Return g/2π and g'/4π²ε (…, 2) at real or complex times (…). Both are 0 where a least force of 0 occurs."""
+    def force_and_rate(self, time: NDArray, delta: NDArray) -> NDArray:
+        """Return g/2π and g'/4π²ε (…, 2), g the contact force, at times (…). Both are 0 where g has a minimum of 0."""
         sine, cosine = np.sin(TWO_PI * time), np.cos(TWO_PI * time)
         force = 2 * delta - self.epsilon * (TWO_PI * cosine + delta * sine)
         return np.stack([force, TWO_PI * sine - delta * cosine], axis=-1)
@@ -468,13 +484,13 @@ def mean_force(delta: Any) -> Any:
     return delta * DRIFT
 
 
-def quiet_size(delta: NDArray[np.float64]) -> NDArray[np.float64]:
+def quiet_eccentricity(delta: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the largest ε at which the contact force is nowhere negative, 2δ/√(4π² + δ²)."""
     return np.asarray(2 * delta / np.hypot(2 * np.pi, delta))
 
 
 def least_damping(epsilon: float) -> float:
-    """Return the δ at which the minimum of the contact force is 0, the inverse of `quiet_size`."""
+    """Return the δ at which the minimum of the contact force is 0; inf if ε ≥ 2. It inverts `quiet_eccentricity`."""
     return TWO_PI * epsilon / math.sqrt(4.0 - epsilon * epsilon) if epsilon < 2.0 else math.inf
 
 

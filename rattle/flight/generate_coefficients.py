@@ -22,7 +22,7 @@ TERMS = 60
 
 
 class Polynomial(NamedTuple):
-    """A function, and the interval, degree and precision of its approximation."""
+    """A function, and the interval, degree and precision of the polynomial that approximates it."""
 
     name: str
     says: str
@@ -45,7 +45,7 @@ def series(start: int, step: int, x: Any) -> Any:
 
 
 def polynomials() -> list[Polynomial]:
-    """Return all polynomials of the kernels. There z = 2π(s − nearest integer) lies in [−π, π], so z² in [0, π²]."""
+    """Return all polynomials of the kernels. Their z = 2π(s − nearest integer) lies in [−π, π], so z² in [0, π²]."""
     decay, versine, defect, sine = (partial(series, *x) for x in ((2, 1), (2, 2), (3, 2), (1, 2)))
     square = mp.pi**2
     return [
@@ -61,7 +61,7 @@ def polynomials() -> list[Polynomial]:
 
 
 def coefficients(p: Polynomial) -> list[np.floating]:
-    """Return the interpolant through the Chebyshev nodes, rounded."""
+    """Return the coefficients of the polynomial that equals the function at the Chebyshev nodes, rounded."""
     n = p.degree + 1
     nodes = [(p.low + p.high + (p.high - p.low) * mp.cos(mp.pi * (2 * k + 1) / (2 * n))) / 2 for k in range(n)]
     matrix, values = mp.matrix(n, n), mp.matrix(n, 1)
@@ -72,8 +72,8 @@ def coefficients(p: Polynomial) -> list[np.floating]:
     return [p.real(str(mp.nstr(c, 25))) for c in mp.lu_solve(matrix, values)]
 
 
-def error(p: Polynomial, found: list[np.floating]) -> Any:
-    """Return the largest relative error on the grid, or the largest absolute error if the function has a zero."""
+def largest_error(p: Polynomial, found: list[np.floating]) -> Any:
+    """Return the largest relative error of a polynomial on the grid; of the means, the largest absolute error."""
     worst, powers = mp.mpf(0), [mp.mpf(float(c)) for c in reversed(found)]
     for i in range(GRID + 1):
         x = p.low + (p.high - p.low) * mp.mpf(i) / GRID
@@ -86,7 +86,7 @@ def error(p: Polynomial, found: list[np.floating]) -> Any:
     return worst
 
 
-def module() -> str:
+def module_text() -> str:
     """Return the text of rattle/flight/coefficients.py."""
     lines = [HEADER]
     with mp.workdps(60):
@@ -94,11 +94,11 @@ def module() -> str:
             found = coefficients(p)
             kind = "absolute" if p.name.startswith("MEAN") else "relative"
             interval = f"[{mp.nstr(mp.mpf(p.low), 5)}, {mp.nstr(mp.mpf(p.high), 5)}]"
-            lines.append(f"# {p.says}, on {interval}: {kind} error below {mp.nstr(error(p, found) * 1.01, 2)}")
+            lines.append(f"# {p.says}, on {interval}: {kind} error below {mp.nstr(largest_error(p, found) * 1.01, 2)}")
             rows = [f"    {float(c)!r}," if p.real is np.float64 else f"    np.float32({c!s})," for c in found]
             lines.append("\n".join([f"{p.name} = (", *rows, ")"]))
     return "\n".join(lines) + "\n"
 
 
 if __name__ == "__main__":
-    print(module(), end="")
+    print(module_text(), end="")

@@ -4,10 +4,10 @@ Double precision improves the guess, and `proof` proves that it is the first imp
 straight-line code on float32 numbers, run for one flight or in a loop over a block of lanes. docs/kernel.md derives
 each inequality. Two margins bound float32 rounding:
 
-- A value of F has an error below ERROR times `height_scale`, the sum of the sizes of its terms. (ERROR is 100 units of
-  float32 rounding; the evaluation takes fewer than 30 operations on inputs rounded once, and its polynomials are good
-  to 3e-7.)
-- A value of F' has an error below ERROR times `speed_scale`.
+- A value of a flight's height F has an error below ERROR times `height_scale`, the sum of the sizes of its terms.
+  (ERROR is 100 units of float32 rounding; the evaluation takes fewer than 30 operations on inputs rounded once, and its
+  polynomials are good to 3e-7.)
+- A value of the flight's speed F' has an error below ERROR times `speed_scale`.
 """
 
 from typing import NamedTuple
@@ -19,14 +19,14 @@ from rattle.flight.forcing import (
     DRIFT,
     W1,
     Q,
+    add_mean_acceleration32,
+    add_slope32,
     change_scale32,
     coarse_change_scale32,
     fourth_derivative32,
     largest_sixth32,
     mean_cosine32,
     minus_fifth_derivative32,
-    plus_mean_acceleration32,
-    plus_slope32,
     slope_range32,
     third_derivative32,
 )
@@ -39,7 +39,7 @@ FARTHEST = f32(0.1)  # longest Taylor step to the minimum; a longer step is unre
 NEAREST = f32(3e-6)  # shortest step whose sixth power is not a denormal number, which processors handle slowly
 TOO_FAR = f32(LONGEST_DECAY)  # largest δs for which the polynomials hold
 UNBOUNDED = f32(-1e30)  # a lower bound so low that it proves nothing
-SCAN_STEP = f32(1 / 8)
+SCAN_STEP = f32(1 / 8)  # forcing periods
 SCAN_STEPS = 16
 PER_DRIFT = f32(1.0 / DRIFT)
 
@@ -65,10 +65,10 @@ class Scan(NamedTuple):
 
 
 @inline
-def in_single(flight):
+def flight_in_single(flight):
     """Return a flight in single precision, with A computed from the rounded numbers."""
     w, sin0, cos0, epsilon = f32(flight.w), f32(flight.sin0), f32(flight.cos0), f32(flight.epsilon)
-    return Flight(w, plus_slope32(Q, sin0, cos0, epsilon) - w, sin0, cos0, f32(flight.delta), epsilon)
+    return Flight(w, add_slope32(Q, sin0, cos0, epsilon) - w, sin0, cos0, f32(flight.delta), epsilon)
 
 
 @inline
@@ -81,7 +81,7 @@ def first_guess(wall, gap, inverse_delta, flight):
     y = W1 * u * (f32(1.0) - u * (f32(0.5) - f32(0.25) * u)) * inverse_delta
     y = min(y, W1)
     cosine = mean_cosine32(y, sin0, cos0)
-    force = plus_mean_acceleration32(delta * (Q + f32(0.5) * speed), cosine, epsilon)
+    force = add_mean_acceleration32(delta * (Q + f32(0.5) * speed), cosine, epsilon)
     rise = delta * (Q - f32(1.2))
     mean_speed = f32(0.5) * (speed + sqrt(speed * speed + f32(2.0) * gap * rise))
     way, pace = speed, max(force, f32(0.35) * Q * delta)  # time to turn = speed / force; time to arrive = gap / speed
@@ -108,15 +108,15 @@ def better_guess(s, wall, gap, flight):
 
 
 @inline
-def level_of(wall, falls, gap):
-    """Return F at the next wall: 0 or −gap from Σ⁺, gap from Σ⁻."""
+def wall_level(wall, falls, gap):
+    """Return the height F of a flight above its departure, at the next wall: 0 or −gap from Σ⁺, gap from Σ⁻."""
     level = f32(0.0) if wall > f32(0.0) else gap
     return -gap if falls else level
 
 
 @inline
-def taylor(s, flight):
-    """Return the Taylor coefficients F, F', F''/2, F'''/6, F⁗/24 and F⁽⁵⁾/120 at s."""
+def taylor_coefficients(s, flight):
+    """Return the Taylor coefficients F, F', F''/2, F'''/6, F⁗/24 and F⁽⁵⁾/120 of a flight's height at time s."""
     f0, f1, f2, lost, sin1, cos1 = evaluate32(s, flight)
     delta, epsilon = flight.delta, flight.epsilon
     b = delta * flight.a * (f32(1.0) - lost)  # the decaying part of F''
@@ -128,7 +128,7 @@ def taylor(s, flight):
 
 @inline
 def height_scale(s, flight):
-    """Return the sum of the sizes of the terms of F at s, to which the rounding error of F is relative."""
+    """Return the sum of the sizes of the terms of a flight's height F at s. Its rounding error is relative to this."""
     w, a, _sin0, _cos0, delta, epsilon = flight
     forced = change_scale32(s)
     return s * (abs(w) + abs(a) * min(f32(0.5) * delta * s, f32(1.0))) + epsilon * forced
@@ -136,26 +136,26 @@ def height_scale(s, flight):
 
 @inline
 def speed_scale(flight):
-    """Return the sum of the sizes of the terms of F', to which the rounding error of F' is relative."""
+    """Return the sum of the sizes of the terms of a flight's speed F', to which its rounding error is relative."""
     return abs(flight.w) + abs(flight.a) + slope_range32(flight.epsilon)
 
 
 @inline
-def slope(u, c1, c2, c3, c4, c5):
-    """Return the derivative of the Taylor polynomial at u."""
+def taylor_slope(u, c1, c2, c3, c4, c5):
+    """Return the derivative at u of the Taylor polynomial with these coefficients."""
     return c1 + u * (f32(2.0) * c2 + u * (f32(3.0) * c3 + u * (f32(4.0) * c4 + u * (f32(5.0) * c5))))
 
 
 @inline
-def height(u, c0, c1, c2, c3, c4, c5):
-    """Return the Taylor polynomial at u."""
+def taylor_value(u, c0, c1, c2, c3, c4, c5):
+    """Return the value at u of the Taylor polynomial with these coefficients."""
     u2 = u * u
     return (c0 + u * c1) + u2 * ((c2 + u * c3) + u2 * (c4 + u * c5))
 
 
 @inline
-def depth(s, series, flight):
-    """Return the estimated minimum of F near s, from the Taylor series of F at s, and bounds at this point.
+def estimated_minimum(s, series, flight):
+    """Return the estimated minimum near s of a flight's height F, from its Taylor series at s, and bounds there.
 
     The bounds include the remainder and rounding, and hold for δs < 2. The bound of F is UNBOUNDED where the Taylor
     polynomial is unreliable.
@@ -172,14 +172,14 @@ def depth(s, series, flight):
     k3 = f32(3.0) * c3 * i2
     u *= f32(1.0) - u * (k3 - u * (f32(2.0) * k3 * k3 - f32(4.0) * c4 * i2))
     u = min(max(u, -FARTHEST), FARTHEST)
-    lowest = height(u, c0, c1, c2, c3, c4, c5)
+    lowest = taylor_value(u, c0, c1, c2, c3, c4, c5)
     reach = max(abs(u), NEAREST)
     r2 = reach * reach
     m6 = largest_sixth32(epsilon) + f32(1 / 360) * (delta * delta) * (delta * delta) * (
         delta * abs(a)
     )  # bounds |F⁽⁶⁾|/720, because e^(δu) < 2
-    left_out = m6 * r2 * r2  # the remainder of F is at most r2 times this, and that of F' 6 reach times this
-    tilt = abs(slope(u, c1, c2, c3, c4, c5)) + ERROR * speed_scale(flight) + f32(6.0) * reach * left_out
+    left_out = m6 * r2 * r2  # the remainder of F is at most r2 * left_out, that of F' at most 6 * reach * left_out
+    tilt = abs(taylor_slope(u, c1, c2, c3, c4, c5)) + ERROR * speed_scale(flight) + f32(6.0) * reach * left_out
     end = s + reach
     rounding = end * (abs(w) + abs(a) * (f32(0.5) * delta * end)) + coarse_change_scale32(end, epsilon)
     good = (delta * reach < f32(0.3)) & (reach < s)
@@ -188,8 +188,8 @@ def depth(s, series, flight):
 
 
 @inline
-def local_root(rising, level, series):
-    """Return the step to F = level: the root of the parabola, then one Newton step on the Taylor polynomial."""
+def step_to_level(rising, level, series):
+    """Return the step to F = level: a root of the parabola of three terms, and one Newton step with all terms."""
     f0, c1, c2, c3, c4, c5 = series
     c0 = f0 - level
     root = sqrt(abs(c1 * c1 - f32(4.0) * c0 * c2))
@@ -199,13 +199,13 @@ def local_root(rising, level, series):
     numerator = f32(-2.0) * c0 if direct else signed - c1
     denominator = c1 + signed if direct else f32(2.0) * c2
     u = numerator / denominator
-    return u - height(u, c0, c1, c2, c3, c4, c5) / slope(u, c1, c2, c3, c4, c5)
+    return u - taylor_value(u, c0, c1, c2, c3, c4, c5) / taylor_slope(u, c1, c2, c3, c4, c5)
 
 
 @inline
-def refined(s, level, flight):
-    """Return s after a step of fourth order to F = level, the size of the step, and F' there."""
-    c0, c1, c2, c3, c4, _c5 = taylor(s, flight)
+def refine_time(s, level, flight):
+    """Return the time s after a step of fourth order to F = level, the step, and an estimate of F' after it."""
+    c0, c1, c2, c3, c4, _c5 = taylor_coefficients(s, flight)
     inverse = f32(1.0) / c1
     u, p, q, r = (level - c0) * inverse, c2 * inverse, c3 * inverse, c4 * inverse
     u *= f32(1.0) - u * (p - u * ((f32(2.0) * p * p - q) - u * (f32(5.0) * p * (p * p - q) + r)))
@@ -213,7 +213,7 @@ def refined(s, level, flight):
 
 
 @inline
-def scanned(s0, s, wall, gap, scan, flight):
+def advance_scan(s0, s, wall, gap, scan, flight):
     """Advance the scan from time s0 to s, and find a minimum or the end between them by linear interpolation.
 
     Returns

@@ -17,14 +17,14 @@ from rattle.numerics.compile import inline
 
 
 @inline
-def reflected(w):
-    """Return the velocity after an impact from the velocity before it."""
+def reflected_velocity(w):
+    """Return the velocity after an elastic impact, given the velocity before it; restitution multiplies the result."""
     return -w
 
 
 @inline
-def before_reflection(w):
-    """Return the velocity before an impact from the velocity after it."""
+def velocity_before_reflection(w):
+    """Return the velocity before an elastic impact, given the velocity after it."""
     return -w
 
 
@@ -35,7 +35,7 @@ def reflected_change(change):
 
 
 @inline
-def arrival_part(w):
+def arrival_term(w):
     """Return the term that the arrival velocity w, or a derivative of w, contributes to `impact_mismatch`."""
     return w
 
@@ -43,7 +43,7 @@ def arrival_part(w):
 @inline
 def impact_mismatch(before, after):
     """Return the departure velocity minus the velocity that the law requires after this arrival; 0 at a true impact."""
-    return after + arrival_part(before)
+    return after + arrival_term(before)
 
 
 @inline
@@ -83,15 +83,15 @@ class ImpactLaw:
         return np.exp(-delta * time)
 
     def exponent_sum(self, delta: Any, impacts_per_period: Any) -> Any:  # noqa: ARG002
-        """Return λ₁ + λ₂ per forcing period; −δ for elastic impacts."""
+        """Return the sum λ₁ + λ₂ of the Lyapunov exponents, per forcing period; −δ for elastic impacts."""
         return -delta
 
     def energy_change(self, w: Any, change: Any) -> Any:
         """Return the change of w²/2 after an impact that a change of the arrival velocity w causes."""
         return change * w
 
-    def energy_lost(self, speed: Any) -> Any:
-        """Return the energy that an impact dissipates, relative to the wall; 0 for elastic impacts."""
+    def energy_loss(self, speed: Any) -> Any:
+        """Return the energy w²/2 that an impact dissipates, w the velocity relative to the wall; 0 if it is elastic."""
         return 0.0 * speed
 
 
@@ -105,17 +105,17 @@ class Restitution(ImpactLaw):
     restitution: float = 1.0
 
     def determinant(self, delta: Any, time: Any, impacts: Any) -> Any:
-        """Return the determinant e^(−δ time) r^(2 impacts) of a motion."""
+        """Return the determinant e^(−δ time) r^(2 impacts) of the tangent map of a motion."""
         return np.exp(-delta * time) * self.restitution ** (2 * impacts)
 
     def exponent_sum(self, delta: Any, impacts_per_period: Any) -> Any:
-        """Return λ₁ + λ₂ per forcing period."""
+        """Return the sum λ₁ + λ₂ of the Lyapunov exponents, per forcing period."""
         return 2.0 * math.log(self.restitution) * impacts_per_period - delta
 
     def energy_change(self, w: Any, change: Any) -> Any:
         """Return the change of w²/2 after an impact that a change of the arrival velocity w causes."""
         return self.restitution**2 * (change * w)
 
-    def energy_lost(self, speed: Any) -> Any:
-        """Return the energy that an impact dissipates, relative to the wall."""
+    def energy_loss(self, speed: Any) -> Any:
+        """Return the energy w²/2 that an impact dissipates, w the velocity relative to the wall."""
         return 0.5 * (1.0 - self.restitution**2) * speed * speed

@@ -18,12 +18,12 @@ import numpy as np
 from rattle.flight import coefficients, forcing
 from rattle.flight.forcing import (
     Real,
-    drop,
+    add_acceleration,
+    add_slope,
     largest_slope,
     phase_at,
-    plus_acceleration,
-    plus_slope,
     slope_loss,
+    tangent_drop,
     versines,
 )
 from rattle.numerics.compile import inline, kernel
@@ -34,7 +34,7 @@ LONGEST_DECAY = 2.0  # largest δs for which the polynomials hold
 
 
 class Flight(NamedTuple):
-    """Terms of F of one flight, in double or in single precision."""
+    """The numbers that determine one flight, in double or in single precision. The module has the equation."""
 
     w: Real  # velocity of departure
     a: Real  # A = q − 2πε sin θ − w
@@ -59,14 +59,14 @@ def wrapped(difference):
 
 @inline
 def natural_speed(delta, epsilon, beta):
-    """Return the speed scale of motions, 1.5 √(16πδβ) + 2πε, which is 7 at (0.6, 0.1, 0.6) to a part in 700.
+    """Return the speed scale of motions, 1.5 √(16πδβ) + 2πε, near 7 at (δ, ε, β) = (0.6, 0.1, 0.6).
 
     The drift across the gap reaches √(16πδβ); 2πε is the largest speed of the forcing.
 
     Returns
     -------
     float or ndarray
-        Of the broadcast shape, never infinite.
+        The speed, with the broadcast shape; never infinite.
     """
     # separate roots, because the product of δ and β may overflow
     across = 6.0 * math.sqrt(math.pi) * np.sqrt(delta) * np.sqrt(beta)
@@ -75,7 +75,7 @@ def natural_speed(delta, epsilon, beta):
 
 @inline
 def speed_unit(delta, epsilon, beta):
-    """Return the unit of speed differences, comparable to phase differences of 1; about 1 at (0.6, 0.1, 0.6)."""
+    """Return the speed that compares with a phase difference of 1; about 1 at (δ, ε, β) = (0.6, 0.1, 0.6)."""
     return natural_speed(delta, epsilon, beta) / 7.0
 
 
@@ -87,78 +87,79 @@ def decay64(x):
 
 @inline
 def decay32(x):
-    """Return decay64 in single precision, x in [0, 2]."""
+    """Return (e^(−x) − 1 + x)/x² for x in [0, 2], in single precision."""
     return degree_6(coefficients.DECAY_32, x)
 
 
-def _law(real, decay, forced):
+def _build_evaluate(real, decay, forced):
     """Build the flight law in one precision, as an inline kernel of straight-line code for vectorised loops."""
-    one, versines, turned, drop = real(1.0), forced.versines, forced.turned, forced.drop
-    slowing, plus_acceleration_after = forced.slowing, forced.plus_acceleration_after
+    one, versines, phase_changes = real(1.0), forced.versines, forced.phase_changes
+    tangent_drop, slope_loss_of_change = forced.tangent_drop, forced.slope_loss_of_change
+    add_acceleration_after = forced.add_acceleration_after
 
     @inline
     def evaluate(s, flight):
-        """Return F, F', F'', 1 − e^(−δs), sine and cosine of the forcing at s; δs must lie in [−0.05, 2]."""
+        """Return the height F of a flight, F', F'', 1 − e^(−δs), and the forcing's sine and cosine; −0.05 ≤ δs ≤ 2."""
         w, a, sin0, cos0, delta, epsilon = flight
         step = versines(s)
         x = delta * s
         k = x * decay(x)  # k(δs)/(δs)
         lost = x * (one - k)  # 1 − e^(−δs)
-        dsin, cos1 = turned(step, sin0, cos0)
-        f0 = s * (w + a * k) - drop(step, sin0, cos0, epsilon)
-        f1 = w + a * lost - slowing(dsin, epsilon)
-        f2 = plus_acceleration_after(delta * a * (one - lost), sin0, dsin, cos1, epsilon)
+        dsin, cos1 = phase_changes(step, sin0, cos0)
+        f0 = s * (w + a * k) - tangent_drop(step, sin0, cos0, epsilon)
+        f1 = w + a * lost - slope_loss_of_change(dsin, epsilon)
+        f2 = add_acceleration_after(delta * a * (one - lost), sin0, dsin, cos1, epsilon)
         return f0, f1, f2, lost, sin0 + dsin, cos1
 
     return evaluate
 
 
-evaluate_short = _law(np.float64, decay64, forcing.IN_DOUBLE)
-evaluate32 = _law(np.float32, decay32, forcing.IN_SINGLE)
+evaluate_short = _build_evaluate(np.float64, decay64, forcing.IN_DOUBLE)
+evaluate32 = _build_evaluate(np.float32, decay32, forcing.IN_SINGLE)
 
 
 @inline
-def departing(w, sin0, cos0, delta, epsilon, drift):
+def flight_from_sine_cosine(w, sin0, cos0, delta, epsilon, drift):
     """Return the flight that leaves a wall with this velocity, at the phase of this sine and cosine."""
-    return Flight(w, plus_slope(drift, sin0, cos0, epsilon) - w, sin0, cos0, delta, epsilon)
+    return Flight(w, add_slope(drift, sin0, cos0, epsilon) - w, sin0, cos0, delta, epsilon)
 
 
 @inline
-def leaving(tau, w, delta, epsilon, drift):
+def flight_from_phase(tau, w, delta, epsilon, drift):
     """Return the flight that leaves a wall at this phase with this velocity."""
     sin0, cos0 = phase_at(tau)
-    return departing(w, sin0, cos0, delta, epsilon, drift)
+    return flight_from_sine_cosine(w, sin0, cos0, delta, epsilon, drift)
 
 
 @kernel
 def evaluate(s, flight):
-    """Return the result of `evaluate_short` for any δs."""
+    """Return the height F of a flight, F', F'', 1 − e^(−δs), and the forcing's sine and cosine at s, for any δs."""
     w, a, sin0, cos0, delta, epsilon = flight
     x = delta * s
     f0, f1, f2, lost, sin1, cos1 = evaluate_short(s, flight)
     if -0.05 <= x <= LONGEST_DECAY:
         return f0, f1, f2, lost, sin1, cos1
     lost = -math.expm1(-x)
-    f0 = w * s + a * ((x - lost) / delta) - drop(versines(s), sin0, cos0, epsilon)
+    f0 = w * s + a * ((x - lost) / delta) - tangent_drop(versines(s), sin0, cos0, epsilon)
     f1 = w + a * lost - slope_loss(sin0, cos0, sin1, cos1, epsilon)
     return f0, f1, second_derivative(lost, sin1, cos1, flight), lost, sin1, cos1
 
 
 @inline
 def second_derivative(lost, sin1, cos1, flight):
-    """Return F'' from 1 − e^(−δs) and the forcing's sine and cosine at s."""
-    return plus_acceleration(flight.delta * flight.a * (1.0 - lost), sin1, cos1, flight.epsilon)
+    """Return F'' of a flight from 1 − e^(−δs) and the forcing's sine and cosine at s."""
+    return add_acceleration(flight.delta * flight.a * (1.0 - lost), sin1, cos1, flight.epsilon)
 
 
 @inline
 def third_derivative(lost, sin1, cos1, flight):
-    """Return F''' from 1 − e^(−δs) and the forcing's sine and cosine at s."""
+    """Return F''' of a flight from 1 − e^(−δs) and the forcing's sine and cosine at s."""
     delta = flight.delta
     return forcing.third_derivative(sin1, cos1, flight.epsilon) - delta * delta * flight.a * (1.0 - lost)
 
 
 @inline
 def fourth_derivative(lost, sin1, cos1, flight):
-    """Return F⁗ from 1 − e^(−δs) and the forcing's sine and cosine at s."""
+    """Return F⁗ of a flight from 1 − e^(−δs) and the forcing's sine and cosine at s."""
     delta = flight.delta
     return forcing.fourth_derivative(sin1, cos1, flight.epsilon) + delta * delta * delta * flight.a * (1.0 - lost)

@@ -8,10 +8,10 @@ from numpy import float32 as f32
 from numpy import floor
 
 from rattle.flight.forcing import (
-    Arc,
+    NegativeArc,
+    add_slope_change32,
     largest_acceleration32,
     largest_slope_loss32,
-    plus_slope_change32,
     sine_changes_to_arc32,
 )
 from rattle.flight.guess import CLOSE, ERROR, TOO_FAR, height_scale, speed_scale
@@ -19,11 +19,12 @@ from rattle.flight.law import decay32, evaluate32
 from rattle.numerics.compile import inline
 
 LATER = f32(1.0002)  # the flight may end later in double than in single precision, by up to 1e-4 of its duration
-# longest step of fourth order whose remainder `last_step` can remove; after a longer one a second attempt is cheaper
+# `last_step` can remove the remainder of a step of fourth order up to this share of the flight time; after a longer
+# step a second attempt is cheaper
 LARGEST_STEP = f32(0.05)
-# largest ratio of the terms of F to s |F'| at the impact; above it the time loses its thirteenth digit
+# above this ratio of the terms of F to s |F'| at the impact, the time s of the impact loses its thirteenth digit
 STEEPEST = f32(100.0)
-# largest damping at which rounding of the times of the arc changes F' by less than ERROR allows (`off_edges`)
+# above this damping, rounding of the times of the arc may change F' by more than ERROR allows (`is_off_arc_ends`)
 FASTEST = f32(20.0)
 
 
@@ -36,13 +37,19 @@ def is_located(s, step, speed, flight):
 
 @inline
 def arc_in_single(arc):
-    """Return an arc in single precision."""
-    return Arc(arc.exists, f32(arc.leave), f32(arc.length), f32(arc.sin_entry), f32(arc.sin_exit))
+    """Return an arc of negative contact force, converted to single precision."""
+    return NegativeArc(arc.exists, f32(arc.leave), f32(arc.length), f32(arc.sin_entry), f32(arc.sin_exit))
 
 
 @inline
-def arc_ahead(tau, arc):
-    """Return the times to the beginning (0 if inside) and end of the next arc, and whether the departure is inside."""
+def times_to_arc(tau, arc):
+    """Return the times to the beginning and end of the next arc of negative contact force, and whether tau is inside.
+
+    Returns
+    -------
+    tuple[float, float, bool]
+        The time to the beginning, 0 if tau is inside; the time to the end; True if tau is inside.
+    """
     to_exit = arc.leave - tau
     to_exit -= floor(to_exit)
     inside = to_exit < arc.length
@@ -50,8 +57,8 @@ def arc_ahead(tau, arc):
 
 
 @inline
-def off_edges(to_exit, arc_length, delta):
-    """Return whether it is certain, despite rounding, that the departure is inside or outside the arc.
+def is_off_arc_ends(to_exit, arc_length, delta):
+    """Return whether it is certain, despite rounding, on which side of the arc's ends a flight departs.
 
     It is certain if the departure is far from both ends of the arc, and the damping so small that the rounding of these
     times, 1e-7, changes F' by less than ERROR allows.
@@ -65,7 +72,7 @@ def off_edges(to_exit, arc_length, delta):
 
 
 @inline
-def single_turn(wall, rising, tau, s, turn, flight, arc):
+def has_single_turn(wall, rising, tau, s, turn, flight, arc):
     """Return whether F' certainly changes sign at most once before s, given the sign of F' at s.
 
     rising: whether F' > 0 at s. turn: the estimated time of the change of sign.
@@ -80,12 +87,12 @@ def single_turn(wall, rising, tau, s, turn, flight, arc):
         False means that it is not certain.
     """
     w, a, sin0, _cos0, delta, epsilon = flight
-    to_entry, to_exit, inside = arc_ahead(tau, arc)
+    to_entry, to_exit, inside = times_to_arc(tau, arc)
     x, y = delta * to_entry, delta * to_exit
     slack = ERROR * speed_scale(flight)
     dsin_entry, dsin_exit = sine_changes_to_arc32(inside, sin0, arc)
-    at_entry = plus_slope_change32(w + a * x * (f32(1.0) - x * decay32(x)), dsin_entry, epsilon)
-    at_exit = plus_slope_change32(w + a * y * (f32(1.0) - y * decay32(y)), dsin_exit, epsilon)
+    at_entry = add_slope_change32(w + a * x * (f32(1.0) - x * decay32(x)), dsin_entry, epsilon)
+    at_exit = add_slope_change32(w + a * y * (f32(1.0) - y * decay32(y)), dsin_exit, epsilon)
     falls_in = (at_entry < -slack) | (inside & (w < f32(0.0)))
     rises_out = at_exit > slack
     end = s * LATER + CLOSE
@@ -96,13 +103,15 @@ def single_turn(wall, rising, tau, s, turn, flight, arc):
     up = before & ((end < to_exit) | (rises_out & (end < to_exit + f32(1.0))))
     up |= after & falls_in & (end < to_exit + f32(1.0))
     down = (end < to_entry) | (falls_in & (end < next_entry))
-    safe = off_edges(to_exit, arc.length, delta) & (y < TOO_FAR)
+    safe = is_off_arc_ends(to_exit, arc.length, delta) & (y < TOO_FAR)
     return (not arc.exists) | (safe & ((up & rising) | (down & (not rising))))
 
 
 @inline
-def lowest_point(s, minimum, delta):
-    """Return a lower bound of F on [0, s], if e^(δs) F' grows between the true minimum and the estimated one.
+def height_lower_bound(s, minimum, delta):
+    """Return a lower bound of a flight's height F on [0, s].
+
+    The bound holds if e^(δs) F' grows between the true minimum of F and the estimated one.
 
     `minimum` is the estimated minimum, with a lower bound of F and an upper bound of |F'| (`tilt`) at this point.
     Between the true and the estimated minimum |F'| is at most e^(δs) tilt.
@@ -121,7 +130,8 @@ def lowest_point(s, minimum, delta):
 def clears_the_gap(wall, rising, s, minimum, gap, flight):
     """Return whether a flight from Σ⁺ back to Σ⁺ certainly clears Σ⁻, because it is too short or turns above Σ⁻.
 
-    While Φ falls, |F'| stays below |w| + max (e'(t₀) − e') if A ≥ 0; for one cosine this is |w| + 2πε (1 − sin θ).
+    While Φ falls, |F'| stays below |w| + max (e'(t₀) − e') if A of the flight law is not negative; for one cosine this
+    is |w| + 2πε (1 − sin θ).
     For all other flights, which need no such check, the result is True.
 
     Returns
@@ -131,13 +141,15 @@ def clears_the_gap(wall, rising, s, minimum, gap, flight):
     """
     fastest = abs(flight.w) + largest_slope_loss32(flight.sin0, flight.cos0, flight.epsilon)
     shallow = fastest * s * LATER < f32(0.9999) * gap
-    turns_above = (lowest_point(s, minimum, flight.delta) > -gap) & (minimum.time < s)
+    turns_above = (height_lower_bound(s, minimum, flight.delta) > -gap) & (minimum.time < s)
     return ((shallow & (flight.a > f32(0.0))) | turns_above) | ((wall < f32(0.0)) | (not rising))
 
 
 @inline
-def two_turns(wall, rising, tau, s, minimum, gap, flight, arc):
-    """Return whether a flight from Σ⁺ back to Σ⁺ certainly touches no wall and turns before, on and after the arc.
+def clears_with_two_minima(wall, rising, tau, s, minimum, gap, flight, arc):
+    """Return whether a flight from Σ⁺ back to Σ⁺ certainly touches no wall, and its height F has two minima.
+
+    The minima are before and after the arc of negative contact force, and between them F has a maximum on the arc.
 
     On a piece where e^(δs) F' is monotone, its values at both ends bound F' on the piece. Therefore F lies on one side
     of two lines: each goes through the value of F at one end and has one of these bounds as its slope. The crossing of
@@ -149,7 +161,7 @@ def two_turns(wall, rising, tau, s, minimum, gap, flight, arc):
         False means that it is not certain.
     """
     w, delta = flight.w, flight.delta
-    to_entry, to_exit, inside = arc_ahead(tau, arc)
+    to_entry, to_exit, inside = times_to_arc(tau, arc)
     f_entry, g_entry, _f2, lost_entry, _s, _c = evaluate32(to_entry, flight)
     f_exit, g_exit, _f2, lost_exit, _s, _c = evaluate32(to_exit, flight)
     _f, g_end, _f2, lost_end, _s, _c = evaluate32(s, flight)
@@ -169,8 +181,8 @@ def two_turns(wall, rising, tau, s, minimum, gap, flight, arc):
     early, late = s * (f32(2.0) - LATER) - CLOSE, s * LATER + CLOSE
     second = f_exit + down * (f_exit + steep * (late - to_exit)) / (steep - down)
     behind = (minimum.time > to_exit + CLOSE) & (minimum.time < s)
-    second = max(second, lowest_point(s, minimum, delta)) if behind else second
+    second = max(second, height_lower_bound(s, minimum, delta)) if behind else second
     clear = (top < -low) & (first > low - gap) & (second > low - gap)
-    placed = (early > to_exit) & (late < to_exit + f32(1.0) - arc.length) & off_edges(to_exit, arc.length, delta)
+    placed = (early > to_exit) & (late < to_exit + f32(1.0) - arc.length) & is_off_arc_ends(to_exit, arc.length, delta)
     from_top = (wall > f32(0.0)) & rising & arc.exists
     return from_top & turned & clear & placed & (delta * s < TOO_FAR)

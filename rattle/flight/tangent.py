@@ -8,7 +8,7 @@ from rattle.numerics.compile import inline
 
 @inline
 def flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
-    """Return ∂F/∂w₀, ∂F/∂t₀ and ∂F'/∂t₀ at fixed flight time; ∂F'/∂w₀ is e^(−δs)."""
+    """Return ∂F/∂w₀, ∂F/∂t₀ and ∂F'/∂t₀ of a flight's height F at fixed flight time; ∂F'/∂w₀ is e^(−δs)."""
     f_w = lost * inverse_delta
     f_t, v_t = derivatives_by_departure(f_w, 1.0 - lost, sin0, cos0, sin1, cos1, epsilon)
     return f_w, f_t, v_t
@@ -18,7 +18,7 @@ def flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
 def flight_tangent(w1, lost, sin1, cos1, flight):
     """Return ∂(t₁, w₁ after reflection)/∂(t₀, w₀) of one flight, row by row.
 
-    F is fixed at the wall, so ds = −(∂F/∂t₀ dt₀ + ∂F/∂w₀ dw₀)/w₁. The impact law reflects the change of w₁.
+    The height F of the wall is fixed, so ds = −(∂F/∂t₀ dt₀ + ∂F/∂w₀ dw₀)/w₁. The impact law reflects the change of w₁.
 
     Returns
     -------
@@ -34,7 +34,7 @@ def flight_tangent(w1, lost, sin1, cos1, flight):
 
 
 @inline
-def carried(t, w, w1, bend, lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
+def carried_tangent(t, w, w1, bend, lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
     """Return a tangent vector (dt, dw) carried over one flight and its impact, and the flight's determinant.
 
     The determinant is e^(−δs) w₀/w₁ in absolute value:

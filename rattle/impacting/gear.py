@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.reached import Sampled
+from rattle.attractors.reached import SampledGear
 from rattle.attractors.speeds import PAPER_SPEED, SpeedLimit
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.flight import contact_phase, first_impact, forcing, law
@@ -58,7 +58,7 @@ def is_elastic(restitution: Any, load: Any, harmonics: Any) -> bool:
 
 
 @dataclass(frozen=True, init=False)
-class Gear(Sampled, Rattling):
+class Gear(SampledGear, Rattling):
     """The impacting gear model at one parameter point.
 
     Between the walls Φ = ±β
@@ -334,7 +334,7 @@ class Gear(Sampled, Rattling):
         ParameterError
             If an argument is outside its domain.
         """
-        return gamma(self.delta, self.epsilon, self.beta, spacing, self._speed(None) / PAPER_SPEED)
+        return gamma(self.delta, self.epsilon, self.beta, spacing, self._highest_speed(None) / PAPER_SPEED)
 
 
 def _phase(phase: float) -> float:

@@ -1,4 +1,4 @@
-"""Functions that the package of every gear has for its plane; `diagram`, which this gear lacks, raises an error."""
+"""Functions that the package of each gear provides, for the inelastic gear. It has no diagrams: `diagram` raises."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from numpy.typing import NDArray
 from rattle.errors import RattleError
 from rattle.intensity.table import one_by_one
 
-stretch = one_by_one  # follows chaotic motions longer, for the sums of their impacts
+stretch = one_by_one  # continues chaotic motions one after the other, for sums over their impacts
 
 
 def rests_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.bool_]:
-    """Return False for every cell: quiet motion is recognised early, as soon as its chatter is certain to complete."""
+    """Return False for each cell (n,): no cell needs many impacts before its quiet motion is recognised."""
     return np.zeros(delta.size, np.bool_)
 
 
-def _refused(what: str) -> NoReturn:
+def _raise_not_computed(what: str) -> NoReturn:
+    """Raise RattleError, because results of this kind (a plural noun) are not computed for the inelastic gear."""
     raise RattleError(f"{what} are not computed for the inelastic gear: use the impacting or the stiff gear")
 
 
 def diagram(*_: Any, **__: Any) -> NoReturn:
     """Raise RattleError, because diagrams of the inelastic gear are not computed."""
-    _refused("bifurcation diagrams")
+    _raise_not_computed("bifurcation diagrams")

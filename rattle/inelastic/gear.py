@@ -9,7 +9,7 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.reached import Sampled
+from rattle.attractors.reached import SampledGear
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.flight.contact_phase import IN_CONTACT
 from rattle.flight.first_impact import LONGEST, OK
@@ -19,12 +19,12 @@ from rattle.inelastic.attractors.classifier import InelasticClassifier
 from rattle.inelastic.given import Harmonics, checked_harmonics, inelastic_points
 from rattle.inelastic.map import bounce  # noqa: F401 registers the kernels of impacts and of their sums for this gear
 from rattle.inelastic.map.cells import point_with
-from rattle.inelastic.map.flight import first_forced_impact, leaving_forced
-from rattle.inelastic.map.impact_map import InelasticPoint, piece_of, step_tangent
+from rattle.inelastic.map.flight import first_forced_impact, forced_flight
+from rattle.inelastic.map.impact_map import InelasticPoint, piece_number, step_tangent
 from rattle.inelastic.map.iterate import iterate
 from rattle.inelastic.map.quiet import quiet_limit
 from rattle.inelastic.map.trajectory import trajectory
-from rattle.inelastic.orbits.closed_form import bounces, flip_of_c, saddle_node
+from rattle.inelastic.orbits.closed_form import flip_of_c, one_impact_motions, saddle_node
 from rattle.inelastic.orbits.period_one import period_one
 from rattle.inelastic.orbits.periodic import InelasticOrbit, inelastic_orbit
 from rattle.intensity.rattling import Rattling
@@ -34,7 +34,7 @@ from rattle.parameters import Parameters
 
 
 class FirstInelasticImpact(NamedTuple):
-    """The first impact of a flight: the flight time (forcing periods), the wall (+1 or −1), the velocity before it."""
+    """The first impact of a flight: flight time in forcing periods, wall (±1), and velocity Φ' before the impact."""
 
     flight_time: float
     next_wall: int
@@ -42,7 +42,7 @@ class FirstInelasticImpact(NamedTuple):
 
 
 @dataclass(frozen=True)
-class InelasticGear(Sampled, Rattling):
+class InelasticGear(SampledGear, Rattling):
     """The gear with a coefficient of restitution, a load and a forcing of several harmonics, at one parameter point.
 
     Between the walls Φ = ±β
@@ -59,7 +59,7 @@ class InelasticGear(Sampled, Rattling):
     restitution : float
         r, from 0 (excluded) to 1 (elastic impacts).
     load : float
-        Torque besides the drag, divided by the drag torque, ≥ 0.
+        Load torque divided by the drag torque, ≥ 0.
     harmonics : sequence of (int, float, float)
         Order k ≥ 2, amplitude α relative to the first harmonic, and phase φ in turns, of each further harmonic:
         e = ε [cos 2πt + Σ α cos 2π(k t + φ)]. If (1, 0, 0) is in the sequence, the first harmonic is absent, and ε only
@@ -91,7 +91,7 @@ class InelasticGear(Sampled, Rattling):
 
     @property
     def parameters(self) -> Parameters:
-        """Parameters of this gear, as arrays (1,)."""
+        """The checked parameters of this gear, as arrays (1,)."""
         numbers = ([self.delta], [self.epsilon], [self.beta], [self.restitution], [self.load])
         return inelastic_points(*numbers, checked_harmonics(self.harmonics))
 
@@ -106,21 +106,21 @@ class InelasticGear(Sampled, Rattling):
 
     @property
     def force_zeros(self) -> NDArray[np.float64]:
-        """Phases at which the contact force changes sign and contact phases end; empty below the quiet limit."""
+        """Phases at which the contact force changes sign, so that contact phases end; empty below the quiet limit."""
         return self._point.zeros.copy()
 
     @property
     def sn1(self) -> float | None:
-        """Eccentricity at which A and C are born under forcing by one cosine; None with further harmonics."""
+        """Eccentricity of SN1, at which A and C are born; None if the gear has `harmonics`."""
         return None if self.harmonics else saddle_node(self.delta, self.restitution, self._point.drift)
 
     @property
     def flip(self) -> float | None:
-        """Eccentricity at which C, if admissible, loses stability under one cosine; None with further harmonics."""
+        """Eccentricity of the flip at which C, if admissible, loses stability; None if the gear has `harmonics`."""
         return None if self.harmonics else flip_of_c(self.delta, self.restitution, self._point.drift)
 
     def first_impact(self, wall: int, phase: float, velocity: float) -> FirstInelasticImpact:
-        """Return the first impact after leaving a wall (+1: Φ = β, −1: Φ = −β) with this velocity into the gap.
+        """Return the first impact of a flight from a wall (+1: Φ = β, −1: Φ = −β) with this velocity into the gap.
 
         Returns
         -------
@@ -137,18 +137,18 @@ class InelasticGear(Sampled, Rattling):
         require(require_finite("wall", wall) in (1, -1), f"wall must be +1 or -1, got {wall!r}")
         speed = -wall * require_finite("velocity", velocity)
         require(speed > 0, f"velocity must point into the gap (below 0 at wall +1, above 0 at wall -1), got {velocity}")
-        point, tau = self._point, _phase(phase)
+        point, tau = self._point, _folded_phase(phase)
         departure = np.empty((2, point.harmonics.shape[1]))
-        flight = leaving_forced(tau, float(velocity), self.delta, point.drift, point.harmonics, departure)
-        piece = piece_of(tau, point.zeros)
+        flight = forced_flight(tau, float(velocity), self.delta, point.drift, point.harmonics, departure)
+        piece = piece_number(tau, point.zeros)
         status, time, target, w1, *_ = first_forced_impact(np.int64(wall), tau, flight, piece, point, departure)
-        _raise_for(status)
+        _raise_for_status(status)
         return FirstInelasticImpact(time, int(target), w1)
 
     def impact(self, tau: float, v: float) -> Impact:
-        """Return the impact map of a state (τ, v), v > 0, with its tangent matrix (2, 2): see `rattle.Gear.impact`.
+        """Return the next state on Σ⁺ after a state (τ, v), v > 0, with the tangent matrix: see `rattle.Gear.impact`.
 
-        A contact phase belongs to the step that begins with its chatter, and makes the tangent matrix 0.
+        A chatter that completes and its contact phase are one step of the map, whose tangent matrix is 0.
 
         Returns
         -------
@@ -163,33 +163,34 @@ class InelasticGear(Sampled, Rattling):
             If the motion becomes quiet.
         """
         v = require_number("v", v, positive=True)
-        status, tau1, v1, time, n_minus, *tangent, _det, _plus, _minus = step_tangent(_phase(tau), v, self._point)
-        _raise_for(status)
+        step = step_tangent(_folded_phase(tau), v, self._point)
+        status, tau1, v1, time, n_minus, *tangent, _det, _plus, _minus = step
+        _raise_for_status(status)
         return Impact(tau1, v1, n_minus, np.array(tangent).reshape(2, 2), time)
 
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
-        """Return Π^n of arrays of states: see `rattle.inelastic.iterate`. Raises ParameterError."""
+        """Apply the impact map n times to states (τ, v), as `rattle.inelastic.iterate` does. Raises ParameterError."""
         others = self.beta, self.restitution, self.load, self.harmonics
         return iterate(self.delta, self.epsilon, tau, v, n, *others)
 
     def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
         """Return Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, at `points` equally spaced times.
 
-        See `rattle.Gear.trajectory`; impact_speed is the speed of arrival. Raises ParameterError and RattleError.
+        See `rattle.Gear.trajectory`; impact_speed is the speed before an impact. Raises ParameterError and RattleError.
 
         Returns
         -------
         Trajectory
             Samples (points,), and all impacts between them.
         """
-        return trajectory(self._point, _phase(tau), v, periods, points)
+        return trajectory(self._point, _folded_phase(tau), v, periods, points)
 
     def orbits(self) -> tuple[Orbit, ...]:
-        """Return the admissible period-one motions: A to D, or with harmonics every P(1,1,0), named "P"."""
+        """Return the admissible motions A to D; if the forcing has harmonics, instead all P(1,1,0), named "P"."""
         at = self.delta, self.epsilon, self.beta
         added = {"restitution": self.restitution, "load": self.load}
         if self.harmonics:
-            found = bounces(self._point)
+            found = one_impact_motions(self._point)
             return tuple(
                 Orbit("P", 1, 1, 0, each.tau, each.v, each.multipliers, abs(each.multipliers[0]) < 1.0, *at, added)
                 for each in found
@@ -197,11 +198,20 @@ class InelasticGear(Sampled, Rattling):
         return existing_orbits(self._period_one(), *at, added)
 
     def _period_one(self) -> PeriodOne:
+        """Return existence, states and multipliers of A to D for this gear, under forcing by one cosine."""
         return period_one(self.delta, self.epsilon, self.beta, self.restitution, self.load)
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> InelasticOrbit:
-        """Return the periodic motion near (τ, v) that repeats after n_plus returns: see `periodic_orbit`."""
-        return inelastic_orbit(self._point, _phase(tau), v, n_plus)
+        """Return the periodic motion near a state (τ, v) that repeats after n_plus impacts on Σ⁺.
+
+        If the state is on a motion with contact phases, n_plus is ignored. Raises ParameterError and RattleError.
+
+        Returns
+        -------
+        InelasticOrbit
+            The label, fastest impact and multipliers of the motion.
+        """
+        return inelastic_orbit(self._point, _folded_phase(tau), v, n_plus)
 
     def saddle(self, orbit: Orbit) -> NoReturn:
         """Raise RattleError: manifolds need the inverse map, which does not exist after contact phases."""
@@ -214,7 +224,7 @@ class InelasticGear(Sampled, Rattling):
         )
 
     def region(self) -> int:
-        """Return the region of the point, which is defined by the period-one motions that exist under one cosine.
+        """Return the region of this point: the set of the motions A to D that exist under forcing by one cosine.
 
         Returns
         -------
@@ -234,14 +244,16 @@ class InelasticGear(Sampled, Rattling):
         return repr(self)
 
 
-def _phase(phase: float) -> float:
-    """Return a phase folded into [0, 1). Raises ParameterError unless it is a finite number."""
+def _folded_phase(phase: float) -> float:
+    """Return a phase modulo 1, in [0, 1). Raises ParameterError unless it is a finite number."""
     return float(folded(require_finite("phase", phase)))
 
 
-def _raise_for(status: int) -> None:
-    """Raise the exception that belongs to a kernel's status code."""
+def _raise_for_status(status: int) -> None:
+    """Raise the RattleError of a status code of the impact map, unless the code is OK."""
     if status == IN_CONTACT:
         raise RattleError("the motion becomes quiet: contact with Σ⁺ never ends, and there is no next impact")
     if status != OK:
-        raise RattleError(f"no impact within {LONGEST:g} forcing periods, or parameters beyond double precision")
+        raise RattleError(
+            f"the motion has no impact within {LONGEST:g} forcing periods, or its numbers are beyond double precision"
+        )

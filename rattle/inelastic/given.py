@@ -14,13 +14,13 @@ Harmonics = Sequence[Sequence[float]]
 
 
 def checked_harmonics(harmonics: Iterable[Any]) -> tuple[Harmonic, ...]:
-    """Return harmonics sorted by order.
+    """Check harmonics, and return them sorted by order.
 
     Parameters
     ----------
     harmonics : iterable of (int, float, float)
-        Order ≥ 2, amplitude relative to the first harmonic, and phase in turns. (1, 0, 0) removes the first harmonic;
-        amplitudes are then relative to the scale ε.
+        Order ≥ 2, amplitude relative to the first harmonic, and phase in turns. (1, 0, 0) removes the first harmonic,
+        whose amplitude ε then only scales the others.
 
     Returns
     -------
@@ -44,10 +44,10 @@ def checked_harmonics(harmonics: Iterable[Any]) -> tuple[Harmonic, ...]:
         order = require_finite("the order of a harmonic", each[0])
         require(
             order == int(order),
-            f"the order of a harmonic must be an integer, got {order:g}: take the common period of both gears as the "
-            "revolution if the curve repeats after several",
+            f"the order of a harmonic must be an integer, got {order:g}: if the forcing repeats only after several "
+            "revolutions, take the common period of both gears as the unit of time",
         )
-        require(order != 0, "a harmonic of order 0 is a constant, which moves nothing: leave it out")
+        require(order != 0, "a harmonic of order 0 is a constant and has no effect: leave it out")
         require(
             order != 1 or each[1] == 0,
             "the harmonic of order 1 is the eccentricity itself: give its amplitude as epsilon, or 0 if there is none",
@@ -74,6 +74,6 @@ def inelastic_points(
     harmonics: tuple[Harmonic, ...],
 ) -> Parameters:
     """Return the checked parameters of inelastic gears, broadcast to one shape. Raises ParameterError."""
-    return Parameters.of("inelastic", delta, epsilon, beta, restitution=restitution, load=load).with_harmonics(
+    return Parameters.from_values("inelastic", delta, epsilon, beta, restitution=restitution, load=load).with_harmonics(
         harmonics
     )

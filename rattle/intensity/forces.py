@@ -17,4 +17,4 @@ def force_lines(point: Any) -> list[tuple[float, complex]]:
     list of (float, complex)
         Frequencies in radians per forcing period, and complex amplitudes.
     """
-    return Forcing(point.epsilon).lines(point.delta)
+    return Forcing(point.epsilon).spectral_lines(point.delta)

@@ -63,7 +63,7 @@ class Reduced(NamedTuple):
     ratio : float
         Base radius of the first gear over that of the second.
     rate_difference : float
-        (γ₁ − γ₂)²m₁m₂/(m₁ + m₂)² in 1/s², with γ and m as in `reduced`: a measure of what the single damping rate
+        (γ₁ − γ₂)²m₁m₂/(m₁ + m₂)² in 1/s², with γ and m as in `reduce_pair`: a measure of what the single damping rate
         neglects; 0 if the reduction is exact.
     drift : float
         Acceleration that drives the teeth together without a load, m/s².
@@ -79,7 +79,7 @@ class Reduced(NamedTuple):
     drift: Any
 
 
-def reduced(
+def reduce_pair(
     inertia: Any,
     drag: Any,
     radius: Any,
@@ -124,22 +124,22 @@ def reduced(
     else:
         share, same = inertia2 / (inertia + inertia2), rate1 == rate2
         heavier = 1.0 + np.divide(inertia2, inertia)
-        slowed = _plain(np.where(same, 1.0, rate2 / (rate2 + (rate1 - rate2) * share)))
+        slowed = _float_or_array(np.where(same, 1.0, rate2 / (rate2 + (rate1 - rate2) * share)))
         difference = np.where(same, 0.0, (rate1 - rate2) ** 2 * share * (1.0 - share))
     drift = heavier * rate2 * radius * speed
     scale = 2.0 * base / (heavier * slowed)
     reduced_inertia, reduced_drag = inertia2 * slowed / base, drag2 / base
     made = (reduced_inertia, reduced_drag, radius, speed * base, scale, ratio, difference, drift)
-    return Reduced(*map(_plain, made))
+    return Reduced(*map(_float_or_array, made))
 
 
-def _plain(number: Any) -> Any:
+def _float_or_array(number: Any) -> Any:
     """Return a number without axes as a float, and an array unchanged."""
     return float(number) if np.ndim(number) == 0 else number
 
 
 def rate_error(pair: Reduced, backlash: Any, forcing: Any, load: Any) -> Any:
-    """Return a bound of the share of the driving force that the single damping rate of `reduced` neglects.
+    """Return a bound of the share of the driving force that the single damping rate of `reduce_pair` neglects.
 
     The bound holds after transients. The common motion has the speed u with m₁u₁ + m₂u₂ = (m₁ + m₂)u, which impacts do
     not change, so y = u − V obeys y' = −Γy − kx' with a rate Γ > 0 and k = (γ₁ − γ₂)m₁m₂/(m₁ + m₂)². Then y + kx stays
@@ -161,7 +161,7 @@ def rate_error(pair: Reduced, backlash: Any, forcing: Any, load: Any) -> Any:
     """
     with np.errstate(all="ignore"):  # at speed 0 the driving force is 0
         share = np.divide(2.0 * pair.rate_difference * (0.5 * backlash + forcing), pair.drift * (1.0 + load))
-    return _plain(np.where(np.equal(pair.rate_difference, 0.0), 0.0, share))
+    return _float_or_array(np.where(np.equal(pair.rate_difference, 0.0), 0.0, share))
 
 
 def damping(pair: Reduced) -> Any:
@@ -169,20 +169,20 @@ def damping(pair: Reduced) -> Any:
     return np.divide(TWO_PI * pair.drag, pair.inertia * pair.speed)  # infinite at speed 0
 
 
-def over_radius(length: Any, pair: Reduced) -> Any:
-    """Return ε from an amplitude of the transmission error along the line of action, in m."""
+def epsilon_of_amplitude(length: Any, pair: Reduced) -> Any:
+    """Return ε from the amplitude of the transmission error along the line of action, `length` in m."""
     return pair.scale * length / pair.radius
 
 
-def half_backlash(backlash: Any, pair: Reduced) -> Any:
+def beta_of_backlash(backlash: Any, pair: Reduced) -> Any:
     """Return β from the backlash along the line of action, in m."""
     return pair.scale * backlash / (2.0 * pair.radius)
 
 
-def units(pair: Reduced) -> Units:
+def units_of(pair: Reduced) -> Units:
     """Return the SI sizes of the model's units of length, time, speed, energy, power, force and frequency."""
     length, time = pair.radius / pair.scale, TWO_PI / pair.speed
-    force = _plain(np.divide(0.5 * pair.inertia, pair.radius * time * time))
+    force = _float_or_array(np.divide(0.5 * pair.inertia, pair.radius * time * time))
     energy = force * length
-    power, speed, frequency = (_plain(np.divide(each, time)) for each in (energy, length, 1.0))
+    power, speed, frequency = (_float_or_array(np.divide(each, time)) for each in (energy, length, 1.0))
     return Units(length, time, speed, energy, power, force, frequency)

@@ -126,7 +126,7 @@ def components_of(
     return [each for each in found if np.any(each[1])]
 
 
-def assembled(components: Sequence[Component]) -> PairForcing:
+def assemble_forcing(components: Sequence[Component]) -> PairForcing:
     """Return the sum of all components over the period that they share.
 
     Components of one order are added as phasors. Time 0 is where the first harmonic, if there is one, has phase 0.
@@ -152,14 +152,14 @@ def assembled(components: Sequence[Component]) -> PairForcing:
     require(
         orders[-1] <= HIGHEST_ORDER,
         f"the parts of the transmission error share a period of {1 / float(base):g} revolutions, in which the fastest "
-        f"has order {orders[-1]}, above the limit of {HIGHEST_ORDER}: leave out the part that matters least, or its "
-        "highest orders",
+        f"has order {orders[-1]}, above the limit of {HIGHEST_ORDER}: leave out the part that matters least, or high "
+        "orders",
     )
     require(
         len(orders) <= MOST_HARMONICS,
-        f"{len(orders)} harmonics are too many: give the {MOST_HARMONICS - 1} largest",
+        f"the transmission error has {len(orders)} harmonics, too many: give the {MOST_HARMONICS - 1} largest",
     )
-    sizes, phases = zip(*(_sum_of(of.get(order, [(0.0, 0.0)])) for order in orders), strict=True)
+    sizes, phases = zip(*(_phasor_sum(of.get(order, [(0.0, 0.0)])) for order in orders), strict=True)
     shape = np.broadcast_shapes(*(np.shape(size) for size in sizes))
     size, phase = (np.stack([np.broadcast_to(x, shape) for x in each]) for each in (sizes, phases))
     first, scale = size[0], np.max(size, axis=0)
@@ -172,7 +172,7 @@ def assembled(components: Sequence[Component]) -> PairForcing:
     return PairForcing(float(base), scale[()], size.sum(axis=0)[()], orders, relative, (phase - number * earlier) % 1.0)
 
 
-def _sum_of(parts: list[tuple[Any, Any]]) -> tuple[Any, Any]:
+def _phasor_sum(parts: list[tuple[Any, Any]]) -> tuple[Any, Any]:
     """Return the amplitude and phase of the sum of components of one order, each given as (amplitude, phase)."""
     if len(parts) == 1:
         return parts[0]

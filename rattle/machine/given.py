@@ -25,28 +25,28 @@ UNITS = {
 }
 #: Numbers that may be 0: all amplitudes, and the load.
 MAY_BE_ZERO = ("eccentricity", "load_torque", *AMPLITUDES)
-#: Numbers of which the second gear may have other values, named driven_inertia and so on.
+#: Numbers for which the second gear may have other values; these are named driven_inertia and so on.
 DRIVEN = ("inertia", "drag", "radius")
 ANGLES = ("rad", "rev", "turn", "deg", "cycle")
 #: One revolution per minute in rad/s.
 RPM = TWO_PI / 60.0
 
-#: Largest base radius, m.
+#: Largest plausible base radius, m.
 LARGEST_RADIUS = 5.0
-#: Largest backlash and eccentricity, over the base radius.
+#: Largest plausible ratio of backlash or eccentricity to the base radius.
 WIDEST = 0.1
 #: Largest relative difference between the ratio of the radii and that of the tooth numbers, from rounding on a drawing.
 ROUNDED = 0.01
 MOST_TEETH = 1000
-#: Density of steel in kg/m³, and the largest inertia over that of a steel disc whose width equals its radius.
+#: Density of steel in kg/m³, and largest plausible ratio of an inertia to that of a steel disc as wide as its radius.
 STEEL, HEAVIEST = 7850.0, 1e4
 #: Speed of the base circle in m/s above which a number in rad/s is probably in rpm; gears of turbines reach 200.
 FASTEST = 100.0
-#: Largest speed of the base circle, m/s.
+#: Largest possible speed of the base circle, m/s.
 IMPOSSIBLE = 1000.0
 
 
-def in_si(name: str, value: Any) -> float:
+def si_number(name: str, value: Any) -> float:
     """Return a number of a machine in SI, from a number in SI or from a quantity of `pint`.
 
     Returns
@@ -76,7 +76,10 @@ def is_quantity(value: Any) -> bool:
 
 
 def require_plausible(inertia: float, backlash: float, eccentricity: float, radius: float, prefix: str = "") -> None:
-    """Raise ParameterError if a number is so large that its unit must be wrong; prefix: of the names in messages."""
+    """Raise ParameterError if a number is so large that its unit must be wrong.
+
+    prefix: "driven_" if the names in messages are those of the second gear.
+    """
     require(radius > 0.0, f"{prefix}radius is 0 in double precision: give larger radii in metres")
     require(
         radius <= LARGEST_RADIUS,
@@ -98,7 +101,7 @@ def require_plausible(inertia: float, backlash: float, eccentricity: float, radi
 
 
 def teeth_of(name: str, value: Any) -> int | None:
-    """Return a checked number of teeth, or None if it is None. Raises ParameterError."""
+    """Return a checked number of teeth, or None if `value` is None. Raises ParameterError."""
     if value is None:
         return None
     number = require_number(name, value, positive=True)
@@ -109,7 +112,7 @@ def teeth_of(name: str, value: Any) -> int | None:
     return int(number)
 
 
-def require_two(given: Mapping[str, Any], radius: Any, teeth: int | None, driven_teeth: int | None) -> Any:
+def require_matching_gears(given: Mapping[str, Any], radius: Any, teeth: int | None, driven_teeth: int | None) -> Any:
     """Check that the numbers of both gears agree, and return the base radius of the second gear.
 
     Returns
@@ -125,7 +128,7 @@ def require_two(given: Mapping[str, Any], radius: Any, teeth: int | None, driven
     driven = given.get("driven_radius")
     require(
         driven_teeth is None or teeth is not None,
-        "driven_teeth is the second gear's number: give the first's teeth too",
+        "driven_teeth is the tooth number of the second gear: give teeth, that of the first gear, too",
     )
     if driven is None:
         driven = radius if driven_teeth is None or teeth is None else radius * (driven_teeth / teeth)
@@ -133,8 +136,8 @@ def require_two(given: Mapping[str, Any], radius: Any, teeth: int | None, driven
         off = float(np.max(np.abs(np.divide(driven, radius) * (teeth / driven_teeth) - 1.0)))
         require(
             off <= ROUNDED,
-            f"base radii must have the ratio of the tooth numbers, {driven_teeth}/{teeth}, and these are "
-            f"{100 * off:.3g} % off: check them, or leave out driven_radius",
+            f"base radii must have the ratio of the tooth numbers, {driven_teeth}/{teeth}, but their ratio is "
+            f"{100 * off:.3g} % off: check the radii, or leave out driven_radius",
         )
     if np.any(np.not_equal(driven, radius)):
         lacking = [f"driven_{name}" for name in DRIVEN[:2] if given.get(f"driven_{name}") is None]
@@ -142,7 +145,7 @@ def require_two(given: Mapping[str, Any], radius: Any, teeth: int | None, driven
     return driven
 
 
-def require_slow(speed: float, radius: float, sure: bool) -> None:
+def require_plausible_speed(speed: float, radius: float, sure: bool) -> None:
     """Raise ParameterError if a speed in rad/s is impossible, or, unless `sure`, so high that it seems to be in rpm."""
     rpm, velocity = speed / RPM, speed * radius
     require(velocity <= IMPOSSIBLE, f"no gear turns at {rpm:.6g} rpm with a base radius of {radius:g} m: check both")

@@ -13,7 +13,7 @@ without a load, φ = θ₁ − θ₂ and Φ = φ + (e/r) cos Ωt give the paper'
 
 With drive "speed", Φ, ε and β of the model are twice these values, and the model's stiffness is half as large. The
 derivation is in docs/decisions/0025-machine.md for two equal gears, and in docs/decisions/0065-two-gears.md for two
-different gears, which `conversion.reduced` reduces to one equation.
+different gears, which `conversion.reduce_pair` reduces to one equation.
 """
 
 import math
@@ -29,7 +29,16 @@ from rattle.intensity.intensity import Intensity
 from rattle.intensity.motions import Motion
 from rattle.machine.conversion import DRIVES, Units
 from rattle.machine.forcing import AMPLITUDES, checked_components
-from rattle.machine.given import DRIVEN, RPM, WIDEST, in_si, is_quantity, require_plausible, require_slow, teeth_of
+from rattle.machine.given import (
+    DRIVEN,
+    RPM,
+    WIDEST,
+    is_quantity,
+    require_plausible,
+    require_plausible_speed,
+    si_number,
+    teeth_of,
+)
 from rattle.machine.point import MachinePoint, machine_point
 from rattle.machine.verdict import MachineVerdict, machine_verdict
 from rattle.parameters import Harmonic
@@ -164,15 +173,15 @@ class Machine:
             require_one_of("a number of a machine", name, known)
         lengths = {"backlash": backlash, "eccentricity": eccentricity, "radius": radius}
         given = {"inertia": inertia, "drag": drag, **lengths}
-        numbers = {name: in_si(name, value) for name, value in given.items()}
+        numbers = {name: si_number(name, value) for name, value in given.items()}
         turning = speed if rpm is None else require_number("rpm", rpm, positive=True) * RPM
-        numbers["speed"] = in_si("speed", turning)
+        numbers["speed"] = si_number("speed", turning)
         optional = {"stiffness": stiffness, **{name: second.get(name) for name in known}}
         found: dict[str, Any] = {
             **numbers,
-            **{name: None if value is None else in_si(name, value) for name, value in optional.items()},
+            **{name: None if value is None else si_number(name, value) for name, value in optional.items()},
             "drive": drive,
-            "restitution": _restitution(restitution),
+            "restitution": _checked_restitution(restitution),
             "teeth": teeth_of("teeth", teeth),
             "driven_teeth": teeth_of("driven_teeth", driven_teeth),
             "errors": checked_components("errors", errors),
@@ -181,10 +190,10 @@ class Machine:
         for name, value in found.items():
             object.__setattr__(self, name, value)
         require_plausible(self.inertia, self.backlash, self.eccentricity, self.radius)
-        require_slow(self.speed, self.radius, sure=rpm is not None or is_quantity(speed))
-        self._require_one_pair()
+        require_plausible_speed(self.speed, self.radius, sure=rpm is not None or is_quantity(speed))
+        self._require_consistent_pair()
 
-    def _require_one_pair(self) -> None:
+    def _require_consistent_pair(self) -> None:
         """Raise ParameterError if numbers of the two gears are too large for their units, or contradict each other."""
         total = self._point.forcing.total
         require(
@@ -194,7 +203,7 @@ class Machine:
         )
         require(
             not (self.eccentricity and any(order == 1 for order, _, _ in self.errors)),
-            "eccentricity is order 1 of errors, which has this order too: give eccentricity=0",
+            "eccentricity is the amplitude of order 1, which errors contains too: give eccentricity=0",
         )
         pair = self._point.pair
         own = float(pair.radius / pair.ratio)
@@ -208,12 +217,12 @@ class Machine:
     def __repr__(self) -> str:
         """Return the class with the numbers that were given."""
         shown = [(each.name, getattr(self, each.name)) for each in fields(self)]
-        kept = shown[: len(shown) if self._is_unlike else 8]
+        kept = shown[: len(shown) if self._has_optional_fields else 8]
         words = [f"{name}={value!r}" for i, (name, value) in enumerate(kept) if i < 8 or value not in (None, ())]
         return f"{type(self).__name__}({', '.join(words)})"
 
     @property
-    def _is_unlike(self) -> bool:
+    def _has_optional_fields(self) -> bool:
         """True if a field after the first eight, which are inertia to stiffness, was given."""
         return any(getattr(self, each.name) not in (None, ()) for each in fields(self)[8:])
 
@@ -336,8 +345,8 @@ class Machine:
         )
 
 
-def _restitution(value: float | None) -> float | None:
-    """Return a checked coefficient of restitution, or None if it is None. Raises ParameterError."""
+def _checked_restitution(value: float | None) -> float | None:
+    """Return a checked coefficient of restitution, or None if `value` is None. Raises ParameterError."""
     if value is None:
         return None
     number = require_number("restitution", value, positive=True)

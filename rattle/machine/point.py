@@ -10,8 +10,8 @@ import numpy as np
 from rattle.errors import require
 from rattle.machine import conversion
 from rattle.machine.conversion import Reduced, Units
-from rattle.machine.forcing import AMPLITUDES, PairForcing, assembled, components_of
-from rattle.machine.given import DRIVEN, require_two
+from rattle.machine.forcing import AMPLITUDES, PairForcing, assemble_forcing, components_of
+from rattle.machine.given import DRIVEN, require_matching_gears
 
 
 class MachinePoint(NamedTuple):
@@ -80,12 +80,12 @@ def machine_point(
     given = {name: value for name, value in numbers.items() if value is not None}
     teeth, driven_teeth = (None if given.get(name) is None else int(given[name]) for name in ("teeth", "driven_teeth"))
     driven = {f"driven_{name}": given.get(f"driven_{name}", given[name]) for name in DRIVEN}
-    driven["driven_radius"] = require_two(given, given["radius"], teeth, driven_teeth)
+    driven["driven_radius"] = require_matching_gears(given, given["radius"], teeth, driven_teeth)
     amplitudes = {name: given[name] for name in ("eccentricity", *AMPLITUDES) if name in given}
-    forcing = assembled(components_of(teeth, driven_teeth, amplitudes, errors, driven_errors))
+    forcing = assemble_forcing(components_of(teeth, driven_teeth, amplitudes, errors, driven_errors))
     drive = given.get("drive", "torque")
     inertia, drag, radius = (given[name] for name in DRIVEN)
-    pair = conversion.reduced(inertia, drag, radius, speed, drive, **driven, base=forcing.base)
+    pair = conversion.reduce_pair(inertia, drag, radius, speed, drive, **driven, base=forcing.base)
     for number in (pair.inertia, pair.drag, pair.scale, pair.speed):
         require(
             bool(np.all(np.isfinite(number) & (np.asarray(number) > 0.0))),
@@ -103,10 +103,10 @@ def machine_point(
         added = {"restitution": restitution, "load": 0.0, **added}
     return MachinePoint(
         conversion.damping(pair),
-        conversion.over_radius(forcing.amplitude, pair),
-        conversion.half_backlash(given["backlash"], pair),
+        conversion.epsilon_of_amplitude(forcing.amplitude, pair),
+        conversion.beta_of_backlash(given["backlash"], pair),
         pair,
         forcing,
         added,
-        conversion.units(pair),
+        conversion.units_of(pair),
     )

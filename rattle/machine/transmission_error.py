@@ -12,7 +12,7 @@ from rattle.errors import real_array, require, require_integer
 from rattle.numerics.tables import read_columns
 from rattle.parameters import HIGHEST_ORDER, MOST_HARMONICS
 
-#: Columns of a table, and their units in revolutions and in metres.
+#: Names of columns of a table, and their units, in revolutions and in metres.
 ANGLES = {"angle_deg": 1.0 / 360.0, "angle_rad": 1.0 / (2.0 * np.pi), "angle_rev": 1.0}
 ERRORS = {"error_um": 1e-6, "error_mm": 1e-3, "error_m": 1.0}
 #: Column names without a unit, which are refused.
@@ -92,7 +92,8 @@ def transmission_error(angle: ArrayLike, error: ArrayLike, orders: int = 40) -> 
     )
     missing = np.flatnonzero(~(np.isfinite(turn) & np.isfinite(e)))
     require(
-        not missing.size, f"point {missing[:1] + 1} of {turn.size} is not a finite number: measure it, or leave it out"
+        not missing.size,
+        f"point {missing[:1].sum() + 1} of {turn.size} is not a finite number: measure it, or leave it out",
     )
     require(turn.size >= 4, f"{turn.size} points are too few: give at least {2 * orders + 1} for {orders} orders")
     steps = np.diff(turn)
@@ -103,10 +104,10 @@ def transmission_error(angle: ArrayLike, error: ArrayLike, orders: int = 40) -> 
     back = np.flatnonzero(steps <= 0)
     require(
         not back.size,
-        f"angles must rise, and point {back[:1] + 2} does not: sort the table by angle, go on after a revolution with "
-        "361° after 360°, and leave out one of two points at the same angle",
+        f"angles must rise, and that of point {back[:1].sum() + 2} does not: sort the table by angle, go on after a "
+        "revolution with 361° after 360°, and leave out one of two points at the same angle",
     )
-    turn, e, revolutions = _closed(turn, e)
+    turn, e, revolutions = _whole_revolutions(turn, e)
     needed = 2 * orders + 1
     require(turn.size >= needed, f"{turn.size} points are too few for {orders} orders: give {needed}, or fewer orders")
     gap = _largest_gap(turn, revolutions)
@@ -115,7 +116,7 @@ def transmission_error(angle: ArrayLike, error: ArrayLike, orders: int = 40) -> 
         f"there is a gap of {gap:.3g} revolutions between two angles, and order {orders} needs a point every "
         f"{0.5 / orders:.3g}: measure there, or lower orders to {max(1, int(0.5 / gap))}",
     )
-    return _orders_of(turn, e, orders, revolutions)
+    return _fit_orders(turn, e, orders, revolutions)
 
 
 def read_transmission_error(path: str | Path, orders: int = 40) -> TransmissionError:
@@ -149,13 +150,13 @@ def read_transmission_error(path: str | Path, orders: int = 40) -> TransmissionE
             bool(given) or bare not in found,
             f"the column {bare} of {path} does not say its unit: name it {', '.join([*units][:-1])} or {[*units][-1]}",
         )
-        require(len(given) == 1, f"{path} must have one column of {', '.join(units)}, it has {len(given)}")
+        require(len(given) == 1, f"{path} must have one column of {', '.join(units)}, but has {len(given)}")
         columns.append(found[given[0]] * units[given[0]])
     angle, error = columns
     return transmission_error(angle, error, orders)
 
 
-def _closed(turn: Array, e: Array) -> tuple[Array, Array, int]:
+def _whole_revolutions(turn: Array, e: Array) -> tuple[Array, Array, int]:
     """Return angles and errors without a last point that repeats the first, and the number of whole revolutions.
 
     Returns
@@ -180,13 +181,13 @@ def _closed(turn: Array, e: Array) -> tuple[Array, Array, int]:
     height = float(np.ptp(e))
     require(
         height <= WIDEST,
-        f"the error is {1e3 * height:.3g} mm from peak to peak, more than any gear's: if these are µm, name the column "
-        f"error_um",
+        f"the error is {1e3 * height:.3g} mm from peak to peak, more than any gear's: if the errors are in µm, name "
+        "the column error_um",
     )
     require(
         height >= NARROWEST,
-        f"the error is {1e6 * height:.2g} µm from peak to peak, less than any gear's: if these are mm, name the column "
-        "error_mm, if m error_m",
+        f"the error is {1e6 * height:.2g} µm from peak to peak, less than any gear's: if the errors are in mm, name "
+        "the column error_mm; if they are in m, error_m",
     )
     open_by = abs(float(e[-1] - e[0]))
     largest = float(np.max(np.abs(np.diff(e))))
@@ -200,13 +201,13 @@ def _closed(turn: Array, e: Array) -> tuple[Array, Array, int]:
 
 
 def _largest_gap(turn: Array, revolutions: int) -> float:
-    """Return the largest distance between neighbouring angles, all taken modulo one revolution."""
+    """Return the largest distance between neighbouring angles in revolutions, all angles modulo one revolution."""
     angle = np.unique(turn % 1.0) if revolutions > 1 else np.sort(turn - turn[0])
     return float(max(np.max(np.diff(angle), initial=0.0), 1.0 - angle[-1] + angle[0]))
 
 
-def _orders_of(turn: Array, e: Array, orders: int, revolutions: int) -> TransmissionError:
-    """Fit orders 1 to `orders` by least squares, and keep the largest ones."""
+def _fit_orders(turn: Array, e: Array, orders: int, revolutions: int) -> TransmissionError:
+    """Fit orders 1 to `orders` by least squares, and keep the largest of them, at most MOST_HARMONICS − 1."""
     order = np.arange(1, orders + 1)
     basis = np.exp(-2j * np.pi * turn[:, None] * order)
     matrix = np.hstack([np.ones((turn.size, 1)), basis.real, -basis.imag])

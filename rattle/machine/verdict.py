@@ -62,7 +62,7 @@ class MachineVerdict(NamedTuple):
         return f"rattles from {100 * self.share:.0f} % of starts ({interval}){knock}"
 
 
-class Rattles(Protocol):
+class MachineLike(Protocol):
     """The methods of a machine that a verdict needs."""
 
     @property
@@ -77,7 +77,7 @@ class Rattles(Protocol):
         """Return the attractors of the machine's gear."""
 
 
-def machine_verdict(machine: Rattles, count: int, seed: int) -> MachineVerdict:
+def machine_verdict(machine: MachineLike, count: int, seed: int) -> MachineVerdict:
     """Return the verdict on a machine; `Machine.verdict` explains the arguments."""
     count = require_integer("count", count, 1, MOST_COUNT)
     gear, unit = machine.gear, float(machine.units.velocity)
@@ -85,14 +85,16 @@ def machine_verdict(machine: Rattles, count: int, seed: int) -> MachineVerdict:
     if gear.epsilon >= gear.quiet_limit:
         return MachineVerdict(ALWAYS, 1.0, 1.0, 1.0, 0.0, unit * hardest)
     found = machine.attractors(count, seed)
-    rattling, open_ = (round(count * sum(each.fraction for each in found if of(each))) for of in (_rattles, _is_open))
+    rattling, open_ = (
+        round(count * sum(each.fraction for each in found if of(each))) for of in (_is_rattling, _is_undecided)
+    )
     low, high = wilson_interval(rattling, count)[0], wilson_interval(rattling + open_, count)[1]
     knock = least_knock(machine, hardest)
     kind = SOMETIMES if rattling else QUIET if np.isinf(knock) else KNOCKED
     return MachineVerdict(kind, rattling / count, float(low), float(high), unit * knock, unit * hardest)
 
 
-def least_knock(machine: Rattles, hardest: float) -> float:
+def least_knock(machine: MachineLike, hardest: float) -> float:
     """Return the speed of the weakest knock that makes resting teeth rattle, in the model's unit.
 
     PHASES × SPEEDS knocks up to the speed `hardest` are followed, then ROUNDS times as many knocks up to the weakest
@@ -108,18 +110,18 @@ def least_knock(machine: Rattles, hardest: float) -> float:
     for _ in range(1 + ROUNDS):
         speeds = limit * np.arange(1, SPEEDS + 1) / SPEEDS
         reached = gear.reached(phases[:, None], speeds)
-        rattles = np.array([_rattles(each) for each in reached.attractors])[reached.which].any(axis=0)
+        rattles = np.array([_is_rattling(each) for each in reached.attractors])[reached.which].any(axis=0)
         if not rattles.any():
             return float(least)
         least = limit = float(speeds[np.argmax(rattles)])
     return float(least)
 
 
-def _rattles(attractor: Attractor) -> bool:
+def _is_rattling(attractor: Attractor) -> bool:
     """Return whether an attractor is a rattling motion."""
     return attractor.kind in ("periodic", "chaotic")
 
 
-def _is_open(attractor: Attractor) -> bool:
-    """Return whether an attractor stands for undecided samples."""
+def _is_undecided(attractor: Attractor) -> bool:
+    """Return whether an attractor of a table stands for all undecided samples."""
     return attractor.kind == "undecided"

@@ -24,7 +24,7 @@ MODELS: dict[str, type[Model]] = {
     Inelastic.name: Inelastic,
 }  # a new model goes above this line
 DEFAULT_MODEL = next(iter(MODELS))
-#: The parameters that models add to δ, ε and β, by name. No two models add the same parameter.
+#: The parameters that models have besides δ, ε and β, by name. No two models add the same parameter.
 ADDED: dict[str, Parameter] = {each.name: each for model in MODELS.values() for each in model.added}
 #: The names of all parameters besides δ and ε. All cells of a plane have the same values of these parameters.
 OTHERS = (BETA.name, *ADDED)
@@ -41,7 +41,7 @@ def owner_of(name: str) -> type[Model]:
     return next(model for model in MODELS.values() if name in {each.name for each in model.added})
 
 
-def _needed_by(model: type[Model]) -> tuple[str, ...]:
+def _required_parameters(model: type[Model]) -> tuple[str, ...]:
     """Return the names of the added parameters without a default value; giving one of them selects the model."""
     return tuple(each.name for each in model.added if each.default is None)
 
@@ -61,7 +61,7 @@ def model_adding(names: Any) -> type[Model]:
     """
     wanted = set(names)
     for model in MODELS.values():
-        needed = set(_needed_by(model))
+        needed = set(_required_parameters(model))
         if needed <= wanted <= {each.name for each in model.added}:
             return model
     for name in wanted:
@@ -69,9 +69,8 @@ def model_adding(names: Any) -> type[Model]:
     given = " and ".join(sorted(wanted))
     for model in MODELS.values():
         if wanted <= {each.name for each in model.added}:
-            raise ParameterError(
-                f"{given} belongs to the {model.name} model, which needs {' and '.join(_needed_by(model))} too"
-            )
+            required = " and ".join(_required_parameters(model))
+            raise ParameterError(f"{given} belongs to the {model.name} model: give {required} too, which it needs")
     raise ParameterError(f"no model has {given} together: give the parameters of one model")
 
 
@@ -109,10 +108,10 @@ def with_harmonics(model: Model, harmonics: Sequence[Harmonic]) -> Model:
         return model
     if not model.takes_harmonics:
         able = next(each for each in MODELS.values() if each.takes_harmonics)
-        needed = " and ".join(_needed_by(able))
+        needed = " and ".join(_required_parameters(able))
         raise ParameterError(
             f"the {model.name} model takes no harmonics: leave them out, or give {needed}, which selects the "
-            f"{able.name} one"
+            f"{able.name} model"
         )
     taking: Any = model
     return replace(taking, harmonics=tuple(harmonics))
@@ -139,8 +138,8 @@ def lacking(capability: Capability, model: Model | type[Model]) -> CapabilityErr
     """Return the error for a capability that a model lacks. Its message names the models that have the capability."""
     having = [name for name, each in MODELS.items() if capability in each.has]
     words = capability[0].upper() + capability[1:]
-    only = " and ".join(having)
-    return CapabilityError(f"{words} available only for the {only} model, not for the {model.name} model.")
+    only = f"{' and '.join(having)} model{'s' if len(having) > 1 else ''}"
+    return CapabilityError(f"{words} available only for the {only}, not for the {model.name} model.")
 
 
 def require_capability(capability: Capability, model: Model | type[Model]) -> None:

@@ -16,7 +16,7 @@ from rattle.attractors.classify import BUDGET, Classifier
 from rattle.attractors.measures import Uncertainty
 from rattle.attractors.reached import Reached
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
-from rattle.attractors.table import Attractor, Attractors, of_samples
+from rattle.attractors.table import Attractor, Attractors, attractors_of_samples
 from rattle.continuation.curves import Curve
 from rattle.continuation.diagram import Diagram
 from rattle.errors import RattleError, require_number
@@ -299,13 +299,13 @@ class Model(ABC):
         """Return the codimension-two points, where curves meet."""
         return ()
 
-    def at(self, delta: ArrayLike, epsilon: ArrayLike) -> Parameters:
+    def parameters_at(self, delta: ArrayLike, epsilon: ArrayLike) -> Parameters:
         """Return the parameters of points; δ and ε are broadcast. Raises ParameterError."""
-        return Parameters.of(self.name, delta, epsilon, **self.numbers)
+        return Parameters.from_values(self.name, delta, epsilon, **self.numbers)
 
     def grid(self, delta: Array, epsilon: Array) -> Parameters:
         """Return the parameters of the cells epsilon (m,) × delta (n,), row by row. Raises ParameterError."""
-        return self.at(delta, epsilon[:, None]).flat()
+        return self.parameters_at(delta, epsilon[:, None]).flat()
 
     def period_one(self, delta: ArrayLike, epsilon: ArrayLike) -> PeriodOne:
         """Return the motions A to D, or the motions that correspond to them in this model."""
@@ -313,7 +313,7 @@ class Model(ABC):
 
     def attractors_of(self, delta: ArrayLike, epsilon: ArrayLike, sample: SampleSpec = SAMPLE) -> Attractors:
         """Return the attractors of all cells, as `rattle.attractors_of` does."""
-        return of_samples(self.classifier, self.at(delta, epsilon), sample)
+        return attractors_of_samples(self.classifier, self.parameters_at(delta, epsilon), sample)
 
     def cells(self, delta: Array, epsilon: Array) -> Any:
         """Return the cells epsilon (m,) × delta (n,), row by row, as the constants that the kernels take."""
@@ -334,15 +334,17 @@ class Model(ABC):
         Array
             Relative errors, one for each row of the table; NaN for quiet and undecided attractors.
         """
-        return impulse_balance_errors(table, self.classifier.cells_of(self.at(delta, epsilon).flat()))
+        return impulse_balance_errors(table, self.classifier.cells_of(self.parameters_at(delta, epsilon).flat()))
 
     def intensities_of(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> Intensities:
         """Return the intensity of each attractor in a table, which `attractors_of` made for the same δ and ε."""
-        return intensities_of(table, self.classifier.cells_of(self.at(delta, epsilon).flat()), self.functions.stretch)
+        return intensities_of(
+            table, self.classifier.cells_of(self.parameters_at(delta, epsilon).flat()), self.functions.stretch
+        )
 
     def rests_late(self, delta: ArrayLike, epsilon: ArrayLike) -> NDArray[np.bool_]:
         """Return whether a motion that becomes quiet makes so many impacts that it may look chaotic."""
-        at = self.at(delta, epsilon)
+        at = self.parameters_at(delta, epsilon)
         flat = at.flat()
         return self.functions.rests_late(flat.delta, flat.epsilon, **flat.others).reshape(at.shape)
 
@@ -359,12 +361,12 @@ class Model(ABC):
         return self.functions.trace(name, **self.numbers, delta=delta, epsilon=epsilon)
 
     @classmethod
-    def classified(cls, parameters: Parameters, tau: Array, v: Array, budget: int = BUDGET) -> Classifier:
+    def classify_states(cls, parameters: Parameters, tau: Array, v: Array, budget: int = BUDGET) -> Classifier:
         """Follow states (n, k) in cells with parameters (n,) until each reaches an attractor or its budget ends."""
         return cls.classifier.classify(parameters, tau, v, budget)
 
     @classmethod
-    def returned(cls, parameters: Parameters, tau: Array, v: Array) -> Returned:
+    def states_after_return(cls, parameters: Parameters, tau: Array, v: Array) -> Returned:
         """Return states (n,) after one return to Σ⁺, at parameters (n,)."""
         delta, epsilon = parameters.delta, parameters.epsilon
         return Returned.of(cls.functions.iterate_tangent(delta, epsilon, tau, v, 1, **parameters.others))

@@ -46,9 +46,9 @@ log = logging.getLogger(__name__)  # INFO: kernels that are being compiled
 COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience", "notebook.py", "precompile.py"}
 COMPILE_NOTHING = COMPUTE_NOTHING | {"models"}  # parts without kernels: models call kernels of other parts
 COMPILE = "import sys; from rattle.numerics.compile import compile_here; compile_here(*sys.argv[1:])"
-STEP = "compiling "  # start of the lines in which the compiling process reports its steps
+STEP = "compiling "  # the lines in which the compiling process reports its steps begin with this word
 POLL_SECONDS = 0.1
-_HERE: list[Path] = []  # in a compiling process: files to create when the kernels are compiled
+_HERE: list[Path] = []  # files that a compiling process creates when the kernels are compiled; empty in other processes
 _LOCK = threading.Lock()
 
 
@@ -80,7 +80,7 @@ def toolchain() -> dict[str, str]:
     }
 
 
-def _root() -> str:
+def _cache_root() -> str:
     """Return RATTLE_CACHE_DIR, else the user's cache directory, or if that is not writable a private temporary one."""
     if named := os.environ.get("RATTLE_CACHE_DIR"):
         return named
@@ -100,11 +100,11 @@ def cache_directory() -> Path:
     """Return the directory of compiled kernels: its name is a hash of sources, their path, compiler and processor."""
     target: Any = numba.config
     key = (_hash_without(COMPILE_NOTHING), __file__, sys.version, toolchain(), target.CPU_NAME, target.CPU_FEATURES)
-    return Path(_root(), hashlib.sha256(repr(key).encode()).hexdigest()[:24])
+    return Path(_cache_root(), hashlib.sha256(repr(key).encode()).hexdigest()[:24])
 
 
 @cache
-def can_be_kept() -> bool:
+def is_cache_writable() -> bool:
     """Return whether the cache can be written, and warn if not: numba's own cache, which may be stale, is not used."""
     try:
         cache_directory().mkdir(parents=True, exist_ok=True)
@@ -116,8 +116,9 @@ def can_be_kept() -> bool:
     return True
 
 
-#: IEEE arithmetic, except for fused multiply-add and the sign of zero; 1/0 is inf, not an exception. Reassociation
-#: would break the rounding trick of `rattle.flight.law` and the sums that avoid cancellation.
+#: Arithmetic follows IEEE 754, except that multiply-add may be fused and the sign of zero may change; 1/0 is inf, not
+#: an exception. Reassociation would break the rounding trick of `rattle.flight.forcing` and sums that avoid
+#: cancellation.
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "no_cfunc_wrapper": True}
 _ENTRY: dict[str, Any] = _OPTIONS | {"nogil": True, "_nrt": True, "forceinline": False}
 _CALLED: Any = _OPTIONS | {"no_cpython_wrapper": True, "_nrt": True, "forceinline": False}
@@ -172,9 +173,12 @@ class Kernel(Inline):
         config: Any = numba.config
         with _LOCK:
             if self._entry is None:
-                before, config.CACHE_DIR = config.CACHE_DIR, str(cache_directory())  # numba reads it when it decorates
+                before, config.CACHE_DIR = (
+                    config.CACHE_DIR,
+                    str(cache_directory()),
+                )  # numba reads CACHE_DIR only when it decorates
                 try:
-                    self._entry = numba.njit(cache=can_be_kept(), **_ENTRY)(self._run)
+                    self._entry = numba.njit(cache=is_cache_writable(), **_ENTRY)(self._run)
                 finally:
                     config.CACHE_DIR = before
         return self._entry
@@ -184,11 +188,11 @@ class Kernel(Inline):
         if self._entry is None and self.__module__.startswith("rattle."):
             wanted = self.__module__, self.name, *map(numba.typeof, arguments)
             name = hashlib.sha256(repr(wanted).encode()).hexdigest()[:24]  # pickles of equal types may differ
-            compile_apart(f"{name} {base64.b64encode(pickle.dumps(wanted)).decode()}", f"{__name__}:one")
+            compile_apart(f"{name} {base64.b64encode(pickle.dumps(wanted)).decode()}", f"{__name__}:compile_one")
         return (self._entry or self.entry)(*arguments)
 
 
-def one(about: str) -> dict[str, Callable[[], Any]]:
+def compile_one(about: str) -> dict[str, Callable[[], Any]]:
     """Return {name: function}, where the function compiles the kernel of this name for the types in `about`."""
     module, name, *arguments = pickle.loads(base64.b64decode(about.split()[1]))
     return {name: lambda: getattr(import_module(module), name).entry.compile(tuple(arguments))}
@@ -229,7 +233,7 @@ def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[...
 
 
 def note_of(about: str, work: str) -> Path:
-    """Return the file whose existence says that the kernels of the job `work` for `about` are in the cache."""
+    """Return the file that exists if the kernels of the job `work`, with the argument `about`, are in the cache."""
     return cache_directory() / f"{work.rpartition(':')[2]}-{about.split()[0]}.note"
 
 
@@ -255,17 +259,17 @@ def compile_apart(about: str, *works: str) -> None:
         If the kernels cannot be compiled; the message says why.
     """
     notes = [note_of(about, work) for work in works]
-    if _HERE:  # this process compiles for others
+    if _HERE:  # this process compiles for the process that started it
         _HERE.extend(notes)
-    elif sys.executable and not all(note.exists() for note in notes) and can_be_kept():
+    elif sys.executable and not all(note.exists() for note in notes) and is_cache_writable():
         with open(cache_directory() / "lock", "w") as lock:
-            while not locks(lock) and not all(note.exists() for note in notes):
+            while not try_to_lock(lock) and not all(note.exists() for note in notes):
                 time.sleep(POLL_SECONDS)
             if missing := [work for work, note in zip(works, notes, strict=True) if not note.exists()]:
                 _compile(about, *missing)
 
 
-def locks(file: IO[str]) -> bool:
+def try_to_lock(file: IO[str]) -> bool:
     """Lock a file. Return False if another process has locked it, and True also if the file system has no locks."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -303,12 +307,12 @@ def compile_here(about: str, *works: str) -> None:
         for number, (step, compile_step) in enumerate(steps.items(), 1):
             print(f"{STEP}{step}{f' of the {about} model' * about.isalpha()}, {number} of {len(steps)}", flush=True)
             compile_step()
-        require_borrowed()
+        refuse_array_returns()
         for note in _HERE:
             note.touch()
 
 
-def require_borrowed() -> None:
+def refuse_array_returns() -> None:
     """Refuse inline functions that return an array: their callers would release a reference that was not counted.
 
     Raises

@@ -12,7 +12,7 @@ Function = Callable[[NDArray], NDArray]
 
 
 @lru_cache(maxsize=64)
-def _steps(n: int) -> NDArray[np.complex128]:
+def _complex_steps(n: int) -> NDArray[np.complex128]:
     steps = (1j * COMPLEX_STEP * np.eye(n)).astype(np.complex128)
     steps.setflags(write=False)
     return steps
@@ -26,7 +26,7 @@ def derivatives(function: Function, x: Array) -> tuple[Array, Array]:
     tuple[Array, Array]
         Value (…, M) and Jacobian (…, M, N), exact to rounding.
     """
-    values = function(x[..., None, :] + _steps(x.shape[-1]))
+    values = function(x[..., None, :] + _complex_steps(x.shape[-1]))
     return values[..., 0, :].real, values.imag.swapaxes(-1, -2) / COMPLEX_STEP
 
 
@@ -35,7 +35,7 @@ def batch_of(x: NDArray) -> NDArray[np.complex128]:
     return np.ascontiguousarray(x, np.complex128).reshape(-1, x.shape[-1])
 
 
-def like(x: NDArray, found: NDArray, axis: int = 0) -> NDArray:
+def reshape_like(x: NDArray, found: NDArray, axis: int = 0) -> NDArray:
     """Return results for `batch_of(x)` in the shape of x (…, N).
 
     The axis `axis` of `found`, of length k, becomes the leading axes of x.
@@ -50,7 +50,7 @@ def like(x: NDArray, found: NDArray, axis: int = 0) -> NDArray:
     return found if x.dtype.kind == "c" else found.real
 
 
-def bordered(matrix: NDArray, column: Array, row: Array) -> NDArray:
+def singularity_function(matrix: NDArray, column: Array, row: Array) -> NDArray:
     """Return a smooth function (…,) that vanishes together with the determinant of a matrix (…, n, n).
 
     The matrix is bordered by a column and a row (…, n), or by the same column and row (n,) for all matrices. The

@@ -25,7 +25,9 @@ def module_path() -> list[str]:
     """
     home = str(Path(__file__).parents[2])
     entries = os.environ.get("PYTHONPATH", "").split(os.pathsep) + sys.path
-    kept = [entry for entry in entries if os.path.isabs(entry) and os.path.realpath(entry) not in _untrusted()]
+    kept = [
+        entry for entry in entries if os.path.isabs(entry) and os.path.realpath(entry) not in _untrusted_directories()
+    ]
     others = [place for place, entry in enumerate(kept) if os.path.isdir(os.path.join(entry, "rattle"))]
     kept.insert(min(others, default=len(kept)), home)
     return list(dict.fromkeys(kept))
@@ -42,7 +44,7 @@ def leave_working_directory() -> None:
     os.environ[SAFE_PATH] = "1"
 
 
-def _untrusted() -> set[str]:
+def _untrusted_directories() -> set[str]:
     script = getattr(sys.modules.get("__main__"), "__file__", None)
     directories = {os.path.realpath(os.curdir), os.path.realpath(os.path.dirname(script or ""))}
     return directories - {os.path.realpath(path) for path in sysconfig.get_paths().values()}

@@ -16,7 +16,7 @@ Z_95 = 1.959963984540054  # 97.5 % point of the normal distribution
 
 
 @lru_cache(maxsize=8)
-def sobol(count: int) -> NDArray[np.float64]:
+def sobol_points(count: int) -> NDArray[np.float64]:
     """Return the first points of the unscrambled Sobol sequence in the unit square, in Gray code order.
 
     The points equal those of `scipy.stats.qmc.Sobol`, which takes a quarter of a second to load in every computing
@@ -42,7 +42,7 @@ def sobol(count: int) -> NDArray[np.float64]:
     return points
 
 
-def _mixed(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
+def _mix_bits(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
     """Mix bits by SplitMix64's finaliser: every output bit depends on all input bits (Steele, Lea and Flood 2014)."""
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -60,25 +60,25 @@ def uniforms(seed: int, stream: int, rows: NDArray[np.int64], columns: int) -> N
         (n, columns).
     """
     state = np.zeros(rows.size, np.uint64)
-    words: list[NDArray[np.uint64]] = [*_halves(seed), np.array([stream], np.uint64), rows.astype(np.uint64)]
+    words: list[NDArray[np.uint64]] = [*_words_of_seed(seed), np.array([stream], np.uint64), rows.astype(np.uint64)]
     for word in words:
-        state = _mixed((state ^ word) + GOLDEN)
+        state = _mix_bits((state ^ word) + GOLDEN)
     steps = GOLDEN * np.arange(1, columns + 1, dtype=np.uint64)
-    drawn = _mixed(np.asarray(state[:, None] + steps, np.uint64))
+    drawn = _mix_bits(np.asarray(state[:, None] + steps, np.uint64))
     return (drawn >> np.uint64(11)) / 2.0**53
 
 
-def _halves(seed: int) -> list[NDArray[np.uint64]]:
+def _words_of_seed(seed: int) -> list[NDArray[np.uint64]]:
     return [np.array([half], np.uint64) for half in (seed & (2**64 - 1), seed >> 64)]
 
 
-def _shifts(seed: int, *parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+def _random_shifts(seed: int, *parameters: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return two numbers in [0, 1) for each element, (n, 2), from the seed and the element's parameters."""
     state = np.zeros(parameters[0].size, np.uint64)
-    words: list[NDArray[np.uint64]] = [*_halves(seed), *((p + 0.0).view(np.uint64) for p in parameters)]
+    words: list[NDArray[np.uint64]] = [*_words_of_seed(seed), *((p + 0.0).view(np.uint64) for p in parameters)]
     for word in words:
-        state = _mixed((state ^ word) + GOLDEN)
-    drawn = np.stack([_mixed(state + GOLDEN), _mixed(state + GOLDEN + GOLDEN)], axis=1)
+        state = _mix_bits((state ^ word) + GOLDEN)
+    drawn = np.stack([_mix_bits(state + GOLDEN), _mix_bits(state + GOLDEN + GOLDEN)], axis=1)
     return (drawn >> np.uint64(11)) / 2.0**53
 
 
@@ -103,7 +103,7 @@ def initial_conditions(
     tuple[NDArray[np.float64], NDArray[np.float64]]
         τ and v, each (n, count).
     """
-    shifts, points = _shifts(seed, delta, epsilon, beta), sobol(count)
+    shifts, points = _random_shifts(seed, delta, epsilon, beta), sobol_points(count)
     x, y = (points[:, i] + shifts[:, i, None] for i in range(2))
     x -= x >= 1.0  # exact remainder modulo 1, because both terms are below 1
     y -= y >= 1.0

@@ -4,13 +4,14 @@ from rattle.numerics.compile import inline
 
 
 @inline
-def narrowed(lo, f_lo, hi, f_hi, side, at, f):
+def narrow_bracket(lo, f_lo, hi, f_hi, side, at, f):
     """Return the bracket of a sign change after a step to `at`, and the side (±1) that was replaced.
 
     lo, hi: ends of the bracket, with the function values f_lo and f_hi. f: the function value at `at`. side: the end
     that the step before replaced, 1 for hi and −1 for lo.
-    The function value at an end that stays twice is halved, so that the next secant step moves that end (Illinois
-    method: Dowell and Jarratt 1971).
+
+    If an end stays for the second time, the function value at this end is halved, so that the next secant step moves
+    it (Illinois method: Dowell and Jarratt 1971).
 
     Returns
     -------

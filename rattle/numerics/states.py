@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import RattleError, require, require_integer, require_pair
-from rattle.numerics.sampling import sobol
+from rattle.numerics.sampling import sobol_points
 
 MOST_STATES = 1 << 20
 CELLS = 512  # number of cells along τ and along v; a density counts as constant in each
@@ -27,7 +27,7 @@ def box_of(tau: ArrayLike, v: ArrayLike) -> tuple[tuple[float, float], tuple[flo
 def sampled_states(
     count: int, v: ArrayLike, tau: ArrayLike = (0.0, 1.0), density: Density | None = None, seed: int = 0
 ) -> tuple[Array, Array]:
-    """Return `count` states (τ, v), a low-discrepancy sample of the box of the ranges tau and v.
+    """Return `count` states (τ, v), a low-discrepancy sample of the box whose sides are the ranges tau and v.
 
     Parameters
     ----------
@@ -54,13 +54,13 @@ def sampled_states(
     count = require_integer("count", count, 1, MOST_STATES)
     seed = require_integer("seed", seed, 0, (1 << 128) - 1)
     (t0, t1), (v0, v1) = box_of(tau, v)
-    points = (sobol(count) + np.random.default_rng(seed).random(2)) % 1.0
-    x, y = points.T if density is None else _by_density(points, density, (t0, t1), (v0, v1))
+    points = (sobol_points(count) + np.random.default_rng(seed).random(2)) % 1.0
+    x, y = points.T if density is None else _map_by_density(points, density, (t0, t1), (v0, v1))
     speeds = v0 + (v1 - v0) * y
     return np.minimum(t0 + (t1 - t0) * x, np.nextafter(1.0, 0.0)), np.maximum(speeds, np.spacing(v1))
 
 
-def _by_density(
+def _map_by_density(
     points: Array, density: Density, tau: tuple[float, float], v: tuple[float, float]
 ) -> tuple[Array, Array]:
     """Map points of the unit square by the inverse distribution function: first along τ, then along v given τ."""
@@ -72,12 +72,12 @@ def _by_density(
         raise RattleError(f"the density function fails for arrays of τ and v that broadcast: {error}") from error
     good = bool(np.isfinite(weight).all() and (weight >= 0.0).all() and weight.sum() > 0.0)
     require(good, "density must be finite, nowhere negative and somewhere above 0 in the box")
-    x, column = _inverse(weight.sum(axis=1)[None], np.zeros(len(points), np.int64), points[:, 0])
-    y, _ = _inverse(weight, column, points[:, 1])
+    x, column = _inverse_distribution(weight.sum(axis=1)[None], np.zeros(len(points), np.int64), points[:, 0])
+    y, _ = _inverse_distribution(weight, column, points[:, 1])
     return x, y
 
 
-def _inverse(weight: Array, row: NDArray[np.int64], share: Array) -> tuple[Array, NDArray[np.int64]]:
+def _inverse_distribution(weight: Array, row: NDArray[np.int64], share: Array) -> tuple[Array, NDArray[np.int64]]:
     """Return the positions in [0, 1] at which distributions reach the shares (n,), and the cells of these positions.
 
     weight (rows, cells): densities on equal cells of [0, 1]. row (n,): the density that belongs to each share.
@@ -90,7 +90,7 @@ def _inverse(weight: Array, row: NDArray[np.int64], share: Array) -> tuple[Array
     total = np.cumsum(weight, axis=1)
     ends = np.hstack([np.zeros((len(weight), 1)), total])
     want = share * total[row, -1]
-    # concatenate the rows to one rising function, so that one search serves all rows
+    # concatenate the distribution functions to one increasing function, so that one search serves all rows
     offset = np.concatenate([[0.0], np.cumsum(ends[:, -1])])[:-1]
     line = (ends[:, 1:] + offset[:, None]).ravel()
     cell = np.searchsorted(line, want + offset[row], "right") - row * weight.shape[1]

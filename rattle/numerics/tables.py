@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rattle.errors import ParameterError, RattleError, did_you_mean
 
-MOST_SHOWN = 20  # most columns that a message shows, and most characters of each
+MOST_SHOWN = 20  # a message shows at most this many columns, and this many characters of each
 
 
 def read_columns(path: str | Path, names: Iterable[str], needed: str | None = None) -> dict[str, NDArray[np.float64]]:
@@ -43,26 +43,26 @@ def read_columns(path: str | Path, names: Iterable[str], needed: str | None = No
         others = ", ".join(name for name in wanted if name != needed)
         columns = f"{needed} is required, and the others may be {others}" if needed else f"at least one of {others}"
         raise ParameterError(
-            f"the first line of {path} must name its columns: {columns}; it has {_shown(header)}"
+            f"the first line of {path} must name its columns: {columns}; it has {_header_as_text(header)}"
             f"{min(hints - {''}, default='')}"
         )
     for name in wanted:
         if header.count(name) > 1:
             raise ParameterError(f"the table {path} has {header.count(name)} columns named {name!r}: keep one of them")
     return {
-        name: np.array([_number(path, line, row, column) for line, row in table])
+        name: np.array([_parse_number(path, line, row, column) for line, row in table])
         for column, name in enumerate(header)
         if name in wanted
     }
 
 
-def _shown(header: list[str]) -> str:
-    """Return the names of a header as text, shortened."""
+def _header_as_text(header: list[str]) -> str:
+    """Return the names of a header as text; only the first 20 names, and 20 characters of each, are in it."""
     shown = ", ".join(repr(name[:MOST_SHOWN]) for name in header[:MOST_SHOWN])
     return shown or "none: the table is empty"
 
 
-def _number(path: str | Path, line: int, row: list[str], column: int) -> float:
+def _parse_number(path: str | Path, line: int, row: list[str], column: int) -> float:
     try:
         return float(row[column])
     except (ValueError, IndexError):

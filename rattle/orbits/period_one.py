@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.notebook import Columns, html, html_of, line_of, motion_label
+from rattle.notebook import Columns, html_of, html_table, line_of, motion_label
 
 NAMES = ("A", "B", "C", "D")
 N_MINUS = (0, 1, 0, 1)
@@ -193,4 +193,4 @@ class HasOrbits(Protocol):
 def html_of_point(gear: HasOrbits) -> str:
     """Return the HTML that a notebook shows for a gear."""
     caption = f"{gear!r}: {region_in_words(gear.region())}, quiet limit ε = {gear.quiet_limit:.6g}"
-    return html(caption, orbit_columns(gear.orbits()))
+    return html_table(caption, orbit_columns(gear.orbits()))

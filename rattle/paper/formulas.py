@@ -79,7 +79,7 @@ def _expansion_residuals(h: float) -> tuple[float, float]:
     left = []
     for phase, a, jerk in zip(PHASES, rate, f(PHASES, SPEED, DELTA, EPSILON) / 2, strict=True):
         sine, cosine = math.sin(TWO_PI * phase), math.cos(TWO_PI * phase)
-        flight = law.departing(-SPEED, sine, cosine, DELTA, EPSILON, DRIFT)
+        flight = law.flight_from_sine_cosine(-SPEED, sine, cosine, DELTA, EPSILON, DRIFT)
         moved, velocity, *_ = law.evaluate(h, flight)
         left.append((moved - (-SPEED * h + a / 2 * h**2), velocity - (-SPEED + a * h + jerk / 2 * h**2)))
     worst = np.abs(left).max(axis=0)

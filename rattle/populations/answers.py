@@ -1,4 +1,4 @@
-"""Answers about a population of gears, with 95 % intervals: quiet probability, yield, intensity, sensitivity."""
+"""Answers about a population of gears, with 95 % intervals: quiet probability, yield, intensity, Sobol indices."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from rattle.numerics.sampling import Z_95, wilson_interval
 from rattle.populations.gears import FAILS, NOT_ASKED, PASSES, Gears
 from rattle.populations.plan import AGAIN, Plan
 
-#: Default quantiles of the intensity.
+#: Quantiles of the intensity that `Population.intensity` returns by default.
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
-#: Default number of worst gears.
-WORST = 10
-#: Least number of gears whose mean is approximately normal.
+#: Number of gears that `Population.worst` returns by default.
+MOST_WORST = 10
+#: Least number of gears for which the mean over them counts as normally distributed.
 FEWEST = 30
-#: Outputs that have Sobol indices.
+#: Outputs of a gear whose Sobol indices are computed: its share of quiet runs, and its mean energy.
 OUTPUTS = ("quiet", "energy")
 
 Array = NDArray[np.float64]
@@ -36,10 +36,10 @@ class Estimate(NamedTuple):
 
 
 class Index(NamedTuple):
-    """The Sobol indices of one number: its shares of the variance of an output.
+    """The Sobol indices of a number that varies: how much of an output's variance is due to this number.
 
-    first: the share that the number causes alone. total: the share that the number causes alone and in interaction with
-    other numbers.
+    first: the share of the variance that the number causes alone. total: the share that it causes alone and together
+    with other numbers.
     Sources: Sobol, Mathematics and Computers in Simulation 55 (2001) 271–280; for correlated numbers, whose first index
     may exceed the total one, Kucherenko, Tarantola and Annoni, Computer Physics Communications 183 (2012) 937–946.
     """
@@ -48,11 +48,12 @@ class Index(NamedTuple):
     total: Estimate
 
 
-class Worst(NamedTuple):
-    """A gear of the population with a large intensity.
+class WorstGear(NamedTuple):
+    """One of the gears with the largest mean energy.
 
-    row: the gear's row. numbers: its varying numbers by name. quiet: its share of quiet runs.
-    energy: the mean of Σv²/2 per revolution over its runs; for a machine the mean power in W.
+    row: the number of the gear in the population. numbers: the values of the numbers that vary, by name. quiet: the
+    share of the gear's runs that are quiet. energy: the mean over its runs of Σv²/2 per revolution; for a machine the
+    mean power in W.
     """
 
     row: int
@@ -63,9 +64,9 @@ class Worst(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """A population of gears: its plan, its computed rows, and methods that answer questions about it.
+    """A computed population of gears: its plan, its rows, and methods that answer questions about it.
 
-    Energies are Σv²/2 per revolution in the model's unit. For machines `power` converts them to watts.
+    Energies are Σv²/2 per revolution in the model's unit. For machines `watts_per_unit` converts energies to watts.
     """
 
     plan: Plan
@@ -73,7 +74,7 @@ class Population:
 
     @property
     def gears(self) -> Gears:
-        """The gears of the population itself, without the further gears for Sobol indices."""
+        """The gears of the population itself, without the additional gears that Sobol indices need."""
         return Gears._make(column[: self.plan.gears] for column in self.rows)
 
     @property
@@ -88,12 +89,12 @@ class Population:
         Undecided samples widen the interval; in the value they count as not quiet.
         """
         energy = self.gears.energy
-        low = mean_share((energy == 0.0).mean(axis=1))
-        return Estimate(low.value, low.low, mean_share((~(energy > 0.0)).mean(axis=1)).high)
+        low = mean_of_shares((energy == 0.0).mean(axis=1))
+        return Estimate(low.value, low.low, mean_of_shares((~(energy > 0.0)).mean(axis=1)).high)
 
     @property
     def undecided(self) -> float:
-        """The share of undecided samples."""
+        """The share of undecided samples among all samples of the population."""
         return float(np.isnan(self.gears.energy).mean())
 
     @cached_property
@@ -111,13 +112,13 @@ class Population:
         return Estimate(0.5 * (passes + asked - fails) / asked, float(low), float(high))
 
     @property
-    def power(self) -> Array | float:
-        """The power in W for an energy of 1 per revolution, for each gear (n,) of the population; 1 if not machines."""
+    def watts_per_unit(self) -> Array | float:
+        """The power in W of one unit of energy per revolution, for each gear (n,); 1 if the gears are not machines."""
         units = self.plan.tolerances.points(self.gears.values).units
         return 1.0 if units is None else np.broadcast_to(units.power, len(self.gears.values))
 
     def intensity(self, quantiles: Sequence[float] = QUANTILES) -> dict[float, Estimate]:
-        """Return quantiles of the energy per revolution, or of the power in watts of a machine.
+        """Return quantiles of the energy per revolution; for machines quantiles of the power in watts.
 
         The distribution is that of a random gear started from a random state.
 
@@ -129,7 +130,8 @@ class Population:
         Returns
         -------
         dict[float, Estimate]
-            The quantiles with 95 % intervals; an end of an interval is infinite if the population has too few gears.
+            Each quantile of the argument, with its value and 95 % interval. An end of an interval is infinite if the
+            population has too few gears.
 
         Raises
         ------
@@ -139,20 +141,20 @@ class Population:
             If all samples are undecided.
         """
         require(all(0.0 < q < 1.0 for q in quantiles), "quantiles must be between 0 and 1")
-        power = np.asarray(self.power)
+        power = np.asarray(self.watts_per_unit)
         energy = self.gears.energy * (power[:, None] if power.ndim else power)
         if np.isnan(energy).all():
-            raise RattleError("all samples of all gears are undecided: allow more impacts (budget)")
-        return {q: quantile(energy, q) for q in quantiles}
+            raise RattleError("all samples of all gears are undecided: make `budget`, the number of impacts, larger")
+        return {q: quantile_estimate(energy, q) for q in quantiles}
 
-    def worst(self, most: int = WORST) -> tuple[Worst, ...]:
-        """Return the gears with the largest mean energy, or mean power in watts; most: the number of gears."""
+    def worst(self, most: int = MOST_WORST) -> tuple[WorstGear, ...]:
+        """Return up to `most` gears with the largest mean energy (for machines the mean power in W), largest first."""
         gears = self.gears
-        quiet, energy = (gears.energy == 0.0).mean(axis=1), means(gears.energy) * self.power
+        quiet, energy = (gears.energy == 0.0).mean(axis=1), means(gears.energy) * self.watts_per_unit
         order = np.argsort(-np.nan_to_num(energy, nan=-1.0), kind="stable")[:most]
         numbers = [dict(zip(self.names, map(float, gears.values[i]), strict=True)) for i in order]
         rows = zip(order, numbers, strict=True)
-        return tuple(Worst(int(i), each, float(quiet[i]), float(energy[i])) for i, each in rows)
+        return tuple(WorstGear(int(i), each, float(quiet[i]), float(energy[i])) for i, each in rows)
 
     def indices(self, of: str = "quiet") -> dict[str, Index]:
         """Return the Sobol indices, first and total, of each number that varies.
@@ -160,12 +162,12 @@ class Population:
         Parameters
         ----------
         of : str
-            The output: "quiet", a gear's share of quiet runs, or "energy", its mean energy.
+            The output whose variance is explained: "quiet", a gear's share of quiet runs, or "energy", its mean energy.
 
         Returns
         -------
         dict[str, Index]
-            The indices by the name of the number.
+            The indices of each number, by its name.
 
         Raises
         ------
@@ -178,32 +180,32 @@ class Population:
         if len(self.names) == 1:
             whole = Estimate(1.0, 1.0, 1.0)
             return {self.names[0]: Index(whole, whole)}
-        if not self.plan.sharing:
-            raise RattleError("Sobol indices need gears that share numbers: give `pairs` above 0")
+        if not self.plan.n_sharing:
+            raise RattleError("Sobol indices need additional gears, but `pairs` is 0: give `pairs` above 0")
         energy = self.rows.energy
         output = (energy == 0.0).mean(axis=1) if of == "quiet" else means(energy)
         parts = {part: output[self.plan.rows_of(part)] for part in range(AGAIN, int(self.rows.part.max()) + 1)}
-        base = output[: self.plan.sharing]
+        base = output[: self.plan.n_sharing]
         return {
             name: Index(
-                ratio(base, parts[self.plan.part_keeping(i)], parts[AGAIN]),
-                one_less(ratio(base, parts[self.plan.part_redrawing(i)], parts[AGAIN])),
+                covariance_ratio(base, parts[self.plan.part_keeping(i)], parts[AGAIN]),
+                one_minus(covariance_ratio(base, parts[self.plan.part_redrawing(i)], parts[AGAIN])),
             )
             for i, name in enumerate(self.names)
         }
 
 
 def means(energy: Array) -> Array:
-    """Return the mean of each row over its values that are not NaN; NaN if all values of the row are NaN."""
+    """Return the mean of each row (n, count) over values that are not NaN; NaN if all values of the row are NaN."""
     known = (~np.isnan(energy)).sum(axis=1)
     return np.divide(np.nansum(energy, axis=1), known, out=np.full(len(energy), np.nan), where=known > 0)
 
 
-def mean_share(shares: Array) -> Estimate:
-    """Return the mean of the shares of independent gears (n,).
+def mean_of_shares(shares: Array) -> Estimate:
+    """Return the mean of the shares (n,) of independent gears, each a share of the gear's runs.
 
-    The interval is Wilson's, for the number of independent samples that would have the variance of these shares. If all
-    shares are equal, or there are fewer than FEWEST gears, each gear counts as one sample.
+    The interval is Wilson's, for the number of independent yes-or-no samples whose mean would have the same variance.
+    If all shares are equal, or there are fewer than FEWEST gears, each gear counts as one such sample.
 
     Returns
     -------
@@ -218,10 +220,10 @@ def mean_share(shares: Array) -> Estimate:
     return Estimate(mean, float(low), float(high))
 
 
-def quantile(values: Array, q: float) -> Estimate:
-    """Return a quantile of values (n, count), whose rows are independent; NaN is ignored.
+def quantile_estimate(values: Array, q: float) -> Estimate:
+    """Estimate the quantile q of values (n, count), whose rows are independent; values that are NaN are ignored.
 
-    The interval contains the values that may be the true quantile, given the variance between rows.
+    The interval takes account of the correlation between the values of one row.
 
     Returns
     -------
@@ -241,37 +243,39 @@ def quantile(values: Array, q: float) -> Estimate:
     )
 
 
-def ratio(base: Array, other: Array, again: Array) -> Estimate:
-    """Estimate Cov(base, other)/Cov(base, again) over gears (n,), with its interval by the delta method.
+def covariance_ratio(base: Array, other: Array, again: Array) -> Estimate:
+    """Estimate Cov(base, other)/Cov(base, again) over gears (n,), from which Sobol indices are computed.
 
-    base, again: outputs of the same gears from different samples of initial states, so that sampling errors do not add
-    to the covariance. other: outputs of gears that have some numbers in common with these gears.
+    base, again: outputs of the same gears from different initial states, so that sampling errors do not add to the
+    covariance. other: outputs of other gears, each of which has some numbers in common with one of these gears. The
+    interval is by the delta method.
 
     Returns
     -------
     Estimate
-        The ratio with its interval.
+        The ratio, limited to [0, 1], with its interval.
 
     Raises
     ------
     RattleError
-        If too few gears are decided, or the gears do not differ significantly.
+        If fewer than FEWEST gears have decided samples, or the outputs of the gears do not differ significantly.
     """
     known = ~np.isnan(base + other + again)
     if known.sum() < FEWEST:
-        raise RattleError(f"fewer than {FEWEST} of the gears that share numbers are decided: give more pairs")
+        raise RattleError(f"Sobol indices need {FEWEST} gears with decided samples: make `pairs` or `budget` larger")
     x, y, z = (each[known] - each[known].mean() for each in (base, other, again))
-    same, shared = x * z, 0.5 * (x + z) * y  # the mean over both samples of the same gears
+    same, shared = x * z, 0.5 * (x + z) * y  # x and z are two outputs of the same gears, so their mean is used
     whole, error = float(same.mean()), 1.0 / np.sqrt(same.size)
     if whole <= Z_95 * float(same.std()) * error:
         raise RattleError(
-            "the gears differ by no more than the sampling error of each: give more pairs, or a larger count"
+            "Sobol indices cannot be estimated, because the gears differ by no more than their sampling errors: make "
+            "`pairs` or `count` larger"
         )
     value = float(shared.mean()) / whole
     deviation = float((shared - value * same).std()) * error / whole
     return Estimate(*(float(np.clip(value + step * Z_95 * deviation, 0.0, 1.0)) for step in (0, -1, 1)))
 
 
-def one_less(of: Estimate) -> Estimate:
-    """Return 1 minus an estimate, with its interval."""
+def one_minus(of: Estimate) -> Estimate:
+    """Return the estimate of 1 − x, with its interval, from the estimate of x."""
     return Estimate(1.0 - of.value, 1.0 - of.high, 1.0 - of.low)

@@ -12,18 +12,20 @@ from rattle.numerics.sampling import uniforms
 from rattle.populations.distributions import LEAST
 from rattle.populations.normal import ndtr, ndtri
 
-#: Largest error of a given matrix in its symmetry and diagonal, and the least eigenvalue of a correlation matrix.
-SYMMETRIC, POSITIVE = 1e-9, 1e-9
+#: Largest allowed error in the symmetry and in the diagonal of a given correlation matrix.
+SYMMETRY_ERROR = 1e-9
+#: Least allowed eigenvalue of a correlation matrix.
+LEAST_EIGENVALUE = 1e-9
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Copula:
-    """Standard normal numbers with a correlation matrix (d, d).
+    """A source of d standard normal numbers with a correlation matrix (d, d).
 
-    Some numbers are drawn again, while the others are kept, as in Kucherenko, Tarantola and Annoni, Computer Physics
-    Communications 183 (2012) 937–946.
+    It can also draw some of the numbers again while the others keep their values, as in Kucherenko, Tarantola and
+    Annoni, Computer Physics Communications 183 (2012) 937–946.
     """
 
     matrix: Array
@@ -34,14 +36,14 @@ class Copula:
         object.__setattr__(self, "_inverse", np.linalg.inv(self.matrix))
 
     def draws(self, seed: int, stream: int, rows: NDArray[np.int64]) -> Array:
-        """Return the numbers (n, d) of these rows of a random stream; each row depends only on the row's number."""
+        """Return the numbers (n, d) of these rows of a random stream. The numbers of a row depend on its index only."""
         root: Array = self._root  # type: ignore[attr-defined]
         free = ndtri(uniforms(seed, stream, rows, len(self.matrix)))
         # explicit sums, because the last bit of a matrix product may depend on the number of rows
-        return np.stack([sum_of(root[i, : i + 1], free[:, : i + 1]) for i in range(len(root))], axis=1)
+        return np.stack([weighted_sum(root[i, : i + 1], free[:, : i + 1]) for i in range(len(root))], axis=1)
 
     def with_kept(self, i: int, z: Array, fresh: Array) -> Array:
-        """Return z (n, d) with its i-th column kept and all other columns drawn again, given the i-th column.
+        """Return z (n, d) with its i-th column kept and all other columns drawn again, conditioned on the i-th column.
 
         fresh: draws (n, d) that are independent of z, from which the new columns are computed.
 
@@ -55,33 +57,41 @@ class Copula:
         return found
 
     def with_redrawn(self, i: int, z: Array, fresh: Array) -> Array:
-        """Return z (n, d) with its i-th column drawn again, given the other columns; fresh: draws independent of z."""
+        """Return z (n, d) with its i-th column drawn again, conditioned on the other columns.
+
+        fresh: draws (n, d) that are independent of z, from which the new column is computed.
+
+        Returns
+        -------
+        Array
+            The numbers (n, d).
+        """
         found = z.copy()
-        found[:, i] = fresh[:, i] + self._expected(i, z) - self._expected(i, fresh)
+        found[:, i] = fresh[:, i] + self._conditional_mean(i, z) - self._conditional_mean(i, fresh)
         return found
 
-    def _expected(self, i: int, z: Array) -> Array:
-        """Return the conditional mean of the i-th column, given the other columns."""
+    def _conditional_mean(self, i: int, z: Array) -> Array:
+        """Return the conditional mean (n,) of the i-th column of z (n, d), given the other columns."""
         inverse: Array = self._inverse[i]  # type: ignore[attr-defined]
         others = [j for j in range(len(inverse)) if j != i]
-        return -sum_of(inverse[others], z[:, others]) / inverse[i]
+        return -weighted_sum(inverse[others], z[:, others]) / inverse[i]
 
 
-def sum_of(weights: Array, columns: Array) -> Array:
-    """Return Σ weights[j] columns[:, j], added in the order of j."""
+def weighted_sum(weights: Array, columns: Array) -> Array:
+    """Return Σ weights[j] columns[:, j], with the terms added in the order of j, so that all bits are reproducible."""
     total = np.zeros(len(columns))
     for weight, column in zip(weights, columns.T, strict=True):
         total = total + weight * column
     return total
 
 
-def shares(z: Array) -> Array:
-    """Return the quantiles u of standard normal numbers z, limited to LEAST ≤ u ≤ 1 − LEAST."""
+def normal_probabilities(z: Array) -> Array:
+    """Return the probability u of a standard normal number below z, limited to LEAST ≤ u ≤ 1 − LEAST."""
     return np.asarray(np.clip(ndtr(z), LEAST, 1.0 - LEAST))
 
 
-def correlation_of(given: ArrayLike | None, names: tuple[str, ...]) -> Array:
-    """Return the checked correlation matrix (d, d) of numbers with these names; None means independent numbers."""
+def checked_correlation(given: ArrayLike | None, names: tuple[str, ...]) -> Array:
+    """Check the correlation matrix (d, d) of numbers with these names, and return it; None: they are independent."""
     if given is None:
         return np.eye(len(names))
     matrix = real_array("correlation", given)
@@ -91,19 +101,19 @@ def correlation_of(given: ArrayLike | None, names: tuple[str, ...]) -> Array:
         f"the correlation must have a row and a column for each number that varies, {order}; got {matrix.shape}",
     )
     require(
-        bool(np.isfinite(matrix).all() and (abs(matrix - matrix.T) <= SYMMETRIC).all()),
+        bool(np.isfinite(matrix).all() and (abs(matrix - matrix.T) <= SYMMETRY_ERROR).all()),
         f"a correlation matrix must be symmetric and finite, {order}",
     )
     require(
-        bool((abs(np.diag(matrix) - 1.0) <= SYMMETRIC).all() and (abs(matrix) <= 1.0 + SYMMETRIC).all()),
+        bool((abs(np.diag(matrix) - 1.0) <= SYMMETRY_ERROR).all() and (abs(matrix) <= 1.0 + SYMMETRY_ERROR).all()),
         "a correlation matrix must have 1 on its diagonal and numbers from -1 to 1 elsewhere: for covariances divide "
         "each by both deviations",
     )
     matrix = 0.5 * (matrix + matrix.T)
     np.fill_diagonal(matrix, 1.0)
     least = float(np.linalg.eigvalsh(matrix)[0])
-    if least < POSITIVE:
-        fit = (1.0 - POSITIVE) / (1.0 - least)
+    if least < LEAST_EIGENVALUE:
+        fit = (1.0 - LEAST_EIGENVALUE) / (1.0 - least)
         raise ParameterError(
             f"no numbers have these correlations (least eigenvalue {least:.3g}): multiply the entries off the "
             f"diagonal by {0.99 * fit:.2g}, and leave out numbers that are functions of others",

@@ -1,4 +1,4 @@
-"""Distributions of a number of a gear over a population."""
+"""Distributions that a number of a gear may have over a population."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 from rattle.errors import ParameterError, did_you_mean, real_array, require, require_finite, require_number
 from rattle.populations.normal import ndtr, ndtri
 
-#: Numbers are drawn between the quantiles LEAST and 1 − LEAST, within 6.3 standard deviations.
+#: Numbers are drawn between the quantiles LEAST and 1 − LEAST: normal ones within 6.3 standard deviations of the mean.
 LEAST = 2.0**-33
 #: Least probability that a normal distribution must have between the values low and high at which it is cut off.
-HELD = 1e-6
+LEAST_PROBABILITY = 1e-6
 
 Array = NDArray[np.float64]
 
 
 class Distribution(ABC):
-    """The distribution of a number: the interface of Normal, Uniform, Triangular, LogNormal and Measured."""
+    """The distribution of a number of a gear: base class of Normal, Uniform, Triangular, LogNormal and Measured."""
 
     @abstractmethod
     def quantile(self, u: Array) -> Array:
@@ -36,9 +36,10 @@ class Distribution(ABC):
 
 @dataclass(frozen=True)
 class Normal(Distribution):
-    """The normal distribution, cut off at low and high if they are given, as by an inspection.
+    """The normal distribution, cut off below low and above high if they are given, as by an inspection.
 
-    Raises ParameterError unless deviation > 0 and the distribution has some probability between low and high.
+    Raises ParameterError unless deviation > 0 and the distribution has a probability above LEAST_PROBABILITY between
+    low and high.
     """
 
     mean: float
@@ -48,7 +49,7 @@ class Normal(Distribution):
 
     def __post_init__(self) -> None:
         """Check and convert the fields."""
-        _finite(self, "mean", "deviation")
+        _convert_finite(self, "mean", "deviation")
         require(
             self.deviation > 0.0,
             f"a normal distribution must have a deviation above 0, got {self.deviation:g}: for a number that does not "
@@ -59,20 +60,20 @@ class Normal(Distribution):
             require(end.ndim == 0 and not np.isnan(end), f"{name} must be a number, got {getattr(self, name)!r}")
             object.__setattr__(self, name, float(end))
         require(self.low < self.high, f"low must be below high, got {self.low:g} and {self.high:g}")
-        below, above = self._ends()
+        below, above = self._end_probabilities()
         require(
-            above - below > HELD,
+            above - below > LEAST_PROBABILITY,
             f"a normal distribution with mean {self.mean:g} and deviation {self.deviation:g} has almost no probability "
             f"between {self.low:g} and {self.high:g}: change low and high, or the mean",
         )
 
-    def _ends(self) -> tuple[float, float]:
-        """Return the probabilities below low and below high."""
+    def _end_probabilities(self) -> tuple[float, float]:
+        """Return the probabilities, before the cut-off, of a number below low and of one below high."""
         return tuple(float(ndtr((end - self.mean) / self.deviation)) for end in (self.low, self.high))  # type: ignore[return-value]
 
     def quantile(self, u: Array) -> Array:
-        """Return the quantiles of the distribution between low and high."""
-        below, above = self._ends()
+        """Return the quantiles at u in (0, 1) of the distribution that is cut off at low and high."""
+        below, above = self._end_probabilities()
         found = self.mean + self.deviation * ndtri(below + u * (above - below))
         return np.asarray(np.clip(found, self.low, self.high))
 
@@ -86,7 +87,7 @@ class Uniform(Distribution):
 
     def __post_init__(self) -> None:
         """Check and convert the fields."""
-        _finite(self, "low", "high")
+        _convert_finite(self, "low", "high")
         _require_spread(self.low, self.high, "a uniform distribution")
 
     def quantile(self, u: Array) -> Array:
@@ -107,7 +108,7 @@ class Triangular(Distribution):
 
     def __post_init__(self) -> None:
         """Check and convert the fields."""
-        _finite(self, "low", "mode", "high")
+        _convert_finite(self, "low", "mode", "high")
         _require_spread(self.low, self.high, "a triangular distribution")
         require(
             self.low <= self.mode <= self.high,
@@ -178,8 +179,8 @@ DISTRIBUTIONS: dict[str, type[Distribution]] = {
 def distribution_of(text: str) -> Distribution:
     """Parse a distribution from text NAME:NUMBER:NUMBER…, such as normal:15e-6:5e-6:0.
 
-    The numbers are the fields of the class in their order; the third and fourth of a normal distribution are low and
-    high.
+    The numbers are the fields of the distribution's class in their order. A normal distribution may have four: mean,
+    deviation, low and high.
 
     Returns
     -------
@@ -201,25 +202,25 @@ def distribution_of(text: str) -> Distribution:
     try:
         numbers = [float(part) for part in rest]
     except ValueError:
-        raise ParameterError(f"{text!r}: after {word} there must be numbers, separated by colons") from None
+        raise ParameterError(f"{text!r} is no distribution: write numbers, separated by colons, after {word}") from None
     names = [each.name for each in fields(kind)]
     needed = [each.name for each in fields(kind) if each.name not in ("low", "high") or kind is not Normal]
     require(
         len(needed) <= len(numbers) <= len(names),
-        f"{text!r}: after {word} give {', '.join(needed)}"
-        + (" and, if it is cut off, low and high" * (kind is Normal)),
+        f"{text!r} has the wrong number of numbers: after {word} give {', '.join(needed)}"
+        + (", and low and high if the distribution is cut off" * (kind is Normal)),
     )
     found: Distribution = kind(*numbers)
     return found
 
 
-def _finite(of: Any, *names: str) -> None:
-    """Check that fields of a distribution are finite, and convert them. Raises ParameterError."""
+def _convert_finite(of: Any, *names: str) -> None:
+    """Convert fields of a distribution to float. Raises ParameterError unless they are finite."""
     for name in names:
         object.__setattr__(of, name, require_finite(name, getattr(of, name)))
 
 
 def _require_spread(low: float, high: float, what: str) -> None:
-    """Raise ParameterError unless low < high."""
+    """Raise ParameterError unless low < high; what: the kind of distribution, for the message."""
     require(low <= high, f"low must be below high, got {low:g} and {high:g}")
     require(low < high, f"{what} has no spread: for a number that does not vary give the number itself, {low:g}")

@@ -1,4 +1,4 @@
-"""Design limits: the value of one number of a gear up to which it runs quietly with a required probability."""
+"""Design limits: the value of one number of a gear up to which the gear runs quietly with a required probability."""
 
 from __future__ import annotations
 
@@ -28,33 +28,36 @@ from rattle.populations.tolerances import (
     machine_of,
     model_of_numbers,
     points_of,
-    require_known,
+    require_known_names,
 )
 
-#: The numbers that have a design limit, and whether small values are the safe ones.
+#: For each number that has a design limit: whether small values are the safe ones.
 SAFE_IF_SMALL = {
     **dict.fromkeys(("epsilon", "eccentricity", "beta", "backlash", "rpm"), True),
     **dict.fromkeys(("restitution", *AMPLITUDES), True),
     **dict.fromkeys(("delta", "drag", "load", "load_torque"), False),
 }
-#: The numbers whose default range of the scan follows from closed forms if the forcing is one cosine.
+#: The numbers whose default range of values follows from closed forms if the forcing is one cosine.
 OF_ONE_COSINE = ("epsilon", "eccentricity", "beta", "backlash", "rpm", "delta", "drag")
-#: The numbers whose range starts at 0; they are scanned in equal steps, others in equal ratios.
+#: The numbers whose range starts at 0. Their values are scanned in equal steps, those of other numbers in equal ratios.
 FROM_ZERO = ("epsilon", "eccentricity", "restitution", *AMPLITUDES)
-#: Number of values of the scan, and number of samples that are followed first at each value.
-SCANNED, FEW = 32, 256
+#: Number of values of a scan.
+SCANNED_VALUES = 32
+#: Number of samples that are followed first at each value of a scan.
+FIRST_SAMPLES = 256
+#: Largest allowed number of samples at a value.
 MOST_COUNT = 65_536
 #: Ratio of a range's end to its middle, for numbers whose range does not start at 0.
-SPAN = 100.0
-#: Accuracy of a limit, as a share of a step of the scan.
-CLOSE = 2.0**-8
+RANGE_RATIO = 100.0
+#: Accuracy with which a limit is solved for, as a fraction of a step of the scan.
+ACCURACY = 2.0**-8
 
 
 class Limit(NamedTuple):
-    """The limit of a number, in the unit of the number, with its 95 % interval.
+    """The design limit of a number, in the unit of the number, with its 95 % interval.
 
-    The value, or an end of the interval, is NaN if it is outside the range of the scan: the first value of the scan is
-    not safe enough, or the last value is still safe.
+    The value, or an end of the interval, is NaN if it is outside the scanned range: the gear is not quiet often enough
+    at the first value of the scan, or still is at the last.
     """
 
     value: float
@@ -72,28 +75,28 @@ def design_limit(
     seed: int = 0,
     budget: int = BUDGET,
 ) -> Limit:
-    """Return the value of a number up to which a gear runs quietly with probability `share`, there and at safer values.
+    """Return the value of a number up to which a gear runs quietly with probability `share`, also at safer values.
 
     The limit is the largest epsilon, beta or restitution, or the least delta or load. For a machine it is the largest
     eccentricity, mesh_error or other amplitude, backlash or rpm, or the least drag or load_torque. harmonic_20 is the
     amplitude of order 20 over that of the first harmonic; error_20 is the amplitude of order 20 of a machine in m.
 
     The probability is estimated from `count` states in [0, 1) × (0, natural speed), the same for all values. A scan of
-    SCANNED values starts at the safe end. The limit is solved for between two of these values; the interval contains
-    the values at which the share of quiet runs does not differ significantly from `share`. A range of rattling narrower
+    32 values starts at the safe end. The limit is solved for between two of these values; the interval contains the
+    values at which the share of quiet runs does not differ significantly from `share`. A range of rattling narrower
     than a step of the scan can be missed; a smaller range `between` makes the steps finer.
 
     Parameters
     ----------
     given : Mapping[str, Any]
         The other numbers of the gear by name: delta, epsilon, beta and the parameters that a model adds; or the numbers
-        of a `Machine` with rpm. A value of the number `of` itself is ignored.
+        of a `Machine` with rpm. An entry for the number `of` itself is ignored.
     of : str
         The name of the number whose limit is computed.
     share : float
         The required probability.
     between : tuple[float, float] | None
-        The range of the scan, by default from the safe end to where no motion is quiet.
+        The range of the scan (least, largest); by default from safe values to values at which no motion is quiet.
     count, seed : int
         The number of states, and their seed.
     budget : int
@@ -110,7 +113,7 @@ def design_limit(
         If an argument is outside its domain.
     """
     solver = _Solver(given, of, share, between, count, seed, budget)
-    return solver.solved()
+    return solver.solve()
 
 
 def design_limits(
@@ -134,23 +137,23 @@ def design_limits(
     return [design_limit({**given, over: value}, of, share, **more) for value in values]
 
 
-def is_order(name: str) -> bool:
-    """Return whether a name is the name of an amplitude with its order, such as harmonic_20 or error_20."""
+def is_amplitude_with_order(name: str) -> bool:
+    """Return whether a number is the amplitude of an order, by its name, such as harmonic_20 or error_20."""
     return bool(HARMONIC.fullmatch(name) or ERROR.fullmatch(name))
 
 
 def is_safe_if_small(name: str) -> bool:
-    """Return whether small values of a number are the safe ones."""
+    """Return whether small values of the number with this name make a gear run quietly, rather than large ones."""
     return SAFE_IF_SMALL.get(name, True)
 
 
-def cannot_rest(at: Parameters) -> bool:
-    """Return whether the teeth cannot stay in contact: ε is at the quiet limit of the gear's forcing or above."""
+def is_beyond_quiet_limit(at: Parameters) -> bool:
+    """Return whether the teeth cannot stay in contact, because ε of the gear (1,) is at its quiet limit or above."""
     return gear_at(at).quiet_limit <= float(at.epsilon[0])
 
 
 class Excess(NamedTuple):
-    """The share of quiet runs minus the required share: its estimate, and both ends of its 95 % interval."""
+    """The share of quiet runs minus the required share: an estimate, and both ends of its 95 % interval."""
 
     value: float
     low: float
@@ -158,7 +161,7 @@ class Excess(NamedTuple):
 
 
 class _Solver:
-    """The solver of one limit; the share at each value is computed once."""
+    """The solver of one design limit; it keeps the share of quiet runs at each value that it has computed."""
 
     def __init__(
         self,
@@ -170,7 +173,7 @@ class _Solver:
         seed: int,
         budget: int,
     ) -> None:
-        if not is_order(of):
+        if not is_amplitude_with_order(of):
             require_one_of("of", of, SAFE_IF_SMALL)
         self.share = require_number("share", share, positive=True)
         require(
@@ -189,24 +192,24 @@ class _Solver:
         self.of = of
         self.given = {name: value for name, value in given.items() if value is not None and name != of}
         one = between[0] if between else 1.0
-        require_known({**self.given, of: one})
+        require_known_names({**self.given, of: one})
         for name, value in self.given.items():
             if name != "drive":
                 require_number(name, value)
-        low, high = self._range() if between is None else require_pair("between", between)
+        low, high = self._default_range() if between is None else require_pair("between", between)
         require(0.0 <= low < high, f"between must be (low, high) with 0 <= low < high, got {low:g} and {high:g}")
-        require(low > 0.0 or self.from_zero, f"{of} must be above 0: let `between` start above 0")
-        even = self.from_zero
-        scanned = np.linspace(low, high, SCANNED + 1)[1:] if even else np.geomspace(low, high, SCANNED)
+        require(low > 0.0 or self.starts_at_zero, f"{of} must be above 0: let `between` start above 0")
+        even = self.starts_at_zero
+        scanned = np.linspace(low, high, SCANNED_VALUES + 1)[1:] if even else np.geomspace(low, high, SCANNED_VALUES)
         self.scanned = scanned if is_safe_if_small(of) else scanned[::-1]
         self._require_machine()
         self.known: dict[tuple[float, int | None], Excess] = {}
 
-    def _range(self) -> tuple[float, float]:
+    def _default_range(self) -> tuple[float, float]:
         """Return the default range of the scan.
 
-        The range ends at the value beyond which no motion is quiet, if this value is known. Otherwise the range reaches
-        from a typical value divided by SPAN to this value times SPAN.
+        The range ends at the value beyond which no motion is quiet, if that value is known. Otherwise the range reaches
+        from a typical value divided by RANGE_RATIO to the typical value times RANGE_RATIO.
 
         Returns
         -------
@@ -218,74 +221,88 @@ class _Solver:
             return 0.0, 1.0
         if of in ("load", "load_torque"):
             drag = given["drag"] * given["rpm"] * RPM if of == "load_torque" else 1.0
-            edge = self._edge(drag)
-            return (0.99 * edge if self._is_beyond(0.98 * edge) else edge / SPAN), edge * SPAN
+            edge = self._last_possible_value(drag)
+            return (0.99 * edge if self._is_contact_impossible(0.98 * edge) else edge / RANGE_RATIO), edge * RANGE_RATIO
         if of not in OF_ONE_COSINE or self._is_inelastic():
-            if of in FROM_ZERO or is_order(of):
-                unit = self._widest() if is_machine({**given, of: 0.0}) else 1.0
-                return 0.0, min(self._edge(unit), self._widest())
+            if of in FROM_ZERO or is_amplitude_with_order(of):
+                unit = self._largest_length() if is_machine({**given, of: 0.0}) else 1.0
+                return 0.0, min(self._last_possible_value(unit), self._largest_length())
             if of in ("rpm", "delta", "drag"):
-                edge = self._edge(1.0)
-                least, most = edge / SPAN, edge * SPAN
+                edge = self._last_possible_value(1.0)
+                least, most = edge / RANGE_RATIO, edge * RANGE_RATIO
                 return (least, min(edge, IMPOSSIBLE / (given["radius"] * RPM))) if of == "rpm" else (0.99 * edge, most)
         if of in ("epsilon", "eccentricity"):
             points = points_of({**given, of: 0.0})
             unit = 1.0 if points.units is None else points.units.length
-            return 0.0, min(float(np.ravel(quiet_limit(points.parameters.delta))[0] * unit), self._widest())
+            return 0.0, min(float(np.ravel(quiet_limit(points.parameters.delta))[0] * unit), self._largest_length())
         if of in ("beta", "backlash"):
             points = points_of({**given, of: 1.0})
             unit = 1.0 if points.units is None else 2.0 * points.units.length
-            least = float(np.ravel(points.parameters.delta)[0]) * unit / SPAN
-            return least, min(least * SPAN * SPAN, self._widest())
+            least = float(np.ravel(points.parameters.delta)[0]) * unit / RANGE_RATIO
+            return least, min(least * RANGE_RATIO * RANGE_RATIO, self._largest_length())
         points = points_of({**given, of: 1.0})
         epsilon = float(np.ravel(points.parameters.epsilon)[0])
         require(epsilon > 0.0, "without an eccentricity all motions become quiet: give an eccentricity above 0")
         end = float(np.ravel(points.parameters.delta)[0]) / least_damping(epsilon)
         if of == "rpm":
-            return end / SPAN, min(end, IMPOSSIBLE / (given["radius"] * RPM))
-        return 1.0 / end, SPAN / end
+            return end / RANGE_RATIO, min(end, IMPOSSIBLE / (given["radius"] * RPM))
+        return 1.0 / end, RANGE_RATIO / end
 
     def _is_inelastic(self) -> bool:
-        """Return whether the gear is of the inelastic model."""
+        """Return whether the numbers, with the one whose limit is sought, make a gear of the inelastic model."""
         return model_of_numbers({**self.given, self.of: 0.5}) is Inelastic
 
     @property
-    def from_zero(self) -> bool:
-        """True if the range of the number starts at 0."""
-        return self.of in FROM_ZERO or is_order(self.of)
+    def starts_at_zero(self) -> bool:
+        """True if the default range of the number whose limit is sought starts at 0."""
+        return self.of in FROM_ZERO or is_amplitude_with_order(self.of)
 
-    def _is_beyond(self, value: float) -> bool:
-        """Return whether the teeth cannot stay in contact at a value: the contact force changes its sign."""
+    def _is_contact_impossible(self, value: float) -> bool:
+        """Return whether the teeth cannot stay in contact at this value of the number whose limit is sought."""
         ((_, few),) = points_of({**self.given, self.of: np.array([value])}).by_shape()
-        return cannot_rest(few.parameters)
+        return is_beyond_quiet_limit(few.parameters)
 
-    def _edge(self, unit: float) -> float:
-        """Return the last value at which the teeth can stay in contact, or `unit`, a typical value, if all are such."""
+    def _last_possible_value(self, unit: float) -> float:
+        """Return the last value of the sought number, from the safe end, at which the teeth can stay in contact.
+
+        unit: a typical value of the number, which is returned if the teeth can stay in contact at all values.
+
+        Returns
+        -------
+        float
+            The value.
+
+        Raises
+        ------
+        ParameterError
+            If the teeth cannot stay in contact at any value.
+        """
         safe = is_safe_if_small(self.of)
         values = unit * np.geomspace(1e-9, 1e9, 181)
-        beyond = np.array([self._is_beyond(float(value)) for value in values])
+        beyond = np.array([self._is_contact_impossible(float(value)) for value in values])
         if not beyond.any():
             return unit
         last = int(np.argmax(beyond)) if safe else int(np.argmin(beyond))
-        require(last > 0, f"teeth cannot stay together at any {self.of}: make an eccentricity or an error smaller")
+        impossible = f"the teeth cannot stay in contact at any {self.of}: make the eccentricity or an error smaller"
+        require(last > 0, impossible)
         low, high = float(values[last - 1]), float(values[last])
         for _ in range(40):
             middle = math.sqrt(low * high)
-            low, high = (low, middle) if self._is_beyond(middle) == safe else (middle, high)
+            low, high = (low, middle) if self._is_contact_impossible(middle) == safe else (middle, high)
         return high
 
-    def _widest(self) -> float:
-        """Return the largest allowed backlash or eccentricity of a machine, infinite without a machine."""
+    def _largest_length(self) -> float:
+        """Return the largest allowed backlash or amplitude in m if the gear is a machine, else infinity."""
         return float(WIDEST * self.given.get("radius", math.inf))
 
     def _require_machine(self) -> None:
-        """Raise ParameterError if the numbers of a machine are so large that they must be in other units."""
+        """Raise ParameterError if a machine at an end of the scan has a number so large that its unit must be wrong."""
         if is_machine({self.of: 0.0, **self.given}):
             for value in (self.scanned.min(), self.scanned.max()):
                 machine_of({**self.given, self.of: float(value)})
 
-    def ended(self, value: float, count: int) -> tuple[int, int]:
-        """Follow `count` samples at a value, and count the quiet and the undecided samples.
+    def count_quiet_and_undecided(self, value: float, count: int) -> tuple[int, int]:
+        """Follow `count` samples at a value of the sought number, and count the quiet and the undecided samples.
 
         Returns
         -------
@@ -298,7 +315,7 @@ class _Solver:
             return 0, 0
         ((_, points),) = points.by_shape()
         at = points.parameters
-        if at.model == Inelastic.name and cannot_rest(at):
+        if at.model == Inelastic.name and is_beyond_quiet_limit(at):
             return 0, 0
         nothing = np.zeros(1)
         tau, v = initial_conditions(nothing, nothing, nothing, count, 1.0, self.seed)
@@ -308,48 +325,51 @@ class _Solver:
         return int((kind == Outcome.QUIET).sum()), int((kind == Outcome.UNDECIDED).sum())
 
     def excess(self, value: float, count: int | None = None) -> Excess:
-        """Return the excess of the share of quiet runs over the required share at a value.
+        """Return the share of quiet runs at a value of the sought number, minus the required share.
 
-        count: the number of samples that are followed, by default all.
+        count: the number of samples that are followed; None means all samples.
 
         Returns
         -------
         Excess
-            The excess with its interval; it is computed once for each value and count.
+            The difference with its interval. It is computed once for each value and count.
         """
         if (known := self.known.get((value, count))) is None:
             samples = count or self.count
-            quiet, undecided = self.ended(value, samples)
+            quiet, undecided = self.count_quiet_and_undecided(value, samples)
             (low, _), (_, high) = wilson_interval(quiet, samples), wilson_interval(quiet + undecided, samples)
             found = np.array([quiet / samples, low, high]) - self.share
             known = self.known[value, count] = Excess(*map(float, found))
         return known
 
-    def solved(self) -> Limit:
-        """Return the limit and its interval."""
-        last = self._first_too_much()
-        (inside, outside), (sure, _), (_, possible) = (self._crossing(which, last) for which in Excess._fields)
+    def solve(self) -> Limit:
+        """Solve for the limit and the ends of its 95 % interval."""
+        last = self._first_unsafe_index()
+        (inside, outside), (sure, _), (_, possible) = (
+            self._bracket_of_crossing(which, last) for which in Excess._fields
+        )
         low, high = (sure, possible) if is_safe_if_small(self.of) else (possible, sure)
         return Limit(0.5 * (inside + outside), low, high)
 
-    def _first_too_much(self) -> int:
-        """Return the index of the first value of the scan whose share is too small.
+    def _first_unsafe_index(self) -> int:
+        """Return the index of the first value of the scan at which the share of quiet runs is too small.
 
-        All samples decide only if the share of FEW samples is too small, but not with certainty.
+        The first FIRST_SAMPLES samples decide if their share is large enough, or is certainly too small. Otherwise all
+        samples are followed, and their share decides.
 
         Returns
         -------
         int
-            The index; the number of values if all shares are large enough.
+            The index; it is the number of values if all shares are large enough.
         """
         for i, value in enumerate(self.scanned):
-            few = self.excess(float(value), FEW) if self.count > FEW else self.excess(float(value))
+            few = self.excess(float(value), FIRST_SAMPLES) if self.count > FIRST_SAMPLES else self.excess(float(value))
             if few.high < 0.0 or (few.value < 0.0 and self.excess(float(value)).value < 0.0):
                 return i
         return self.scanned.size
 
-    def _crossing(self, which: str, near: int) -> tuple[float, float]:
-        """Return two values, CLOSE steps of the scan apart, between which a field of the excess falls below 0.
+    def _bracket_of_crossing(self, which: str, near: int) -> tuple[float, float]:
+        """Return two values, ACCURACY steps of the scan apart, between which a field of `Excess` falls below 0.
 
         which: the name of the field. near: the index in the scan at which the search starts. Both values are NaN if the
         field does not fall below 0 within the scan.
@@ -360,22 +380,22 @@ class _Solver:
             The value on the safe side, and the value on the other side.
         """
 
-        def positive(i: int) -> bool:
-            """Return whether the field is at least 0 at value i of the scan; i = −1 stands for the value 0."""
-            if i < 0:  # without an eccentricity all motions become quiet
+        def is_nonnegative(i: int) -> bool:
+            """Return whether the field is at least 0 at value number i of the scan; i = −1 stands for the value 0."""
+            if i < 0:  # if the number is the eccentricity, all motions become quiet at 0
                 return self.of in ("epsilon", "eccentricity") and not self._is_inelastic()
             return bool(getattr(self.excess(float(self.scanned[i])), which) >= 0.0)
 
         after = near
-        while after > 0 and not positive(after - 1):
+        while after > 0 and not is_nonnegative(after - 1):
             after -= 1
-        while after < self.scanned.size and positive(after):
+        while after < self.scanned.size and is_nonnegative(after):
             after += 1
-        if after == self.scanned.size or (after == 0 and not positive(-1)):
+        if after == self.scanned.size or (after == 0 and not is_nonnegative(-1)):
             return math.nan, math.nan
         inside, outside = float(self.scanned[after - 1]) if after else 0.0, float(self.scanned[after])
         step = abs(outside - inside)
-        while abs(outside - inside) > CLOSE * step:
+        while abs(outside - inside) > ACCURACY * step:
             middle = 0.5 * (inside + outside)
             if getattr(self.excess(middle), which) >= 0.0:
                 inside = middle

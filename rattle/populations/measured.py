@@ -13,8 +13,8 @@ from rattle.populations.distributions import Measured
 from rattle.populations.normal import ndtri
 from rattle.populations.tolerances import DIMENSIONLESS, OF_MACHINE
 
-#: Least number of measured gears.
-LEAST = 3
+#: Least number of gears in a table of measured gears.
+LEAST_GEARS = 3
 
 
 def read_gears(path: str | Path) -> tuple[dict[str, Measured], NDArray[np.float64]]:
@@ -25,7 +25,8 @@ def read_gears(path: str | Path) -> tuple[dict[str, Measured], NDArray[np.float6
     Returns
     -------
     tuple[dict[str, Measured], NDArray[np.float64]]
-        The distributions by name, and their correlation matrix in the form that `population` takes.
+        The distribution of each number, by its name, and the correlation matrix of the numbers; `rattle.population`
+        takes both.
 
     Raises
     ------
@@ -38,13 +39,13 @@ def read_gears(path: str | Path) -> tuple[dict[str, Measured], NDArray[np.float6
     found = read_columns(path, names)
     columns = {name: found[name] for name in names if name in found}
     gears = len(next(iter(columns.values())))
-    require(gears >= LEAST, f"{path} has {gears} gears: at least {LEAST} are needed")
-    scores = np.stack([_scores(values) for values in columns.values()])
+    require(gears >= LEAST_GEARS, f"{path} has {gears} gears: give a table of at least {LEAST_GEARS} gears")
+    scores = np.stack([_normal_scores(values) for values in columns.values()])
     return {name: Measured(tuple(values)) for name, values in columns.items()}, np.atleast_2d(np.corrcoef(scores))
 
 
-def _scores(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the standard normal scores of the values' ranks; equal values have equal scores."""
+def _normal_scores(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the standard normal quantile that belongs to the rank of each value; equal values have equal quantiles."""
     order = np.sort(values)
     ranks = 0.5 * (np.searchsorted(order, values, "left") + np.searchsorted(order, values, "right"))
     return np.asarray(ndtri(ranks / values.size))

@@ -1,4 +1,4 @@
-"""The plan of a population: which gears are computed from which states. A row is one gear, drawn by its number."""
+"""The plan of a population: the gears that are computed, one for each row, and their initial states."""
 
 from __future__ import annotations
 
@@ -16,27 +16,30 @@ from rattle.models import Capability, require_capability
 from rattle.populations.distributions import Distribution, Uniform, distribution_of
 from rattle.populations.tolerances import Tolerances
 
-#: Numbers of the parts of a plan's rows: the population; its first gears again, with other samples; and, from
-#: FIRST_SHARING on, gears that have some numbers in common with these.
+#: Numbers of the parts into which the rows of a plan are divided: the population; its first gears again, with other
+#: samples; and, from FIRST_SHARING on, gears that have some numbers in common with these first gears.
 POPULATION, AGAIN, FIRST_SHARING = 0, 1, 2
+#: Largest allowed numbers of gears, and of samples of a gear.
 MOST_GEARS, MOST_COUNT = 10_000_000, 65_536
-#: Most samples of all rows; answers need several copies of them in memory, eight bytes each.
+#: Largest allowed number of samples of all rows, which answers hold in memory several times, eight bytes each.
 MOST_SAMPLES = 1 << 24
 #: Default values of the arguments `pairs` and `judged` of `rattle.population`.
 PAIRS, JUDGED = 1024, 256
+#: Largest allowed seed.
 LARGEST_SEED = 2**64 - 1
 #: Largest share of quiet runs that can be required.
 MOST_SHARE = 0.9999
+#: Distribution of a phase that is random.
 ANY_PHASE = Uniform(0.0, 1.0)
-#: Number of the random stream for numbers that are drawn again.
-FRESH = 1
+#: Index of the random stream from which numbers are drawn again.
+REDRAWN_STREAM = 1
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Shock:
-    """A knock that separates resting teeth.
+    """A shock that separates teeth in contact on Σ⁺, as the start of a run.
 
     speed: the speed of departure, in m/s along the line of action for a machine, else in the model's unit.
     phase: the phase of the forcing at the departure; by default it is random.
@@ -62,10 +65,11 @@ class Shock:
 class Plan:
     """The plan of a population; the fields are the arguments of `rattle.population`.
 
-    Each row is one gear. The rows are numbered consecutively through these parts: the population; its first `pairs`
-    gears again, with other samples; for each varying number these gears with this number kept and the others drawn
-    again; for each varying number these gears with this number drawn again and the others kept. If only one number
-    varies, the population is the only part. Raises ParameterError.
+    Each row is one gear. Rows are numbered consecutively through the parts of the plan. The first part is the
+    population. The others are for Sobol indices: the first `pairs` gears again, with other samples; then, for each
+    varying number, these gears with this number kept and the others drawn again; then, for each varying number, these
+    gears with this number drawn again and the others kept. If only one number varies, the population is the only part.
+    Raises ParameterError.
     """
 
     tolerances: Tolerances
@@ -94,8 +98,8 @@ class Plan:
         samples = self.rows * self.count
         require(
             samples <= MOST_SAMPLES,
-            f"{self.rows:,} gears, with those that share numbers, times {self.count:,} states exceed the limit of "
-            f"{MOST_SAMPLES:,} samples: make count smaller first, which costs the least accuracy",
+            f"{self.rows:,} gears, including those for Sobol indices, times {self.count:,} states exceed the limit of "
+            f"{MOST_SAMPLES:,} samples: make `count` smaller first, which costs the least accuracy",
         )
         if self.share is not None:
             share = require_number("share", self.share, positive=True)
@@ -108,53 +112,53 @@ class Plan:
             require_capability(Capability.MARGIN, self.tolerances.model)
 
     @cached_property
-    def sharing(self) -> int:
-        """The number of gears whose numbers are kept in part by other rows; 0 if only one number varies."""
+    def n_sharing(self) -> int:
+        """The number of gears for which gears with some equal numbers are computed; 0 if only one number varies."""
         return min(self.pairs, self.gears) if len(self.tolerances.names) > 1 else 0
 
     @cached_property
-    def judging(self) -> int:
-        """The number of gears that are tested for the requirement; 0 if there is no requirement."""
+    def n_judged(self) -> int:
+        """The number of gears that are tested for the requirement on share or margin; 0 if there is no requirement."""
         return 0 if self.share is None and self.margin is None else min(self.judged, self.gears)
 
     @property
     def rows(self) -> int:
-        """The number of rows of all parts."""
-        return self.gears + self.sharing * (1 + 2 * len(self.tolerances.names))
+        """The number of rows of all parts of the plan, each of which is a gear."""
+        return self.gears + self.n_sharing * (1 + 2 * len(self.tolerances.names))
 
-    def asked(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags of the rows that are tested for the requirement, spread evenly over the population."""
-        number = rows * self.judging // self.gears
-        return np.asarray((rows < self.gears) & (number != (rows - 1) * self.judging // self.gears))
+    def is_judged(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return flags of the rows that are tested for the requirement: some of the population, evenly spread."""
+        number = rows * self.n_judged // self.gears
+        return np.asarray((rows < self.gears) & (number != (rows - 1) * self.n_judged // self.gears))
 
     def parts(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the part of each row."""
-        return np.where(rows < self.gears, POPULATION, AGAIN + (rows - self.gears) // max(self.sharing, 1))
+        """Return the number of the part of the plan to which each row belongs."""
+        return np.where(rows < self.gears, POPULATION, AGAIN + (rows - self.gears) // max(self.n_sharing, 1))
 
     def rows_of(self, part: int) -> slice:
-        """Return the rows of a part."""
+        """Return the slice of the rows that belong to the part with this number."""
         if part == POPULATION:
             return slice(0, self.gears)
-        start = self.gears + (part - AGAIN) * self.sharing
-        return slice(start, start + self.sharing)
+        start = self.gears + (part - AGAIN) * self.n_sharing
+        return slice(start, start + self.n_sharing)
 
     def part_keeping(self, i: int) -> int:
-        """Return the part of gears that keep the i-th number, with all others drawn again."""
+        """Return the number of the part whose gears keep the i-th varying number, with all others drawn again."""
         return FIRST_SHARING + i
 
     def part_redrawing(self, i: int) -> int:
-        """Return the part of gears whose i-th number is drawn again, with all others kept."""
+        """Return the number of the part whose gears have the i-th varying number drawn again, with all others kept."""
         return FIRST_SHARING + len(self.tolerances.names) + i
 
     def values(self, rows: NDArray[np.int64]) -> Array:
-        """Return the varying numbers (n, d) of these rows."""
+        """Return the numbers (n, d) that vary, for the gears of these n rows."""
         copula, varying = self.tolerances.copula, len(self.tolerances.names)
         parts = self.parts(rows)
-        base = np.where(parts == POPULATION, rows, (rows - self.gears) % max(self.sharing, 1))
+        base = np.where(parts == POPULATION, rows, (rows - self.gears) % max(self.n_sharing, 1))
         z = copula.draws(self.seed, 0, base)
         shared = parts >= FIRST_SHARING
         if shared.any():
-            fresh = copula.draws(self.seed, FRESH, base[shared])
+            fresh = copula.draws(self.seed, REDRAWN_STREAM, base[shared])
             original, part, found = z[shared], parts[shared], z[shared]
             for i in range(varying):
                 kept, redrawn = part == self.part_keeping(i), part == self.part_redrawing(i)
@@ -164,14 +168,14 @@ class Plan:
         return self.tolerances.values(z)
 
     @property
-    def looks(self) -> tuple[int, ...]:
-        """The numbers of samples after which a gear's share is tested; a share far from the required one needs few."""
+    def sample_counts(self) -> tuple[int, ...]:
+        """The numbers of samples after which the share of a gear is tested, until one test decides."""
         share = self.share or 0.5
-        fewest = math.ceil(Z_LOOKS**2 * share / (1.0 - share))
-        return tuple(sorted({FEW, fewest + 1, 4 * (fewest + 1)}))
+        fewest = math.ceil(Z_TESTS**2 * share / (1.0 - share))
+        return tuple(sorted({FIRST_COUNT, fewest + 1, 4 * (fewest + 1)}))
 
 
-#: Number of samples after which a gear is tested for the first time.
-FEW = 32
-#: Normal quantile for 1 − 0.05/6: 95 % confidence over all three tests of a gear.
-Z_LOOKS = 2.393979799818671
+#: Number of samples after which the share of a gear is tested for the first time.
+FIRST_COUNT = 32
+#: Normal quantile at 1 − 0.05/6, which gives 95 % confidence over all three tests of a gear together.
+Z_TESTS = 2.393979799818671

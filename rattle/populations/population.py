@@ -48,15 +48,16 @@ def population(
         The number of states in [0, 1) × (0, natural speed) from which each gear is followed. A few states are enough
         for answers about all gears.
     share, margin : float | None
-        The requirement for the yield: a gear passes if its share of quiet runs is at least `share`; or if no impact up
-        to the speed `margin` ends its quiet running (in m/s for a machine). None: there is no such requirement.
+        The requirement for the yield. Give one of both: a gear passes if its share of quiet runs is at least `share`,
+        or if no impact up to the speed `margin` ends its quiet running (in m/s for a machine). If both are None, there
+        is no requirement.
     shock : Shock | None
-        A shock to each gear while its teeth rest, after which the gear is followed. None: the gear is followed from
+        A shock that separates the teeth of each gear, from which the gear is followed. None: the gear is followed from
         random states.
     judged : int
         The number of gears that are tested for the requirement.
     pairs : int
-        The number of gears for which further gears, with some of the same numbers, are computed for Sobol indices.
+        The number of gears for which Sobol indices compute further gears that have some of the same numbers.
     seed : int
         The seed of all random numbers.
     budget : int

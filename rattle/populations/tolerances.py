@@ -19,20 +19,26 @@ from rattle.machine.given import MAY_BE_ZERO as MACHINE_MAY_BE_ZERO
 from rattle.machine.point import machine_point
 from rattle.models import ADDED, OTHERS, Inelastic, Model, model_adding
 from rattle.parameters import BETA, Harmonic, Parameters
-from rattle.populations.copula import Copula, correlation_of, shares
+from rattle.populations.copula import Copula, checked_correlation, normal_probabilities
 from rattle.populations.distributions import Distribution, Normal, distribution_of
 
+#: The numbers of a dimensionless gear by name.
 DIMENSIONLESS = ("delta", "epsilon", *OTHERS)
 #: For each parameter that a model adds, by name: the name of the machine's number that determines the parameter.
-MAKING = {each.name: each.machine_number for each in ADDED.values() if each.machine_number is not None}
+MACHINE_NUMBERS = {each.name: each.machine_number for each in ADDED.values() if each.machine_number is not None}
+#: Numbers that every machine must have.
 NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")
-SECOND = (*(f"driven_{name}" for name in DRIVEN), "teeth", "driven_teeth", *AMPLITUDES)
-OF_MACHINE = (*NEEDED, *MAKING.values(), *SECOND)
+#: Numbers of a machine's second gear, and amplitudes of its errors.
+OF_SECOND_GEAR = (*(f"driven_{name}" for name in DRIVEN), "teeth", "driven_teeth", *AMPLITUDES)
+#: All numbers of a machine by name, besides amplitudes such as error_20.
+OF_MACHINE = (*NEEDED, *MACHINE_NUMBERS.values(), *OF_SECOND_GEAR)
 #: Numbers without a dimension, which both a dimensionless gear and a machine may have.
 OF_EITHER = ("restitution",)
-OPTIONAL = {BETA.name: BETA.default, **dict.fromkeys((*ADDED, *OF_MACHINE[len(NEEDED) :]))}
+#: Values of the numbers that may be left out; None: the number then has no value.
+DEFAULTS = {BETA.name: BETA.default, **dict.fromkeys((*ADDED, *OF_MACHINE[len(NEEDED) :]))}
 #: Numbers of a machine that cannot vary.
-FIXED = ("drive", "teeth", "driven_teeth")
+CANNOT_VARY = ("drive", "teeth", "driven_teeth")
+#: Numbers that may be 0, besides amplitudes; all others must be above 0.
 MAY_BE_ZERO = ("epsilon", "load", *MACHINE_MAY_BE_ZERO)
 #: Names of the amplitudes of further harmonics of a dimensionless gear, relative to the first harmonic: harmonic_20 is
 #: the amplitude of order 20.
@@ -46,22 +52,22 @@ Array = NDArray[np.float64]
 class Points(NamedTuple):
     """n gears as parameter points of a model.
 
-    units: the SI sizes of the model's units for each machine, None if the gears are dimensionless.
-    shapes (n,): for each gear the tuple of its harmonics besides the first; None if no gear has such harmonics.
+    parameters: the parameters (n,). units: the SI sizes of the model's units for each machine; None if the gears are
+    dimensionless. shapes (n,): the tuple of each gear's harmonics besides the first; None if no gear has any.
     """
 
     parameters: Parameters
     units: Units | None
     shapes: NDArray[np.object_] | None = None
 
-    def some(self, which: Any) -> Points:
-        """Return the gears of an index or a mask."""
+    def take(self, which: Any) -> Points:
+        """Return the gears that an index, a slice or a mask selects."""
         shape = self.parameters.shape
         units = None if self.units is None else Units(*(np.broadcast_to(x, shape)[which] for x in self.units))
         return Points(self.parameters.take(which), units, None if self.shapes is None else self.shapes[which])
 
     def by_shape(self) -> Iterator[tuple[NDArray[np.int64], Points]]:
-        """Yield the indices and points of all gears with the same harmonics, because a kernel takes one set of them."""
+        """Yield indices and points of gears with equal harmonics, because compiled code takes one set of harmonics."""
         if self.shapes is None:
             yield np.arange(self.parameters.size), self
             return
@@ -70,7 +76,7 @@ class Points(NamedTuple):
             rows.setdefault(harmonics, []).append(row)
         for harmonics, which in rows.items():
             index = np.array(which)
-            few = self.some(index)
+            few = self.take(index)
             yield index, few._replace(parameters=few.parameters.with_harmonics(harmonics), shapes=None)
 
 
@@ -92,29 +98,29 @@ class Tolerances:
     def __post_init__(self) -> None:
         """Check and convert the fields."""
         given = {name: value for name, value in self.given.items() if value is not None}
-        require_known(given)
+        require_known_names(given)
         order = (*DIMENSIONLESS, *OF_MACHINE, "drive")
         names = [*(name for name in order if name in given), *sorted(set(given).difference(order))]
-        read = {name: _read(name, given[name]) for name in names}
+        read = {name: _distribution_or_number(name, given[name]) for name in names}
         object.__setattr__(self, "given", read)
         require(bool(self.names), "nothing varies: give a distribution for at least one number")
-        matrix = correlation_of(self.correlation, self.names)
+        matrix = checked_correlation(self.correlation, self.names)
         object.__setattr__(self, "correlation", matrix)
-        self._require_meant()
+        self._require_plausible()
 
-    def _require_meant(self) -> None:
+    def _require_plausible(self) -> None:
         """Raise ParameterError if a value that can be drawn is impossible, or so large that its unit must be wrong."""
         low, high = ({name: ends[i] for name, ends in self._ranges.items()} for i in (0, 1))
         for name, least in low.items():
             inside = least >= 0.0 if may_be_zero(name) else least > 0.0
-            require(inside, self._below_zero(name, least))
+            require(inside, self._below_zero_message(name, least))
         if not is_machine(self.given):
             return
         for ends in (high | {"radius": low["radius"]}, low | {"radius": high["radius"], "rpm": high["rpm"]}):
             machine_of({**ends, "drive": self.given.get("drive", "torque")})
 
-    def _below_zero(self, name: str, least: float) -> str:
-        """Return the message for a distribution that reaches below 0."""
+    def _below_zero_message(self, name: str, least: float) -> str:
+        """Return the message for a number whose distribution reaches down to `least`, which is below 0."""
         limit = "0" if may_be_zero(name) else "a number above 0"
         advice = (
             f"cut it off (low={limit}), make its deviation smaller, or give a log-normal one"
@@ -134,7 +140,7 @@ class Tolerances:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Return the names of the numbers that vary, in the order of the correlation matrix."""
+        """The names of the numbers that vary, in the order of the correlation matrix."""
         return tuple(name for name, value in self.given.items() if isinstance(value, Distribution))
 
     @property
@@ -144,21 +150,21 @@ class Tolerances:
 
     @cached_property
     def copula(self) -> Copula:
-        """Return the copula by which the numbers vary together."""
+        """The copula from which correlated values of the varying numbers are drawn."""
         return Copula(np.asarray(self.correlation, np.float64))
 
     def values(self, z: Array) -> Array:
-        """Return the varying numbers (n, d) of gears from standard normal numbers z (n, d)."""
-        u = shares(z)
+        """Return the varying numbers (n, d) of gears that belong to standard normal numbers z (n, d)."""
+        u = normal_probabilities(z)
         return np.stack([self.given[name].quantile(u[:, j]) for j, name in enumerate(self.names)], axis=1)
 
     def points(self, values: Array) -> Points:
-        """Return the gears with these varying numbers (n, d). Raises ParameterError."""
+        """Return the gears with these values (n, d) of the varying numbers. Raises ParameterError."""
         return points_of({**self.given, **dict(zip(self.names, values.T, strict=True))})
 
 
 def points_of(given: Mapping[str, Any]) -> Points:
-    """Return the gears with these numbers, arrays that broadcast: dimensionless numbers, or numbers of a machine.
+    """Return the gears with these numbers: dimensionless numbers or numbers of a machine, as arrays that broadcast.
 
     Returns
     -------
@@ -172,50 +178,54 @@ def points_of(given: Mapping[str, Any]) -> Points:
     """
     numbers = {name: value for name, value in given.items() if value is not None}
     if not is_machine(given):
-        own = {**{name: OPTIONAL[name] for name in (BETA.name, *ADDED)}, **numbers}
-        orders = orders_of(numbers, HARMONIC)
-        return _points({name: own[name] for name in DIMENSIONLESS}, None, {k: (own[name], 0.0) for k, name in orders})
-    errors = [(order, numbers[name], 0.0) for order, name in orders_of(numbers, ERROR)]
+        own = {**{name: DEFAULTS[name] for name in (BETA.name, *ADDED)}, **numbers}
+        orders = amplitudes_by_order(numbers, HARMONIC)
+        return _points_of_arrays(
+            {name: own[name] for name in DIMENSIONLESS}, None, {k: (own[name], 0.0) for k, name in orders}
+        )
+    errors = [(order, numbers[name], 0.0) for order, name in amplitudes_by_order(numbers, ERROR)]
     at = machine_point(numbers, numbers["rpm"] * RPM, errors)
     rows = zip(at.forcing.orders, at.forcing.relative, at.forcing.phase, strict=True)
     shape = {order: (size, phase) for order, size, phase in rows} if len(at.forcing.orders) > 1 else {}
-    return _points({"delta": at.delta, "epsilon": at.epsilon, "beta": at.beta, **at.added}, at.units, shape)
+    return _points_of_arrays({"delta": at.delta, "epsilon": at.epsilon, "beta": at.beta, **at.added}, at.units, shape)
 
 
 def machine_of(numbers: Mapping[str, Any]) -> Machine:
     """Return the machine with these numbers, whose names are those of `Tolerances`. Raises ParameterError."""
     given = {name: value for name, value in numbers.items() if not ERROR.fullmatch(name)}
-    errors = [(order, numbers[name], 0.0) for order, name in orders_of(numbers, ERROR)]
+    errors = [(order, numbers[name], 0.0) for order, name in amplitudes_by_order(numbers, ERROR)]
     return Machine(**given, errors=errors)
 
 
-def orders_of(given: Mapping[str, Any], pattern: re.Pattern[str]) -> list[tuple[int, str]]:
-    """Return the orders and names of the amplitudes whose names match a pattern, HARMONIC or ERROR."""
+def amplitudes_by_order(given: Mapping[str, Any], pattern: re.Pattern[str]) -> list[tuple[int, str]]:
+    """Return (order, name) of each amplitude in `given` whose name matches a pattern, HARMONIC or ERROR, by order."""
     return sorted((int(found[1]), name) for name in given if (found := pattern.fullmatch(name)))
 
 
 def may_be_zero(name: str) -> bool:
-    """Return whether a number of a gear may be 0."""
+    """Return whether the number of a gear with this name may be 0."""
     return name in MAY_BE_ZERO or bool(HARMONIC.fullmatch(name) or ERROR.fullmatch(name))
 
 
 def model_of_numbers(given: Mapping[str, Any]) -> type[Model]:
-    """Return the model of a gear with these numbers, dimensionless or of a machine."""
+    """Return the model of a gear with these numbers by name, dimensionless numbers or numbers of a machine."""
     shaped = any(name in AMPLITUDES or HARMONIC.fullmatch(name) or ERROR.fullmatch(name) for name in given)
-    named = {name for name in ADDED if given.get(name) is not None or given.get(MAKING.get(name, "")) is not None}
+    named = {
+        name for name in ADDED if given.get(name) is not None or given.get(MACHINE_NUMBERS.get(name, "")) is not None
+    }
     if shaped or named & {each.name for each in Inelastic.added}:
         named |= {each.name for each in Inelastic.added}
     return model_adding(named)
 
 
 def is_machine(given: Mapping[str, Any]) -> bool:
-    """Return whether one of these numbers is a number of a machine, by its name."""
+    """Return whether at least one of these names of numbers is the name of a machine's number."""
     return any(name in OF_MACHINE or ERROR.fullmatch(name) for name in given)
 
 
-def require_known(given: Mapping[str, Any]) -> None:
-    """Raise ParameterError unless the names are known and complete, all for a dimensionless gear or for a machine."""
-    require("speed" not in given, "give the mean speed as rpm, in revolutions per minute")
+def require_known_names(given: Mapping[str, Any]) -> None:
+    """Raise ParameterError unless the names are known and describe one gear: a dimensionless one or a machine."""
+    require("speed" not in given, "a gear has no number speed: give the mean speed as rpm, in revolutions per minute")
     own = [name for name in given if name in DIMENSIONLESS or HARMONIC.fullmatch(name)]
     of_machine = [name for name in given if name in (*OF_MACHINE, "drive") or ERROR.fullmatch(name)]
     for name in given:
@@ -225,7 +235,7 @@ def require_known(given: Mapping[str, Any]) -> None:
             f"a gear has no {name}: it has {', '.join(DIMENSIONLESS)}, or {', '.join(known[len(DIMENSIONLESS) :])}"
             f"{did_you_mean(name, known)}",
         )
-        if name in FIXED[1:]:
+        if name in CANNOT_VARY[1:]:
             require_number(name, given[name], positive=True)
     plain = [name for name in own if name not in OF_EITHER]
     if plain and of_machine:
@@ -239,15 +249,15 @@ def require_known(given: Mapping[str, Any]) -> None:
     require(drive in conversion.DRIVES, f"drive must be torque or speed, got {drive!r}")
 
 
-def _points(numbers: Mapping[str, Any], units: Units | None, shape: Mapping[int, tuple[Any, Any]]) -> Points:
-    """Return the gears with these arrays of numbers; shape: by order, a harmonic's amplitude over ε and its phase."""
+def _points_of_arrays(numbers: Mapping[str, Any], units: Units | None, shape: Mapping[int, tuple[Any, Any]]) -> Points:
+    """Return the gears with these arrays of dimensionless numbers; shape: {order: (amplitude/ε, phase)}."""
     given = {name: value for name, value in numbers.items() if value is not None}
     if shape or any(each.name in given for each in Inelastic.added):
         given = {"restitution": 1.0, "load": 0.0, **given}
     model = model_adding(name for name in given if name in ADDED)
     numbers_of = {name: given[name] for name in ("delta", "epsilon", "beta")}
     numbers_of |= {each.name: given[each.name] for each in model.added}
-    at = Parameters.of(model.name, **numbers_of).take(...)
+    at = Parameters.from_values(model.name, **numbers_of).take(...)
     if not shape:
         return Points(at, units)
     sizes, phases = ([np.broadcast_to(each[i], at.shape) for each in shape.values()] for i in (0, 1))
@@ -258,8 +268,8 @@ def _points(numbers: Mapping[str, Any], units: Units | None, shape: Mapping[int,
     return Points(at, units, shapes)
 
 
-def _read(name: str, value: Any) -> Distribution | float | str:
-    """Return a value as a distribution or a checked number; text may state either. Raises ParameterError."""
+def _distribution_or_number(name: str, value: Any) -> Distribution | float | str:
+    """Return a value, which text may state, as a distribution or as a checked number. Raises ParameterError."""
     if isinstance(value, Distribution) or name == "drive":
         return value
     if isinstance(value, str):

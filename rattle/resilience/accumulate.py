@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.reached import states_of
+from rattle.attractors.reached import checked_states
 from rattle.errors import require_integer, require_number
 from rattle.models import MODELS, AnyGear
 from rattle.parameters import Parameters
@@ -56,7 +56,7 @@ def accumulated(
     ParameterError
         If an argument is outside its domain.
     """
-    phases, speeds, _shape = states_of(tau, v)
+    phases, speeds, _shape = checked_states(tau, v)
     return accumulated_at(gear.parameters.repeat(phases.size), phases, speeds, accumulator, periods, impacts)
 
 
@@ -72,7 +72,7 @@ def accumulated_at(
     for _ in range(impacts):
         if not which.size:
             break
-        moved = model.returned(parameters, tau, v)
+        moved = model.states_after_return(parameters, tau, v)
         time = time + moved.time
         going = moved.goes & (time <= periods)
         ended = accumulator.add(which[going], moved.tau[going], moved.v[going], time[going])

@@ -56,7 +56,7 @@ class OrbitEnd:
 
 def gear_between(start: Parameters, end: Parameters, share: float) -> AnyGear:
     """Return the gear at a share of the way between two points."""
-    return gear_at(start.towards(end, share))
+    return gear_at(start.interpolate(end, share))
 
 
 def end_of(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> OrbitEnd:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.reached import states_of
+from rattle.attractors.reached import checked_states
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import Attractor
 from rattle.errors import real_array, require, require_integer
@@ -26,7 +26,7 @@ SAME_POINT = 1e-6
 def sample_of(gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, states: States = None) -> tuple[Array, Array]:
     """Return the initial states (τ, v) of `Gear.attractors`, or `states` as flat arrays. Raises ParameterError."""
     if states is not None:
-        tau, v, _shape = states_of(*states)
+        tau, v, _shape = checked_states(*states)
         return tau, v
     phases, speeds = SampleSpec(count, v_max, seed).states(gear.parameters)
     return phases[0], speeds[0]
@@ -82,8 +82,8 @@ def path_points(path: ArrayLike, beta: float, added: Mapping[str, float | None],
         f"{given.shape}",
     )
     named = {name: np.full(len(given), x) for name, x in {"beta": beta, **others}.items()}
-    at = Parameters.of(model.name, **named | dict(zip(names, given.T, strict=False)))
-    points = np.column_stack([at.named[name] for name in names])
+    at = Parameters.from_values(model.name, **named | dict(zip(names, given.T, strict=False)))
+    points = np.column_stack([at.values_by_name[name] for name in names])
     size = np.ptp(points, axis=0)
     scaled = points / np.where(size > 0.0, size, 1.0)
     length = np.linalg.norm(np.diff(scaled, axis=0), axis=1)

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.reached import states_of
+from rattle.attractors.reached import checked_states
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec, SpeedLimit
-from rattle.attractors.table import KINDS, Attractor, AttractorTable, tabulated
+from rattle.attractors.table import KINDS, Attractor, AttractorTable, tabulate_attractors
 from rattle.errors import require
 from rattle.flight.law import wrapped
 from rattle.models import MODELS, AnyGear, gear_at, model_at
@@ -177,7 +177,7 @@ def global_continuation(
         If an argument is outside its domain.
     """
     points = path_points(path, beta, added, steps)
-    given = None if states is None else states_of(*states)
+    given = None if states is None else checked_states(*states)
     sample = SampleSpec(count if given is None else given[0].size, v_max, seed)
     count = sample.count
     require(
@@ -186,7 +186,7 @@ def global_continuation(
     )
     tau, v = sample.states(points) if given is None else (np.tile(x, (points.size, 1)) for x in given[:2])
     model = MODELS[points.model]
-    table, row = tabulated(model.classified(points, tau.copy(), v.copy()), missed=True)
+    table, row = tabulate_attractors(model.classify_states(points, tau.copy(), v.copy()), missed=True)
     attractors, entered, family = model.joined_rows(points, table)
     which = np.flatnonzero(~entered)[row].reshape(-1, count)
     every = points.repeat(count)
@@ -195,7 +195,7 @@ def global_continuation(
         for name, make in quantities.items()
     }
     found = _Changes(points, attractors, family).all() if causes else ()
-    rows = np.stack(list(points.named.values()), axis=1)
+    rows = np.stack(list(points.values_by_name.values()), axis=1)
     return GlobalContinuation(rows, count, attractors, entered, family, which, tuple(found), gathered)
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.reached import Sampled
+from rattle.attractors.reached import SampledGear
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.flight import law
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
@@ -28,9 +28,9 @@ LONGEST_RUN = 1e5  # longest time that one call follows, in forcing periods
 
 
 class MotionState(NamedTuple):
-    """The state of a motion after a time.
+    """The state in which `StiffGear.flight` ends.
 
-    position, velocity: Φ and Φ'. n_plus, n_minus: the numbers of contacts with Σ⁺ and Σ⁻ that began in this time.
+    position, velocity: Φ and Φ' at the end. n_plus, n_minus: the numbers of contacts with Σ⁺ and Σ⁻ since the start.
     tangent (2, 2): the tangent map ∂(Φ, Φ')/∂(Φ₀, Φ'₀) at fixed times, whose determinant is e^(−δ time).
     """
 
@@ -42,7 +42,7 @@ class MotionState(NamedTuple):
 
 
 @dataclass(frozen=True)
-class StiffGear(Sampled, Rattling):
+class StiffGear(SampledGear, Rattling):
     """The stiff gear model at one parameter point.
 
         Φ'' + δΦ' + 2κB(Φ) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt,
@@ -85,9 +85,9 @@ class StiffGear(Sampled, Rattling):
         return period_one.saddle_node_1(self.delta, self.kappa, self.beta).epsilon
 
     def flight(self, position: float, velocity: float, phase: float = 0.0, time: float = 1.0) -> MotionState:
-        """Return the motion from (Φ, Φ') at this phase, after a time in forcing periods.
+        """Follow the motion from (Φ, Φ') at this phase for `time` forcing periods; return its last state.
 
-        After a whole number of periods this is the stroboscopic map.
+        For a whole number of periods this is the stroboscopic map.
 
         Returns
         -------
@@ -102,7 +102,7 @@ class StiffGear(Sampled, Rattling):
             If a number leaves double precision.
         """
         position, velocity = require_finite("position", position), require_finite("velocity", velocity)
-        time, tau = require_number("time", time), _phase(phase)
+        time, tau = require_number("time", time), _folded_phase(phase)
         require(time <= LONGEST_RUN, f"time must be at most {LONGEST_RUN:g} forcing periods, got {time}")
         wall = GAP
         if abs(position) >= self.beta:
@@ -117,7 +117,7 @@ class StiffGear(Sampled, Rattling):
         return MotionState(float(whole), float(w), n_plus, n_minus, np.array(tangent).reshape(2, 2))
 
     def impact(self, tau: float, v: float) -> Impact:
-        """Return the image of a departure (τ, v) from Σ⁺, v > 0, under the return map, with the tangent matrix (2, 2).
+        """Return the next departure from Σ⁺ after a departure (τ, v), v > 0, with the tangent matrix (2, 2).
 
         In (t, v²/2) the tangent matrix has determinant e^(−δ time).
 
@@ -134,7 +134,7 @@ class StiffGear(Sampled, Rattling):
             If contact with Σ⁺ never ends (quiet motion).
         """
         v = require_number("v", v, positive=True)
-        status, tau1, v1, time, n_minus, *tangent, _ = return_map.step_tangent(_phase(tau), v, self._point)
+        status, tau1, v1, time, n_minus, *tangent, _ = return_map.step_tangent(_folded_phase(tau), v, self._point)
         if status == QUIET:
             raise RattleError("the motion becomes quiet: its contact with Σ⁺ never ends")
         if status != OK or not math.isfinite(time):
@@ -159,10 +159,10 @@ class StiffGear(Sampled, Rattling):
             If a number leaves double precision.
         """
         position, velocity = require_finite("position", position), require_finite("velocity", velocity)
-        return departure(*self._point, _phase(phase), position, velocity)
+        return departure(*self._point, _folded_phase(phase), position, velocity)
 
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
-        """Return Π^n of arrays of states; tau, v and n broadcast: see `rattle.stiff.iterate`. Raises ParameterError."""
+        """Apply the return map n times to states (τ, v), as `rattle.stiff.iterate` does. Raises ParameterError."""
         return iterate(self.delta, self.epsilon, tau, v, n, self.beta, self.kappa)
 
     def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
@@ -182,10 +182,10 @@ class StiffGear(Sampled, Rattling):
         RattleError
             If a number leaves double precision.
         """
-        return trajectory(*self._point, _phase(tau), v, periods, points)
+        return trajectory(*self._point, _folded_phase(tau), v, periods, points)
 
     def orbits(self) -> tuple[Orbit, ...]:
-        """Return the admissible counterparts of A, B, C and D by their letters, and other P(1,1,0) as "P"."""
+        """Return the admissible counterparts of A to D, each named by its letter, and all other P(1,1,0), named "P"."""
         added = {"kappa": self.kappa}
         return tuple(
             Orbit(name, *found.label, found.tau, found.v, found.multipliers, found.stable, *self._point[:3], added)
@@ -195,7 +195,7 @@ class StiffGear(Sampled, Rattling):
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> periodic.StiffOrbit:
         """Return the periodic motion near a departure (τ, v) that repeats after n_plus contacts with Σ⁺.
 
-        The motion has its least period; see `stiff_orbit`.
+        If the motion repeats after fewer contacts, it is returned with its shortest period; see `stiff_orbit`.
 
         Returns
         -------
@@ -205,11 +205,11 @@ class StiffGear(Sampled, Rattling):
         return periodic.stiff_orbit(self.delta, self.epsilon, self.kappa, tau, v, n_plus, self.beta)
 
     def saddle(self, orbit: Orbit) -> periodic.StiffOrbit:
-        """Return the periodic motion of an orbit from `orbits`; a saddle has manifolds (`rattle.orbits.manifolds`)."""
+        """Return an orbit of `orbits` as a `StiffOrbit`, of which `rattle.orbits.manifolds` computes manifolds."""
         return self.orbit(orbit.tau, orbit.v)
 
     def region(self) -> int:
-        """Return the region's number in `rattle.REGIONS`, by the counterparts of A to D: 1 to 5 for I to V."""
+        """Return the number in `rattle.REGIONS` of the region: the set of A to D whose counterparts exist here."""
         return int(period_one.regions(*self._point))
 
     @property
@@ -221,6 +221,6 @@ class StiffGear(Sampled, Rattling):
         return self.kappa
 
 
-def _phase(phase: float) -> float:
-    """Return a phase folded into [0, 1). Raises ParameterError unless it is a finite number."""
+def _folded_phase(phase: float) -> float:
+    """Return a phase modulo 1, in [0, 1). Raises ParameterError unless it is a finite number."""
     return float(law.folded(require_finite("phase", phase)))

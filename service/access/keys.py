@@ -23,8 +23,8 @@ COOKIE = "rattle_session"
 #: Cookie in which older versions kept the key itself; signing in removes it.
 OLD_COOKIE = "rattle_key"
 
-#: By requested scope: all scopes that the key gets. A key that may submit may also read.
-ALLOWS = {Scope.READ: (Scope.READ,), Scope.SUBMIT: (Scope.READ, Scope.SUBMIT)}
+#: Scopes that a new key gets, by the requested scope. A key that may submit may also read.
+GRANTED_SCOPES = {Scope.READ: (Scope.READ,), Scope.SUBMIT: (Scope.READ, Scope.SUBMIT)}
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Caller:
 
     @property
     def identity(self) -> Identity | None:
-        """The key and session of the caller, which may be revoked or ended; None if the service needs no keys."""
+        """The id of the caller's key and the hash of its session; None if the service needs no keys."""
         return (self.key.id, self.session) if self.key else None
 
     @property
@@ -44,26 +44,26 @@ class Caller:
         """Id of the key that owns this caller's surveys; None without a key."""
         return self.key.id if self.key else None
 
-    def may(self, scope: Scope) -> bool:
-        """Return whether the caller has a scope."""
+    def has_scope(self, scope: Scope) -> bool:
+        """Return whether the caller has a scope. Without keys every caller has all scopes."""
         return self.key is None or scope in self.key.scopes
 
-    def owns(self, job: JobRow) -> bool:
-        """Return whether the caller owns a job."""
+    def is_owner_of(self, job: JobRow) -> bool:
+        """Return whether the caller owns a job. Without keys every caller owns all jobs."""
         return self.key is None or job.owner == self.key.id
 
 
 def add_key(
     database: Database, name: str, scope: Scope, max_cells: int | None = None, max_running: int | None = None
 ) -> tuple[KeyRow, str]:
-    """Add a key. Return it together with the token that its owner sends; the token cannot be shown again."""
+    """Add a key. Return its row and the token that its owner sends; the token is not stored, so show it now."""
     secret = secrets.token_urlsafe(SECRET_BYTES)
-    key = database.add_key(name, hash_of(secret), ALLOWS[scope], max_cells, max_running)
+    key = database.add_key(name, hash_of(secret), GRANTED_SCOPES[scope], max_cells, max_running)
     return key, f"rattle_{key.id}_{secret}"
 
 
 def find_key(database: Database, token: str) -> KeyRow | None:
-    """Return the valid key with this token, or None. The database is read each time: a revoked key fails at once."""
+    """Return the valid key with this token, or None. The database is read each time, so a revoked key fails at once."""
     parts = TOKEN.fullmatch(token)
     if parts is None:
         return None
@@ -83,14 +83,14 @@ def begin_session(database: Database, key: KeyRow, seconds: float) -> str:
 
 
 def find_session(database: Database, token: str) -> Caller | None:
-    """Return the caller whose browser has this session token; None after sign-out, expiry or revocation of the key."""
+    """Return the caller whose browser has this session token; None if the session has ended or the key was revoked."""
     session = hash_of(token)
     key = database.key_by_session(session)
     return Caller(key, session) if key is not None else None
 
 
 def has_live_key(database: Database) -> bool:
-    """Return whether any key is valid."""
+    """Return whether the database has a key that was not revoked."""
     return any(key.revoked is None for key in database.keys())  # noqa: SIM118 - no dict
 
 

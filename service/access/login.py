@@ -15,7 +15,7 @@ from gear_rattle.service.access.keys import COOKIE, OLD_COOKIE, begin_session, f
 from gear_rattle.service.web.prefix import public_path
 
 LOGIN, LOGOUT = "/login", "/logout"
-FORM = "application/x-www-form-urlencoded"
+FORM_TYPE = "application/x-www-form-urlencoded"
 MOST_FIELDS = 8  # forms with more fields are refused; the real form has one
 CONTENT_SECURITY = "default-src 'none'; style-src 'unsafe-inline'; form-action 'self'; frame-ancestors 'self'"
 
@@ -34,17 +34,17 @@ input, button {{ font: inherit; box-sizing: border-box; width: 100%; padding: .5
 
 
 def login_url(path: str, query: str) -> str:
-    """Return the URL of the login page for a request without a key. After the login, the page leads back to `path`."""
+    """Return the URL of the login page. After the login, the browser is sent back to `path` with `query`."""
     return public_path(LOGIN) + (f"?next={quote(f'{path}?{query}', safe='')}" if query else "")
 
 
-def _next(request: Request) -> str:
-    """Return the page to show after the login, which is never a page of another site."""
+def _page_after_login(request: Request) -> str:
+    """Return the URL of the page to show after the login, which is never a page of another site."""
     wanted = request.query_params.get("next", "")
     return public_path(wanted if wanted.startswith("/?") and wanted.isprintable() else "/")
 
 
-def _form(request: Request, problem: str = "", status: int = 200) -> Response:
+def _login_page(request: Request, problem: str = "", status: int = 200) -> Response:
     action = public_path(LOGIN) + (f"?{request.url.query}" if request.url.query else "")
     alert = f'<p role="alert">{escape(problem)}</p>' if problem else ""
     headers = {"Content-Security-Policy": CONTENT_SECURITY, "Cache-Control": "no-store"}
@@ -55,11 +55,11 @@ async def login(request: Request) -> Response:
     """Return the login form, or handle the submitted form."""
     if request.method == "GET":
         had = request.state.caller is None and not {COOKIE, OLD_COOKIE}.isdisjoint(request.cookies)
-        response = _form(request, "Your session has ended: sign in again." if had else "")
-        _forget(request, response, OLD_COOKIE)
+        response = _login_page(request, "Your session has ended: sign in again." if had else "")
+        _delete_cookie(request, response, OLD_COOKIE)
         return response
-    if request.headers.get("content-type", "").partition(";")[0].strip().lower() != FORM:
-        raise HTTPException(415, f"Send the form as {FORM}.")
+    if request.headers.get("content-type", "").partition(";")[0].strip().lower() != FORM_TYPE:
+        raise HTTPException(415, f"Send the form as {FORM_TYPE}.")
     try:
         fields = parse_qs((await request.body()).decode("utf-8", "replace"), max_num_fields=MOST_FIELDS)
     except ValueError:
@@ -67,12 +67,12 @@ async def login(request: Request) -> Response:
     token = fields.get("key", [""])[0].strip()
     front = request.app.state.front
     if (key := await run_in_threadpool(find_key, front.database, token)) is None:
-        return _form(request, "This API key is unknown or was revoked.", 401)
+        return _login_page(request, "This API key is unknown or was revoked.", 401)
     session = await run_in_threadpool(begin_session, front.database, key, front.settings.session_seconds)
-    response = RedirectResponse(_next(request), 303)
+    response = RedirectResponse(_page_after_login(request), 303)
     here = public_path("/")  # the cookie's path, so that other programs of this host do not get the cookie
     response.set_cookie(COOKIE, session, httponly=True, samesite="strict", secure=_is_https(request), path=here)
-    _forget(request, response, OLD_COOKIE)
+    _delete_cookie(request, response, OLD_COOKIE)
     return response
 
 
@@ -81,12 +81,12 @@ async def logout(request: Request) -> Response:
     if session := request.cookies.get(COOKIE):
         await run_in_threadpool(request.app.state.front.database.end_session, hash_of(session))
     response = RedirectResponse(public_path(LOGIN), 303)
-    _forget(request, response, COOKIE)
-    _forget(request, response, OLD_COOKIE)
+    _delete_cookie(request, response, COOKIE)
+    _delete_cookie(request, response, OLD_COOKIE)
     return response
 
 
-def _forget(request: Request, response: Response, cookie: str) -> None:
+def _delete_cookie(request: Request, response: Response, cookie: str) -> None:
     if cookie in request.cookies:
         path = "/" if cookie == OLD_COOKIE else public_path("/")
         response.delete_cookie(cookie, httponly=True, samesite="strict", secure=_is_https(request), path=path)

@@ -27,7 +27,7 @@ from rattle import RattleError
 
 #: Scripts and styles of /docs and /redoc.
 REFERENCE_ASSETS = "/docs/static"
-REFERENCE = frozenset(
+REFERENCE_PATHS = frozenset(
     {
         *("/docs", "/docs/oauth2-redirect", "/redoc", "/openapi.json"),
         *(f"{REFERENCE_ASSETS}/{name}" for name in ("swagger-ui-bundle.js", "swagger-ui.css", "favicon.png")),
@@ -35,10 +35,10 @@ REFERENCE = frozenset(
     }
 )
 #: Paths that need no key: the state of the service, and its documentation.
-OPEN = frozenset({"/v1/health", "/v1/ready", *REFERENCE, LOGIN})
+OPEN_PATHS = frozenset({"/v1/health", "/v1/ready", *REFERENCE_PATHS, LOGIN})
 #: Paths that accept a POST without a key: login and logout.
 LOGIN_PATHS = frozenset({LOGIN, LOGOUT})
-EXPLORER = "/"
+EXPLORER_PATH = "/"
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 LONGEST_TARGET = 8192  # the most bytes of a request's path and query
 
@@ -77,7 +77,7 @@ BEARER = HTTPBearer(
 
 
 async def caller_of(request: Request, _: Annotated[HTTPAuthorizationCredentials | None, Security(BEARER)]) -> Caller:
-    """Return the sender of a request. A route with this dependency declares in OpenAPI that it needs a key."""
+    """Return the sender of a request. OpenAPI says of a route with this dependency that it needs a key."""
     caller: Caller = request.state.caller
     return caller
 
@@ -85,19 +85,19 @@ async def caller_of(request: Request, _: Annotated[HTTPAuthorizationCredentials 
 CallerState = Annotated[Caller, Depends(caller_of)]
 
 
-def asks_keys(settings: Settings) -> bool:
+def requires_keys(settings: Settings) -> bool:
     """Return whether a service with these settings requires a key from every caller."""
     return not settings.insecure and (settings.require_keys or not is_loopback(settings.host))
 
 
 class AccessMiddleware:
-    """Refuse requests that are too large, come from another site's page, or lack a required key.
+    """Refuses requests that are too large, come from another site's page, or lack a required key.
 
     Parameters
     ----------
     app
-        The application that gets all other requests. Their ``state["caller"]`` is the `Caller`, or None if a path that
-        needs no key is requested without a key.
+        The application that gets the accepted requests. ``state["caller"]`` of a request is the `Caller`; None if the
+        service requires keys and the request has none, for a path that needs no key.
     settings
         The settings of the service.
     """
@@ -105,7 +105,7 @@ class AccessMiddleware:
     def __init__(self, app: ASGIApp, settings: Settings) -> None:
         self.app = app
         self._settings = settings
-        self._asks_all = asks_keys(settings)
+        self._requires_all = requires_keys(settings)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one ASGI connection."""
@@ -113,42 +113,42 @@ class AccessMiddleware:
             await self.app(scope, receive, send)
             return
         try:
-            self._require_moderate(scope)
+            self._require_moderate_size(scope)
             headers, method = Headers(scope=scope), scope.get("method", "GET")
             if method not in SAFE_METHODS or scope["type"] == "websocket":
                 require_same_origin(headers)
-                _require_plain(headers)
-            scope.setdefault("state", {})["caller"] = await self._caller(scope, headers, method)
+                _require_uncompressed(headers)
+            scope.setdefault("state", {})["caller"] = await self._authorised_caller(scope, headers, method)
         except (RattleError, SQLAlchemyError, HTTPException) as error:
             if scope["type"] == "websocket":
                 log.warning("a websocket was refused: %s", error)
                 await send({"type": "websocket.close", "code": 1008, "reason": ""})
             elif isinstance(error, UnauthorizedError) and self._is_page(route_path(scope)) and method in SAFE_METHODS:
-                there = login_url(EXPLORER, scope["query_string"].decode("ascii", "replace"))
+                there = login_url(EXPLORER_PATH, scope["query_string"].decode("ascii", "replace"))
                 await RedirectResponse(there, 303)(scope, receive, _with_headers(send))
             else:
-                await problems.answer(Request(scope), error)(scope, receive, _with_headers(send))
+                await problems.answer_error(Request(scope), error)(scope, receive, _with_headers(send))
             return
         await self.app(scope, receive, _with_headers(send))
 
     def _is_page(self, path: str) -> bool:
-        return self._settings.explorer and path == EXPLORER
+        return self._settings.explorer and path == EXPLORER_PATH
 
-    async def _caller(self, scope: Scope, headers: Headers, method: str) -> Caller | None:
+    async def _authorised_caller(self, scope: Scope, headers: Headers, method: str) -> Caller | None:
         # A request from another machine needs a key, even if the settings name a loopback address.
-        asks = self._asks_all or not (self._settings.insecure or is_local(scope, headers))
+        asks = self._requires_all or not (self._settings.insecure or is_local(scope, headers))
         if not asks:
             require_own_name(headers, self._settings.host, self._settings.allowed_hosts)
             return Caller()
         try:
             caller = await run_in_threadpool(self._caller_by_key, scope, headers)
         except UnauthorizedError:
-            if route_path(scope) in (OPEN if method in SAFE_METHODS else LOGIN_PATHS):
+            if route_path(scope) in (OPEN_PATHS if method in SAFE_METHODS else LOGIN_PATHS):
                 return None
             raise
         may_read = method in SAFE_METHODS or route_path(scope) in LOGIN_PATHS
         wanted = KeyScope.READ if may_read else KeyScope.SUBMIT
-        if not caller.may(wanted):
+        if not caller.has_scope(wanted):
             raise ForbiddenError(
                 f"This API key may read only, and {method} needs the scope {wanted}. "
                 f"`rattle key add NAME --scope {wanted}` makes a key that has it."
@@ -169,7 +169,7 @@ class AccessMiddleware:
             raise UnauthorizedError("This API key is unknown or was revoked. `rattle key add` makes a new key.")
         return Caller(key)
 
-    def _require_moderate(self, scope: Scope) -> None:
+    def _require_moderate_size(self, scope: Scope) -> None:
         headers: list[tuple[bytes, bytes]] = scope["headers"]
         target = len(scope.get("raw_path") or b"") + len(scope.get("query_string", b""))
         size = target + sum(len(name) + len(value) for name, value in headers)
@@ -184,7 +184,7 @@ class AccessMiddleware:
             raise HTTPException(404, problems.ADVICE[404])
 
 
-def _require_plain(headers: Headers) -> None:
+def _require_uncompressed(headers: Headers) -> None:
     """Raise HTTPException for a compressed body, which no route decompresses."""
     coding = ", ".join(headers.getlist("content-encoding")).strip()
     if coding.lower() not in ("", "identity"):

@@ -24,10 +24,10 @@ log = logging.getLogger(__name__)
 
 def is_loopback(host: str) -> bool:
     """Return whether an address, or every address of a host name, is a loopback address."""
-    if (address := _address(host)) is not None:
+    if (address := _parse_address(host)) is not None:
         return address.is_loopback
     try:
-        found = [_address(str(info[4][0])) for info in socket.getaddrinfo(host, None)]
+        found = [_parse_address(str(info[4][0])) for info in socket.getaddrinfo(host, None)]
     except (OSError, UnicodeError):
         return False
     return bool(found) and all(address is not None and address.is_loopback for address in found)
@@ -36,7 +36,7 @@ def is_loopback(host: str) -> bool:
 def is_local(scope: Scope, headers: Headers) -> bool:
     """Return whether a request comes from this machine and no proxy has forwarded it."""
     client = scope.get("client")
-    address = _address(client[0]) if client else None
+    address = _parse_address(client[0]) if client else None
     forwarded = any(name in FORWARDED or name.startswith("x-forwarded") for name in headers)
     return address is not None and address.is_loopback and not forwarded
 
@@ -56,12 +56,12 @@ def require_own_name(headers: Headers, host: str, allowed: Collection[str]) -> N
     name = _host_name(headers.get("host", ""))
     if name == "localhost" or name.endswith(".localhost") or name in {each.lower() for each in (host, *allowed)}:
         return
-    address = _address(name)
+    address = _parse_address(name)
     if address is not None and (address.is_loopback or host in WILDCARDS):
         return
     raise ForbiddenError(
-        f"This service does not answer under the name {name!r}. Call it 127.0.0.1 or localhost, or start it with its "
-        "names in RATTLE_ALLOWED_HOSTS."
+        f"This service does not answer under the name {name!r}. Use the name 127.0.0.1 or localhost, or start the "
+        "service with its names in RATTLE_ALLOWED_HOSTS."
     )
 
 
@@ -86,7 +86,7 @@ def require_same_origin(headers: Headers) -> None:
         raise ForbiddenError(f"{said} {_host_advice(origin, headers)}" if site is None and origin else said)
 
 
-def require_root(headers: Headers, root: str) -> None:
+def require_browser_address(headers: Headers, root: str) -> None:
     """Refuse to serve the page if it could not work at the address that the browser shows, and log what to correct.
 
     Parameters
@@ -121,7 +121,7 @@ def require_root(headers: Headers, root: str) -> None:
 
 
 def _host_advice(there: str, headers: Headers) -> str:
-    """Return advice for the case that the browser's address and the Host header name different hosts."""
+    """Return advice for a proxy that sends another Host header than the browser. there: browser's host or origin."""
     return (
         f"The browser has this page from {there!r}, and the request says that its host is {headers.get('host', '')!r}. "
         "If both are this service, set the proxy before it to pass on the Host header (nginx: proxy_set_header Host "
@@ -129,7 +129,7 @@ def _host_advice(there: str, headers: Headers) -> str:
     )
 
 
-def _address(text: str) -> IPv4Address | IPv6Address | None:
+def _parse_address(text: str) -> IPv4Address | IPv6Address | None:
     try:
         address = ip_address(text.partition("%")[0])
     except ValueError:
@@ -138,7 +138,7 @@ def _address(text: str) -> IPv4Address | IPv6Address | None:
 
 
 def _host_name(host: str) -> str:
-    """Return the name in a Host header, lower case, without port; empty if it is invalid."""
+    """Return the name in a Host header in lower case, without the port; empty if the header is invalid."""
     try:
         return (urlsplit(f"//{host}").hostname or "").removesuffix(".")
     except ValueError:

@@ -18,35 +18,35 @@ if TYPE_CHECKING:
     from gear_rattle.service.database.keys import Identity
 
 #: Seconds between two checks while a connection is open. The database is read, because another process may revoke keys.
-LOOK_SECONDS = 0.5
+CHECK_SECONDS = 0.5
 
 log = logging.getLogger(__name__)
 
 
 class Revocations:
-    """The open streams and websockets with their callers. An instance belongs to one event loop."""
+    """Ends open streams and websockets whose callers are no longer authorised. It belongs to one event loop."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
         self._open: dict[CancelScope, Identity] = {}
-        self._some = asyncio.Event()
+        self._has_open = asyncio.Event()
 
     @contextmanager
-    def ending(self, caller: Caller | None) -> Iterator[CancelScope]:
-        """Yield a cancel scope that is cancelled when the caller is no longer authorised."""
+    def cancel_when_revoked(self, caller: Caller | None) -> Iterator[CancelScope]:
+        """Yield a scope that is cancelled when the caller is no longer authorised; never, if the caller is None."""
         with CancelScope() as scope:
             if caller is not None and (identity := caller.identity) is not None:
                 self._open[scope] = identity
-                self._some.set()
+                self._has_open.set()
             try:
                 yield scope
             finally:
                 self._open.pop(scope, None)
 
     @asynccontextmanager
-    async def running(self) -> AsyncIterator[None]:
-        """Check open connections for as long as the application runs."""
-        looking = asyncio.create_task(self._look())
+    async def lifespan(self) -> AsyncIterator[None]:
+        """Check the callers of open connections during this context, twice a second."""
+        looking = asyncio.create_task(self._check_connections())
         try:
             yield
         finally:
@@ -54,16 +54,16 @@ class Revocations:
             with suppress(asyncio.CancelledError):
                 await looking
 
-    async def _look(self) -> None:
+    async def _check_connections(self) -> None:
         while True:
-            await self._some.wait()
-            await asyncio.sleep(LOOK_SECONDS)
+            await self._has_open.wait()
+            await asyncio.sleep(CHECK_SECONDS)
             if not self._open:
-                self._some.clear()
+                self._has_open.clear()
                 continue
             asked = dict(self._open)
             try:
-                still = await run_in_threadpool(self._database.still_in, set(asked.values()))
+                still = await run_in_threadpool(self._database.live_identities, set(asked.values()))
             except SQLAlchemyError as error:
                 log.warning("the database cannot be read to see whether keys were revoked: %s", error)
                 continue

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gear_rattle.service.declared import added
+from gear_rattle.service.parameters import added_parameters
 
 if TYPE_CHECKING:
     from gear_rattle.service.settings import Settings
@@ -27,7 +27,9 @@ NUMBERS: dict[str, tuple[str, str | bool]] = {
     "delta": ("Damping.", False),
     "epsilon": ("Eccentricity.", False),
     "beta": ("Half-backlash.", "0.6"),
-    **{each.name: (f"{each.described} (selects the {each.model} model).", NONE) for each in added().values()},
+    **{
+        each.name: (f"{each.described} (selects the {each.model} model).", NONE) for each in added_parameters().values()
+    },
     "inertia": (
         "Moment of inertia of each gear and its shaft, in kg m²; of the first one if --driven-inertia is given.",
         False,
@@ -43,7 +45,7 @@ NUMBERS: dict[str, tuple[str, str | bool]] = {
     "drive": ("Drive: a constant torque on one gear, or an imposed speed.", "torque"),
     **{
         each.machine_number: (f"{each.machine_text} (selects the {each.model} model).", each.machine_absent)
-        for each in added().values()
+        for each in added_parameters().values()
         if each.machine_number is not None
     },
     "driven_inertia": ("Moment of inertia of the second gear, in kg m².", "that of the first"),
@@ -60,7 +62,7 @@ HARMONIC = (
     "A harmonic of the forcing beside the first: its order, amplitude over that of the first, and phase in turns. "
     "Repeatable. Needs --restitution, 1 of which is an elastic impact."
 )
-DIMENSIONLESS = ("delta", "epsilon", "beta", *added())
+DIMENSIONLESS = ("delta", "epsilon", "beta", *added_parameters())
 
 
 def number_options(kind: Any, metavar: str | None = None, panel: str = MACHINE) -> dict[str, Any]:
@@ -142,7 +144,7 @@ def with_added(
                 ),
             ],
         )
-        for each in added().values()
+        for each in added_parameters().values()
         if model in (None, each.model)
     ]
     place = 1 + [each.name for each in own].index(after)

@@ -48,7 +48,7 @@ def serve(
     from gear_rattle.service.app import create_app
     from gear_rattle.service.commands.options import settings_of
     from gear_rattle.service.commands.signals import stop_requested
-    from gear_rattle.service.jobs.opening import opened
+    from gear_rattle.service.jobs.opening import open_data
     from gear_rattle.service.observability.logs import log_config
     from gear_rattle.service.web.server import run_server
 
@@ -63,7 +63,7 @@ def serve(
         insecure=insecure or None,
     )
     # Errors are found here and printed as one sentence; uvicorn would print a traceback.
-    with opened(settings) as (_, database):
+    with open_data(settings) as (_, database):
         require_keys(settings, database)
     if settings.insecure:
         typer.echo(f"Everybody who reaches {settings.host} may use this service: no key is needed.", err=True)
@@ -82,10 +82,10 @@ def serve(
 def require_keys(settings: Settings, database: Database) -> None:
     """Raise AccessError if the service requires keys and no key exists."""
     from gear_rattle.service.access.keys import has_live_key
-    from gear_rattle.service.access.middleware import asks_keys
+    from gear_rattle.service.access.middleware import requires_keys
     from gear_rattle.service.errors import AccessError
 
-    if not asks_keys(settings) or has_live_key(database):
+    if not requires_keys(settings) or has_live_key(database):
         return
     where = "--database-url URL" if settings.database_url else f"--data {settings.data}"  # a URL may hold a password
     raise AccessError(

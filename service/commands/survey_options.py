@@ -16,7 +16,7 @@ from gear_rattle.service.commands.options import (
     number_options,
     with_options,
 )
-from gear_rattle.service.declared import added
+from gear_rattle.service.parameters import added_parameters
 
 if TYPE_CHECKING:
     from gear_rattle.workers import Axis, SurveyRequest
@@ -49,7 +49,7 @@ OPTIONS: dict[str, Any] = {
             metavar=f"{name.upper()}|{AXIS}" if each.is_axis else name.upper(),
             show_default=NUMBERS[name][1],
         )
-        for name, each in added().items()
+        for name, each in added_parameters().items()
     },
     "harmonic": _option(list[str], HARMONIC, metavar="ORDER:AMPLITUDE:PHASE", show_default="none"),
     "count": _option(int, "Number of initial conditions per cell."),
@@ -164,10 +164,11 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
         fields |= {name: Axis.parse(text) for name, text in taken("delta", "epsilon").items()}
         machine |= {name: Axis.parse(machine[name]).model_dump() for name in ("rpm", "eccentricity") if name in machine}
         machine |= {name: int(machine[name]) for name in ("teeth", "driven_teeth") if name in machine}
-        fields |= {name: _number_or_axis(f"--{name}", text) for name, text in taken("beta", *added()).items()}
+        texts = taken("beta", *added_parameters())
+        fields |= {name: _number_or_axis(f"--{name}", text) for name, text in texts.items()}
         if "v_max" in sample:
             sample["v_max"] = read_speed(sample["v_max"])
-        for each in added().values():
+        for each in added_parameters().values():
             if each.name in fields:
                 fields["model"] = each.model
         if "tile" in fields:

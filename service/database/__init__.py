@@ -8,8 +8,8 @@ from typing import Any
 from sqlalchemy import URL, event, make_url
 from sqlalchemy.exc import SQLAlchemyError
 
-from gear_rattle.service.database.engine import open_engine, shown
-from gear_rattle.service.database.hold import Hold, hold
+from gear_rattle.service.database.database_lock import DatabaseLock, lock_database
+from gear_rattle.service.database.engine import open_engine, url_without_password
 from gear_rattle.service.database.identity import NewJob
 from gear_rattle.service.database.keys import Keys
 from gear_rattle.service.database.schema import is_current, upgrade_schema
@@ -20,7 +20,7 @@ __all__ = ["Database", "DoneTile", "NewJob"]
 
 
 class Database(Surveys, Keys):
-    """Surveys, their tiles and events, and API keys. Every method is one transaction, callable from any thread.
+    """The surveys, their tiles and events, and the API keys. Every method is one transaction, callable from any thread.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Database(Surveys, Keys):
         exclusive: bool = True,
         require: Callable[[], None] | None = None,
     ) -> None:
-        self._hold: Hold | None = None
+        self._lock: DatabaseLock | None = None
         try:
             super().__init__(open_engine(url), on_change, require)
             try:
@@ -58,13 +58,13 @@ class Database(Surveys, Keys):
                 self.close()
                 raise
         except (SQLAlchemyError, ImportError) as error:
-            raise DataDirectoryError(f"The job database {_shown(url)} cannot be opened: {error}") from error
+            raise DataDirectoryError(f"The job database {_url_for_message(url)} cannot be opened: {error}") from error
 
     def close(self) -> None:
         """Release the lock, and close every connection."""
-        if self._hold is not None:
-            self._hold.release()
-            self._hold = None
+        if self._lock is not None:
+            self._lock.release()
+            self._lock = None
         # The thread of a cancelled request may still use a connection, which is closed when it returns to the pool.
         event.listen(self._reader, "checkin", _close_checked_in)
         self._reader.dispose()
@@ -73,24 +73,24 @@ class Database(Surveys, Keys):
         current = is_current(self._reader)  # before any change, because it refuses other programs' databases
         if current and not exclusive:
             return
-        self._hold = hold(self._reader)
+        self._lock = lock_database(self._reader)
         upgrade_schema(self._reader)
         if exclusive:
-            self._write_with(self._hold.writer)
+            self._set_writer(self._lock.writer)
             with self._write() as (_, service):
                 service.epoch += 1
             self._epoch = service.epoch
         else:
-            self._hold.release()
-            self._hold = None
+            self._lock.release()
+            self._lock = None
 
 
 def _close_checked_in(_: Any, record: Any) -> None:
     record.invalidate()
 
 
-def _shown(url: str | URL) -> str:
+def _url_for_message(url: str | URL) -> str:
     try:
-        return shown(make_url(url))
+        return url_without_password(make_url(url))
     except SQLAlchemyError:  # the text is no URL; it is not shown, because it may contain a password
         return "of the settings"

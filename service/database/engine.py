@@ -14,18 +14,19 @@ from gear_rattle.service.errors import DataDirectoryError
 BUSY_SECONDS = 10  # longest wait for another writer, or for a connection
 POOL = {"pool_size": 10, "max_overflow": 30, "pool_timeout": BUSY_SECONDS, "pool_pre_ping": True}
 FILE = "file"  # key in a connection's `info`; its value is the identity of the opened SQLite file
+FILE_REPLACED = "Another file has replaced the SQLite file since this connection was opened. The file is opened again."
 UNPOOLED = {"poolclass": NullPool}
 
 
 def open_engine(url: str | URL, pool: dict[str, Any] = POOL) -> Engine:
-    """Return the engine of a job database. Nothing is read or written yet.
+    """Return the SQLAlchemy engine of a job database. No connection is opened yet.
 
     Parameters
     ----------
     url : str | URL
-        SQLAlchemy URL.
+        SQLAlchemy URL of the database.
     pool : dict[str, Any]
-        Options of the connection pool; with :data:`UNPOOLED` connections are not kept.
+        Options of the connection pool. With :data:`UNPOOLED` each connection is closed after its use.
 
     Returns
     -------
@@ -44,16 +45,17 @@ def open_engine(url: str | URL, pool: dict[str, Any] = POOL) -> Engine:
     if kind == "sqlite" and ":memory:" not in (parsed.database or ":memory:") and "mode" not in parsed.query:
         return _open_sqlite(parsed, pool)
     raise DataDirectoryError(
-        f"The job database {shown(parsed)} is lost when the service ends: use sqlite:///FILE or postgresql://USER@HOST/DATABASE."
+        f"The job database {url_without_password(parsed)} is neither a SQLite file nor a PostgreSQL database: use "
+        "sqlite:///FILE or postgresql://USER@HOST/DATABASE."
     )
 
 
-def shown(url: URL) -> str:
+def url_without_password(url: URL) -> str:
     """Return the URL without its password, for messages and logs."""
     return url.render_as_string(hide_password=True)
 
 
-def _json_of(text: Any) -> Any:
+def _decode_json(text: Any) -> Any:
     """Decode a JSON value, or return None if it is damaged, so that one row does not prevent reading the others."""
     try:
         return json.loads(text)
@@ -61,17 +63,17 @@ def _json_of(text: Any) -> Any:
         return None
 
 
-def _text_of(stored: bytes) -> str:
+def _decode_text(stored: bytes) -> str:
     return stored.decode("utf-8", "replace")  # one damaged row must not prevent reading the others
 
 
 def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
-    engine = create_engine(url, json_deserializer=_json_of, **pool)
+    engine = create_engine(url, json_deserializer=_decode_json, **pool)
 
     @event.listens_for(engine, "connect")
     def set_pragmas(connection: Any, record: Any) -> None:
-        record.info[FILE] = _file(url)
-        connection.text_factory = _text_of
+        record.info[FILE] = _file_identity(url)
+        connection.text_factory = _decode_text
         connection.isolation_level = None  # SQLAlchemy starts transactions, not sqlite3
         # synchronous=FULL: with NORMAL, SQLite in WAL mode loses commits that clients know of when the power fails.
         for pragma in ("synchronous=FULL", "foreign_keys=ON", f"busy_timeout={BUSY_SECONDS}000"):
@@ -80,8 +82,8 @@ def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
     @event.listens_for(engine, "checkout")
     def require_same_file(connection: Any, record: Any, proxy: object) -> None:  # noqa: ARG001 - SQLAlchemy's signature
         # A disk that was missing may return as another device, and open connections would still write to the old one.
-        if (found := _file(url)) is not None and found != record.info[FILE]:
-            raise InvalidatePoolError("the file has been replaced")
+        if (found := _file_identity(url)) is not None and found != record.info[FILE]:
+            raise InvalidatePoolError(FILE_REPLACED)
 
     @event.listens_for(engine, "begin")
     def begin(connection: Connection) -> None:
@@ -92,8 +94,8 @@ def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
     return engine
 
 
-def _file(url: URL) -> tuple[int, int] | None:
-    """Return the identity of the file at a SQLite database's path, or None if there is no file."""
+def _file_identity(url: URL) -> tuple[int, int] | None:
+    """Return the device and inode numbers of the file at a SQLite database's path, or None if there is no file."""
     try:
         found = os.stat(str(url.database))
     except OSError:

@@ -9,16 +9,16 @@ from typing import Any
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
-from gear_rattle.service.database.tables import ACTIVE, AnsweredRow, JobKind, JobRow, State
+from gear_rattle.service.database.tables import ACTIVE, JobKind, JobRow, RepeatedKeyRow, State
 from gear_rattle.service.errors import ConflictError
 
-#: The most idempotency keys that are stored for one survey, besides its own key.
-MOST_ANSWERED = 100
+#: The most idempotency keys that are stored for one survey, besides the key of its first submission.
+MOST_REPEATED_KEYS = 100
 
 
 @dataclass(frozen=True)
 class NewJob:
-    """A survey or population that is submitted.
+    """A survey or population that a client submits.
 
     body_hash: hash of the request body, which shows whether an idempotency key is used again for the same body. owner:
     id of an API key; each owner has its own idempotency keys.
@@ -43,17 +43,17 @@ class NewJob:
 
 
 def find_by_key(session: Session, new: NewJob) -> JobRow | None:
-    """Return the survey with the same idempotency key, or None. Raises ConflictError if it has another body."""
+    """Return the survey with the same idempotency key, or None. Raises ConflictError if its request body differs."""
     if new.stored_key is None:
         return None
     job = session.scalars(select(JobRow).where(JobRow.idempotency_key == new.stored_key)).one_or_none()
     body_hash = job.body_hash if job else ""
-    if job is None and (answered := session.get(AnsweredRow, new.stored_key)):
+    if job is None and (answered := session.get(RepeatedKeyRow, new.stored_key)):
         job, body_hash = session.get_one(JobRow, answered.job), answered.body_hash
     if job is not None and body_hash != new.body_hash:
         raise ConflictError(
-            f"Idempotency-Key {new.idempotency_key!r} was used for survey {job.id}, which has another body. "
-            "Repeat that body, or send a new key."
+            f"Idempotency-Key {new.idempotency_key!r} was sent before, for survey {job.id}, with another request body. "
+            "Send that body again, or use a new key."
         )
     return job
 
@@ -61,12 +61,13 @@ def find_by_key(session: Session, new: NewJob) -> JobRow | None:
 def find_identical(session: Session, new: NewJob, has_results: Callable[[str], bool]) -> JobRow | None:
     """Return a survey with the same content: a successful survey of any owner, or an active one of the same owner.
 
-    Active surveys of other owners do not count, because their owners could dismiss them.
+    Active surveys of other owners do not count, because their owners could dismiss them. If a survey is found, the
+    idempotency key of the submission is stored for it.
 
     Returns
     -------
     JobRow | None
-        None if there is no such survey, or its results are gone.
+        The survey; None if there is none. Successful surveys whose results are gone do not count.
     """
     own = JobRow.owner.is_(None) if new.owner is None else JobRow.owner == new.owner
     same = select(JobRow).where(JobRow.content_hash == new.content_hash).order_by(JobRow.number.desc())
@@ -77,10 +78,10 @@ def find_identical(session: Session, new: NewJob, has_results: Callable[[str], b
         active = session.scalars(same.where(JobRow.state.in_(ACTIVE), own))
         job = next((job for job in active if job.is_readable), None)
     if job is not None and new.stored_key is not None:
-        session.add(AnsweredRow(idempotency_key=new.stored_key, body_hash=new.body_hash, job=job.number))
+        session.add(RepeatedKeyRow(idempotency_key=new.stored_key, body_hash=new.body_hash, job=job.number))
         session.flush()
-        of_it = select(AnsweredRow.idempotency_key).where(AnsweredRow.job == job.number)
-        latest = of_it.order_by(AnsweredRow.at.desc()).limit(MOST_ANSWERED)
-        forgotten = AnsweredRow.job == job.number, AnsweredRow.idempotency_key.not_in(latest)
-        session.execute(delete(AnsweredRow).where(*forgotten), execution_options={"synchronize_session": False})
+        of_it = select(RepeatedKeyRow.idempotency_key).where(RepeatedKeyRow.job == job.number)
+        latest = of_it.order_by(RepeatedKeyRow.at.desc()).limit(MOST_REPEATED_KEYS)
+        forgotten = RepeatedKeyRow.job == job.number, RepeatedKeyRow.idempotency_key.not_in(latest)
+        session.execute(delete(RepeatedKeyRow).where(*forgotten), execution_options={"synchronize_session": False})
     return job

@@ -16,7 +16,7 @@ from gear_rattle.service.errors import UnknownKeyError
 
 #: At most this many browsers are signed in with one key; a further browser signs out the oldest.
 MOST_SESSIONS = 64
-#: Identity of an authorised caller: the id of the key, and the hash of the session token for a browser.
+#: Identity of an authorised caller: the id of the key, and the hash of a browser's session token (None for programs).
 Identity = tuple[str, str | None]
 
 
@@ -79,7 +79,7 @@ class Keys(Transactions):
         return key
 
     def key_by_hash(self, key_hash: str) -> KeyRow | None:
-        """Return the key with this hash, unless it was revoked."""
+        """Return the key with this hash; None if there is none, or it was revoked."""
         with self._read() as session:
             return session.scalars(
                 select(KeyRow).where(KeyRow.hash == key_hash, KeyRow.revoked.is_(None))
@@ -95,31 +95,31 @@ class Keys(Transactions):
             session.add(SessionRow(hash=session_hash, key=key_id, expires=timestamp(seconds)))
 
     def key_by_session(self, session_hash: str) -> KeyRow | None:
-        """Return the key of a browser's session, unless the session has expired or the key was revoked."""
+        """Return the key of a browser's session; None if the session has ended or expired, or the key was revoked."""
         with self._read() as session:
-            return session.scalars(_live_sessions(select(KeyRow)).where(SessionRow.hash == session_hash)).one_or_none()
+            return session.scalars(_where_live(select(KeyRow)).where(SessionRow.hash == session_hash)).one_or_none()
 
     def end_session(self, session_hash: str) -> None:
         """Sign a browser out."""
         with self._write() as (session, _):
             session.execute(delete(SessionRow).where(SessionRow.hash == session_hash))
 
-    def still_in(self, identities: Collection[Identity]) -> set[Identity]:
-        """Return the identities whose keys are not revoked and whose sessions have not ended."""
+    def live_identities(self, identities: Collection[Identity]) -> set[Identity]:
+        """Return those of the identities whose keys are not revoked and whose sessions have not ended."""
         keys = {key for key, _ in identities}
         hashes = {session_hash for _, session_hash in identities if session_hash is not None}
         with self._read() as session:
             live: set[str | None] = set(
                 session.scalars(select(KeyRow.id).where(KeyRow.id.in_(keys), KeyRow.revoked.is_(None)))
             )
-            on = _sessions_in(session, hashes) if hashes else set()
+            on = _live_session_hashes(session, hashes) if hashes else set()
         return {(key, each) for key, each in identities if key in live and (each is None or each in on)}
 
 
-def _sessions_in(session: Session, hashes: set[str]) -> set[str]:
-    return set(session.scalars(_live_sessions(select(SessionRow.hash)).where(SessionRow.hash.in_(hashes))))
+def _live_session_hashes(session: Session, hashes: set[str]) -> set[str]:
+    return set(session.scalars(_where_live(select(SessionRow.hash)).where(SessionRow.hash.in_(hashes))))
 
 
-def _live_sessions(what: Select[tuple[Any]]) -> Select[tuple[Any]]:
+def _where_live(what: Select[tuple[Any]]) -> Select[tuple[Any]]:
     joined = what.join_from(SessionRow, KeyRow, SessionRow.key == KeyRow.id)
     return joined.where(SessionRow.expires > timestamp(), KeyRow.revoked.is_(None))

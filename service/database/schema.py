@@ -6,20 +6,21 @@ from typing import TYPE_CHECKING
 
 from sqlalchemy import Connection, Engine, Inspector, inspect
 
-from gear_rattle.service.database.engine import shown
+from gear_rattle.service.database.engine import url_without_password
 from gear_rattle.service.database.tables import Table
 from gear_rattle.service.errors import DataDirectoryError
 
 if TYPE_CHECKING:
     from alembic.config import Config
 
-VERSIONS = "alembic_version"
+VERSION_TABLE = "alembic_version"
 
-_PRESENT = {name: set(table.columns.keys()) for name, table in Table.metadata.tables.items()}
+#: Names of the columns of each table in this version's schema.
+_COLUMNS = {name: set(table.columns.keys()) for name, table in Table.metadata.tables.items()}
 
 
 def is_current(engine: Engine) -> bool:
-    """Return whether the database has the schema of this version. Nothing is written.
+    """Return whether the database has the schema of this version. The database is not changed.
 
     Returns
     -------
@@ -38,30 +39,30 @@ def is_current(engine: Engine) -> bool:
         _require_utf8(connection)
         present = inspect(connection)
         tables = set(present.get_table_names())
-        revision = MigrationContext.configure(connection).get_current_revision() if VERSIONS in tables else None
+        revision = MigrationContext.configure(connection).get_current_revision() if VERSION_TABLE in tables else None
         scripts = ScriptDirectory.from_config(_config())
         head = scripts.get_current_head()
         if revision is None:
-            if tables - {VERSIONS}:
-                refusal = _foreign(engine, "another program")
+            if tables - {VERSION_TABLE}:
+                refusal = _foreign_error(engine, "another program")
                 raise refusal
         elif revision not in {script.revision for script in scripts.walk_revisions()}:
-            refusal = _foreign(
-                engine, f"a newer version, or another program (its schema is {revision!r}, known is {head})"
+            refusal = _foreign_error(
+                engine, f"a newer version, or another program (its schema is {revision!r}, this version's is {head!r})"
             )
             raise refusal
-        elif revision == head and not _has(present, _PRESENT):
-            refusal = _foreign(engine, "another program, or has been changed by hand")
+        elif revision == head and not _has_tables(present, _COLUMNS):
+            refusal = _foreign_error(engine, "another program, or has been changed by hand")
             raise refusal
         return revision == head
 
 
 def upgrade_schema(engine: Engine) -> None:
-    """Upgrade the schema and the data in one transaction. The caller has locked the database."""
+    """Upgrade the schema and the data in one transaction. The caller must have locked the database."""
     from alembic import command
 
     if engine.dialect.name == "sqlite":
-        # WAL mode is permanent, so the caller has checked that no other program owns the database.
+        # WAL mode stays in the file, so the caller has checked with `is_current` that no other program owns the file.
         with engine.connect() as connection:
             connection.exec_driver_sql("COMMIT")
             connection.exec_driver_sql("PRAGMA journal_mode=WAL")
@@ -82,7 +83,7 @@ def _config() -> Config:
     return config
 
 
-def _has(present: Inspector, expected: dict[str, set[str]]) -> bool:
+def _has_tables(present: Inspector, expected: dict[str, set[str]]) -> bool:
     return all(
         present.has_table(table) and {column["name"] for column in present.get_columns(table)} == columns
         for table, columns in expected.items()
@@ -96,8 +97,8 @@ def _require_utf8(connection: Connection) -> None:
             raise DataDirectoryError(f"The job database has the encoding {encoding}. Create it with ENCODING 'UTF8'.")
 
 
-def _foreign(engine: Engine, owner: str) -> DataDirectoryError:
+def _foreign_error(engine: Engine, owner: str) -> DataDirectoryError:
     return DataDirectoryError(
-        f"The job database {shown(engine.url)} belongs to {owner}. "
-        "Use a database of its own, or the version that made it."
+        f"The job database {url_without_password(engine.url)} belongs to {owner}. "
+        "Give this service a database of its own, or use the version that made this database."
     )

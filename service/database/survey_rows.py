@@ -26,16 +26,16 @@ from gear_rattle.service.database.tables import (
 from gear_rattle.service.database.transactions import Transactions
 from gear_rattle.service.errors import ConflictError, QueueFullError, QuotaError, UnauthorizedError, UnknownSurveyError
 
-CHUNK = 500  # at most this many values in one IN (…)
+MOST_IN_LIST = 500  # most values in the list of one SQL condition IN (…)
 BEING_DELETED = "being deleted"
 WAITS_FOR_TURN = "waits for its turn: "
-WAITS = JobRow.message.startswith(WAITS_FOR_TURN)
+WAITS_IN_QUEUE = JobRow.message.startswith(WAITS_FOR_TURN)
 #: The states are literals in the SQL, so that query planners use the index ix_jobs_active.
 IS_ACTIVE = JobRow.state.in_(bindparam("active", ACTIVE, expanding=True, literal_execute=True))
 
 
-class Active(NamedTuple):
-    """An active survey. owner: id of the API key that submitted it, or None. left: its remaining cells."""
+class ActiveSurvey(NamedTuple):
+    """An active survey. owner: id of the API key that submitted it, or None. left: number of its remaining cells."""
 
     id: str
     owner: str | None
@@ -85,20 +85,22 @@ class Surveys(Transactions):
             known = find_by_key(session, new) or (has_results and find_identical(session, new, has_results))
             if known:
                 return known
-            _require_room(session, new.owner, new.n_cells, max_jobs)
+            _require_quota(session, new.owner, new.n_cells, max_jobs)
             values = vars(new) | {"idempotency_key": new.stored_key}
-            at_work = session.scalars(select(JobRow).where(IS_ACTIVE, JobRow.state == State.RUNNING, ~WAITS).limit(1))
-            message = _waits_for(before) if (before := at_work.first()) else ""
+            at_work = session.scalars(
+                select(JobRow).where(IS_ACTIVE, JobRow.state == State.RUNNING, ~WAITS_IN_QUEUE).limit(1)
+            )
+            message = _wait_message(before) if (before := at_work.first()) else ""
             job = JobRow(id=secrets.token_hex(8), state=State.ACCEPTED, message=message, **values)
             session.add(job)
-            _count(service, job, 1)
+            _change_count(service, job, 1)
             session.flush()
             _add_state_event(session, job)
         self._on_change(job.id)
         return job
 
     def job(self, survey_id: str, kind: JobKind | None = None) -> JobRow:
-        """Return the survey or population with this id.
+        """Return the survey or population with this id. kind: the required kind; None for either.
 
         Returns
         -------
@@ -111,7 +113,7 @@ class Surveys(Transactions):
             There is no job with this id, or it is not a job of this kind.
         """
         with self._read() as session:
-            job = _find(session, survey_id)
+            job = _find_job(session, survey_id)
         if kind not in (None, job.kind):
             raise UnknownSurveyError(survey_id)
         return job
@@ -119,7 +121,22 @@ class Surveys(Transactions):
     def jobs(
         self, limit: int, before: int | None = None, kind: JobKind = JobKind.SURVEY
     ) -> tuple[Sequence[JobRow], int]:
-        """Return jobs of a kind, newest first, and their total number. before: only jobs with smaller numbers."""
+        """Return at most `limit` jobs of a kind, newest first, and the number of all jobs of this kind.
+
+        Parameters
+        ----------
+        limit : int
+            The most jobs to return.
+        before : int | None
+            Number of a job: only older jobs are returned. None returns the newest jobs.
+        kind : JobKind
+            The kind of the jobs.
+
+        Returns
+        -------
+        tuple[Sequence[JobRow], int]
+            The jobs, detached from the database, and the number of all jobs of this kind.
+        """
         newest_first = select(JobRow).where(JobRow.kind == kind).order_by(JobRow.number.desc()).limit(limit)
         if before is not None:
             newest_first = newest_first.where(JobRow.number < before)
@@ -128,33 +145,35 @@ class Surveys(Transactions):
             total = session.scalars(select(counted)).one()
             return session.scalars(newest_first).all(), total
 
-    def known(self, survey_ids: Collection[str]) -> set[str]:
+    def existing_ids(self, survey_ids: Collection[str]) -> set[str]:
         """Return the ids among `survey_ids` for which a survey or population exists."""
         ids, found = sorted(survey_ids), set[str]()
         with self._read() as session:
-            for start in range(0, len(ids), CHUNK):
-                found.update(session.scalars(select(JobRow.id).where(JobRow.id.in_(ids[start : start + CHUNK]))))
+            for start in range(0, len(ids), MOST_IN_LIST):
+                found.update(session.scalars(select(JobRow.id).where(JobRow.id.in_(ids[start : start + MOST_IN_LIST]))))
         return found
 
-    def active(self) -> list[Active]:
+    def active_surveys(self) -> list[ActiveSurvey]:
         """Return all surveys that wait or run, including interrupted surveys, oldest first."""
         left = JobRow.n_cells - JobRow.cells_done
         with self._read() as session:
             found = session.execute(select(JobRow.id, JobRow.owner, left).where(IS_ACTIVE).order_by(JobRow.number))
-            return [Active(*row) for row in found]
+            return [ActiveSurvey(*row) for row in found]
 
     def set_turn_messages(self, survey_id: str) -> None:
-        """Set the messages of all active surveys when a survey's turn begins: the others wait for it."""
+        """When a survey's turn begins, write into the messages of all other active surveys that they wait for it."""
         with self._write() as (session, _):
             if (job := _find_active(session, survey_id)) is None:
                 return
-            others = update(JobRow).where(IS_ACTIVE, JobRow.number != job.number, WAITS | (JobRow.message == ""))
-            session.execute(others.values(message=_waits_for(job)), execution_options={"synchronize_session": False})
+            others = update(JobRow).where(
+                IS_ACTIVE, JobRow.number != job.number, WAITS_IN_QUEUE | (JobRow.message == "")
+            )
+            session.execute(others.values(message=_wait_message(job)), execution_options={"synchronize_session": False})
             if job.message.startswith(WAITS_FOR_TURN):
                 job.message = ""
         self._on_change(survey_id)
 
-    def running(self) -> list[tuple[str, str]]:
+    def running_surveys(self) -> list[tuple[str, str]]:
         """Return the id and content hash of each survey that runs, or that ran when an earlier service ended."""
         with self._read() as session:
             found = session.execute(select(JobRow.id, JobRow.content_hash).where(JobRow.state == State.RUNNING))
@@ -166,14 +185,14 @@ class Surveys(Transactions):
             if job := _find_active(session, survey_id):
                 job.content_hash = content_hash
 
-    def totals(self) -> dict[State, tuple[int, int, int]]:
-        """Return for each state the numbers of surveys, of their tiles, and of their finished tiles."""
+    def job_totals(self) -> dict[State, tuple[int, int, int]]:
+        """Return {state: (number of jobs, number of their tiles, number of their finished tiles)}."""
         numbers = func.count(), func.sum(JobRow.n_tiles), func.sum(JobRow.tiles_done)
         with self._read() as session:
             found = session.execute(select(JobRow.state, *numbers).group_by(JobRow.state))
             return {State(state): (count, int(tiles), int(done)) for state, count, tiles, done in found}
 
-    def count(self, state: State) -> int:
+    def count_jobs(self, state: State) -> int:
         """Return the number of jobs in a state."""
         with self._read() as session:
             return session.scalar(select(func.count()).select_from(JobRow).where(JobRow.state == state)) or 0
@@ -184,10 +203,10 @@ class Surveys(Transactions):
             job = _find_active(session, survey_id)
             if job is None:
                 return False
-            job.state, job.message = state, _storable(message)
+            job.state, job.message = state, _replace_unstorable(message)
             if state == State.RUNNING and job.started is None:
                 job.started = timestamp()
-            if state.final:
+            if state.is_final:
                 job.finished = timestamp()
             _add_state_event(session, job)
         self._on_change(survey_id)
@@ -196,9 +215,9 @@ class Surveys(Transactions):
     def describe(self, survey_id: str, name: str | None, notes: str | None) -> JobRow:
         """Give a survey another name or other notes. None leaves the present text unchanged."""
         with self._write() as (session, _):
-            job = _find(session, survey_id)
-            job.name = job.name if name is None else _storable(name)
-            job.notes = job.notes if notes is None else _storable(notes)
+            job = _find_job(session, survey_id)
+            job.name = job.name if name is None else _replace_unstorable(name)
+            job.notes = job.notes if notes is None else _replace_unstorable(notes)
         self._on_change(survey_id)
         return job
 
@@ -223,12 +242,12 @@ class Surveys(Transactions):
             The survey is active, or is being deleted.
         """
         with self._write() as (session, _):
-            job = _find(session, survey_id)
+            job = _find_job(session, survey_id)
             if job.message == BEING_DELETED:
                 raise ConflictError(f"Survey {survey_id} is {BEING_DELETED}. Submit the survey again.")
-            if not State(job.state).final:
+            if not State(job.state).is_final:
                 raise ConflictError(f"Survey {survey_id} is {job.state}: wait until it has ended, and try again.")
-            _require_room(session, owner, 0, max_jobs)
+            _require_quota(session, owner, 0, max_jobs)
             job.state, job.message, job.finished = State.ACCEPTED, "", None
             _add_state_event(session, job)
         self._on_change(survey_id)
@@ -245,27 +264,27 @@ class Surveys(Transactions):
             job.cells_done += tile.cells
             job.cells_failed += tile.failed
             data = {"tile": tile.index, "seconds": round(tile.seconds, 4), "failed": tile.failed}
-            _add_event(session, job, "tile", data | _counts(job))
+            _add_event(session, job, "tile", data | _progress_fields(job))
         self._on_change(survey_id)
 
     def tiles_done(self, survey_id: str) -> set[int]:
         """Return the indices of the tiles that are recorded as written."""
         with self._read() as session:
-            return set(session.scalars(select(TileRow.index).where(TileRow.job == _number(session, survey_id))))
+            return set(session.scalars(select(TileRow.index).where(TileRow.job == _job_number(session, survey_id))))
 
     def has_tile(self, survey_id: str, index: int) -> bool:
         """Return whether a tile is recorded as written."""
         with self._read() as session:
-            return session.get(TileRow, (_number(session, survey_id), index)) is not None
+            return session.get(TileRow, (_job_number(session, survey_id), index)) is not None
 
     def tile_seconds(self, survey_id: str) -> float:
         """Return the total computing time of a survey's tiles in seconds."""
         with self._read() as session:
-            total = select(func.sum(TileRow.seconds)).where(TileRow.job == _number(session, survey_id))
+            total = select(func.sum(TileRow.seconds)).where(TileRow.job == _job_number(session, survey_id))
             return session.scalar(total) or 0.0
 
     def keep_tiles(self, survey_id: str, kept: set[int]) -> int:
-        """Delete the records of all tiles that are not in ``kept``, because their chunks are lost.
+        """Delete the records of all tiles whose indices are not in ``kept``, because their chunks are lost.
 
         An event with the new, lower counts is added for subscribers.
 
@@ -275,12 +294,12 @@ class Surveys(Transactions):
             Number of deleted records.
         """
         with self._write() as (session, _):
-            number = _number(session, survey_id)
+            number = _job_number(session, survey_id)
             lost = sorted(set(session.scalars(select(TileRow.index).where(TileRow.job == number))) - kept)
-            for start in range(0, len(lost), CHUNK):
-                some = lost[start : start + CHUNK]
+            for start in range(0, len(lost), MOST_IN_LIST):
+                some = lost[start : start + MOST_IN_LIST]
                 session.execute(delete(TileRow).where(TileRow.job == number, TileRow.index.in_(some)))
-            job = _find(session, survey_id)
+            job = _find_job(session, survey_id)
             totals = select(func.count(), func.sum(TileRow.cells), func.sum(TileRow.failed))
             counts = session.execute(totals.where(TileRow.job == number)).one()
             job.tiles_done, job.cells_done, job.cells_failed = (int(count or 0) for count in counts)
@@ -293,24 +312,24 @@ class Surveys(Transactions):
         return len(lost)
 
     def failures(self, survey_id: str, limit: int) -> list[dict[str, Any]]:
-        """Return the indices and messages of the first failed cells of a survey."""
+        """Return the indices and messages of the first failed cells of a survey, at most `limit` of them."""
         with self._read() as session:
             # Literal SQL, because with a bound parameter the database would not use the partial index ix_tiles_failed.
             has_failed = text("tiles.failed > 0")
-            failed = select(TileRow.failures).where(TileRow.job == _number(session, survey_id), has_failed)
+            failed = select(TileRow.failures).where(TileRow.job == _job_number(session, survey_id), has_failed)
             some = {"yield_per": 10}
             with session.scalars(failed.order_by(TileRow.index).limit(limit), execution_options=some) as tiles:
                 return list(islice(chain.from_iterable(tiles), limit))
 
     def events(self, survey_id: str, after: int, limit: int = 500) -> Sequence[EventRow]:
-        """Return the events after number ``after``. Raises UnknownSurveyError if the survey has been deleted."""
+        """Return the first ``limit`` events after number ``after``. Raises UnknownSurveyError for a deleted survey."""
         with self._read() as session:
-            number = _number(session, survey_id)
+            number = _job_number(session, survey_id)
             later = select(EventRow).where(EventRow.job == number, EventRow.id > after)
             return session.scalars(later.order_by(EventRow.id).limit(limit)).all()
 
     def begin_deletion(self, survey_id: str) -> None:
-        """Dismiss an ended survey, whose store is about to be deleted.
+        """Mark an ended survey as being deleted, before its store is deleted.
 
         Raises
         ------
@@ -323,14 +342,14 @@ class Surveys(Transactions):
             _add_state_event(session, job)
         self._on_change(survey_id)
 
-    def being_deleted(self) -> list[str]:
+    def surveys_being_deleted(self) -> list[str]:
         """Return the ids of surveys whose deletion has begun."""
         with self._read() as session:
             begun = JobRow.state == State.DISMISSED, JobRow.message == BEING_DELETED
             return list(session.scalars(select(JobRow.id).where(*begun)))
 
     def delete(self, survey_id: str) -> None:
-        """Delete an ended survey, with its tiles and events.
+        """Delete the record of an ended survey, with the records of its tiles and events.
 
         Raises
         ------
@@ -340,33 +359,33 @@ class Surveys(Transactions):
         with self._write() as (session, service):
             job = _find_ended(session, survey_id)
             session.execute(delete(JobRow).where(JobRow.number == job.number))
-            _count(service, job, -1)
+            _change_count(service, job, -1)
         self._on_change(survey_id)
 
 
-def _count(service: ServiceRow, job: JobRow, more: int) -> None:
+def _change_count(service: ServiceRow, job: JobRow, more: int) -> None:
     if job.kind == JobKind.SURVEY:
         service.surveys += more
     else:
         service.populations += more
 
 
-def _find(session: Session, survey_id: str) -> JobRow:
-    job = session.scalars(select(JobRow).where(JobRow.id == _storable(survey_id))).one_or_none()
+def _find_job(session: Session, survey_id: str) -> JobRow:
+    job = session.scalars(select(JobRow).where(JobRow.id == _replace_unstorable(survey_id))).one_or_none()
     if job is None:
         raise UnknownSurveyError(survey_id)
     return job
 
 
 def _find_ended(session: Session, survey_id: str) -> JobRow:
-    job = _find(session, survey_id)
-    if not State(job.state).final:
+    job = _find_job(session, survey_id)
+    if not State(job.state).is_final:
         raise ConflictError(f"Survey {survey_id} is {job.state}; dismiss it first.")
     return job
 
 
-def _number(session: Session, survey_id: str) -> int:
-    number = session.scalars(select(JobRow.number).where(JobRow.id == _storable(survey_id))).one_or_none()
+def _job_number(session: Session, survey_id: str) -> int:
+    number = session.scalars(select(JobRow.number).where(JobRow.id == _replace_unstorable(survey_id))).one_or_none()
     if number is None:
         raise UnknownSurveyError(survey_id)
     return number
@@ -377,7 +396,7 @@ def _find_active(session: Session, survey_id: str) -> JobRow | None:
     return session.scalars(active).one_or_none()
 
 
-def _require_room(session: Session, owner: str | None, n_cells: int, max_jobs: int) -> None:
+def _require_quota(session: Session, owner: str | None, n_cells: int, max_jobs: int) -> None:
     active = select(func.count()).select_from(JobRow).where(IS_ACTIVE)
     if (session.scalar(active) or 0) >= max_jobs:
         raise QueueFullError(f"{max_jobs} surveys are waiting or running. Wait for one to end, or DELETE one of them.")
@@ -400,16 +419,16 @@ def _require_room(session: Session, owner: str | None, n_cells: int, max_jobs: i
         )
 
 
-def _waits_for(job: JobRow) -> str:
-    return f"{WAITS_FOR_TURN}{job.called} is computed now"
+def _wait_message(job: JobRow) -> str:
+    return f"{WAITS_FOR_TURN}{job.display_name} is computed now"
 
 
-def _storable(value: str) -> str:
+def _replace_unstorable(value: str) -> str:
     """Replace the characters that PostgreSQL cannot store: NUL, and unpaired surrogates."""
     return value.replace("\0", "\ufffd").encode("utf-8", "replace").decode()
 
 
-def _counts(job: JobRow) -> dict[str, int]:
+def _progress_fields(job: JobRow) -> dict[str, int]:
     return {
         "progress": job.progress,
         "tiles_done": job.tiles_done,
@@ -420,7 +439,7 @@ def _counts(job: JobRow) -> dict[str, int]:
 
 
 def _add_state_event(session: Session, job: JobRow) -> None:
-    _add_event(session, job, "state", {"state": str(job.state), "message": job.message} | _counts(job))
+    _add_event(session, job, "state", {"state": str(job.state), "message": job.message} | _progress_fields(job))
 
 
 def _add_event(session: Session, job: JobRow, kind: str, data: dict[str, Any]) -> None:

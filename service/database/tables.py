@@ -20,13 +20,13 @@ class State(StrEnum):
     DISMISSED = "dismissed"
 
     @property
-    def final(self) -> bool:
+    def is_final(self) -> bool:
         """True if the state cannot change any more."""
         return self not in ACTIVE
 
 
 class JobKind(StrEnum):
-    """The kind of a job."""
+    """The kind of a job: a survey or a population."""
 
     SURVEY = "survey"
     POPULATION = "population"
@@ -36,7 +36,7 @@ ACTIVE = (State.ACCEPTED, State.RUNNING)
 UNREADABLE = (
     "The request of this survey cannot be read: its row in the job database is damaged. DELETE it, and submit it again."
 )
-IN_ACTIVE = "state IN ('accepted', 'running')"
+ACTIVE_SQL = "state IN ('accepted', 'running')"
 
 
 def timestamp(later: float = 0.0) -> str:
@@ -45,7 +45,7 @@ def timestamp(later: float = 0.0) -> str:
 
 
 class Table(DeclarativeBase):
-    """Base of every table."""
+    """Base class of all tables."""
 
 
 class JobRow(Table):
@@ -80,23 +80,23 @@ class JobRow(Table):
         Index("ix_jobs_owner", "owner", "number"),
         Index("ix_jobs_kind", "kind", "number"),
         Index("ix_jobs_content", "content_hash", "number"),
-        Index("ix_jobs_active", "number", sqlite_where=text(IN_ACTIVE), postgresql_where=text(IN_ACTIVE)),
+        Index("ix_jobs_active", "number", sqlite_where=text(ACTIVE_SQL), postgresql_where=text(ACTIVE_SQL)),
         {"sqlite_autoincrement": True},
     )
 
     @property
     def is_readable(self) -> bool:
-        """True if the request is readable; the engine reads damaged JSON as None."""
+        """True if the stored request is readable; the database engine reads damaged JSON as None."""
         return isinstance(self.request, dict)
 
     @property
-    def called(self) -> str:
+    def display_name(self) -> str:
         """The name of the survey, or the beginning of its id if it has no name."""
         return self.name or f"survey {self.id[:6]}"
 
     @property
-    def shown(self) -> tuple[State, str]:
-        """The state and message to show. A survey with a damaged row counts as failed."""
+    def shown_status(self) -> tuple[State, str]:
+        """The state and message to show to people. A survey with a damaged row counts as failed."""
         return (State(self.state), self.message) if self.is_readable else (State.FAILED, UNREADABLE)
 
     @property
@@ -122,14 +122,14 @@ class TileRow(Table):
     failed: Mapped[int]
     failures: Mapped[list[dict[str, Any]]] = mapped_column(JSON)
 
-    # Few tiles have failures; the index finds them without reading the others.
+    # Few tiles have failed cells; with the index the database finds these tiles without reading the others.
     __table_args__ = (
         Index("ix_tiles_failed", "job", "index", sqlite_where=text("failed > 0"), postgresql_where=text("failed > 0")),
     )
 
 
 class EventRow(Table):
-    """An event of a survey. The ids of a survey's events increase by one."""
+    """An event of a survey. The events of a survey are numbered from 1 by `id`."""
 
     __tablename__ = "events"
 
@@ -140,10 +140,11 @@ class EventRow(Table):
     at: Mapped[str] = mapped_column(default=timestamp)
 
 
-class AnsweredRow(Table):
+class RepeatedKeyRow(Table):
     """An idempotency key with which an existing survey was submitted again.
 
-    The key of the first submission is in the survey's own row. Only the latest further keys of a survey are kept.
+    The key of the first submission is in the survey's own row. Of the later keys, the latest
+    `identity.MOST_REPEATED_KEYS` of each survey are kept.
     """
 
     __tablename__ = "answered"
@@ -190,8 +191,9 @@ class SessionRow(Table):
 class ServiceRow(Table):
     """The single row that every writer locks first, so that a database has one writer at a time.
 
-    epoch: grows when a service opens the database. surveys, populations: their numbers. directory: identity of the
-    data directory with the stores, if the database is elsewhere.
+    epoch: a number that grows when a service opens the database. surveys, populations: numbers of surveys and of
+    populations. directory: identity of the data directory that has the stores; None if the database is inside this
+    directory, or the stores are in a bucket.
     """
 
     __tablename__ = "service"

@@ -13,9 +13,9 @@ from gear_rattle.service.database.engine import BUSY_SECONDS
 from gear_rattle.service.database.tables import ServiceRow
 from gear_rattle.service.errors import DataDirectoryError, UnavailableError
 
-TAKEN = (
+DATABASE_TAKEN = (
     "Another service has opened the job database, so this service has stopped writing. "
-    "Stop one of both services, and start the other one again."
+    "Stop one of the two services, and restart the other."
 )
 
 
@@ -38,12 +38,12 @@ class Transactions:
         self._on_change = on_change
         self._require = require or (lambda: None)
         self._reader = engine
-        self._write_with(engine)
+        self._set_writer(engine)
         self._epoch: int | None = None
         self._writing = threading.Lock()
 
-    def _write_with(self, engine: Engine) -> None:
-        """Use another engine for all further writes."""
+    def _set_writer(self, engine: Engine) -> None:
+        """Use this engine for all further writes."""
         self._writer = engine.execution_options(writes=True)
 
     @contextmanager
@@ -67,19 +67,19 @@ class Transactions:
             Another service has opened the database after this one, or earlier writers take too long.
         """
         self._require()
-        with self._turn(), Session(self._writer, expire_on_commit=False) as session, session.begin():
+        with self._wait_to_write(), Session(self._writer, expire_on_commit=False) as session, session.begin():
             try:
                 service = session.scalars(select(ServiceRow).with_for_update()).one()
-            except DataDirectoryError as error:  # a lost connection was reopened, and another service has the lock
-                raise UnavailableError(TAKEN) from error
+            except DataDirectoryError as error:  # the lost connection was reopened, and another service has the lock
+                raise UnavailableError(DATABASE_TAKEN) from error
             if self._epoch not in (None, service.epoch):
-                session.connection().invalidate()  # releases the lock, if this connection has it
-                raise UnavailableError(TAKEN)
+                session.connection().invalidate()  # closes the connection, and so releases a lock that it has
+                raise UnavailableError(DATABASE_TAKEN)
             yield session, service
 
     @contextmanager
-    def _turn(self) -> Iterator[None]:
-        # Writers queue here. SQLite lets competing writers sleep for increasing times, so some would wait for seconds.
+    def _wait_to_write(self) -> Iterator[None]:
+        # Writing threads queue here. In SQLite they would sleep for increasing times, and some would wait for seconds.
         if not self._writing.acquire(timeout=BUSY_SECONDS):
             raise UnavailableError("The job database is busy with other writes. Try again in a few seconds.")
         try:
@@ -87,12 +87,12 @@ class Transactions:
         finally:
             self._writing.release()
 
-    def directory(self) -> str | None:
-        """Return the recorded identity of the data directory with the stores; None if there is no record."""
+    def directory_identity(self) -> str | None:
+        """Return the recorded identity of the data directory that has the stores; None if none is recorded."""
         with self._read() as session:
             return session.scalar(select(ServiceRow.directory))
 
     def remember_directory(self, identity: str) -> None:
-        """Record which data directory has the stores."""
+        """Record the identity of the data directory that has the stores."""
         with self._write() as (_, service):
             service.directory = identity

@@ -16,6 +16,6 @@ def asset(name: str) -> str:
 
 
 @cache
-def tour() -> str:
+def tour_html() -> str:
     """Return the help of the page as HTML."""
     return document_body(TOUR)

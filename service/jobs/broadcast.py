@@ -17,8 +17,8 @@ from starlette.concurrency import run_in_threadpool
 from gear_rattle.service.database.tables import EventRow, State
 from gear_rattle.service.errors import UnavailableError, UnknownSurveyError
 
-KEPT = 512  # at most this many events of a survey are kept in memory; older events are read from the database
-PAUSE = 0.05  # seconds between two reads; events in between are sent together
+KEPT_EVENTS = 512  # at most this many events of a survey are kept in memory; older events are read from the database
+PAUSE = 0.05  # seconds between two reads of the database; events that are added in between are sent together
 RETRY_SECONDS = 1.0  # seconds until the next read after an error
 WOKEN_TOGETHER = 50  # at most this many listeners are notified before the event loop can do other work
 
@@ -28,21 +28,21 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
-class Written:
-    """An encoded event. last: True if no event can follow."""
+class EncodedEvent:
+    """An event as the bytes of an event stream. is_last: True if no event can follow."""
 
     id: int
     text: bytes
-    last: bool
+    is_last: bool
 
 
-def written_event(rows: Sequence[EventRow]) -> list[Written]:
-    """Encode rows of events for an event stream."""
+def encode_events(rows: Sequence[EventRow]) -> list[EncodedEvent]:
+    """Encode events of the database for an event stream."""
     return [
-        Written(
+        EncodedEvent(
             row.id,
             ServerSentEvent(json.dumps(row.data | {"at": row.at}), event=row.kind, id=str(row.id)).encode(),
-            row.kind == "state" and State(row.data["state"]).final,
+            row.kind == "state" and State(row.data["state"]).is_final,
         )
         for row in rows
     ]
@@ -53,21 +53,21 @@ class Feed:
 
     def __init__(self, survey_id: str, read: Read, last: int) -> None:
         self._survey_id, self._read, self._last = survey_id, read, last
-        self._recent: list[Written] = []
+        self._recent: list[EncodedEvent] = []
         self._stale = asyncio.Event()
         self._loop = asyncio.get_running_loop()
         self.listeners: set[asyncio.Event] = set()
-        self.deleted = False
-        self._task = self._loop.create_task(self._keep_up())
+        self.is_deleted = False
+        self._task = self._loop.create_task(self._read_new_events())
         self._stale.set()  # there may be events after `last`
 
-    def changed(self) -> None:
-        """Let the feed read new events from the database. It may be called from any thread."""
+    def notify(self) -> None:
+        """Let the feed read new events from the database. This method may be called from any thread."""
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._stale.set)
 
-    def after(self, seen: int) -> list[Written] | None:
-        """Return the events after number `seen` that have been read; None if some of these are no longer kept."""
+    def events_after(self, seen: int) -> list[EncodedEvent] | None:
+        """Return the events after number `seen` that the feed has read; None if it has dropped some of them."""
         if seen >= self._last:
             return []
         first = self._recent[0].id if self._recent else self._last + 1
@@ -77,14 +77,14 @@ class Feed:
         """Stop reading events."""
         self._task.cancel()
 
-    async def _keep_up(self) -> None:
-        while not self.deleted:
+    async def _read_new_events(self) -> None:
+        while not self.is_deleted:
             await self._stale.wait()
             self._stale.clear()
             try:
                 rows = await run_in_threadpool(self._read, self._survey_id, self._last)
             except UnknownSurveyError:
-                self.deleted = True
+                self.is_deleted = True
             except (SQLAlchemyError, UnavailableError) as error:
                 log.warning("the events of survey %s cannot be read: %s", self._survey_id, error)
                 self._stale.set()
@@ -92,10 +92,10 @@ class Feed:
                 continue
             else:
                 if rows:
-                    self._stale.set()  # there may be more events, because one read returns a limited number
+                    self._stale.set()  # there may be more events, because one read returns a limited number of them
                     self._last = rows[-1].id
-                    self._recent = (self._recent + written_event(rows))[-KEPT:]
-            if self.deleted or rows:
+                    self._recent = (self._recent + encode_events(rows))[-KEPT_EVENTS:]
+            if self.is_deleted or rows:
                 # Listeners are notified in groups, so that the event loop can answer requests in between.
                 listeners = tuple(self.listeners)
                 for first in range(0, len(listeners), WOKEN_TOGETHER):
@@ -113,12 +113,12 @@ class Broadcast:
         self._feeds: dict[str, Feed] = {}
         self._watchers: set[Callable[[str], None]] = set()
 
-    def changed(self, survey_id: str) -> None:
-        """Notify the feed of a survey, and all watchers. It may be called from any thread."""
+    def notify(self, survey_id: str) -> None:
+        """Tell the feed of a survey and all watchers that it has changed. This method may be called from any thread."""
         with self._lock:
             feed, watchers = self._feeds.get(survey_id), tuple(self._watchers)
         if feed is not None:
-            feed.changed()
+            feed.notify()
         for watcher in watchers:
             watcher(survey_id)
 
@@ -142,7 +142,7 @@ class Broadcast:
         survey_id : str
             Id of the survey.
         read : Read
-            Returns the events of a survey after a number, from the database.
+            Function that returns the events of a survey after a given number from the database.
         last : int
             Number of the latest event that the listener knows.
 

@@ -12,7 +12,7 @@ from gear_rattle.workers import Bucket
 
 
 class BucketDirectory(DataDirectory):
-    """The data directory of a service, and the prefix of a bucket with its stores.
+    """The data directory of a service whose stores are in a bucket, under a prefix.
 
     Parameters
     ----------
@@ -25,21 +25,21 @@ class BucketDirectory(DataDirectory):
     def __init__(self, path: Path, url: str) -> None:
         super().__init__(path)
         self._root = Bucket(url)
-        self._bucket = lru_cache(maxsize=256)(self._open)
+        self._bucket = lru_cache(maxsize=256)(self._open_bucket)
 
-    def _open(self, survey_id: str) -> Bucket:
+    def _open_bucket(self, survey_id: str) -> Bucket:
         # The service has locked its job database, so it is the only writer of the stores of its surveys.
         return Bucket(f"{self._root}/{survey_id}.zarr", owned=True)
 
     @contextmanager
-    def locked(self) -> Iterator[None]:
-        """Lock the directory. If the bucket cannot be reached, raise an error at once."""
-        with super().locked():
+    def lock(self) -> Iterator[None]:
+        """Lock the directory during this context. If the bucket cannot be reached, raise StorageError at once."""
+        with super().lock():
             self._root.children()  # raises an error if the bucket is missing
             yield
 
     def store(self, survey_id: str) -> Bucket:
-        """Return the store of a survey."""
+        """Return the store of a survey in the bucket, whether the store exists or not."""
         return self._bucket(survey_id)
 
     def remove_store(self, survey_id: str) -> None:
@@ -47,7 +47,7 @@ class BucketDirectory(DataDirectory):
         self.store(survey_id).delete()
 
     def entries(self) -> list[StoreEntry]:
-        """Return the entries of the prefix, sorted by name."""
+        """Return the entries below the prefix in the bucket, sorted by name."""
         return sorted(self._entries(), key=lambda entry: entry.name)
 
     def _entries(self) -> Iterator[StoreEntry]:

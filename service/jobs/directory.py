@@ -22,17 +22,17 @@ from gear_rattle.workers.storage.location import CERTIFICATES, certificates_path
 if TYPE_CHECKING:
     from gear_rattle.workers import Bucket
 
-TRASH = ".trash-"
-IDENTITY = "identity"
-SURVEY = r"(?P<survey>[0-9a-f]{16})"
+TRASH_PREFIX = ".trash-"
+IDENTITY_FILE = "identity"
+SURVEY_ID = r"(?P<survey>[0-9a-f]{16})"
 #: Patterns of the names of a store during its deletion, a store during its creation, a store, and its certificates.
-DELETION, TEMPORARY, SURVEY_STORE, OF_CERTIFICATES = (
+DELETION, TEMPORARY, SURVEY_STORE, CERTIFICATE_STORE = (
     re.compile(pattern)
     for pattern in (
-        rf"\.trash-{SURVEY}",
-        rf"\.{SURVEY}\.zarr\.[0-9a-f]{{32}}",
-        rf"{SURVEY}\.zarr",
-        SURVEY + re.escape(CERTIFICATES),
+        rf"\.trash-{SURVEY_ID}",
+        rf"\.{SURVEY_ID}\.zarr\.[0-9a-f]{{32}}",
+        rf"{SURVEY_ID}\.zarr",
+        SURVEY_ID + re.escape(CERTIFICATES),
     )
 )
 
@@ -41,27 +41,28 @@ DELETION, TEMPORARY, SURVEY_STORE, OF_CERTIFICATES = (
 class StoreEntry:
     """An entry in the directory of stores.
 
-    survey_id: empty if the name is not the name of a store. deletion: True for a store whose deletion has begun.
-    temporary: True for a store whose creation has not ended. remove: function that removes the entry.
+    survey_id: id of the survey whose store or certificates the entry is; empty for other entries. is_deletion: True for
+    a store whose deletion has begun. is_temporary: True for a store whose creation has not ended. remove: function that
+    removes the entry.
     """
 
     name: str
     survey_id: str
-    deletion: bool
-    temporary: bool
+    is_deletion: bool
+    is_temporary: bool
     remove: Callable[[], None]
 
     @classmethod
-    def of(cls, path: Path) -> StoreEntry:
-        """Return the entry for a path."""
+    def from_path(cls, path: Path) -> StoreEntry:
+        """Return the description of the file or directory at a path."""
 
         def remove() -> None:
             shutil.rmtree(path, ignore_errors=True)
 
-        for pattern in (DELETION, TEMPORARY, SURVEY_STORE, OF_CERTIFICATES):
+        for pattern in (DELETION, TEMPORARY, SURVEY_STORE, CERTIFICATE_STORE):
             if match := pattern.fullmatch(path.name):
                 return cls(str(path), match["survey"], pattern is DELETION, pattern is TEMPORARY, remove)
-        return cls(str(path), "", deletion=False, temporary=False, remove=remove)
+        return cls(str(path), "", is_deletion=False, is_temporary=False, remove=remove)
 
 
 class DataDirectory:
@@ -70,7 +71,7 @@ class DataDirectory:
     Parameters
     ----------
     path
-        Path of the directory; :meth:`locked` creates it if it does not exist.
+        Path of the directory; :meth:`lock` creates it if it does not exist.
     """
 
     def __init__(self, path: Path) -> None:
@@ -101,20 +102,20 @@ class DataDirectory:
         DirectoryAwayError
             The data directory is missing.
         """
-        self.require()
+        self.require_present()
         return self._path_of(survey_id)
 
     def _path_of(self, survey_id: str) -> Path:
         return self._stores / f"{survey_id}.zarr"
 
     @contextmanager
-    def locked(self) -> Iterator[None]:
+    def lock(self) -> Iterator[None]:
         """Lock the directory during this context. The lock also ends with the process, even by SIGKILL.
 
         Raises
         ------
         DataDirectoryError
-            The directory cannot be used, or another server has locked it.
+            The directory cannot be used, or another service has locked it.
         """
         try:
             self._stores.mkdir(parents=True, exist_ok=True)
@@ -122,8 +123,8 @@ class DataDirectory:
             lock.acquire()
         except Timeout as error:
             raise DataDirectoryError(
-                f"Another service uses the data directory {self.path}. Stop it, or give this one another directory. "
-                "A service is one process: start uvicorn without --workers."
+                f"Another service uses the data directory {self.path}. Stop that service, or give this service another "
+                "directory. A service is one process: start uvicorn without --workers."
             ) from error
         except OSError as error:
             raise DataDirectoryError(f"The data directory {self.path} cannot be used: {error}") from error
@@ -131,12 +132,12 @@ class DataDirectory:
             yield
 
     def identify(self, known: str | None = None) -> None:
-        """Check the identity of the directory, or give it one. The caller has locked the directory.
+        """Check the identity of the directory, or give one to a new directory. The caller must have locked it.
 
         Parameters
         ----------
         known : str | None
-            Identity of the directory according to the job database, if the database is elsewhere.
+            Identity of the directory according to a job database outside it. None accepts any directory.
 
         Raises
         ------
@@ -144,42 +145,43 @@ class DataDirectory:
             The directory has another identity, or cannot be written to.
         """
         try:
-            self.identity = self._found()
+            self.identity = self._read_identity()
             if known and self.identity != known and (self.identity or not any(self._stores.iterdir())):
                 raise DataDirectoryError(
-                    f"{self.path} is not the data directory that the job database knows: is the right disk mounted? To "
-                    f"use this directory anyway, without the other's stores: echo {known} > {self.path / IDENTITY}"
+                    f"{self.path} is not the data directory of this job database: is the right disk mounted? To use "
+                    "this directory anyway, without the stores of the other directory: "
+                    f"echo {known} > {self.path / IDENTITY_FILE}"
                 )
             if not self.identity:  # a new directory, or a directory of an older version, which wrote no identity
                 self.identity = known or secrets.token_hex(16)
-                new = self.path / f".{IDENTITY}"
+                new = self.path / f".{IDENTITY_FILE}"
                 new.write_text(f"{self.identity}\n")
-                os.replace(new, self.path / IDENTITY)
+                os.replace(new, self.path / IDENTITY_FILE)
         except OSError as error:
             raise DataDirectoryError(f"The data directory {self.path} cannot be used: {error}") from error
 
-    def require(self) -> None:
+    def require_present(self) -> None:
         """Raise DirectoryAwayError if the directory no longer has the identity that `identify` found."""
         try:
-            there = self._found() == self.identity
+            there = self._read_identity() == self.identity
         except OSError:  # the disk fails
             there = False
         if self.identity and not there:
             raise DirectoryAwayError
 
-    def _found(self) -> str:
+    def _read_identity(self) -> str:
         try:
-            return (self.path / IDENTITY).read_text(errors="replace").strip()
+            return (self.path / IDENTITY_FILE).read_text(errors="replace").strip()
         except (FileNotFoundError, NotADirectoryError):
             return ""
 
     def remove_store(self, survey_id: str) -> None:
-        """Delete a store, after the certificates beside it.
+        """Delete the certificates and then the store of a survey.
 
         The store is renamed first, so that a crash never leaves half of a store under the store's name.
         """
         shutil.rmtree(certificates_path(self._path_of(survey_id)), ignore_errors=True)
-        trash = self._stores / f"{TRASH}{survey_id}"
+        trash = self._stores / f"{TRASH_PREFIX}{survey_id}"
         try:
             os.rename(self._path_of(survey_id), trash)
         except FileNotFoundError:
@@ -188,7 +190,7 @@ class DataDirectory:
 
     def entries(self) -> list[StoreEntry]:
         """Return all entries of the directory of stores."""
-        return [StoreEntry.of(path) for path in sorted(self._stores.iterdir())]
+        return [StoreEntry.from_path(path) for path in sorted(self._stores.iterdir())]
 
     def sweep_partial_files(self, survey_id: str, content_hash: str) -> None:
         """Remove the partial files that killed writers left in a survey's store. No process may be writing to it."""
@@ -196,7 +198,7 @@ class DataDirectory:
         try:
             found = json.loads((store / "zarr.json").read_bytes())["attributes"]["content_hash"]
         except (OSError, ValueError, KeyError, TypeError):
-            return  # the path is not a store of a survey; the job manager will report this
+            return  # the path is no store of a survey; the job manager reports this when it continues the survey
         if found == content_hash:
             for stray in store.rglob("*.partial"):
                 stray.unlink(missing_ok=True)

@@ -18,7 +18,7 @@ from gear_rattle.service.database.tables import UNREADABLE, JobRow, State
 from gear_rattle.service.errors import ConflictError, DirectoryAwayError, ServiceError, UnavailableError
 from gear_rattle.service.jobs.directory import DataDirectory
 from gear_rattle.service.jobs.turns import Turns
-from gear_rattle.service.observability.logs import about
+from gear_rattle.service.observability.logs import survey_in_logs
 from gear_rattle.workers import (
     Begun,
     ClusterLostError,
@@ -58,7 +58,7 @@ log = logging.getLogger(__name__)
 
 
 class JobManager:
-    """Computes accepted surveys, one at a time and in turns, and resumes surveys that an earlier process left.
+    """Computes accepted surveys, one at a time and in turns, and resumes surveys that an earlier process did not end.
 
     Parameters
     ----------
@@ -87,8 +87,8 @@ class JobManager:
         self._turns = turns or Turns()
         # For each survey that waits for its next turn, by id: its missing tiles, by index.
         self._left: dict[str, dict[int, AnyTile]] = {}
-        self._begun: dict[str, Begun] = {}  # by id: states of these surveys and of the running survey
-        self._ends: dict[str, float] = {}  # predicted end of the running survey's tiles, by `time.monotonic`
+        self._begun: dict[str, Begun] = {}  # states of the runs of the waiting surveys and the running one, by id
+        self._ends: dict[str, float] = {}  # predicted `time.monotonic` at which the running survey's tiles end, by id
         self._client: Client | None = None
         self._database = database
         self._directory = directory
@@ -107,12 +107,12 @@ class JobManager:
         self._thread.start()
 
     def ask_to_stop(self) -> None:
-        """Let the thread end soon. The running survey can be resumed later."""
+        """Ask the thread to end soon, without waiting for it. The running survey can be resumed later."""
         self._stopping.set()
         self._wake.set()
 
     def stop(self) -> None:
-        """End the thread and close the cluster."""
+        """Ask the thread to end, and wait until it has ended and closed the cluster."""
         self.ask_to_stop()
         self._thread.join()
 
@@ -147,9 +147,9 @@ class JobManager:
         with self._lock:
             if not self._lock.wait_for(lambda: self._current != survey_id, LAST_TILES_SECONDS):
                 raise ConflictError(f"Survey {survey_id} has ended, but its last tiles still run. Try again soon.")
-            if not State((job := self._database.job(survey_id)).state).final:
+            if not State((job := self._database.job(survey_id)).state).is_final:
                 raise ConflictError(f"Survey {survey_id} is {job.state} again; dismiss it first.")
-            self._directory.require()
+            self._directory.require_present()
             self._database.begin_deletion(survey_id)  # after a crash, the next service completes the deletion
             self._directory.remove_store(survey_id)
             self._database.delete(survey_id)
@@ -175,7 +175,7 @@ class JobManager:
         job = self._database.job(survey_id)
         if not job.is_readable:
             raise ConflictError(UNREADABLE)
-        if job.state == State.SUCCESSFUL and not _is_of_this_version(job):  # a run would fail
+        if job.state == State.SUCCESSFUL and not _is_of_this_version(job):  # a run of this version would fail
             raise ConflictError(
                 f"Survey {survey_id} was computed by another version, and only that version can verify it. Submit the "
                 "survey again."
@@ -213,7 +213,7 @@ class JobManager:
         pause = FIRST_PAUSE
         while not self._stopping.is_set():
             self._wake.clear()
-            if self._stopping.is_set():  # `clear` may have removed the wake-up of a stop since the loop's check
+            if self._stopping.is_set():  # `clear` may have removed the wake-up of a stop that the loop has not seen
                 return
             if client.status != "running":
                 raise ClusterLostError("the connection to the dask scheduler is lost")
@@ -230,11 +230,11 @@ class JobManager:
 
     def _run_next(self, client: Client) -> bool:
         """Compute the survey that has the next turn. Return False if no survey waits."""
-        active = self._database.active()
-        job = self._turns.next(active)
+        active = self._database.active_surveys()
+        job = self._turns.next_survey(active)
         if job is None:
             return False
-        self._turns.begin(job)
+        self._turns.begin_turn(job)
         self._left = {each.id: self._left[each.id] for each in active if each.id in self._left}
         self._begun = {each: begun for each, begun in self._begun.items() if each in self._left}
         self._database.set_turn_messages(job.id)
@@ -242,7 +242,7 @@ class JobManager:
             self._current = job.id
             self._dismissed.clear()
         try:
-            with about(job.id):
+            with survey_in_logs(job.id):
                 self._run(job.id, client)
         finally:
             self._ends = {}
@@ -253,17 +253,17 @@ class JobManager:
 
     def _run(self, survey_id: str, client: Client) -> None:
         try:
-            with self._blaming_directory():
+            with self._report_missing_directory():
                 self._compute(survey_id, client)
         except StoppedError:
             return
         except DirectoryAwayError as error:
-            self._say_that_it_waits(survey_id, error)
+            self._write_wait_message(survey_id, error)
             raise
         except (ClusterLostError, CommClosedError, SQLAlchemyError, UnavailableError):
             raise  # the survey did not cause the error, and continues later
         except StorageError as error:
-            self._say_that_it_waits(survey_id, error)
+            self._write_wait_message(survey_id, error)
             raise
         except Exception as error:
             if client.status != "running":  # a lost connection raises errors of several types
@@ -273,38 +273,38 @@ class JobManager:
             self._database.set_state(survey_id, State.FAILED, str(error) or type(error).__name__)
 
     @contextmanager
-    def _blaming_directory(self) -> Iterator[None]:
-        """Replace any error, such as a missing store, by DirectoryAwayError if the data directory is missing."""
+    def _report_missing_directory(self) -> Iterator[None]:
+        """Raise DirectoryAwayError in place of any error, such as a missing store, if the data directory is missing."""
         try:
             yield
         except Exception as error:
             try:
-                self._directory.require()
+                self._directory.require_present()
             except DirectoryAwayError as away:
                 raise away from error
             raise
 
-    def _say_that_it_waits(self, survey_id: str, error: Exception) -> None:
+    def _write_wait_message(self, survey_id: str, error: Exception) -> None:
         if self.storage_state == OK:  # the message is written once, not at every attempt
             self._database.set_state(survey_id, State.RUNNING, f"waits for its store: {error}")
 
     def _compute(self, survey_id: str, client: Client) -> None:
         job = self._database.job(survey_id)
-        if State(job.state).final or (
+        if State(job.state).is_final or (
             job.state == State.ACCEPTED and not self._database.set_state(survey_id, State.RUNNING)
         ):
             return  # the survey has been dismissed
         request = _request_of(job)
         path = self._directory.store(survey_id)
         left = self._left.pop(survey_id, None)
-        has_message = bool(job.message)  # for example that the survey waits, written before a restart
+        has_message = bool(job.message)  # for example, a message from before a restart that the survey waits
         if left is None or job.state == State.ACCEPTED:  # a verification (ACCEPTED) checks all tiles
-            left, has_lost = self._prepared(job, request, path, client)
+            left, has_lost = self._prepare_tiles(job, request, path, client)
             has_message |= has_lost
 
         def on_tile(tile: TileRecord) -> None:
             nonlocal has_message
-            self._record(survey_id, request, tile)
+            self._record_tile(survey_id, request, tile)
             left.pop(tile.index, None)
             if has_message:
                 self._database.set_state(survey_id, State.RUNNING)  # removes the message
@@ -318,17 +318,17 @@ class JobManager:
             is_paused = is_paused or self._is_turn_over(survey_id)
             return is_paused
 
-        def on_left(seconds: float) -> None:
+        def on_forecast(seconds: float) -> None:
             self._ends = {survey_id: time.monotonic() + seconds}
 
         begun = self._begun.setdefault(survey_id, Begun())
-        tiles, asked = list(left.values()), (self._interrupted, self._dismissed.is_set, is_over)
-        run_tiles(request, path, tiles, client, on_tile, *asked, begun, on_left)
+        tiles, asked = list(left.values()), (self._is_interrupted, self._dismissed.is_set, is_over)
+        run_tiles(request, path, tiles, client, on_tile, *asked, begun, on_forecast)
         self._ends = {}
-        if self._interrupted():
+        if self._is_interrupted():
             return
         if not is_paused and is_incomplete(request, path):
-            complete_on(client, request, path, self._interrupted, self._telling(survey_id), is_over)
+            complete_on(client, request, path, self._is_interrupted, self._progress_writer(survey_id), is_over)
         goes_on = is_paused and (left or is_incomplete(request, path))
         if not goes_on:
             finish_store(path)
@@ -341,40 +341,40 @@ class JobManager:
             else:
                 self._database.set_state(survey_id, State.SUCCESSFUL)
 
-    def _prepared(
+    def _prepare_tiles(
         self, job: JobRow, request: AnyRequest, path: Path | Bucket, client: Client
     ) -> tuple[dict[int, AnyTile], bool]:
-        """Create the store. Return the survey's missing tiles, by index, and whether recorded tiles are lost."""
+        """Create the store. Return the missing tiles of the survey, by index, and whether recorded tiles are lost."""
 
         # The cluster computes the template, because curves take minutes in some windows.
-        def template(request: AnyRequest, created: str | None) -> Template:
-            return template_on(client, request, created, self._interrupted)
+        def compute_template(request: AnyRequest, created: str | None) -> Template:
+            return template_on(client, request, created, self._is_interrupted)
 
-        create_store(request, path, template)
+        create_store(request, path, compute_template)
         if job.content_hash != request.content_hash():
             self._database.set_content_hash(job.id, request.content_hash())
         # A tile counts as done only if the database has its failures and the store has its values.
-        done = self._database.tiles_done(job.id) & tiles_done(request, path, self._interrupted)
+        done = self._database.tiles_done(job.id) & tiles_done(request, path, self._is_interrupted)
         lost = self._database.keep_tiles(job.id, done)
         return {tile.index: tile for tile in tiles_of(request) if tile.index not in done}, bool(lost)
 
     def _is_turn_over(self, survey_id: str) -> bool:
         """Return whether the turn of the running survey is over. If the same survey is next, begin its next turn."""
-        if not self._turns.is_used_up:
+        if not self._turns.is_turn_over:
             return False
-        following = self._turns.next(self._database.active())
+        following = self._turns.next_survey(self._database.active_surveys())
         if following is None:
             return False
         if following.id == survey_id:
-            self._turns.begin(following)
+            self._turns.begin_turn(following)
             return False
         return True
 
-    def _telling(self, survey_id: str) -> Callable[[int, int], None]:
-        """Return a function that writes the progress of proofs into the message of a survey, at each per cent."""
+    def _progress_writer(self, survey_id: str) -> Callable[[int, int], None]:
+        """Return a function that writes the progress of proofs into a survey's message when it grows by a per cent."""
         shown = -1
 
-        def tell(done: int, number: int) -> None:
+        def write_progress(done: int, number: int) -> None:
             nonlocal shown
             percent = 100 * done // max(number, 1)
             if percent > shown:
@@ -382,15 +382,15 @@ class JobManager:
                 message = f"proves its periodic attractors: {done} of {number} have been tried"
                 self._database.set_state(survey_id, State.RUNNING, message)
 
-        return tell
+        return write_progress
 
     def seconds_left(self, survey_id: str) -> float | None:
-        """Return the seconds until the tiles of a survey end; None if it does not run, or the time is not known."""
+        """Return the predicted seconds until a survey's tiles end; None if it does not run or no time is predicted."""
         ends = self._ends.get(survey_id)
         return None if ends is None else max(ends - time.monotonic(), 0.0)
 
-    def workers(self) -> int:
-        """Return the number of threads of the cluster; 0 if there is no cluster or it does not answer soon."""
+    def thread_count(self) -> int:
+        """Return the number of threads of the cluster; 0 without a cluster, or if it does not answer within 2 s."""
         if (client := self._client) is None:
             return 0
         try:
@@ -399,8 +399,8 @@ class JobManager:
             return 0
 
     @contextmanager
-    def lent_client(self) -> Iterator[Client]:
-        """Yield the client of the cluster to another thread, whose tasks run beside the tiles of surveys.
+    def borrow_client(self) -> Iterator[Client]:
+        """Yield the client of the cluster for the tasks of another thread, which run beside the tiles of surveys.
 
         Yields
         ------
@@ -419,13 +419,13 @@ class JobManager:
         try:
             yield client
         except ClusterLostError:
-            self.wake()  # otherwise the thread would not notice the loss unless a survey is running
+            self.wake()  # otherwise the job thread would notice the loss only while a survey is running
             raise
 
-    def _interrupted(self) -> bool:
+    def _is_interrupted(self) -> bool:
         return self._stopping.is_set() or self._dismissed.is_set()
 
-    def _record(self, survey_id: str, request: AnyRequest, tile: TileRecord) -> None:
+    def _record_tile(self, survey_id: str, request: AnyRequest, tile: TileRecord) -> None:
         self._on_tile(tile)
         first = tile.failed_cells[:MAX_FAILURES]
         failures = [{**place_of_cell(request, i, j), "message": message} for i, j, message in first]
@@ -447,5 +447,6 @@ def _request_of(job: JobRow) -> AnyRequest:
         return request_of(job.request)
     except ValidationError as error:
         raise ServiceError(
-            f"The request is no longer valid in this version ({place_and_reason(error)}). Submit a corrected request."
+            f"The request of this survey is no longer valid in this version ({place_and_reason(error)}). Submit a "
+            "corrected request."
         ) from error

@@ -12,7 +12,7 @@ from gear_rattle.service.settings import Settings
 
 
 @contextmanager
-def opened(
+def open_data(
     settings: Settings, on_change: Callable[[str], None] = lambda _: None
 ) -> Iterator[tuple[DataDirectory, Database]]:
     """Yield the data directory and the job database, locked against other services.
@@ -32,17 +32,17 @@ def opened(
     Raises
     ------
     DataDirectoryError
-        The directory or the database cannot be used, or another service has locked it, or the database belongs to
-        another directory, whose disk may not be mounted.
+        The directory or the database cannot be used, or another service has locked one of them, or the database belongs
+        to another directory, whose disk may not be mounted.
     """
     directory = open_directory(settings.data, settings.store)
     inside = settings.database_url is None
-    url, require = (directory.database_url, directory.require) if inside else (settings.database_url, None)
+    url, require = (directory.database_url, directory.require_present) if inside else (settings.database_url, None)
     assert url is not None
-    with directory.locked(), closing(Database(url, on_change, require=require)) as database:
+    with directory.lock(), closing(Database(url, on_change, require=require)) as database:
         if inside or settings.store:  # the database is in the directory, or the stores are in a bucket
             directory.identify()
         else:
-            directory.identify(database.directory())
+            directory.identify(database.directory_identity())
             database.remember_directory(directory.identity)
         yield directory, database

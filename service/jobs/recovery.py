@@ -18,18 +18,18 @@ def recover(database: Database, directory: DataDirectory) -> None:
     The job manager checks running surveys against their stores when it resumes them.
     """
     entries = directory.entries()
-    known = database.known({entry.survey_id for entry in entries})
+    known = database.existing_ids({entry.survey_id for entry in entries})
     for entry in entries:
         if entry.survey_id not in known:
             log.warning("%s belongs to no survey of the job database; it is left alone", entry.name)
-        elif entry.deletion:
+        elif entry.is_deletion:
             entry.remove()
             with suppress(ConflictError):  # in a restored older database the survey is active, and is computed again
                 database.delete(entry.survey_id)
-        elif entry.temporary:
+        elif entry.is_temporary:
             entry.remove()
-    for survey_id in database.being_deleted():
+    for survey_id in database.surveys_being_deleted():
         directory.remove_store(survey_id)
         database.delete(survey_id)
-    for survey_id, content_hash in database.running():
+    for survey_id, content_hash in database.running_surveys():
         directory.sweep_partial_files(survey_id, content_hash)

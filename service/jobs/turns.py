@@ -7,17 +7,17 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from gear_rattle.service.database.survey_rows import Active
+from gear_rattle.service.database.survey_rows import ActiveSurvey
 
 TURN_SECONDS = 3.0  # duration of a turn; running tasks end within two seconds afterwards, unless one cell takes longer
 
 
 @dataclass
-class _Standing:
-    """The turns of an API key. last: number of its last turn. smallest: True if its smallest survey is next."""
+class _KeyTurns:
+    """The turns of an API key. last: number of its last turn. is_smallest_next: True if its smallest survey is next."""
 
     last: int = 0
-    smallest: bool = True
+    is_smallest_next: bool = True
 
 
 class Turns:
@@ -26,7 +26,7 @@ class Turns:
     Keys take turns one after the other. A key alternates between its survey with the fewest remaining cells and its
     survey that has waited for the most turns. So its smallest survey waits for at most two turns of the key, and every
     survey gets a turn, whatever else is submitted. A survey without remaining cells counts as the largest, because the
-    time for its bound or certificates does not follow from cells.
+    time for its last steps, such as its certificates, does not follow from a number of cells.
 
     Parameters
     ----------
@@ -37,35 +37,35 @@ class Turns:
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._count = 0  # number of turns so far
-        self._keys: dict[str | None, _Standing] = {}
-        # By id of a survey: the number of its last turn, or of the turn in which it was submitted.
+        self._keys: dict[str | None, _KeyTurns] = {}
+        # Number of each survey's last turn, or of the turn in which the survey was submitted, by id.
         self._waits_since: dict[str, int] = {}
         self._began = 0.0
 
-    def next(self, active: Sequence[Active]) -> Active | None:
-        """Return the survey that gets the next turn. active: all active surveys, oldest first."""
+    def next_survey(self, active: Sequence[ActiveSurvey]) -> ActiveSurvey | None:
+        """Return the survey that gets the next turn, or None without surveys. active: all active ones, oldest first."""
         since = self._waits_since
         self._waits_since = {each.id: since.get(each.id, self._count) for each in active}
         if not active:
             return None
-        owner = min(active, key=lambda each: self._key(each.owner).last).owner
+        owner = min(active, key=lambda each: self._turns_of(each.owner).last).owner
         mine = [each for each in active if each.owner == owner]
-        if self._key(owner).smallest:
+        if self._turns_of(owner).is_smallest_next:
             return min(mine, key=lambda each: each.left or math.inf)
         return min(mine, key=lambda each: self._waits_since[each.id])
 
-    def begin(self, survey: Active) -> None:
-        """Begin a turn of a survey."""
+    def begin_turn(self, survey: ActiveSurvey) -> None:
+        """Record that a turn of a survey begins now."""
         self._count += 1
-        key = self._key(survey.owner)
-        key.last, key.smallest = self._count, not key.smallest
+        key = self._turns_of(survey.owner)
+        key.last, key.is_smallest_next = self._count, not key.is_smallest_next
         self._waits_since[survey.id] = self._count
         self._began = self._clock()
 
     @property
-    def is_used_up(self) -> bool:
+    def is_turn_over(self) -> bool:
         """True if the present turn has lasted for TURN_SECONDS."""
         return self._clock() - self._began >= TURN_SECONDS
 
-    def _key(self, owner: str | None) -> _Standing:
-        return self._keys.setdefault(owner, _Standing())
+    def _turns_of(self, owner: str | None) -> _KeyTurns:
+        return self._keys.setdefault(owner, _KeyTurns())

@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 
 @contextmanager
-def about(survey_id: str) -> Iterator[None]:
+def survey_in_logs(survey_id: str) -> Iterator[None]:
     """Add a survey's id to every log record of this thread or task during this context."""
     token = _survey.set(survey_id)
     try:
@@ -38,37 +38,37 @@ def about(survey_id: str) -> Iterator[None]:
         _survey.reset(token)
 
 
-class Context(logging.Filter):
+class ContextFilter(logging.Filter):
     """Log filter that adds the ids of the survey and the request to a record."""
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Add the ids of the survey and the request to a record; let all records pass."""
+        """Add the ids of the survey and the request to a record. Return True, so that every record is logged."""
         for name, variable in (("survey", _survey), ("request", current_request)):
             if not hasattr(record, name) and (value := variable.get()):
                 setattr(record, name, value)
         return True
 
 
-def printable(text: str) -> str:
+def escape_unprintable(text: str) -> str:
     """Return text in one line. Characters that are not printable become escape sequences of Python."""
     if text.isprintable():
         return text
     return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
 
 
-class Printable(logging.Formatter):
-    """Base of both formatters. It makes tracebacks printable."""
+class PrintableFormatter(logging.Formatter):
+    """Base class of the formatters of text and of JSON. It makes tracebacks printable."""
 
     def formatException(self, ei: Any) -> str:  # noqa: N802 - the name of logging
         """Return the traceback in printable characters."""
-        return "\n".join(_traceback(*ei))
+        return "\n".join(_traceback_lines(*ei))
 
     def formatStack(self, stack_info: str) -> str:  # noqa: N802
         """Return the stack in printable characters."""
-        return "\n".join(f"  {printable(line)}" for line in stack_info.split("\n"))
+        return "\n".join(f"  {escape_unprintable(line)}" for line in stack_info.split("\n"))
 
 
-def _traceback(
+def _traceback_lines(
     kind: type[BaseException] | None, error: BaseException | None, frames: TracebackType | None
 ) -> list[str]:
     """Return the lines of a traceback, indented to distinguish them from records.
@@ -84,33 +84,33 @@ def _traceback(
     for part in traceback.format_exception(kind, error, frames):
         text = part.strip("\n")
         lines += text.split("\n") if FRAME.match(text) else [text]
-    return [f"  {printable(line)}" for line in lines]
+    return [f"  {escape_unprintable(line)}" for line in lines]
 
 
-class TextFormatter(Printable):
+class TextFormatter(PrintableFormatter):
     """Formatter of text records: the message, followed by survey, request and seconds."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Return the record as text. The traceback is formatted here, even if another handler has formatted it."""
         alone = copy(record)
-        alone.exc_text = None  # another handler's text of the traceback
+        alone.exc_text = None  # drops the traceback as another handler has formatted it
         return super().format(alone)
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802
         """Return the message with the survey, the request and the seconds."""
         names = ("survey", "request", "seconds")
         about = "".join(f" {n}={getattr(record, n)}" for n in names if hasattr(record, n))
-        return printable(super().formatMessage(record).rstrip() + about)
+        return escape_unprintable(super().formatMessage(record).rstrip() + about)
 
 
 def log_config(form: str) -> dict[str, Any]:
-    """Return a configuration for `logging.config.dictConfig` that writes all records to stderr. form: text or json."""
+    """Return a configuration for `logging.config.dictConfig` that writes logs to stderr. form: "text" or "json"."""
     fields = "%(asctime)s %(levelname)s %(name)s %(message)s"
     formatter = {"()": TextFormatter, "format": fields}
     if form == "json":
         names = {"asctime": "time", "levelname": "level", "name": "logger"}
         formatter = {
-            "()": "gear_rattle.service.observability.logs_json.Json",
+            "()": "gear_rattle.service.observability.logs_json.JsonLineFormatter",
             "format": fields,
             "datefmt": "%Y-%m-%dT%H:%M:%S%z",
             "rename_fields": names,
@@ -118,7 +118,7 @@ def log_config(form: str) -> dict[str, Any]:
     return {
         "version": 1,
         "disable_existing_loggers": False,
-        "filters": {"context": {"()": Context}},
+        "filters": {"context": {"()": ContextFilter}},
         "formatters": {"line": formatter},
         "handlers": {"stderr": {"class": "logging.StreamHandler", "formatter": "line", "filters": ["context"]}},
         "root": {"level": "INFO", "handlers": ["stderr"]},
@@ -127,11 +127,11 @@ def log_config(form: str) -> dict[str, Any]:
 
 def adopt_handlers() -> None:
     """Set this project's formatter in the log handlers that libraries, such as dask and Panel, install at import."""
-    ours = next((each for each in logging.root.handlers if isinstance(each.formatter, Printable)), None)
+    ours = next((each for each in logging.root.handlers if isinstance(each.formatter, PrintableFormatter)), None)
     if ours is None:
         return
     for logger in tuple(logging.root.manager.loggerDict.values()):
         for handler in logger.handlers if isinstance(logger, logging.Logger) else ():
             if type(handler) is logging.StreamHandler and handler.formatter is not ours.formatter:
                 handler.setFormatter(ours.formatter)
-                handler.addFilter(Context())
+                handler.addFilter(ContextFilter())

@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from gear_rattle.service.database import Database
     from gear_rattle.workers import TileRecord
 
-SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
+BUCKET_SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
 
 
-class Computing(Protocol):
-    """The part of the job manager that metrics need."""
+class ThreadCounter(Protocol):
+    """An object, such as the job manager, that knows the number of the cluster's threads."""
 
-    def workers(self) -> int:
-        """Return the number of threads of the cluster."""
+    def thread_count(self) -> int:
+        """Return the number of threads of the cluster; 0 without a cluster."""
 
 
 class Metrics:
@@ -42,10 +42,10 @@ class Metrics:
             "From a request to the beginning of its answer.",
             ("method", "route", "status"),
             registry=self.registry,
-            buckets=SECONDS,
+            buckets=BUCKET_SECONDS,
         )
 
-    def tile(self, record: TileRecord) -> None:
+    def count_tile(self, record: TileRecord) -> None:
         """Count a written tile, with its cells, failures, impacts and seconds."""
         self._tiles.inc()
         self._cells.inc(record.cells)
@@ -53,23 +53,23 @@ class Metrics:
         self._impacts.inc(record.impacts)
         self._busy.inc(record.seconds)
 
-    def request(self, method: str, route: str, status: int, seconds: float) -> None:
+    def count_request(self, method: str, route: str, status: int, seconds: float) -> None:
         """Count a request. route: the template of its path, such as /v1/surveys/{survey_id}."""
         self._requests.labels(method, route, str(status)).observe(seconds)
 
-    def watch(self, database: Database, manager: Computing) -> None:
-        """Also report numbers of the job database and the cluster, which are read at every scrape."""
-        self.registry.register(_Now(database, manager))
+    def report_database(self, database: Database, manager: ThreadCounter) -> None:
+        """Add numbers of the job database and of the cluster to the metrics. They are read at every scrape."""
+        self.registry.register(_ScrapedValues(database, manager))
 
     def exposition(self) -> bytes:
         """Return all metrics in Prometheus' text format."""
         return generate_latest(self.registry)
 
 
-class _Now(Collector):
-    """Values read at a scrape: the counters of the job database, and the cluster's threads."""
+class _ScrapedValues(Collector):
+    """The metrics that are read at every scrape: numbers of surveys and tiles, and of the cluster's threads."""
 
-    def __init__(self, database: Database, manager: Computing) -> None:
+    def __init__(self, database: Database, manager: ThreadCounter) -> None:
         self._database = database
         self._manager = manager
 
@@ -77,18 +77,20 @@ class _Now(Collector):
         return []  # registering must not read the database
 
     def collect(self) -> Iterator[Metric]:
-        totals = self._database.totals()
+        totals = self._database.job_totals()
         surveys = GaugeMetricFamily("rattle_surveys", "Surveys by state.", labels=["state"])
         tiles = GaugeMetricFamily("rattle_survey_tiles", "Tiles of all surveys by state.", labels=["state"])
         waiting = 0
         for state in State:
             count, n_tiles, done = totals.get(state, (0, 0, 0))
             surveys.add_metric([str(state)], count)
-            waiting += 0 if state.final else n_tiles - done
+            waiting += 0 if state.is_final else n_tiles - done
         tiles.add_metric(["done"], sum(done for _, _, done in totals.values()))
         tiles.add_metric(["waiting"], waiting)
         yield surveys
         yield tiles
         accepted, _, _ = totals.get(State.ACCEPTED, (0, 0, 0))
         yield GaugeMetricFamily("rattle_queue_length", "Surveys that wait for their turn.", value=accepted)
-        yield GaugeMetricFamily("rattle_workers", "Threads of the cluster that compute.", value=self._manager.workers())
+        yield GaugeMetricFamily(
+            "rattle_workers", "Threads of the cluster that compute.", value=self._manager.thread_count()
+        )

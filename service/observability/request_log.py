@@ -21,7 +21,7 @@ REQUEST_ID = "X-Request-ID"
 GIVEN_ID = re.compile(r"[A-Za-z0-9._\-]{1,64}")
 METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
 NO_ROUTE = "none"
-#: Logged status of a request whose client disconnected before the answer began.
+#: The status that is logged for a request whose client disconnected before the answer began.
 UNANSWERED = 499
 
 
@@ -61,7 +61,7 @@ class RequestLogMiddleware:
             seconds = (answered or time.perf_counter()) - began
             route = getattr(scope.get("route"), "path", NO_ROUTE)
             method = scope["method"] if scope["method"] in METHODS else "other"
-            self._metrics.request(method, route, status, seconds)
+            self._metrics.count_request(method, route, status, seconds)
             fields = {"method": method, "route": route, "status": status, "seconds": round(seconds, 6)}
             if survey_id := scope.get("path_params", {}).get("survey_id"):
                 fields["survey"] = str(survey_id)[:64]

@@ -13,11 +13,11 @@ from gear_rattle.workers.storage.manifest import manifest_of
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest
 
 
-def is_owed(front: Front, survey_id: str, key: str) -> bool:
-    """Return whether the store of a survey must already have the file with this key. It blocks: use a thread."""
+def is_expected_file(front: Front, survey_id: str, key: str) -> bool:
+    """Return whether the store of a survey must already have the file with this key. This blocks: use a thread."""
     try:
         ended = front.database.job(survey_id).state == State.SUCCESSFUL
-        manifest = _manifest(front.directory.store(survey_id), ended)
+        manifest = _cached_manifest(front.directory.store(survey_id), ended)
     except LookupError:  # there is no store yet, or its manifest cannot be read
         return False
     if key in manifest.files or key in (ROOT, MANIFEST):
@@ -27,10 +27,11 @@ def is_owed(front: Front, survey_id: str, key: str) -> bool:
 
 
 @lru_cache(maxsize=64)
-def _manifest(store: Path | Bucket, ended: bool) -> Manifest:  # noqa: ARG001  # a part of the cache's key
+def _cached_manifest(store: Path | Bucket, ended: bool) -> Manifest:  # noqa: ARG001  # a part of the cache's key
     """Return the manifest of a store without its tiles.
 
-    The manifest is cached. It is read again when the run has ended, because a run adds families and levels at its end.
+    The manifest is cached. It is read again when `ended` becomes True, because a run adds families and levels at its
+    end.
 
     Returns
     -------

@@ -16,8 +16,8 @@ RESOLUTION = 0.02  # step in δ: twice the default of `crisis_curve`, which halv
 KEPT = 16  # at most this many curves are kept
 
 
-def _crisis(beta: float) -> np.ndarray:
-    """Return points (k, 2) of the crisis. It needs a process of its own: it runs Python code for half a minute."""
+def _crisis_points(beta: float) -> np.ndarray:
+    """Return points (δ, ε) of the crisis curve, shape (k, 2). This runs for half a minute in Python: use a process."""
     from rattle.crisis import crisis_curve
 
     curve = crisis_curve(beta=beta, resolution=RESOLUTION)
@@ -25,15 +25,15 @@ def _crisis(beta: float) -> np.ndarray:
 
 
 class Crises:
-    """The crisis curves for the requested half-backlashes. Each curve is computed once for all pages."""
+    """The crisis curves of the half-backlashes that pages request. Each curve is computed once for all pages."""
 
     def __init__(self, front: Front) -> None:
         self._front = front
         self._found: dict[float, asyncio.Task[np.ndarray]] = {}
         self._limiter = CapacityLimiter(1)
 
-    async def of(self, model: Model) -> np.ndarray:
-        """Return points (k, 2) of a model's crisis curve. Raises RattleError if no curve exists or can be found."""
+    async def crisis_of(self, model: Model) -> np.ndarray:
+        """Return points (δ, ε) of a model's crisis curve, shape (k, 2). Raises RattleError if no curve can be found."""
         require_capability(Capability.CRISIS, model)
         beta = model.beta
         if beta not in self._found:
@@ -49,10 +49,10 @@ class Crises:
 
     async def _compute(self, beta: float) -> np.ndarray:
         try:
-            with self._front.interruptible():
-                work = partial(_crisis, beta)
+            with self._front.interruptible_work():
+                work = partial(_crisis_points, beta)
                 return await to_process.run_sync(work, cancellable=True, limiter=self._limiter)
         except BrokenWorkerProcess as error:
             raise UnavailableError(
-                "The process that computed the boundary crisis died. Switch the line off and on again."
+                "The process that computed the boundary crisis has died. Switch the crisis line off and on again."
             ) from error

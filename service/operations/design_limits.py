@@ -9,13 +9,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.state import Front
 from gear_rattle.workers.pictures.look import Pair
 from rattle import Limit, design_limit
 from rattle.models import Model
 
-VALUES = 17  # number of dampings across a survey
+DAMPINGS = 17  # number of dampings across a survey
 COUNT = 512  # least number of initial conditions for each limit
 KEPT = 16  # at most this many limits are kept
 
@@ -24,26 +24,34 @@ Array = NDArray[np.float64]
 
 
 def limit_at(model: Model, delta: float, share: float) -> Limit:
-    """Return the limit at one damping; NaN if there is no limit. share: required probability of quiet running."""
+    """Return the largest ε at which a gear runs quietly with probability `share`, and the ends of its 95 % interval.
+
+    Each of these three numbers is NaN if it lies outside the searched range.
+
+    Returns
+    -------
+    Limit
+        The limit, and the lower and the upper end of its interval.
+    """
     given = {"delta": delta, **model.numbers}
     fewest = math.ceil(4.0 * share / (1.0 - share))
     return design_limit(given, "epsilon", share, count=max(COUNT, fewest))
 
 
 class DesignLimits:
-    """The requested design limits. Each is computed once for all pages, one damping after the other."""
+    """The design limits that pages request. Each is computed once for all pages, one damping after the other."""
 
     def __init__(self, front: Front) -> None:
         self._front = front
         self._known: dict[Key, dict[float, Limit]] = {}
 
-    async def along(self, model: Model, delta: Pair, share: float) -> AsyncIterator[tuple[Array, Array]]:
-        """Compute a limit over a range of damping. After each damping, yield all dampings that are known so far.
+    async def limits_over(self, model: Model, delta: Pair, share: float) -> AsyncIterator[tuple[Array, Array]]:
+        """Compute the design limit over a range of damping. After each damping, yield all limits that are known so far.
 
         Yields
         ------
         tuple[Array, Array]
-            Dampings (k,), and limits with both ends of their intervals (3, k).
+            Dampings (k,) in rising order; limits and both ends of their 95 % intervals (3, k).
 
         Raises
         ------
@@ -55,14 +63,16 @@ class DesignLimits:
         self._known[key] = known  # the last key of the dict is the most recently used one
         while len(self._known) > KEPT:
             self._known.pop(next(iter(self._known)))
-        for value in coarse_first(delta):
+        for value in dampings_coarse_first(delta):
             if value not in known:
-                known[value] = await self._front.slow_points.in_background(partial(self._find, model, value, share))
-                yield _sorted(known)
-        yield _sorted(known)
+                known[value] = await self._front.slow_point_limiter.run_in_background(
+                    partial(self._find_limit, model, value, share)
+                )
+                yield _sorted_arrays(known)
+        yield _sorted_arrays(known)
 
-    async def _find(self, model: Model, delta: float, share: float) -> Limit:
-        return await in_turn(
+    async def _find_limit(self, model: Model, delta: float, share: float) -> Limit:
+        return await compute_in_process(
             self._front,
             limit_at,
             *(model, delta, share),
@@ -72,17 +82,17 @@ class DesignLimits:
         )
 
 
-def coarse_first(delta: Pair) -> list[float]:
+def dampings_coarse_first(delta: Pair) -> list[float]:
     """Return evenly spaced dampings across a window, ordered such that each further damping halves a gap."""
-    values = np.linspace(*delta, VALUES)
-    order = [0, VALUES - 1]
-    step = VALUES - 1
+    values = np.linspace(*delta, DAMPINGS)
+    order = [0, DAMPINGS - 1]
+    step = DAMPINGS - 1
     while step > 1:
-        order += range(step // 2, VALUES, step)
+        order += range(step // 2, DAMPINGS, step)
         step //= 2
     return [float(values[i]) for i in order]
 
 
-def _sorted(known: dict[float, Limit]) -> tuple[Array, Array]:
+def _sorted_arrays(known: dict[float, Limit]) -> tuple[Array, Array]:
     rows = sorted(known.items())
     return np.array([value for value, _ in rows]), np.array([limit for _, limit in rows], np.float64).reshape(-1, 3).T

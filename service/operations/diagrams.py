@@ -14,7 +14,7 @@ STEPS, COUNT = 160, 32  # points of the parameter along a diagram, and initial c
 
 
 def diagram_span(gear: AnyGear, direction: str, either_way: float | None = None) -> Pair:
-    """Return a range of δ or ε around a point, inside the plane. either_way: extent on either side, else SPANS."""
+    """Return a range of δ or ε around a point, inside the plane. either_way: extent on each side; None: as in SPANS."""
     either_way = either_way or SPANS[direction] * plane_scale(gear.delta)
     if direction == "epsilon":
         return max(gear.epsilon - either_way, 0.0), gear.epsilon + either_way
@@ -26,13 +26,13 @@ def diagram_ends(
 ) -> tuple[Pair, Pair]:
     """Return the points (δ, ε) where a diagram begins and ends.
 
-    The diagram passes through the gear's point along `direction`, "epsilon" or "delta", and reaches `either_way` on
-    either side. If `to` is given, the diagram goes from the gear's point to the point `to` instead.
+    The diagram passes through the gear's point along `direction`, "epsilon" or "delta", and extends `either_way` to
+    each side; None extends as far as SPANS says. If `to` is given, the diagram goes from the gear's point to `to`.
 
     Returns
     -------
     tuple[Pair, Pair]
-        The point at its beginning and the point at its end.
+        The points (δ, ε) where the diagram begins and where it ends.
     """
     if to is not None:
         return (gear.delta, gear.epsilon), to

@@ -11,27 +11,29 @@ from itertools import islice
 from starlette.concurrency import run_in_threadpool
 
 from gear_rattle.service.database.tables import JobRow
-from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.operations.processes import compute_in_process
+from gear_rattle.service.operations.surveys import list_jobs
 from gear_rattle.service.state import Front
 from gear_rattle.workers import AnyRequest, Axis, PopulationRequest, SurveyRequest, TileShape, compute_tile, tiles_of
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.attractors import PERIODS, WATCH
 
-LOOKED_AT = 100  # the request is compared with this many newest surveys
+COMPARED_SURVEYS = 100  # the request is compared with this many newest surveys
 LEAST_CELLS = 16  # a survey is used for comparison if at least this many of its cells are computed
-SIMILAR = 4.0  # similar surveys differ at most by this factor in their counts of initial conditions and parameters
-TRIED = 3  # a measurement computes this many cells along each axis
-IF_ALL = ", if all cells were computed"
-STRONG = WATCH / PERIODS  # above this damping the observation time does not depend on damping
+#: Similar surveys differ at most by this factor in their initial conditions per cell and in each parameter.
+SIMILAR_FACTOR = 4.0
+MEASURED_SIDE = 3  # a measurement computes this many cells along each axis
+IF_ALL_COMPUTED = ", if all cells were computed"
+STRONG_DAMPING = WATCH / PERIODS  # above this damping the observation time does not depend on damping
 
 
 @dataclass(frozen=True)
 class CostEstimate:
     """The estimated cost of a survey on this service.
 
-    seconds: duration of the survey once it runs. workers: assumed number of workers. basis: what the estimate is based
-    on, in words. is_most: True if `seconds` is an upper bound, because it is not known how many cells a refined survey
-    computes.
+    seconds: duration of the survey from the moment when it runs. workers: assumed number of workers. basis: the basis
+    of the estimate in words. is_most: True if `seconds` is an upper bound, because the number of cells that a refined
+    survey computes is not known.
     """
 
     seconds: float
@@ -55,16 +57,16 @@ async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
     UnavailableError
         The cost must be measured, and the measurement takes too long or cannot begin now.
     """
-    workers = await run_in_threadpool(front.manager.workers) or front.settings.workers
-    found = await run_in_threadpool(_by_others, front, request)
+    workers = await run_in_threadpool(front.manager.thread_count) or front.settings.workers
+    found = await run_in_threadpool(_seconds_by_similar_survey, front, request)
     is_most = found is None and isinstance(request, SurveyRequest) and request.refine is not None
     if is_most:
         request = request.model_copy(update={"refine": None})
-        found = await run_in_threadpool(_by_others, front, request)
+        found = await run_in_threadpool(_seconds_by_similar_survey, front, request)
     if found:
         seconds, basis = found
     else:
-        seconds = await in_turn(
+        seconds = await compute_in_process(
             front,
             cell_seconds,
             request,
@@ -72,25 +74,26 @@ async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
             what="The cost",
             advice="Request fewer initial conditions in a cell.",
         )
-        basis = (
-            f"measured now on {TRIED * TRIED} {'gears' if isinstance(request, PopulationRequest) else 'cells'} of it"
-        )
-    return CostEstimate(seconds * request.n_cells / workers, workers, f"{basis}{IF_ALL if is_most else ''}", is_most)
+        few = "gears of the population" if isinstance(request, PopulationRequest) else "cells of the survey"
+        basis = f"measured now on {MEASURED_SIDE * MEASURED_SIDE} {few}"
+    return CostEstimate(
+        seconds * request.n_cells / workers, workers, f"{basis}{IF_ALL_COMPUTED if is_most else ''}", is_most
+    )
 
 
-def _by_others(front: Front, request: AnyRequest) -> tuple[float, str] | None:
-    """Return the seconds per cell that a similar survey took, and the basis in words; None if no survey is similar."""
+def _seconds_by_similar_survey(front: Front, request: AnyRequest) -> tuple[float, str] | None:
+    """Return the seconds per cell of a similar survey, and a text that names this survey; None if none is similar."""
     if isinstance(request, PopulationRequest):
         return None
-    jobs, _ = front.database.jobs(LOOKED_AT)
-    like = most_like(request, jobs)
+    jobs, _ = list_jobs(front, COMPARED_SURVEYS)
+    like = most_similar_survey(request, jobs)
     if like is None:
         return None
-    seconds = front.database.tile_seconds(like.id) / like.cells_done * _ratio(request, like)
+    seconds = front.database.tile_seconds(like.id) / like.cells_done * _count_ratio(request, like)
     return seconds, f"by the speed of {like.name or like.id}, {like.cells_done:,} cells of the same kind"
 
 
-def most_like(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRow | None:
+def most_similar_survey(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRow | None:
     """Return the similar survey with the nearest number of initial conditions; None if no survey is similar."""
     wanted = {str(group) for group in request.quantities}
     like = [
@@ -101,38 +104,38 @@ def most_like(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRow | None:
         and set(job.request["quantities"]) == wanted
         and job.request.get("refine") == request.model_dump(mode="json")["refine"]
         and (other := SurveyRequest.model_validate(job.request))
-        and _same_model(request, other)
-        and _same_watch(request, other)
-        and 1.0 / SIMILAR <= _ratio(request, job) <= SIMILAR
+        and _is_similar_model(request, other)
+        and _is_similar_sample(request, other)
+        and 1.0 / SIMILAR_FACTOR <= _count_ratio(request, job) <= SIMILAR_FACTOR
     ]
-    return min(like, key=lambda job: abs(math.log(_ratio(request, job))), default=None)
+    return min(like, key=lambda job: abs(math.log(_count_ratio(request, job))), default=None)
 
 
-def _ratio(request: SurveyRequest, job: JobRow) -> float:
+def _count_ratio(request: SurveyRequest, job: JobRow) -> float:
     if not SAMPLED.intersection(request.quantities) or Group.BASINS in request.quantities:
         return 1.0
     count: int = job.request["initial_conditions"]["count"]
     return request.initial_conditions.count / count
 
 
-def _same_model(request: SurveyRequest, other: SurveyRequest) -> bool:
+def _is_similar_model(request: SurveyRequest, other: SurveyRequest) -> bool:
     """Return whether both surveys have the same model with similar parameters."""
     ours, theirs = request.added_numbers, other.added_numbers
     if ours.keys() != theirs.keys() or request.model != other.model:
         return False
-    return all(1.0 / SIMILAR <= ours[name] / theirs[name] <= SIMILAR for name in ours)
+    return all(1.0 / SIMILAR_FACTOR <= ours[name] / theirs[name] <= SIMILAR_FACTOR for name in ours)
 
 
-def _same_watch(request: SurveyRequest, other: SurveyRequest) -> bool:
-    """Return whether both surveys have similar observation times, budgets and boxes of initial conditions."""
-    ratio = max(request.delta.start, STRONG) / max(other.delta.start, STRONG)
+def _is_similar_sample(request: SurveyRequest, other: SurveyRequest) -> bool:
+    """Return whether both surveys have similar observation times, and equal budgets and boxes of initial conditions."""
+    ratio = max(request.delta.start, STRONG_DAMPING) / max(other.delta.start, STRONG_DAMPING)
     sample, its = request.initial_conditions, other.initial_conditions
     same = (sample.budget, sample.tau, sample.v_min, request.v_max) == (its.budget, its.tau, its.v_min, other.v_max)
-    return same and 1.0 / SIMILAR <= ratio <= SIMILAR
+    return same and 1.0 / SIMILAR_FACTOR <= ratio <= SIMILAR_FACTOR
 
 
 def cell_seconds(request: AnyRequest) -> float:
-    """Measure the seconds that one process takes for a cell, on a few cells spread over the survey."""
+    """Return the seconds that one process takes for a cell, measured on a few cells spread over the survey."""
     few = _few_gears(request) if isinstance(request, PopulationRequest) else _few_cells(request)
     for _ in range(2):
         began = time.perf_counter()
@@ -144,8 +147,8 @@ def cell_seconds(request: AnyRequest) -> float:
 
 def _few_gears(request: PopulationRequest) -> PopulationRequest:
     """Return a request for a few gears of the population, with the same share of judged gears."""
-    gears = min(request.gears, TRIED * TRIED)
-    judged = max(1, round(gears * request.plan.judging / request.n_cells))
+    gears = min(request.gears, MEASURED_SIDE * MEASURED_SIDE)
+    judged = max(1, round(gears * request.plan.n_judged / request.n_cells))
     few = {"gears": gears, "pairs": 0, "judged": judged, "tile": None}
     return PopulationRequest.model_validate(request.model_dump(mode="json") | few)
 
@@ -157,7 +160,7 @@ def _few_cells(request: SurveyRequest) -> SurveyRequest:
 
 
 def _few_values(axis: Axis) -> Axis:
-    """Divide an axis into a few equal parts, and return their centres, which represent it better than its ends."""
-    num = min(axis.num, TRIED)
+    """Return an axis with the centres of a few equal parts of `axis`, which represent it better than its ends."""
+    num = min(axis.num, MEASURED_SIDE)
     half = (axis.stop - axis.start) / (2 * num)
     return Axis(start=axis.start + half, stop=axis.stop - half, num=num)

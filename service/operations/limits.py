@@ -10,28 +10,28 @@ from rattle import MissingExtraError
 
 
 def check_limits(request: AnyRequest, settings: Settings) -> None:
-    """Refuse a request that exceeds the limits of this service, or asks for proofs that the service cannot make.
+    """Refuse a request that exceeds the limits of this service, or requests proofs that the service cannot make.
 
     The check takes no time, however large the survey is.
 
     Raises
     ------
     LimitError
-        A limit is exceeded; the error names the field and the limit.
+        A limit is exceeded, or proofs cannot be made; the error names the field and the limit.
     """
     if isinstance(request, PopulationRequest):
         _check_population(request, settings)
         return
     count = request.initial_conditions.count
     tile_cells = request.tile_shape[0] * request.tile_shape[1]
-    _at_most("initial_conditions.count", "initial conditions per cell", count, settings.max_count)
-    _at_most("delta.num", "cells", request.n_cells, settings.max_cells)
+    _require_at_most("initial_conditions.count", "initial conditions per cell", count, settings.max_count)
+    _require_at_most("delta.num", "cells", request.n_cells, settings.max_cells)
     samples = request.samples_per_cell
     each = f"cells times {samples}"
     field = "initial_conditions.count" if samples == count else "quantities"
-    _at_most(field, f"samples ({each})", request.n_cells * samples, settings.max_samples)
-    _at_most("tile", "tiles", request.n_tiles, settings.max_tiles)
-    _at_most("tile", f"samples per tile ({each})", tile_cells * samples, settings.max_tile_samples)
+    _require_at_most(field, f"samples ({each})", request.n_cells * samples, settings.max_samples)
+    _require_at_most("tile", "tiles", request.n_tiles, settings.max_tiles)
+    _require_at_most("tile", f"samples per tile ({each})", tile_cells * samples, settings.max_tile_samples)
     if request.certify:
         _require_proofs(settings)
 
@@ -50,15 +50,15 @@ def _require_proofs(settings: Settings) -> None:
 
 
 def _check_population(request: PopulationRequest, settings: Settings) -> None:
-    _at_most("count", "initial conditions per gear", request.count, settings.max_count)
-    _at_most("gears", "gears, with those that share numbers", request.n_cells, settings.max_cells)
-    _at_most("count", "samples, with those of gears that are judged", request.samples, settings.max_samples)
-    _at_most("tile", "tiles", request.n_tiles, settings.max_tiles)
+    _require_at_most("count", "initial conditions per gear", request.count, settings.max_count)
+    _require_at_most("gears", "gears (with those of the pairs)", request.n_cells, settings.max_cells)
+    _require_at_most("count", "samples (with those of the judged gears)", request.samples, settings.max_samples)
+    _require_at_most("tile", "tiles", request.n_tiles, settings.max_tiles)
     each = -(-request.samples // request.n_cells)  # judged gears are spread over all tiles
-    _at_most("tile", "samples per tile", request.tile_shape[0] * each, settings.max_tile_samples)
+    _require_at_most("tile", "samples per tile", request.tile_shape[0] * each, settings.max_tile_samples)
 
 
-def _at_most(field: str, what: str, value: int, limit: int) -> None:
+def _require_at_most(field: str, what: str, value: int, limit: int) -> None:
     if value > limit:
         message = (
             f"{value:,} {what} exceed the limit of this service, {limit:,}. Request fewer, or use the command rattle "

@@ -38,9 +38,9 @@ diagram_figure(diagram)"""
 
 
 def notebook_of(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> dict[str, Any]:
-    """Return a notebook (nbformat 4.5) for a point or a machine. ends: the points where its diagram begins and ends.
+    """Return a notebook (nbformat 4.5) for a point or a machine. ends: points where the diagram begins and ends.
 
-    The numbers in the notebook read back the same to the last bit.
+    Python reads the numbers in the notebook as the same numbers to the last bit.
 
     Returns
     -------
@@ -50,18 +50,18 @@ def notebook_of(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair])
     cells: list[dict[str, Any]] = [
         {"id": name, "cell_type": kind, "metadata": {}, "source": source.splitlines(keepends=True)}
         | ({"execution_count": None, "outputs": []} if kind == "code" else {})
-        for name, kind, source in _cells(gear, machine, ends)
+        for name, kind, source in _notebook_cells(gear, machine, ends)
     ]
     kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
     return {"cells": cells, "metadata": {"kernelspec": kernel}, "nbformat": 4, "nbformat_minor": 5}
 
 
-def _cells(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> Iterator[tuple[str, str, str]]:
+def _notebook_cells(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> Iterator[tuple[str, str, str]]:
     """Yield the name, the kind and the text of each cell of the notebook."""
     version = rattle.__version__
     made = TITLE.format(gear=gear, kind=type(gear).__name__, model=model_at(gear), package=PACKAGE, version=version)
     yield "title", "markdown", made
-    yield "point", "code", _point(gear, machine)
+    yield "point", "code", _point_code(gear, machine)
     yield "fineness", "code", FINENESS.format(starts=STARTS, side=SIDE, steps=STEPS, count=COUNT)
     region = "" if gear.parameters.harmonics else "print('region', rattle.REGIONS[gear.region()])\n"
     yield "orbits", "code", f"{region}gear.orbits()"
@@ -72,7 +72,7 @@ def _cells(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> I
         yield "events", "code", "diagram.events"
 
 
-def _point(gear: AnyGear, machine: Machine | None) -> str:
+def _point_code(gear: AnyGear, machine: Machine | None) -> str:
     if machine is not None:
         numbers = ", ".join(f"{each.name}={getattr(machine, each.name)!r}" for each in fields(machine))
         return (

@@ -21,10 +21,10 @@ Pair = tuple[float, float]
 
 @lru_cache(maxsize=64)
 def curves_document(model: Model, delta: Pair, epsilon: Pair) -> dict[str, Any]:
-    """Return the body of `GET /v1/curves`: curves and codimension-two points. Raises ParameterError."""
+    """Return the body of `GET /v1/curves` for a window. Raises ParameterError if the window is not allowed."""
     with np.errstate(all="ignore"):  # the search may overflow in windows with extreme values
         return {
-            "curves": [_curve(name, model, delta, epsilon) for name in model.curve_names],
+            "curves": [_curve_document(name, model, delta, epsilon) for name in model.curve_names],
             "points": [
                 {
                     "name": point.name,
@@ -39,10 +39,10 @@ def curves_document(model: Model, delta: Pair, epsilon: Pair) -> dict[str, Any]:
         }
 
 
-def _curve(name: str, model: Model, delta: Pair, epsilon: Pair) -> dict[str, Any]:
+def _curve_document(name: str, model: Model, delta: Pair, epsilon: Pair) -> dict[str, Any]:
     head = {"name": name, "meaning": model.describe(name)}
     try:
-        return head | _points(model.trace(name, delta, epsilon)) | {"missing": None}
+        return head | _curve_arrays(model.trace(name, delta, epsilon)) | {"missing": None}
     except ParameterError:
         raise
     except RattleError as error:
@@ -50,10 +50,10 @@ def _curve(name: str, model: Model, delta: Pair, epsilon: Pair) -> dict[str, Any
         return head | dict.fromkeys(empty, ()) | {"missing": str(error)}
 
 
-def _points(curve: Curve) -> dict[str, Any]:
+def _curve_arrays(curve: Curve) -> dict[str, Any]:
     columns = {name: getattr(curve, name).tolist() for name in ("delta", "epsilon", "tau", "v", "arclength", "piece")}
     return columns | {
-        "multipliers": [[_complex(z) for z in pair] for pair in curve.multipliers.T],
+        "multipliers": [[_complex_document(z) for z in pair] for pair in curve.multipliers.T],
         "folds": curve.folds,
         "ends": [{"index": end.index, "reason": end.reason} for end in curve.ends],
     }
@@ -68,10 +68,10 @@ def orbits_document(gear: AnyGear) -> dict[str, Any]:
     return {
         "region": region,
         "region_name": None if region is None else REGIONS[region],
-        "sn1": _limit(limits.sn1),
-        "flip": _limit(limits.flip),
-        "quiet_limit": _limit(limits.quiet_limit),
-        "missing": [each._asdict() | {"epsilon": _limit(each.epsilon)} for each in limits.missing],
+        "sn1": _json_or_none(limits.sn1),
+        "flip": _json_or_none(limits.flip),
+        "quiet_limit": _json_or_none(limits.quiet_limit),
+        "missing": [each._asdict() | {"epsilon": _json_or_none(each.epsilon)} for each in limits.missing],
         "orbits": [
             {
                 "name": orbit.name,
@@ -80,7 +80,7 @@ def orbits_document(gear: AnyGear) -> dict[str, Any]:
                 "n_minus": orbit.n_minus,
                 "tau": json_number(orbit.tau),
                 "v": json_number(orbit.v),
-                "multipliers": [_complex(value) for value in orbit.multipliers],
+                "multipliers": [_complex_document(value) for value in orbit.multipliers],
                 "stable": orbit.stable,
             }
             for orbit in orbits
@@ -91,15 +91,15 @@ def orbits_document(gear: AnyGear) -> dict[str, Any]:
 def intensities(
     gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, budget: int
 ) -> list[tuple[Attractor, Intensity]]:
-    """Return each attractor of a point together with its intensity."""
+    """Return each attractor of a gear together with its intensity."""
     return [(each, gear.intensity(each)) for each in gear.attractors(count, v_max, seed, budget)]
 
 
-def _limit(value: float | None) -> float | None:
+def _json_or_none(value: float | None) -> float | None:
     return None if value is None else json_number(value)
 
 
-def _complex(value: complex) -> dict[str, float | None]:
+def _complex_document(value: complex) -> dict[str, float | None]:
     return {"re": json_number(value.real), "im": json_number(value.imag)}
 
 

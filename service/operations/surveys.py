@@ -1,9 +1,10 @@
-"""Submit, remove, describe and verify surveys, for the routes and the explorer."""
+"""Submit, find, remove, describe and verify surveys, for the routes and the explorer."""
 
 from __future__ import annotations
 
 import hashlib
-from typing import Annotated
+from collections.abc import Sequence
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 
@@ -16,16 +17,17 @@ from gear_rattle.service.state import Front
 from gear_rattle.workers import AnyRequest, PopulationRequest
 from gear_rattle.workers.survey.axes import Name, Strict, require_visible
 
+MAX_FAILURES = 100  # an answer lists at most this many failed cells
 MOST_NOTES = 10_000  # notes have at most this many characters
-LINES = "\t\n\r"
-JOINERS = "\u200c\u200d"  # invisible characters that some scripts and emoji need; all others could only hide something
+WHITE_SPACE = "\t\n\r"
+JOINERS = "\u200c\u200d"  # invisible characters that some scripts and emoji need; other invisible ones are refused
 
 
-def _legible(text: str) -> str:
-    return require_visible("text of the notes", text, besides=LINES + JOINERS)
+def _require_visible_notes(text: str) -> str:
+    return require_visible("text of the notes", text, besides=WHITE_SPACE + JOINERS)
 
 
-Notes = Annotated[str, Field(max_length=MOST_NOTES), AfterValidator(_legible)]
+Notes = Annotated[str, Field(max_length=MOST_NOTES), AfterValidator(_require_visible_notes)]
 
 
 class Description(Strict):
@@ -38,7 +40,7 @@ class Description(Strict):
 def submit_survey(
     front: Front, caller: Caller, request: AnyRequest, idempotency_key: str | None = None, force: bool = False
 ) -> JobRow:
-    """Accept a survey or a population, or return an identical one that exists.
+    """Accept a survey or a population, or return an identical one that exists. force: always accept a new one.
 
     Returns
     -------
@@ -55,7 +57,7 @@ def submit_survey(
         The data directory is missing.
     """
     check_limits(request, front.settings)
-    front.directory.require()
+    front.directory.require_present()
     job = front.database.accept(
         NewJob(
             name=request.name,
@@ -73,6 +75,45 @@ def submit_survey(
     )
     front.manager.wake()
     return job
+
+
+def list_jobs(
+    front: Front, limit: int, before: int | None = None, kind: JobKind = JobKind.SURVEY
+) -> tuple[Sequence[JobRow], int]:
+    """Return at most `limit` jobs of a kind, newest first, and the number of all jobs of this kind.
+
+    Parameters
+    ----------
+    front : Front
+        The service.
+    limit : int
+        Largest number of jobs to return.
+    before : int | None
+        Only jobs that are older than the job with this number are returned; None for the newest jobs.
+    kind : JobKind
+        Surveys or populations.
+
+    Returns
+    -------
+    tuple[Sequence[JobRow], int]
+        The jobs, and the number of all jobs.
+    """
+    return front.database.jobs(limit, before, kind)
+
+
+def find_job(front: Front, survey_id: str, kind: JobKind | None = None) -> JobRow:
+    """Return the job with this id. Raises UnknownSurveyError if there is none, or if it is not of this kind."""
+    return front.database.job(survey_id, kind)
+
+
+def first_failures(front: Front, job: JobRow) -> list[dict[str, Any]]:
+    """Return the first failed cells of a survey or a population, with their messages."""
+    return front.database.failures(job.id, MAX_FAILURES) if job.cells_failed else []
+
+
+def written_tiles(front: Front, survey_id: str) -> set[int]:
+    """Return the indices of the tiles that are written. Raises UnknownSurveyError if there is no such survey."""
+    return front.database.tiles_done(survey_id)
 
 
 def remove_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> JobRow | None:
@@ -118,7 +159,7 @@ def describe_survey(front: Front, caller: Caller, survey_id: str, given: Descrip
 
 
 def verify_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> JobRow:
-    """Queue again a survey that has ended or was dismissed, to compute its damaged or missing tiles.
+    """Queue an ended survey again, to check all its tiles and compute damaged or missing ones.
 
     Returns
     -------
@@ -140,5 +181,22 @@ def verify_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = 
 
 def require_owner(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> None:
     """Raise ForbiddenError if the survey was submitted with another key than the caller's."""
-    if not caller.owns(front.database.job(survey_id, kind)):
+    if not caller.is_owner_of(front.database.job(survey_id, kind)):
         raise ForbiddenError(f"Survey {survey_id} was not submitted with this API key. Use the key that submitted it.")
+
+
+def current_caller(front: Front, caller: Caller) -> Caller | None:
+    """Return the caller with the present scopes of its key; None after sign-out, or if the key was revoked.
+
+    The function reads the database: call it in a thread.
+
+    Returns
+    -------
+    Caller | None
+        The caller, or None.
+    """
+    if caller.key is None:
+        return caller
+    read = front.database
+    key = read.key_by_hash(caller.key.hash) if caller.session is None else read.key_by_session(caller.session)
+    return None if key is None else Caller(key, caller.session)

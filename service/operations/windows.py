@@ -21,20 +21,20 @@ from gear_rattle.workers import Frame, SurveyRequest, Window, map_quantity, refi
 from gear_rattle.workers.pictures.look import Pair
 
 LOOK_SECONDS = 0.2  # seconds between two checks whether the cluster has started
-LEAST_DELTA = 1e-3  # least damping of a window, as a share of its upper end
+LEAST_DELTA = 1e-3  # least damping of a window, as a share of the window's largest damping
 COARSEST = 3.0  # a finer window is computed if a cell of the survey is larger than this many pixels
 KEPT, KEPT_CELLS = 8, 4_000_000  # at most this many windows are kept, and at most this many cells in all of them
 
 Key = tuple[str, str, int, Window, tuple[int, int]]
 
 
-def inside(delta: Pair, epsilon: Pair) -> Window:
-    """Return the part of a window that is inside the plane."""
+def clip_to_plane(delta: Pair, epsilon: Pair) -> Window:
+    """Return the part of a window that lies in the (δ, ε) plane, where δ is positive and ε is not negative."""
     return Window((max(delta[0], LEAST_DELTA * delta[1]), delta[1]), (max(epsilon[0], 0.0), epsilon[1]))
 
 
 def is_coarse(delta: np.ndarray, epsilon: np.ndarray, window: tuple[Pair, Pair], pixels: tuple[int, int]) -> bool:
-    """Return whether a survey's cells are larger than COARSEST pixels in a window."""
+    """Return whether the cells of a survey with these axes are larger than COARSEST pixels in a window."""
     for axis, (low, high), size in zip((delta, epsilon), window, pixels, strict=True):
         step = (axis[-1] - axis[0]) / (axis.size - 1)
         if step / (high - low) * size > COARSEST:
@@ -52,27 +52,27 @@ class Windows:
     async def frames(
         self, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
     ) -> AsyncGenerator[Frame, None]:
-        """Yield the frames of `refine_window`, and keep the last, complete frame."""
+        """Yield the frames that `refine_window` computes, and keep the complete frame, which is the last one."""
         async with aclosing(refine_window(self._front, request, variable, index, window, pixels)) as frames:
             async for frame in frames:
                 if frame.done >= 1:
-                    self._keep(self._key(request, variable, index, window, pixels), frame)
+                    self._keep(self._window_key(request, variable, index, window, pixels), frame)
                 yield frame
 
-    async def finest(
+    async def last_frame(
         self, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
     ) -> Frame:
-        """Return the last frame of `refine_window`, kept or computed now. Raises the errors of `refine_window`."""
-        found = self._kept.get(self._key(request, variable, index, window, pixels))
+        """Return the complete frame of a window, kept or computed now. Raises the errors of `refine_window`."""
+        found = self._kept.get(self._window_key(request, variable, index, window, pixels))
         if found is None:
             async with aclosing(self.frames(request, variable, index, window, pixels)) as frames:
                 async for frame in frames:
                     found = frame
-        assert found is not None  # every window has a last frame
+        assert found is not None  # every window yields at least one frame
         return found
 
     @staticmethod
-    def _key(request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]) -> Key:
+    def _window_key(request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]) -> Key:
         return request.model_dump_json(), variable, index, window, pixels
 
     def _keep(self, key: Key, frame: Frame) -> None:
@@ -88,45 +88,45 @@ async def refine_window(
     """Compute a map of a window of the plane in finer and finer frames. pixels: resolution along (delta, epsilon).
 
     The values are equal to the bit to those of the survey `workers.window_survey(request, window, pixels)`. Quantities
-    in closed form come at once at full resolution. A slow consumer gets only the newest frame. Closing the generator
-    (``aclose``, or cancelling the task) cancels parts that have not begun. At most `Settings.max_windows` windows are
-    computed at once.
+    in closed form come at once at full resolution. A consumer that is slower than the computation gets the newest frame
+    only. Closing the generator (``aclose``, or cancelling the task) cancels tasks that have not begun. At most
+    `Settings.max_windows` windows are computed at once.
 
     Yields
     ------
     Frame
-        The map so far; the last one is complete.
+        The map so far; the last frame is complete.
 
     Raises
     ------
     SurveyError
-        There is no such map or window, or it cannot be computed.
+        The survey has no map of this variable, or the window is outside the plane or too narrow.
     ClusterLostError
         The workers were lost.
     UnavailableError
-        There are no workers, or too many windows wait already.
+        There are no workers, or too many windows wait to be computed.
     """
     map_quantity(variable, index, request)
     survey = await asyncio.to_thread(window_survey, request, window, pixels)
-    while front.manager.cluster_state == STARTING:  # later steps notice a dead cluster
+    while front.manager.cluster_state == STARTING:  # if the cluster does not start, `borrow_client` raises an error
         await asyncio.sleep(LOOK_SECONDS)
-    if front.windows.statistics().tasks_waiting >= front.settings.max_points_waiting:
+    if front.window_limiter.statistics().tasks_waiting >= front.settings.max_points_waiting:
         raise UnavailableError("Too many windows wait to be computed. Try again in a few seconds.")
     turn = object()
-    await front.windows.acquire_on_behalf_of(turn)
+    await front.window_limiter.acquire_on_behalf_of(turn)
     try:
         refinement = _Refinement(front, survey, variable, index)
         try:
-            while (frame := await refinement.newest()) is not None:
+            while (frame := await refinement.newest_frame()) is not None:
                 yield frame
         finally:
             refinement.stop()
     finally:
-        front.windows.release_on_behalf_of(turn)
+        front.window_limiter.release_on_behalf_of(turn)
 
 
 class _Refinement:
-    """A thread that waits for frames from the workers, and passes them to the event loop."""
+    """A thread that waits for frames of a window from the workers, and passes them to the event loop."""
 
     def __init__(self, front: Front, survey: SurveyRequest, variable: str, index: int) -> None:
         self._loop = asyncio.get_running_loop()
@@ -136,11 +136,11 @@ class _Refinement:
         threading.Thread(target=run, name="window", daemon=True).start()
 
     def stop(self) -> None:
-        """Let the thread end soon."""
+        """Ask the thread to end soon, without waiting for it."""
         self._stopping.set()
 
-    async def newest(self) -> Frame | None:
-        """Wait for a frame, and return the newest; None after the last frame. Raises the errors of the thread."""
+    async def newest_frame(self) -> Frame | None:
+        """Wait for a frame, and return the newest one; None after the last frame. Raises the errors of the thread."""
         found = await self._found.get()
         while isinstance(found, Frame) and not self._found.empty():
             if not isinstance(later := self._found.get_nowait(), Frame):
@@ -155,7 +155,7 @@ class _Refinement:
         end: Exception | None = None
         try:
             with (
-                front.manager.lent_client() as client,
+                front.manager.borrow_client() as client,
                 closing(refined_frames(client, survey, variable, index, self._stopping.is_set)) as frames,
             ):
                 for frame in frames:

@@ -16,7 +16,7 @@ from gear_rattle.service.routes.documents import SurveyId, path_of
 from gear_rattle.service.routes.store import FILES, KEY, file_at
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web.conditional import HOUR, NOT_MODIFIED, REVALIDATE, json_answer
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers.certificates import CERTIFICATES, REFUSED
 from gear_rattle.workers.storage.location import certificates_path
 
@@ -46,14 +46,14 @@ class Certificates(BaseModel):
     "/{survey_id}/certificates",
     summary="Proved periodic attractors of a survey",
     response_model=Certificates,
-    responses={**NOT_MODIFIED, **declared(404, 422)},
+    responses={**NOT_MODIFIED, **declare_problems(404, 422)},
 )
 def show_certificates(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
-    """Return the numbers of proved and unproved attractors of a survey that was submitted with `certify`.
+    """Return how many attractors have been proved and how many could not be proved, of a survey with `certify`.
 
-    The numbers are 0 until all tiles are computed, and grow afterwards.
+    Both numbers are 0 until all tiles are computed, and grow afterwards.
     """
-    job, out = _stored(front, survey_id)
+    job, out = _certificate_store(front, survey_id)
     here = f"{path_of(survey_id)}/certificates"
     links = CertificateLinks(
         self=here,
@@ -62,7 +62,7 @@ def show_certificates(request: Request, front: FrontState, survey_id: SurveyId) 
         certificates=f"{here}/store/{CERTIFICATES}",
         refused=f"{here}/store/{REFUSED}",
     )
-    proved, refused = (_lines(out / name) for name in (CERTIFICATES, REFUSED))
+    proved, refused = (_count_lines(out / name) for name in (CERTIFICATES, REFUSED))
     return json_answer(request, Certificates(state=State(job.state), proved=proved, refused=refused, links=links))
 
 
@@ -80,10 +80,10 @@ async def read_certificates(
 ) -> Response:
     """Read a file of the store of certificates.
 
-    Certificates appear one by one as attractors are proved. The variables are complete when the proof of
+    Certificates appear one by one as attractors are proved. The variables of the store are complete when the proof of
     every attractor has been attempted.
     """
-    job, out = await run_in_threadpool(_stored, front, survey_id)
+    job, out = await run_in_threadpool(_certificate_store, front, survey_id)
     if not KEY.fullmatch(key):
         raise MissingError(f"The certificates of survey {survey_id} have no key {key!r}.")
     unchanging = job.state == State.SUCCESSFUL
@@ -95,8 +95,8 @@ async def read_certificates(
     return response
 
 
-def _stored(front: Front, survey_id: str) -> tuple[JobRow, pathlib.Path]:
-    job, store = front.stored(survey_id)
+def _certificate_store(front: Front, survey_id: str) -> tuple[JobRow, pathlib.Path]:
+    job, store = front.job_and_store(survey_id)
     if not job.is_readable or not job.request.get("certify"):
         raise MissingError(
             f"Survey {survey_id} was submitted without certify. Submit it again with certify, or prove it with the "
@@ -105,7 +105,7 @@ def _stored(front: Front, survey_id: str) -> tuple[JobRow, pathlib.Path]:
     return job, certificates_path(store)
 
 
-def _lines(file: pathlib.Path) -> int:
+def _count_lines(file: pathlib.Path) -> int:
     try:
         return file.read_bytes().count(b"\n")
     except FileNotFoundError:

@@ -22,7 +22,7 @@ class Links(BaseModel):
     certificates: str | None = Field(description="null unless the survey was submitted with `certify`")
 
 
-class Standing(BaseModel):
+class JobDocument(BaseModel):
     """The status of a survey or a population."""
 
     id: str
@@ -41,14 +41,14 @@ class Standing(BaseModel):
     cells_failed: int = Field(description="cells whose status is 3; `failures` of the single document says why")
 
 
-class Survey(Standing):
+class Survey(JobDocument):
     """A survey: its status, request and results."""
 
     notes: str
     links: Links
 
     @classmethod
-    def of(cls, job: JobRow) -> Survey:
+    def from_job(cls, job: JobRow) -> Survey:
         """Return the document of a job."""
         return cls(**status_fields(job), notes=job.notes, links=_links(job))
 
@@ -62,7 +62,7 @@ class SurveyDetail(Survey):
     @classmethod
     def with_failures(cls, job: JobRow, failures: list[dict[str, Any]]) -> SurveyDetail:
         """Return the document of a job with its failed cells."""
-        asked = request_shown(job)
+        asked = readable_request(job)
         return cls(**status_fields(job), notes=job.notes, links=_links(job), request=asked, failures=failures)
 
 
@@ -80,24 +80,24 @@ SurveyId = Annotated[
 
 
 def path_of(survey_id: str, kind: JobKind = JobKind.SURVEY) -> str:
-    """Return the path of a survey or a population. The paths of its resources begin with it."""
+    """Return the path of a survey or a population, with which the paths of its resources begin."""
     return public_path(f"/v1/{'surveys' if kind == JobKind.SURVEY else 'populations'}/{survey_id}")
 
 
-def request_shown(job: JobRow) -> dict[str, Any]:
-    """Return the request of a job, or an empty object if the job database has no readable one."""
+def readable_request(job: JobRow) -> dict[str, Any]:
+    """Return the request of a job, or an empty dictionary if its row in the job database is damaged."""
     return job.request if job.is_readable else {}
 
 
 def _links(job: JobRow) -> Links:
     here = path_of(job.id)
-    asked = f"{here}/certificates" if request_shown(job).get("certify") else None
+    asked = f"{here}/certificates" if readable_request(job).get("certify") else None
     return Links(self=here, events=f"{here}/events", store=f"{here}/store", map=f"{here}/map.png", certificates=asked)
 
 
 def status_fields(job: JobRow) -> dict[str, Any]:
-    """Return the fields of `Standing` for a job."""
-    state, message = job.shown
+    """Return the fields of `JobDocument` for a job."""
+    state, message = job.shown_status
     return {
         "id": job.id,
         "name": job.name,

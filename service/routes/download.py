@@ -16,8 +16,8 @@ from starlette.concurrency import run_in_threadpool
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.routes.documents import SurveyId
 from gear_rattle.service.state import Front, FrontState
-from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_not_modified, weak_etag
+from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers import Bucket, open_survey
 from gear_rattle.workers.survey.values.schema import RowForm
 from rattle import MissingExtraError
@@ -25,13 +25,13 @@ from rattle import MissingExtraError
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
 NETCDF, CSV, PARQUET = "application/x-netcdf", "text/csv", "application/vnd.apache.parquet"
-BLOCK = 1 << 18
+BLOCK_BYTES = 1 << 18
 
 
-Formed = Annotated[RowForm, Query(description="meaning of a row: a cell, or an attractor or an orbit of a cell")]
+RowFormQuery = Annotated[RowForm, Query(description="meaning of a row: a cell, or an attractor or an orbit of a cell")]
 
 
-def _binary(media_type: str) -> dict[int | str, dict[str, Any]]:
+def _binary_responses(media_type: str) -> dict[int | str, dict[str, Any]]:
     return {200: {"content": {media_type: {"schema": {"type": "string", "format": "binary"}}}}, **NOT_MODIFIED}
 
 
@@ -39,43 +39,47 @@ def _binary(media_type: str) -> dict[int | str, dict[str, Any]]:
     "/{survey_id}/download.nc",
     summary="Everything of a survey as NetCDF 4, also of a running survey",
     response_class=Response,
-    responses={**_binary(NETCDF), **declared(404, 422)},
+    responses={**_binary_responses(NETCDF), **declare_problems(404, 422)},
 )
 async def netcdf(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
-    """Return all groups of the store. Complex variables are pairs of variables, `…_real` and `…_imag`."""
-    return await _file(request, front, survey_id, "nc", NETCDF, _netcdf)
+    """Return all groups of the store. Each complex variable becomes two variables, `…_real` and `…_imag`."""
+    return await _file_response(request, front, survey_id, "nc", NETCDF, _write_netcdf)
 
 
 @router.get(
     "/{survey_id}/download.parquet",
     summary="The table of download.csv as Parquet, if this service can write it",
     response_class=Response,
-    responses={**_binary(PARQUET), **declared(404, 422)},
+    responses={**_binary_responses(PARQUET), **declare_problems(404, 422)},
 )
-async def parquet(request: Request, front: FrontState, survey_id: SurveyId, form: Formed = RowForm.CELLS) -> Response:
+async def parquet(
+    request: Request, front: FrontState, survey_id: SurveyId, form: RowFormQuery = RowForm.CELLS
+) -> Response:
     """Return the table of `download.csv` as Parquet, with the survey's attributes as metadata of the file.
 
     If the service was installed without the extra `parquet`, the answer is 404.
     """
-    return await _file(request, front, survey_id, f"{form}.parquet", PARQUET, partial(_parquet, form=form))
+    return await _file_response(
+        request, front, survey_id, f"{form}.parquet", PARQUET, partial(_write_parquet, form=form)
+    )
 
 
 @router.get(
     "/{survey_id}/download.csv",
     summary="A table of a survey as CSV, also of a running survey: by default a row per cell",
     response_class=Response,
-    responses={200: {"content": {CSV: {"schema": {"type": "string"}}}}, **NOT_MODIFIED, **declared(404, 422)},
+    responses={200: {"content": {CSV: {"schema": {"type": "string"}}}}, **NOT_MODIFIED, **declare_problems(404, 422)},
 )
-async def csv(request: Request, front: FrontState, survey_id: SurveyId, form: Formed = RowForm.CELLS) -> Response:
+async def csv(request: Request, front: FrontState, survey_id: SurveyId, form: RowFormQuery = RowForm.CELLS) -> Response:
     """Return a table. Codes, such as those of regions, are numbers. A cell with `status` 0 is not computed yet."""
-    place, headers = await _of(front, survey_id, "csv" if form is RowForm.CELLS else f"{form}.csv")
-    if is_known(request, headers):
+    place, headers = await _store_and_headers(front, survey_id, "csv" if form is RowForm.CELLS else f"{form}.csv")
+    if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)
-    lines = await run_in_threadpool(_lines, place, form)
+    lines = await run_in_threadpool(_open_csv_lines, place, form)
     return StreamingResponse(lines, media_type=CSV, headers=headers)
 
 
-async def _file(
+async def _file_response(
     request: Request,
     front: Front,
     survey_id: str,
@@ -83,31 +87,31 @@ async def _file(
     media_type: str,
     write: Callable[[Path | Bucket], IO[bytes]],
 ) -> Response:
-    place, headers = await _of(front, survey_id, ending)
-    if is_known(request, headers):
+    place, headers = await _store_and_headers(front, survey_id, ending)
+    if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)
-    with front.interruptible():
-        file = await anyio.to_thread.run_sync(write, place, limiter=front.exports, abandon_on_cancel=True)
+    with front.interruptible_work():
+        file = await anyio.to_thread.run_sync(write, place, limiter=front.export_limiter, abandon_on_cancel=True)
     size = await run_in_threadpool(file.seek, 0, 2)
     file.seek(0)
     return StreamingResponse(
-        _blocks(file),
+        _read_blocks(file),
         media_type=media_type,
         headers=headers | {"Content-Length": str(size)},
-        background=BackgroundTask(file.close),  # HEAD reads no block, so nothing else closes the file
+        background=BackgroundTask(file.close),  # a HEAD request reads no block, so `_read_blocks` does not close it
     )
 
 
-async def _of(front: Front, survey_id: str, ending: str) -> tuple[Path | Bucket, dict[str, str]]:
-    job, place = await run_in_threadpool(front.with_numbers, survey_id)
+async def _store_and_headers(front: Front, survey_id: str, ending: str) -> tuple[Path | Bucket, dict[str, str]]:
+    job, place = await run_in_threadpool(front.job_with_results, survey_id)
     return place, {
-        "ETag": picture_tag(job.id, job.last_event, ending),
+        "ETag": weak_etag(job.id, job.last_event, ending),
         "Cache-Control": REVALIDATE,
         "Content-Disposition": f'attachment; filename="survey-{job.id}.{ending}"',
     }
 
 
-def _netcdf(place: Path | Bucket) -> IO[bytes]:
+def _write_netcdf(place: Path | Bucket) -> IO[bytes]:
     from gear_rattle.workers.storage.export import require_readable, write_netcdf  # loads xarray
     from gear_rattle.workers.storage.store import open_groups
 
@@ -116,7 +120,7 @@ def _netcdf(place: Path | Bucket) -> IO[bytes]:
         return write_netcdf(dataset, open_groups(place))
 
 
-def _parquet(place: Path | Bucket, form: RowForm) -> IO[bytes]:
+def _write_parquet(place: Path | Bucket, form: RowForm) -> IO[bytes]:
     from gear_rattle.workers.storage.export import require_readable, table_names, write_parquet
 
     with open_survey(place, as_stored=True) as dataset:
@@ -127,13 +131,13 @@ def _parquet(place: Path | Bucket, form: RowForm) -> IO[bytes]:
             raise MissingError(f"This service cannot write Parquet. {error}") from error
 
 
-def _blocks(file: IO[bytes]) -> Iterator[bytes]:
+def _read_blocks(file: IO[bytes]) -> Iterator[bytes]:
     with file:
-        while block := file.read(BLOCK):
+        while block := file.read(BLOCK_BYTES):
             yield block
 
 
-def _lines(place: Path | Bucket, form: RowForm) -> Iterator[str]:
+def _open_csv_lines(place: Path | Bucket, form: RowForm) -> Iterator[str]:
     from gear_rattle.workers.storage.export import csv_lines, require_readable, table_names
 
     # The survey is opened before the answer begins, so that errors become problem documents.

@@ -17,11 +17,12 @@ from gear_rattle.service.access.middleware import CallerState
 from gear_rattle.service.access.revocation import Revocations
 from gear_rattle.service.database.tables import JobKind, State
 from gear_rattle.service.errors import UnknownSurveyError
-from gear_rattle.service.jobs.broadcast import written_event
+from gear_rattle.service.jobs.broadcast import encode_events
+from gear_rattle.service.operations.surveys import find_job
 from gear_rattle.service.routes.documents import SurveyId
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web import examples
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.problems import declare_problems
 
 router = APIRouter(prefix="/v1/surveys", tags=["surveys"])
 
@@ -29,7 +30,7 @@ LARGEST_ID = 2**53  # largest accepted id of an event
 SEND_SECONDS = 30  # a stream ends if its client takes longer to accept an event
 GRACE_SECONDS = 2.0  # seconds that a stream has to end when the service stops
 #: Schema of an event of the stream.
-EVENT = {
+EVENT_SCHEMA = {
     "type": "object",
     "properties": {
         "id": {"type": "string", "pattern": "^[1-9][0-9]*$"},
@@ -45,9 +46,9 @@ EVENT = {
     summary="Follow a survey",
     response_class=EventSourceResponse,
     responses={
-        200: {"content": {"text/event-stream": {"schema": EVENT, "example": examples.EVENTS[0]}}},
+        200: {"content": {"text/event-stream": {"schema": EVENT_SCHEMA, "example": examples.EVENTS[0]}}},
         204: {"description": "the survey has ended and every event was seen: no need to connect again"},
-        **declared(404, 422),
+        **declare_problems(404, 422),
     },
 )
 async def follow(
@@ -59,19 +60,19 @@ async def follow(
     ] = 0,
 ) -> Response:
     """Stream the events `state` and `tile`, numbered from 1, until the event of the final state."""
-    return await stream(front, caller, survey_id, JobKind.SURVEY, last_event_id)
+    return await event_stream(front, caller, survey_id, JobKind.SURVEY, last_event_id)
 
 
-async def stream(front: Front, caller: Caller, survey_id: str, kind: JobKind, last_event_id: int) -> Response:
-    """Return the event stream of a survey or a population, after the event `last_event_id`."""
-    job = await run_in_threadpool(front.database.job, survey_id, kind)
-    if State(job.state).final and last_event_id >= job.last_event:
+async def event_stream(front: Front, caller: Caller, survey_id: str, kind: JobKind, last_event_id: int) -> Response:
+    """Return the stream of a job's events after `last_event_id`; status 204 if the job has ended and all were seen."""
+    job = await run_in_threadpool(find_job, front, survey_id, kind)
+    if State(job.state).is_final and last_event_id >= job.last_event:
         return Response(status_code=204)
     closing = anyio.Event()
-    return _Stream(
+    return _RevocableStream(
         front.revocations,
         caller,
-        _events(front, survey_id, min(last_event_id, job.last_event), job.last_event, closing),
+        _encoded_events(front, survey_id, min(last_event_id, job.last_event), job.last_event, closing),
         shutdown_event=closing,
         shutdown_grace_period=GRACE_SECONDS,
         ping=front.settings.heartbeat_seconds,
@@ -79,7 +80,7 @@ async def stream(front: Front, caller: Caller, survey_id: str, kind: JobKind, la
     )
 
 
-class _Stream(EventSourceResponse):
+class _RevocableStream(EventSourceResponse):
     """A stream that ends when its caller is no longer authorised, even if the client does not read it."""
 
     def __init__(self, revocations: Revocations, caller: Caller, *arguments: Any, **named: Any) -> None:
@@ -87,28 +88,30 @@ class _Stream(EventSourceResponse):
         self._revocations, self._caller = revocations, caller
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        with self._revocations.ending(self._caller) as reading:
+        with self._revocations.cancel_when_revoked(self._caller) as reading:
             await super().__call__(scope, receive, send)
         if reading.cancelled_caught:
             await send({"type": "http.response.body", "body": b"", "more_body": False})
 
 
-async def _events(front: Front, survey_id: str, seen: int, last: int, closing: anyio.Event) -> AsyncIterator[bytes]:
+async def _encoded_events(
+    front: Front, survey_id: str, seen: int, last: int, closing: anyio.Event
+) -> AsyncIterator[bytes]:
     read = front.database.events
     with front.broadcast.listen(survey_id, read, last) as (feed, grown):
-        waker = asyncio.create_task(_wake_at(closing, grown))
+        waker = asyncio.create_task(_wake_on_closing(closing, grown))
         try:
             while not closing.is_set():
                 grown.clear()
-                later = feed.after(seen)
+                later = feed.events_after(seen)
                 if later is None:
-                    later = written_event(await run_in_threadpool(read, survey_id, seen))
+                    later = encode_events(await run_in_threadpool(read, survey_id, seen))
                 if later:
                     seen = later[-1].id
                     yield b"".join(event.text for event in later)
-                    if later[-1].last:
+                    if later[-1].is_last:
                         return
-                elif feed.deleted:
+                elif feed.is_deleted:
                     return
                 else:
                     await grown.wait()
@@ -118,6 +121,6 @@ async def _events(front: Front, survey_id: str, seen: int, last: int, closing: a
             waker.cancel()
 
 
-async def _wake_at(closing: anyio.Event, grown: asyncio.Event) -> None:
+async def _wake_on_closing(closing: anyio.Event, grown: asyncio.Event) -> None:
     await closing.wait()
     grown.set()

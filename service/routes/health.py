@@ -16,7 +16,7 @@ WARMING = "warming"
 
 
 class Health(BaseModel):
-    """The state of the service."""
+    """The state of the service, of its cluster and of its storage."""
 
     status: str = Field(description="ok; warming: kernels are being compiled; degraded: surveys are accepted, but wait")
     version: str
@@ -32,17 +32,17 @@ class Ready(BaseModel):
     status: str = Field(description="ready")
 
 
-def _storage(front: Front) -> str:
+def _storage_state(front: Front) -> str:
     try:
-        front.directory.require()
+        front.directory.require_present()
     except DirectoryAwayError as error:
         return f"unavailable: {error}"
     return front.manager.storage_state
 
 
-def _count(front: Front, state: State) -> int | None:
+def _count_or_none(front: Front, state: State) -> int | None:
     try:
-        return front.database.count(state)
+        return front.database.count_jobs(state)
     except DirectoryAwayError:
         return None
 
@@ -51,7 +51,7 @@ def _status(front: Front, storage: str) -> str:
     cluster = front.manager.cluster_state
     if cluster not in (READY, STARTING) or storage != OK:
         return "degraded"
-    if front.kernels.at_work:
+    if front.kernels.is_compiling:
         return WARMING
     return "ok" if cluster == READY else "degraded"
 
@@ -62,8 +62,8 @@ def health(front: FrontState, request: Request) -> Health:
 
     The status is 503 if the job database does not answer.
     """
-    cluster, storage = front.manager.cluster_state, _storage(front)
-    accepted, running = (_count(front, state) for state in ACTIVE)
+    cluster, storage = front.manager.cluster_state, _storage_state(front)
+    accepted, running = (_count_or_none(front, state) for state in ACTIVE)
     status = _status(front, storage)
     if request.state.caller is None:
         return Health(
@@ -86,8 +86,8 @@ def ready(front: FrontState) -> Ready:
     The status is 503 with Retry-After until kernels are compiled and workers have connected, and while nothing can be
     stored. Load balancers and scripts that wait for the service use this route.
     """
-    if front.kernels.at_work:
+    if front.kernels.is_compiling:
         raise KernelsError
-    if (front.manager.cluster_state, _storage(front)) != (READY, OK):
+    if (front.manager.cluster_state, _storage_state(front)) != (READY, OK):
         raise UnavailableError("The service is not ready: GET /v1/health says why. Try again in a few seconds.")
     return Ready(status=READY)

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Depends, Query
 from pydantic import BaseModel, Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
 
 from gear_rattle.service.operations.points import json_number
-from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.added import with_queries
 from gear_rattle.service.routes.model.machine import (
     ADDED_QUERIES,
@@ -21,8 +21,8 @@ from gear_rattle.service.routes.model.machine import (
 )
 from gear_rattle.service.routes.model.points import MostImpacts, SampleSeed, require_few
 from gear_rattle.service.state import FrontState
-from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
+from gear_rattle.service.web.problems import declare_problems
 from rattle import Limit, ParameterError, design_limit, design_limits
 from rattle.attractors import BUDGET
 from rattle.populations import MOST_SHARE, model_of_numbers
@@ -30,8 +30,8 @@ from rattle.populations import MOST_SHARE, model_of_numbers
 router = APIRouter(prefix="/v1", tags=["points"])
 
 MOST_VALUES = 16
-OfOrder = Annotated[str, Field(pattern=r"^(harmonic|error)_[1-9]\d{0,2}$")]
-Named = Literal[
+OrderName = Annotated[str, Field(pattern=r"^(harmonic|error)_[1-9]\d{0,2}$")]
+NumberName = Literal[
     "epsilon",
     "delta",
     "beta",
@@ -49,16 +49,16 @@ Named = Literal[
 ]
 
 
-def _one_of_both(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+def _explain_names(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
     try:
         return handler(value)
     except ValidationError as error:
-        known = ", ".join(get_args(Named))
+        known = ", ".join(get_args(NumberName))
         raise ValueError(f"must be one of {known}, or an order such as harmonic_12 or error_12") from error
 
 
-Wanted = Annotated[Named | OfOrder, WrapValidator(_one_of_both)]
-WANTED = (
+LimitedNumber = Annotated[NumberName | OrderName, WrapValidator(_explain_names)]
+LIMITED_NUMBER = (
     "number to limit, which need not be given itself. harmonic_12 is the amplitude of order 12 divided by that of the "
     "first order, error_12 the amplitude of order 12 of a machine's transmission error in m"
 )
@@ -76,7 +76,7 @@ class LimitDocument(BaseModel):
 class LimitsDocument(BaseModel):
     """The limits up to which gears run quietly with a probability of at least `share`."""
 
-    of: Wanted
+    of: LimitedNumber
     share: float
     count: int
     limits: list[LimitDocument]
@@ -96,7 +96,7 @@ async def numbers_of_query(
     drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
     **more: float | None,
 ) -> dict[str, Any]:
-    """Return the numbers of a gear that the query gives, by name."""
+    """Return the numbers of a gear or a machine that the query gives, by name."""
     numbers = {**locals(), **more}
     del numbers["more"]
     return {name: value for name, value in numbers.items() if value is not None}
@@ -105,17 +105,17 @@ async def numbers_of_query(
 @router.get(
     "/limits",
     summary="How far one number of a gear may go until it does not run quietly often enough",
-    dependencies=[Depends(function_of_query)],
-    responses={**NOT_MODIFIED, **declared(422)},
+    dependencies=[Depends(set_query_etag)],
+    responses={**NOT_MODIFIED, **declare_problems(422)},
 )
 async def limits(
     front: FrontState,
     given: Annotated[dict[str, Any], Depends(numbers_of_query)],
-    of: Annotated[Wanted, Query(description=WANTED, examples=["epsilon"])],
+    of: Annotated[LimitedNumber, Query(description=LIMITED_NUMBER, examples=["epsilon"])],
     share: Annotated[
         float, Query(gt=0, le=MOST_SHARE, description="least probability of quiet running", examples=[0.8])
     ] = 0.99,
-    over: Annotated[Wanted | None, Query(description="number over which the limit is a curve")] = None,
+    over: Annotated[LimitedNumber | None, Query(description="number over which the limit is a curve")] = None,
     values: Annotated[
         list[Annotated[float, Field(gt=0, allow_inf_nan=False)]] | None,
         Query(max_length=MOST_VALUES, description="values of that number; repeat the parameter for each"),
@@ -133,11 +133,11 @@ async def limits(
     """
     require_few(front, count)
     if (over is None) != (values is None) or (low is None) != (high is None):
-        raise ParameterError("over and values belong together, and so do low and high: give both or neither")
+        raise ParameterError("over and values belong together, and so do low and high: give both of a pair or neither")
     between = None if low is None or high is None else (low, high)
-    found = await in_turn(
+    found = await compute_in_process(
         front,
-        found_limits,
+        compute_limits,
         *(given, of, share, over, values, between, count, seed, budget),
         model=model_of_numbers(given).name,
         what="The limits",
@@ -145,11 +145,11 @@ async def limits(
     )
     at: list[float | None] = [*values] if values else [None]
     return LimitsDocument(
-        of=of, share=share, count=count, limits=[_document(*each) for each in zip(at, found, strict=True)]
+        of=of, share=share, count=count, limits=[_limit_document(*each) for each in zip(at, found, strict=True)]
     )
 
 
-def found_limits(
+def compute_limits(
     given: dict[str, Any],
     of: str,
     share: float,
@@ -160,12 +160,12 @@ def found_limits(
     seed: int,
     budget: int,
 ) -> list[Limit]:
-    """Compute the requested limits: one, or one for each of `values`."""
+    """Return the limits of the number `of`: one for each of `values` of the number `over`, or a single limit."""
     asked: dict[str, Any] = {"between": between, "count": count, "seed": seed, "budget": budget}
     if over is None:
         return [design_limit(given, of, share, **asked)]
     return design_limits(given, of, over, values or (), share, **asked)
 
 
-def _document(at: float | None, found: Limit) -> LimitDocument:
+def _limit_document(at: float | None, found: Limit) -> LimitDocument:
     return LimitDocument(at=at, **{name: json_number(value) for name, value in found._asdict().items()})

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Response
 from prometheus_client import CONTENT_TYPE_LATEST
 
 from gear_rattle.service.state import FrontState
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.problems import declare_problems
 
 router = APIRouter(prefix="/v1", tags=["service"])
 
@@ -15,7 +15,7 @@ router = APIRouter(prefix="/v1", tags=["service"])
     "/metrics",
     summary="Figures for Prometheus",
     response_class=Response,
-    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}, **declared()},
+    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}, **declare_problems()},
 )
 def metrics(front: FrontState) -> Response:
     """Return the metrics. If the service needs keys, a key with the scope read suffices."""

@@ -18,14 +18,14 @@ import rattle
 from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.errors import LimitError, UnavailableError
 from gear_rattle.service.operations.notebook import PACKAGE
-from gear_rattle.service.operations.overlaid import Asked, Overlaid
+from gear_rattle.service.operations.overlaid import Overlays, PictureOptions
 from gear_rattle.service.routes.documents import SurveyId
 from gear_rattle.service.state import Front, FrontState
-from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_not_modified, weak_etag
+from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers import QUANTITIES, Bucket, SurveyRequest, open_survey
 from gear_rattle.workers.cluster.window import MOST_PIXELS
-from gear_rattle.workers.pictures.look import LARGEST, LINES, SHARE, USUAL_SHARE, Form, Look, Overlays, Pair, Span
+from gear_rattle.workers.pictures.look import LARGEST, LINES, SHARE, USUAL_SHARE, Form, Look, OverlayData, Pair, Span
 from gear_rattle.workers.storage.store import has_added
 from gear_rattle.workers.survey.levels.grid import GROUP as LEVELS
 from gear_rattle.workers.survey.request import MAX_SLICES
@@ -39,30 +39,30 @@ MAPS = [*(quantity.name for quantity in QUANTITIES if quantity.per_cell), LARGES
 #: Least width of a window, relative to its end farthest from 0, so that the labels of its ticks differ.
 NARROWEST = 1e-10
 FARTHEST = 1e100  # ends of windows and of the colours' range are at most this large
-LONGEST_LINES = 200  # the most characters of `lines`
-MOST_CELLS = 4_000_000  # the most pixels of a window
+LONGEST_LINES = 200  # most characters of the query parameter `lines`
+MOST_CELLS = 4_000_000  # most pixels of a window
 LOOK_SECONDS = 1.0  # seconds between two checks whether the client has disconnected
 
 T = TypeVar("T")
 
-Bound = Annotated[
+WindowEnd = Annotated[
     float | None,
     Query(ge=-FARTHEST, le=FARTHEST, description="an end of the window; by default the whole survey is drawn"),
 ]
-Colour = Annotated[float | None, Query(ge=-FARTHEST, le=FARTHEST, description="an end of the colours' range")]
+ColourEnd = Annotated[float | None, Query(ge=-FARTHEST, le=FARTHEST, description="an end of the colours' range")]
 
 
 async def look_of_query(
-    delta_min: Bound = None,
-    delta_max: Bound = None,
-    epsilon_min: Bound = None,
-    epsilon_max: Bound = None,
+    delta_min: WindowEnd = None,
+    delta_max: WindowEnd = None,
+    epsilon_min: WindowEnd = None,
+    epsilon_max: WindowEnd = None,
     span: Annotated[
         Span,
         Query(description="range of the colours: auto: the usual; robust: the middle 96 % of the values; full: all"),
     ] = "auto",
-    low: Colour = None,
-    high: Colour = None,
+    low: ColourEnd = None,
+    high: ColourEnd = None,
     log: Annotated[bool, Query(description="logarithmic colours")] = False,
     lines: Annotated[
         str | None,
@@ -75,7 +75,7 @@ async def look_of_query(
         int | None, Query(ge=0, le=10**9, description="number of a family; cells without it are dimmed")
     ] = None,
 ) -> Look:
-    """Return the options of the picture that the query names. Raises LimitError."""
+    """Return the window, colours and lines of a picture that the query describes. Raises LimitError for wrong ones."""
     chosen = None if lines is None else tuple(name for name in lines.split(",") if name)
     if unknown := set(chosen or ()) - set(LINES):
         raise LimitError("query.lines", f"there is no line {min(unknown)!r}: choose from {', '.join(LINES)}.")
@@ -92,9 +92,9 @@ async def look_of_query(
 
 
 def _range(name: str, low: float | None, high: float | None, ends: tuple[str, str] | None = None) -> Pair | None:
-    """Return both ends of a range, or None if neither is given. Raises LimitError for one end, or an empty range."""
+    """Return both ends of a range, or None if neither is given. Raises LimitError for one end or an empty range."""
     first, last = ends or (f"{name}_min", f"{name}_max")
-    both = _both(first, low, last, high)
+    both = _both_or_none(first, low, last, high)
     if both is None:
         return None
     low, high = both
@@ -103,8 +103,8 @@ def _range(name: str, low: float | None, high: float | None, ends: tuple[str, st
     return both
 
 
-def _both(first: str, one: T | None, last: str, other: T | None) -> tuple[T, T] | None:
-    """Return two parameters that belong together, or None if neither is given. Raises LimitError if one is missing."""
+def _both_or_none(first: str, one: T | None, last: str, other: T | None) -> tuple[T, T] | None:
+    """Return two parameters that belong together, or None if neither is given. Raises LimitError if only one is."""
     if one is None and other is None:
         return None
     if one is None or other is None:
@@ -123,7 +123,7 @@ Pixels = Annotated[
 ]  # fmt: skip
 
 
-async def asked_for(
+async def options_of_query(
     look: Annotated[Look, Depends(look_of_query)],
     variable: Annotated[str, Query(max_length=64, json_schema_extra={"enum": MAPS})] = "region",
     index: Index = 0,
@@ -138,86 +138,88 @@ async def asked_for(
     pixels_delta: Pixels = None,
     pixels_epsilon: Pixels = None,
     caption: Annotated[bool, Query(description="name the survey, its address and the version below the map")] = False,
-) -> Asked:
-    """Return the picture that the query asks for. Raises LimitError."""
-    pixels = _both("pixels_delta", pixels_delta, "pixels_epsilon", pixels_epsilon)
+) -> PictureOptions:
+    """Return the options of a picture that the query describes. Raises LimitError if it has too many pixels."""
+    pixels = _both_or_none("pixels_delta", pixels_delta, "pixels_epsilon", pixels_epsilon)
     if pixels and math.prod(pixels) > MOST_CELLS:
         raise LimitError(
             "query.pixels_delta",
             f"a window may have at most {MOST_CELLS:,} pixels: lower pixels_delta or pixels_epsilon.",
         )
-    return Asked(variable, index, slice_, look, share, pixels, caption)
+    return PictureOptions(variable, index, slice_, look, share, pixels, caption)
 
 
-AskedFor = Annotated[Asked, Depends(asked_for)]
+PictureQuery = Annotated[PictureOptions, Depends(options_of_query)]
 
 
-def _answers(media: str, schema: dict[str, str]) -> dict[int | str, dict[str, Any]]:
-    return {200: {"content": {media: {"schema": schema}}}, **NOT_MODIFIED, **declared(404, 422, 503)}
+def _picture_responses(media: str, schema: dict[str, str]) -> dict[int | str, dict[str, Any]]:
+    return {200: {"content": {media: {"schema": schema}}}, **NOT_MODIFIED, **declare_problems(404, 422, 503)}
 
 
 @router.get(
     "/{survey_id}/map.png",
     summary="A map over the (delta, epsilon) plane, also of a running survey",
     response_class=Response,
-    responses=_answers(PNG, {"type": "string", "format": "binary"}),
+    responses=_picture_responses(PNG, {"type": "string", "format": "binary"}),
 )
-async def picture(request: Request, front: FrontState, survey_id: SurveyId, asked: AskedFor) -> Response:
+async def picture(request: Request, front: FrontState, survey_id: SurveyId, asked: PictureQuery) -> Response:
     """Draw a map. Failed cells, and cells that are not computed yet, have colours of their own."""
-    return await _answer(request, front, survey_id, asked, "png", PNG)
+    return await _picture_response(request, front, survey_id, asked, "png", PNG)
 
 
 @router.get(
     "/{survey_id}/map.svg",
     summary="The same map as SVG",
     response_class=Response,
-    responses=_answers(SVG, {"type": "string"}),
+    responses=_picture_responses(SVG, {"type": "string"}),
 )
-async def drawing(request: Request, front: FrontState, survey_id: SurveyId, asked: AskedFor) -> Response:
+async def drawing(request: Request, front: FrontState, survey_id: SurveyId, asked: PictureQuery) -> Response:
     """Draw a map with lines and letters as vectors, and cells as pixels."""
-    return await _answer(request, front, survey_id, asked, "svg", SVG)
+    return await _picture_response(request, front, survey_id, asked, "svg", SVG)
 
 
 @router.get(
     "/{survey_id}/map.pdf",
     summary="The same map as PDF",
     response_class=Response,
-    responses=_answers(PDF, {"type": "string", "format": "binary"}),
+    responses=_picture_responses(PDF, {"type": "string", "format": "binary"}),
 )
-async def sheet(request: Request, front: FrontState, survey_id: SurveyId, asked: AskedFor) -> Response:
+async def sheet(request: Request, front: FrontState, survey_id: SurveyId, asked: PictureQuery) -> Response:
     """Draw a map with lines and letters as vectors, and cells as pixels."""
-    return await _answer(request, front, survey_id, asked, "pdf", PDF)
+    return await _picture_response(request, front, survey_id, asked, "pdf", PDF)
 
 
-async def _answer(request: Request, front: Front, survey_id: str, asked: Asked, form: Form, media: str) -> Response:
-    job, place = await run_in_threadpool(front.with_numbers, survey_id)
+async def _picture_response(
+    request: Request, front: Front, survey_id: str, asked: PictureOptions, form: Form, media: str
+) -> Response:
+    job, place = await run_in_threadpool(front.job_with_results, survey_id)
     if asked.has_caption:
         asked = replace(asked, look=asked.look.with_caption(_caption(job, str(request.url))))
     headers = {
-        "ETag": picture_tag(survey_id, job.last_event, asked, form),
+        "ETag": weak_etag(survey_id, job.last_event, asked, form),
         "Cache-Control": REVALIDATE,  # another version may draw differently, and lost tiles may have been repaired
     }
-    if is_known(request, headers):
+    if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)
-    with front.interruptible():
-        over = await _while_connected(request, _over(front, request.app.state.overlaid, job, asked))
+    with front.interruptible_work():
+        over = await _await_while_connected(request, _compute_overlays(front, request.app.state.overlaid, job, asked))
         drawn = await anyio.to_thread.run_sync(
-            _draw, place, asked, form, over, limiter=front.pictures, abandon_on_cancel=True
+            _draw, place, asked, form, over, limiter=front.picture_limiter, abandon_on_cancel=True
         )
     return Response(drawn, media_type=media, headers=headers)
 
 
-async def _over(front: Front, overlaid: Overlaid, job: JobRow, asked: Asked) -> Overlays:
+async def _compute_overlays(front: Front, overlaid: Overlays, job: JobRow, asked: PictureOptions) -> OverlayData:
     """Compute the overlays of a map before it is drawn. Raises SurveyError and UnavailableError."""
     whole = SurveyRequest.model_validate(job.request)
     require_slice({name: axis.num for name, axis in whole.third_axis.items()}, asked.slice)
     survey = whole.at(whole.along(asked.slice or 0))
-    await front.kernels.require(survey.gear_model.name, patience=math.inf)
-    return await overlaid.over(survey, asked)
+    await front.kernels.wait_until_compiled(survey.gear_model.name, patience=math.inf)
+    return await overlaid.overlays_of(survey, asked)
 
 
-async def _while_connected(request: Request, finding: Coroutine[Any, Any, Overlays]) -> Overlays:
-    """Return the overlays. Stop computing them, and raise UnavailableError, if the client disconnects."""
+async def _await_while_connected(request: Request, finding: Coroutine[Any, Any, OverlayData]) -> OverlayData:
+    """Wait for the overlays of a picture. Cancel them and raise UnavailableError if the client disconnects."""
     task = asyncio.ensure_future(finding)
     try:
         while not (await asyncio.wait([task], timeout=LOOK_SECONDS))[0]:
@@ -232,7 +234,7 @@ def _caption(job: JobRow, address: str) -> str:
     return f"{job.name or job.id}, {address}, {PACKAGE} {rattle.__version__}"
 
 
-def _draw(place: Path | Bucket, asked: Asked, form: Form, over: Overlays) -> bytes:
+def _draw(place: Path | Bucket, asked: PictureOptions, form: Form, over: OverlayData) -> bytes:
     from gear_rattle.workers.pictures.largest import open_maps
     from gear_rattle.workers.pictures.levels import level_opener
     from gear_rattle.workers.pictures.maps import (

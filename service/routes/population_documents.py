@@ -8,7 +8,7 @@ from pydantic import BaseModel, Field
 
 from gear_rattle.service.database.tables import JobKind, JobRow
 from gear_rattle.service.operations.points import json_number
-from gear_rattle.service.routes.documents import Standing, path_of, request_shown, status_fields
+from gear_rattle.service.routes.documents import JobDocument, path_of, readable_request, status_fields
 from rattle import Estimate, Population, RattleError
 
 
@@ -21,13 +21,13 @@ class PopulationLinks(BaseModel):
     answers: str
 
 
-class PopulationDocument(Standing):
+class PopulationDocument(JobDocument):
     """A population: its status, request and results. Its cells are gears."""
 
     links: PopulationLinks
 
     @classmethod
-    def of(cls, job: JobRow) -> PopulationDocument:
+    def from_job(cls, job: JobRow) -> PopulationDocument:
         """Return the document of a job."""
         return cls(**status_fields(job), links=_links(job))
 
@@ -41,7 +41,7 @@ class PopulationDetail(PopulationDocument):
     @classmethod
     def with_failures(cls, job: JobRow, failures: list[dict[str, Any]]) -> PopulationDetail:
         """Return the document of a job with its failed gears."""
-        return cls(**status_fields(job), links=_links(job), request=request_shown(job), failures=failures)
+        return cls(**status_fields(job), links=_links(job), request=readable_request(job), failures=failures)
 
 
 class PopulationList(BaseModel):
@@ -61,27 +61,27 @@ class EstimateDocument(BaseModel):
 
 
 class Interval(BaseModel):
-    """A number with its 95 % interval; null for an end that no gear reaches."""
+    """A number with its 95 % interval. A field is null if no gear reaches this value."""
 
     value: float | None
     low: float | None
     high: float | None
 
     @classmethod
-    def of(cls, found: Estimate) -> Interval:
-        """Return the document of an estimate."""
+    def from_estimate(cls, found: Estimate) -> Interval:
+        """Return the document of a number with its interval."""
         return cls(**{name: json_number(value) for name, value in found._asdict().items()})
 
 
 class IndexDocument(BaseModel):
-    """Sobol indices of one number: its share of the variance alone, and with its interactions with other numbers."""
+    """Sobol indices of one number: the share of the variance that it explains alone, and with its interactions."""
 
     first: Interval
     total: Interval
 
 
 class WorstDocument(BaseModel):
-    """One of the worst gears of a population, by its row, with its numbers and how it runs."""
+    """One of the worst gears of a population: its row, its numbers, and how it runs."""
 
     row: int
     numbers: dict[str, float]
@@ -115,10 +115,10 @@ def answers_document(found: Population) -> Answers:
     return Answers(
         gears=found.plan.gears,
         count=found.plan.count,
-        quiet=Interval.of(found.quiet),
+        quiet=Interval.from_estimate(found.quiet),
         undecided=found.undecided,
-        passing=None if found.passing is None else Interval.of(found.passing),
-        intensity={str(q): Interval.of(each) for q, each in intensity.items()} or None,
+        passing=None if found.passing is None else Interval.from_estimate(found.passing),
+        intensity={str(q): Interval.from_estimate(each) for q, each in intensity.items()} or None,
         quiet_indices=_indices(found, "quiet"),
         energy_indices=_indices(found, "energy"),
         worst=[WorstDocument(**each._asdict() | {"energy": json_number(each.energy)}) for each in found.worst()],
@@ -128,10 +128,10 @@ def answers_document(found: Population) -> Answers:
 def _indices(found: Population, of: str) -> dict[str, IndexDocument] | None:
     try:
         indices = found.indices(of)
-    except RattleError:  # the gears differ no more than samples of a single gear would
+    except RattleError:  # no indices can be computed, for example because the gears differ too little
         return None
     return {
-        name: IndexDocument(first=Interval.of(each.first), total=Interval.of(each.total))
+        name: IndexDocument(first=Interval.from_estimate(each.first), total=Interval.from_estimate(each.total))
         for name, each in indices.items()
     }
 

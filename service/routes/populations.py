@@ -14,9 +14,9 @@ from gear_rattle.service.access.middleware import CallerState
 from gear_rattle.service.database.tables import JobKind, JobRow, State
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.operations.estimate import estimate
-from gear_rattle.service.operations.surveys import remove_survey, submit_survey, verify_survey
+from gear_rattle.service.operations.surveys import find_job, first_failures, remove_survey, submit_survey, verify_survey
 from gear_rattle.service.routes.documents import path_of
-from gear_rattle.service.routes.events import LARGEST_ID, stream
+from gear_rattle.service.routes.events import LARGEST_ID, event_stream
 from gear_rattle.service.routes.population_documents import (
     Answers,
     EstimateDocument,
@@ -30,15 +30,14 @@ from gear_rattle.service.routes.surveys import (
     RETRY_SECONDS,
     Cursor,
     IdempotencyKey,
-    failures_of,
     page_of,
     require_json,
     tell_of_acceptance,
 )
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web import examples
-from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, json_answer, picture_tag
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_not_modified, json_answer, weak_etag
+from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers import Bucket, PopulationRequest
 
 router = APIRouter(prefix="/v1/populations", tags=["populations"])
@@ -59,7 +58,7 @@ PopulationBody = Annotated[PopulationRequest, Body(examples=[examples.POPULATION
     responses={
         200: {"description": "an identical population has ended", "model": PopulationDetail},
         202: {"description": "accepted, or an identical population that waits or runs"},
-        **declared(409, 415, 422, 429),
+        **declare_problems(409, 415, 422, 429),
     },
 )
 def submit_population(
@@ -83,7 +82,7 @@ def submit_population(
     "/estimate",
     summary="Estimate the cost of a population",
     dependencies=[Depends(require_json)],
-    responses=declared(415, 422),
+    responses=declare_problems(415, 422),
 )
 async def estimate_population(front: FrontState, body: PopulationBody) -> EstimateDocument:
     """Return the cost of a population in seconds, measured on a few of its gears."""
@@ -95,7 +94,7 @@ async def estimate_population(front: FrontState, body: PopulationBody) -> Estima
     "",
     summary="List the populations, newest first",
     response_model=PopulationList,
-    responses={**NOT_MODIFIED, **declared(422)},
+    responses={**NOT_MODIFIED, **declare_problems(422)},
 )
 def list_populations(
     request: Request,
@@ -105,7 +104,7 @@ def list_populations(
 ) -> Response:
     """List populations, newest first."""
     page, count, following = page_of(front, KIND, limit, cursor)
-    shown = [PopulationDocument.of(job) for job in page]
+    shown = [PopulationDocument.from_job(job) for job in page]
     return json_answer(request, PopulationList(populations=shown, count=count, next=following))
 
 
@@ -113,11 +112,11 @@ def list_populations(
     "/{population_id}",
     summary="Show a population",
     response_model=PopulationDetail,
-    responses={**NOT_MODIFIED, **declared(404, 422)},
+    responses={**NOT_MODIFIED, **declare_problems(404, 422)},
 )
 def show_population(request: Request, front: FrontState, population_id: PopulationId) -> Response:
     """Return the status and the request of a population."""
-    job = front.database.job(population_id, KIND)
+    job = find_job(front, population_id, KIND)
     return json_answer(request, _detail(front, job), job.finished)
 
 
@@ -125,7 +124,7 @@ def show_population(request: Request, front: FrontState, population_id: Populati
     "/{population_id}/verify",
     status_code=202,
     summary="Check every tile of a population, and compute damaged or missing ones again",
-    responses=declared(404, 409, 422, 429),
+    responses=declare_problems(404, 409, 422, 429),
 )
 def verify_population(
     front: FrontState, caller: CallerState, response: Response, population_id: PopulationId
@@ -141,7 +140,7 @@ def verify_population(
     "/{population_id}",
     summary="Dismiss a population that waits or runs, delete one that has ended",
     response_model=PopulationDetail,
-    responses={204: {"description": "deleted, with its store"}, **declared(404, 409, 422)},
+    responses={204: {"description": "deleted, with its store"}, **declare_problems(404, 409, 422)},
 )
 def remove_population(
     front: FrontState, caller: CallerState, population_id: PopulationId
@@ -155,7 +154,7 @@ def remove_population(
     "/{population_id}/events",
     summary="Follow a population",
     response_class=EventSourceResponse,
-    responses={204: {"description": "the population has ended and every event was seen"}, **declared(404, 422)},
+    responses={204: {"description": "the population has ended and every event was seen"}, **declare_problems(404, 422)},
 )
 async def follow_population(
     front: FrontState,
@@ -166,7 +165,7 @@ async def follow_population(
     ] = 0,
 ) -> Response:
     """Stream the events of a population, as `GET /v1/surveys/{survey_id}/events` does for a survey."""
-    return await stream(front, caller, population_id, KIND, last_event_id)
+    return await event_stream(front, caller, population_id, KIND, last_event_id)
 
 
 @router.get(
@@ -192,26 +191,28 @@ async def read_population(
     "/{population_id}/answers",
     summary="Answers of a population that has ended",
     response_model=Answers,
-    responses={**NOT_MODIFIED, **declared(404, 422)},
+    responses={**NOT_MODIFIED, **declare_problems(404, 422)},
 )
 async def answers(request: Request, front: FrontState, population_id: PopulationId) -> Response:
     """Return the probability of quiet running, yield, quantiles of the intensity, Sobol indices and the worst gears."""
-    job, place = await run_in_threadpool(front.stored, population_id, KIND)
+    job, place = await run_in_threadpool(front.job_and_store, population_id, KIND)
     if job.state != State.SUCCESSFUL:
         raise MissingError(f"Population {population_id} is {job.state}: its answers can be read once it has completed.")
-    headers = {"ETag": picture_tag(job.id, job.last_event, "answers"), "Cache-Control": REVALIDATE}
-    if is_known(request, headers):
+    headers = {"ETag": weak_etag(job.id, job.last_event, "answers"), "Cache-Control": REVALIDATE}
+    if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)
-    with front.interruptible():
-        body = await anyio.to_thread.run_sync(_answered, place, limiter=front.exports, abandon_on_cancel=True)
+    with front.interruptible_work():
+        body = await anyio.to_thread.run_sync(
+            _read_answers, place, limiter=front.export_limiter, abandon_on_cancel=True
+        )
     return Response(body, media_type="application/json", headers=headers)
 
 
-def _answered(place: FilePath | Bucket) -> str:
+def _read_answers(place: FilePath | Bucket) -> str:
     from gear_rattle.workers.answers import population_of  # loads zarr
 
     return answers_document(population_of(place)).model_dump_json()
 
 
 def _detail(front: Front, job: JobRow) -> PopulationDetail:
-    return PopulationDetail.with_failures(job, failures_of(front, job))
+    return PopulationDetail.with_failures(job, first_failures(front, job))

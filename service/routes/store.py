@@ -14,20 +14,21 @@ from starlette.types import Scope
 
 from gear_rattle.service.database.tables import JobKind, State
 from gear_rattle.service.errors import MissingError
-from gear_rattle.service.operations.chunks import is_owed
+from gear_rattle.service.operations.chunks import is_expected_file
 from gear_rattle.service.routes.documents import SurveyId, path_of
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web.conditional import HOUR, NOT_MODIFIED, REVALIDATE
 from gear_rattle.service.web.objects import object_response
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers import Bucket
 from gear_rattle.workers.errors import DamageError
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
-# Pattern of a segment of a key: names of groups, arrays and chunks, but no dot files and no "..".
+#: Pattern of a segment of a key: a name of a group, array or chunk, but no name that begins with a dot.
 NAME = r"[A-Za-z0-9_][A-Za-z0-9_.\-]*"
-NOT_THERE = (401, 404)  # statuses of StaticFiles for a file that does not exist, or that it may not read
+#: Statuses of StaticFiles for a file that does not exist, or that the service has no permission to read.
+MISSING_STATUSES = (401, 404)
 KEY = re.compile(rf"{NAME}(/{NAME})*")
 
 
@@ -44,7 +45,7 @@ FILES: dict[int | str, dict[str, Any]] = {
         "content": {"application/octet-stream": {}, "application/json": {}, "multipart/byteranges": {}},
     },
     **NOT_MODIFIED,
-    **declared(404, 416, 422),
+    **declare_problems(404, 416, 422),
 }
 
 
@@ -70,16 +71,16 @@ async def read(
 
 async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, request: Request) -> Response:
     """Return the file with this key in the store of a survey or a population."""
-    job, store = await run_in_threadpool(front.stored, survey_id, kind)
+    job, store = await run_in_threadpool(front.job_and_store, survey_id, kind)
     if not KEY.fullmatch(key) or key.endswith(".partial"):
         raise MissingError(f"The store of {kind} {survey_id} has no key {key!r}.")
     unchanging = job.state == State.SUCCESSFUL
     try:
         response = await file_at(store, key, request, unchanging)
     except (HTTPException, OSError) as error:  # a circular link is an OSError
-        if getattr(error, "status_code", 404) not in NOT_THERE:
+        if getattr(error, "status_code", 404) not in MISSING_STATUSES:
             raise
-        if not await run_in_threadpool(is_owed, front, survey_id, key):
+        if not await run_in_threadpool(is_expected_file, front, survey_id, key):
             raise HTTPException(404) from error
         try:
             response = await file_at(store, key, request, unchanging)  # the file may have been written just now
@@ -95,13 +96,13 @@ async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, req
 
 
 async def file_at(store: pathlib.Path | Bucket, key: str, request: Request, unchanging: bool) -> Response:
-    """Return the file with this key. Raises HTTPException or OSError if there is no such file."""
+    """Return the file with this key in a store. Raises HTTPException or OSError if there is no such file."""
     if isinstance(store, Bucket):
         return await object_response(store, key, request)
     files = StaticFiles(directory=store, check_dir=False)
-    return await files.get_response(key, request.scope if unchanging else _by_tag_only(request.scope))
+    return await files.get_response(key, request.scope if unchanging else _without_modified_since(request.scope))
 
 
-def _by_tag_only(scope: Scope) -> Scope:
-    """Return the scope without If-Modified-Since, because a file may change twice within a second, its resolution."""
+def _without_modified_since(scope: Scope) -> Scope:
+    """Return a request's scope without If-Modified-Since, because a file may change twice within one second."""
     return {**scope, "headers": [each for each in scope["headers"] if each[0] != b"if-modified-since"]}

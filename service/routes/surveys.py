@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from email.message import Message
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Body, Depends, Header, Query, Request, Response
 from starlette.exceptions import HTTPException
@@ -14,21 +14,23 @@ from gear_rattle.service.database.tables import JobKind, JobRow, State
 from gear_rattle.service.operations.surveys import (
     Description,
     describe_survey,
+    find_job,
+    first_failures,
+    list_jobs,
     remove_survey,
     submit_survey,
     verify_survey,
 )
-from gear_rattle.service.routes.documents import Survey, SurveyDetail, SurveyId, SurveyList, path_of, request_shown
+from gear_rattle.service.routes.documents import Survey, SurveyDetail, SurveyId, SurveyList, path_of, readable_request
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web import examples
 from gear_rattle.service.web.conditional import NOT_MODIFIED, json_answer
-from gear_rattle.service.web.problems import ADVICE, declared
+from gear_rattle.service.web.problems import ADVICE, declare_problems
 from gear_rattle.workers import SurveyRequest
 
 router = APIRouter(prefix="/v1/surveys", tags=["surveys"])
 
 LARGEST_NUMBER = 2**53
-MAX_FAILURES = 100
 RETRY_SECONDS = "1"
 
 IdempotencyKey = Annotated[str | None, Header(min_length=1, max_length=255, pattern=r"^[\x21-\x7e]+$")]
@@ -38,9 +40,9 @@ Cursor = Annotated[
 
 
 def tell_of_acceptance(response: Response, job: JobRow, kind: JobKind) -> None:
-    """Set the Location of a submitted job in the response, and status 200 if the job has ended, else Retry-After."""
+    """Set the header Location of a submitted job, and status 200 if the job has ended, else the header Retry-After."""
     response.headers["Location"] = path_of(job.id, kind)
-    if State(job.state).final:
+    if State(job.state).is_final:
         response.status_code = 200
     else:
         response.headers["Retry-After"] = RETRY_SECONDS
@@ -48,14 +50,9 @@ def tell_of_acceptance(response: Response, job: JobRow, kind: JobKind) -> None:
 
 def page_of(front: Front, kind: JobKind, limit: int, cursor: int | None) -> tuple[Sequence[JobRow], int, str | None]:
     """Return a page of the list of jobs, newest first, the number of all jobs, and the cursor of the next page."""
-    jobs, count = front.database.jobs(limit + 1, before=cursor, kind=kind)
+    jobs, count = list_jobs(front, limit + 1, cursor, kind)
     page = jobs[:limit]
     return page, count, str(page[-1].number) if len(jobs) > limit else None
-
-
-def failures_of(front: Front, job: JobRow) -> list[dict[str, Any]]:
-    """Return the first failed cells of a survey or a population, with their messages."""
-    return front.database.failures(job.id, MAX_FAILURES) if job.cells_failed else []
 
 
 async def require_json(request: Request) -> None:
@@ -76,7 +73,7 @@ async def require_json(request: Request) -> None:
     responses={
         200: {"description": "an identical survey has ended", "model": SurveyDetail, "links": examples.SURVEY_LINKS},
         202: {"description": "accepted, or an identical survey that waits or runs", "links": examples.SURVEY_LINKS},
-        **declared(409, 415, 422, 429),
+        **declare_problems(409, 415, 422, 429),
     },
 )
 def submit(
@@ -107,7 +104,7 @@ def submit(
     "",
     summary="List the surveys, newest first",
     response_model=SurveyList,
-    responses={**NOT_MODIFIED, **declared(422)},
+    responses={**NOT_MODIFIED, **declare_problems(422)},
 )
 def list_surveys(
     request: Request,
@@ -117,7 +114,7 @@ def list_surveys(
 ) -> Response:
     """List surveys, newest first."""
     page, count, following = page_of(front, JobKind.SURVEY, limit, cursor)
-    document = SurveyList(surveys=[Survey.of(job) for job in page], count=count, next=following)
+    document = SurveyList(surveys=[Survey.from_job(job) for job in page], count=count, next=following)
     return json_answer(request, document)
 
 
@@ -125,13 +122,13 @@ def list_surveys(
     "/{survey_id}",
     summary="Show a survey",
     response_model=SurveyDetail,
-    responses={200: {"links": examples.SURVEY_LINKS}, **NOT_MODIFIED, **declared(404, 422)},
+    responses={200: {"links": examples.SURVEY_LINKS}, **NOT_MODIFIED, **declare_problems(404, 422)},
 )
 def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     """Return the status and the request of a survey."""
-    job = front.database.job(survey_id, JobKind.SURVEY)
-    # Last-Modified is only known if nobody has changed the name or the notes.
-    is_as_submitted = not job.notes and job.name == request_shown(job).get("name")
+    job = find_job(front, survey_id, JobKind.SURVEY)
+    # The time of the last change is known only if nobody has changed the name or the notes.
+    is_as_submitted = not job.notes and job.name == readable_request(job).get("name")
     return json_answer(request, _detail(front, job), job.finished if is_as_submitted else None)
 
 
@@ -139,7 +136,7 @@ def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     "/{survey_id}/verify",
     status_code=202,
     summary="Check every tile of a survey, and compute damaged or missing ones again",
-    responses=declared(404, 409, 422, 429),
+    responses=declare_problems(404, 409, 422, 429),
 )
 def verify(front: FrontState, caller: CallerState, response: Response, survey_id: SurveyId) -> SurveyDetail:
     """Queue a survey again that was successful, was dismissed, or failed and may succeed now.
@@ -156,7 +153,7 @@ def verify(front: FrontState, caller: CallerState, response: Response, survey_id
     "/{survey_id}",
     summary="Give a survey another name, or notes",
     dependencies=[Depends(require_json)],
-    responses=declared(404, 415, 422),
+    responses=declare_problems(404, 415, 422),
 )
 def describe(
     front: FrontState,
@@ -176,7 +173,7 @@ def describe(
     "/{survey_id}",
     summary="Dismiss a survey that waits or runs, delete one that has ended",
     response_model=SurveyDetail,
-    responses={204: {"description": "deleted, with its store"}, **declared(404, 409, 422)},
+    responses={204: {"description": "deleted, with its store"}, **declare_problems(404, 409, 422)},
 )
 def remove(front: FrontState, caller: CallerState, survey_id: SurveyId) -> Response | SurveyDetail:
     """Dismiss a survey that waits or runs, or delete a survey that has ended.
@@ -189,4 +186,4 @@ def remove(front: FrontState, caller: CallerState, survey_id: SurveyId) -> Respo
 
 
 def _detail(front: Front, job: JobRow) -> SurveyDetail:
-    return SurveyDetail.with_failures(job, failures_of(front, job))
+    return SurveyDetail.with_failures(job, first_failures(front, job))

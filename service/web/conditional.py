@@ -18,6 +18,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gear_rattle.workers.survey.version import code_version
 
+SERVICE = Path(__file__).parents[1]  # the folder with the code of all answers
+
 #: Cache-Control: the client must ask each time whether its copy is still valid, and gets 304 if it is.
 REVALIDATE = "no-cache"
 #: Cache-Control of answers that change rarely: answers that depend on the query and the code only, and files of a
@@ -29,8 +31,8 @@ NOT_MODIFIED: dict[int | str, dict[str, Any]] = {
 }
 
 
-#: Headers of an answer that a 304 in its place keeps.
-OF_UNCHANGED = frozenset({"etag", "cache-control", "last-modified", "expires", "vary", "content-location", "date"})
+#: Headers of an answer that are kept when status 304 replaces the answer.
+KEPT_BY_304 = frozenset({"etag", "cache-control", "last-modified", "expires", "vary", "content-location", "date"})
 
 
 class AnyTagMiddleware:
@@ -53,7 +55,7 @@ class AnyTagMiddleware:
             if message["type"] == "http.response.start" and message["status"] in (200, 206):
                 headers = MutableHeaders(raw=list(message["headers"]))
                 if known := "etag" in headers:
-                    for name in set(headers) - OF_UNCHANGED:
+                    for name in set(headers) - KEPT_BY_304:
                         del headers[name]
                     await send({**message, "status": 304, "headers": headers.raw})
                     await send({"type": "http.response.body", "body": b""})
@@ -80,29 +82,29 @@ def json_answer(request: Request, document: BaseModel, modified: str | None = No
     headers = {"ETag": f'"{_digest(body)}"', "Cache-Control": REVALIDATE}
     if modified is not None:
         headers["Last-Modified"] = format_datetime(datetime.fromisoformat(modified), usegmt=True)
-    if is_known(request, headers):
+    if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)
     return Response(body, media_type="application/json", headers=headers)
 
 
-async def function_of_query(request: Request, response: Response) -> None:
-    """Set the ETag of a route whose answer depends on the query and the code only, or raise HTTPException 304."""
+async def set_query_etag(request: Request, response: Response) -> None:
+    """Set the ETag of an answer that depends only on the query and the code; raise HTTPException 304 if it is known."""
     query = str(sorted(request.query_params.multi_items()))
     headers = {"ETag": f'"{_digest(_answer_version().encode(), query.encode())}"', "Cache-Control": HOUR}
-    if is_known(request, headers):
+    if is_not_modified(request, headers):
         raise HTTPException(304, headers=headers)
     response.headers.update(headers)
 
 
-def picture_tag(*parts: object) -> str:
-    """Return a weak ETag. Pictures with the same ETag are the same, except that one may show a further tile."""
+def weak_etag(*parts: object) -> str:
+    """Return a weak ETag made of `parts`. Equal ETags mean equal answers, except that one may show a further tile."""
     return f'W/"{_digest(_answer_version().encode(), repr(parts).encode())}"'
 
 
-def is_known(request: Request, headers: Mapping[str, str]) -> bool:
+def is_not_modified(request: Request, headers: Mapping[str, str]) -> bool:
     """Return whether the client already has the answer with these headers (ETag and perhaps Last-Modified)."""
     if (tags := request.headers.get("if-none-match")) is not None:
-        return _opaque(headers["ETag"]) in {_opaque(tag) for tag in tags.split(",")}
+        return _tag_value(headers["ETag"]) in {_tag_value(tag) for tag in tags.split(",")}
     try:
         since = parsedate_to_datetime(request.headers["if-modified-since"])
         return parsedate_to_datetime(headers["Last-Modified"]) <= since
@@ -110,7 +112,7 @@ def is_known(request: Request, headers: Mapping[str, str]) -> bool:
         return False
 
 
-def _opaque(tag: str) -> str:
+def _tag_value(tag: str) -> str:
     return tag.strip().removeprefix("W/")
 
 
@@ -120,6 +122,6 @@ def _digest(*parts: bytes) -> str:
 
 @cache
 def _answer_version() -> str:
-    """Return a hash of all code that determines answers: the library, surveys, and this package."""
-    sources = sorted(Path(__file__).parent.rglob("*.py"))
+    """Return a hash of the code of the library, of surveys, and of the service."""
+    sources = sorted(SERVICE.rglob("*.py"))
     return _digest(code_version().encode(), *(path.read_bytes() for path in sources))

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
     from starlette.types import ASGIApp
 
-FIRST = "index.md"
-#: A list of pages in Markdown for Sphinx; here it is replaced by links.
+INDEX = "index.md"
+#: Pattern of a list of pages for Sphinx (`toctree`) in a Markdown document. This module replaces the list by links.
 TOCTREE = re.compile(r"^```\{toctree\}\n:hidden:\n:caption: ([^\n]*)\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
@@ -36,21 +36,21 @@ img {{ max-width: 100% }} td, th {{ border: 1px solid #8888; padding: .2rem .5re
 <main>{body}</main></body></html>"""
 
 
-def documents_of(site: Path, sources: Path) -> ASGIApp | None:
+def documents_app(site: Path, sources: Path) -> ASGIApp | None:
     """Return an application that serves the site, or else the Markdown files; None if neither exists."""
     if (site / "index.html").is_file():
         return StaticFiles(directory=site, html=True)
-    return next((_pages_of(each.resolve()) for each in (site, sources) if (each / FIRST).is_file()), None)
+    return next((_markdown_app(each.resolve()) for each in (site, sources) if (each / INDEX).is_file()), None)
 
 
-def _pages_of(directory: Path) -> Router:
-    """Return an application that serves the Markdown files of a directory as HTML, and its other files."""
+def _markdown_app(directory: Path) -> Router:
+    """Return an application that serves the Markdown files of a directory as HTML, and all other files unchanged."""
     documents = {f"/{each.relative_to(directory).as_posix()}": each for each in directory.rglob("*.md")}
 
-    def shown(document: Path) -> Callable[[Request], HTMLResponse]:
+    def respond_with(document: Path) -> Callable[[Request], HTMLResponse]:
         return lambda _request: HTMLResponse(document_page(document))
 
-    pages = [Route(path, shown(document)) for path, document in {"/": directory / FIRST, **documents}.items()]
+    pages = [Route(path, respond_with(document)) for path, document in {"/": directory / INDEX, **documents}.items()]
     return Router([*pages, Mount("/", StaticFiles(directory=directory))])
 
 
@@ -64,10 +64,10 @@ def document_page(document: Path) -> str:
 def document_body(document: Path) -> str:
     """Convert a Markdown document to HTML for the body of a page."""
 
-    def linked(tree: re.Match[str]) -> str:
+    def list_pages(tree: re.Match[str]) -> str:
         names = (name for name in tree[2].split() if (document.parent / f"{name}.md").is_file())
         return f"## {tree[1]}\n\n" + "".join(f"- [{name}]({name}.md)\n" for name in names)
 
-    text = TOCTREE.sub(linked, document.read_text(encoding="utf-8"))
+    text = TOCTREE.sub(list_pages, document.read_text(encoding="utf-8"))
     markdown = MarkdownIt("commonmark").enable("table").use(front_matter_plugin).use(anchors_plugin, max_level=4)
     return str(markdown.render(text))

@@ -253,7 +253,7 @@ PROBLEM: dict[str, Any] = {
     "errors": [{"field": "body.delta.num", "message": "must be at least 2, got 1"}],
 }
 
-#: By name of a document's class: an example.
+#: An example of each document, by the name of the document's class.
 ANSWERS = {
     "SurveyDetail": DETAIL,
     "SurveyList": LIST,
@@ -268,7 +268,7 @@ ANSWERS = {
 
 
 def _links(parameters: dict[str, str], *names: str) -> dict[str, Any]:
-    """Return OpenAPI links to operations. parameters: for each parameter, the path of its value in the answer."""
+    """Return OpenAPI links to the operations `names`. parameters: paths of their values in the answer, by name."""
     further = {"read": {"key": "zarr.json"}}
     return {
         name: {
@@ -280,11 +280,11 @@ def _links(parameters: dict[str, str], *names: str) -> dict[str, Any]:
 
 
 def _point_links(*names: str, **parts: str) -> dict[str, Any]:
-    """Return OpenAPI links to operations at a point. parts: path of a number in the answer, if not its name."""
+    """Return OpenAPI links to operations at a point. parts: paths of numbers whose path is not their name, by name."""
     return _links({name: parts.get(name, name) for name in ("delta", "epsilon", *OTHERS)}, *names)
 
 
-#: Links from the first answer about a survey to its resources, its first cell and its window.
+#: Links from the document of a survey to the survey's resources, its first cell and its window.
 SURVEY_LINKS = {
     **_links({"survey_id": "id"}, "show", "remove", "verify", "follow", "read", "picture"),
     **_point_links(
@@ -303,5 +303,5 @@ SURVEY_LINKS = {
 }
 ORBITS_LINKS = _point_links("attractors", "basins")
 ATTRACTORS_LINKS = _point_links("orbits", "basins", "intensity")
-#: Links to the first codimension-two point.
+#: Links from the document of curves to operations at its first codimension-two point.
 CURVES_LINKS = _point_links(*("orbits", "attractors", "basins"), delta="points/0/delta", epsilon="points/0/epsilon")

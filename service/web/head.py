@@ -6,7 +6,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 
 class HeadMiddleware:
-    """Lets the routes for GET answer HEAD requests. Endless answers, such as event streams, end after the header."""
+    """Lets the routes for GET answer HEAD requests. Event streams and other endless answers end after the header."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app

@@ -8,14 +8,14 @@ from fastapi import Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 
-from gear_rattle.service.web.conditional import is_known
+from gear_rattle.service.web.conditional import is_not_modified
 from gear_rattle.workers import Bucket
 
 RANGE = re.compile(r"bytes=(\d*)-(\d*)")
 
 
 async def object_response(store: Bucket, key: str, request: Request) -> Response:
-    """Return an object, or the requested range of it, or status 304. Objects are read into memory as a whole.
+    """Return an object of a bucket, or the requested range of it, or status 304. The whole object is read into memory.
 
     Returns
     -------
@@ -38,17 +38,17 @@ def _respond(store: Bucket, key: str, request: Request) -> Response:
     except FileNotFoundError:
         raise HTTPException(404) from None
     headers = {"ETag": tag, "Accept-Ranges": "bytes"}
-    if "if-none-match" in request.headers and is_known(request, headers):
+    if "if-none-match" in request.headers and is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)
     asked = request.headers.get("range", "")
     if match := RANGE.fullmatch(asked.strip()) if request.headers.get("if-range", tag) == tag else None:
-        start, stop = _span(match, len(body))
+        start, stop = _byte_range(match, len(body))
         headers["Content-Range"] = f"bytes {start}-{stop - 1}/{len(body)}"
         return Response(body[start:stop], status_code=206, headers=headers, media_type="application/octet-stream")
     return Response(body, headers=headers, media_type="application/octet-stream")
 
 
-def _span(match: re.Match[str], size: int) -> tuple[int, int]:
+def _byte_range(match: re.Match[str], size: int) -> tuple[int, int]:
     first, last = match.groups()
     if first:
         start, stop = int(first), min(int(last) + 1, size) if last else size

@@ -37,7 +37,7 @@ METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
 
 log = logging.getLogger(__name__)
 
-#: Exceptions and their statuses. The first matching class counts, so subclasses come before their bases.
+#: HTTP statuses of exceptions. The first class that matches counts, so subclasses come before their base classes.
 STATUS_OF: tuple[tuple[type[Exception], int], ...] = (
     (errors.UnauthorizedError, 401),
     (errors.ForbiddenError, 403),
@@ -55,13 +55,13 @@ STATUS_OF: tuple[tuple[type[Exception], int], ...] = (
     (SQLAlchemyError, 503),
 )
 
-#: By status: the detail of problem documents for errors without a message of their own.
+#: Texts for the field `detail` of problem documents, by status, for errors without a message of their own.
 ADVICE = {
     400: "The request could not be read. Send JSON encoded in UTF-8, and a range as bytes=FIRST-LAST.",
     401: "Send an API key in the header Authorization: Bearer KEY. `rattle key add` makes one where the service runs.",
-    404: "There is nothing at this path. /docs lists the paths of this service. If a proxy publishes it at a path, set "
-    "RATTLE_ROOT_PATH.",
-    405: "This path does not have that method. The Allow header lists its methods; see /docs.",
+    404: "There is nothing at this path. /docs lists the paths of this service. If a proxy publishes the service at a "
+    "path of its host, set RATTLE_ROOT_PATH.",
+    405: "This path does not have the requested method. The Allow header lists its methods; see /docs.",
     408: "The request did not arrive completely in time. Send it at once, or over a faster connection.",
     413: "The request body is too large for this service. Describe a survey by its axes, and a measured curve by fewer "
     "points.",
@@ -74,7 +74,7 @@ ADVICE = {
     503: "The job database cannot answer now. Try again in a few seconds.",
 }
 
-#: By status: the code of errors that are not exceptions of this project.
+#: Codes of errors that are not exceptions of this project, by status.
 CODES = {
     400: "bad_request",
     401: "unauthorized",
@@ -112,8 +112,8 @@ class Problem(BaseModel):
     errors: list[FieldError] = Field(default_factory=list, description="refused fields, if there are any")
 
 
-def declared(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """Return the OpenAPI declaration of the problem documents with these statuses."""
+def declare_problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """Return the OpenAPI declaration of a route's problem documents with these statuses."""
     schema = {"$ref": "#/components/schemas/Problem"}
     return {
         status: {"description": HTTPStatus(status).phrase, "content": {MEDIA_TYPE: {"schema": schema}}}
@@ -143,7 +143,7 @@ def problem_response(
     return Response(body, status, dict(headers or {}), MEDIA_TYPE)
 
 
-def install(app: FastAPI) -> None:
+def install_handlers(app: FastAPI) -> None:
     """Make ``app`` answer all errors with problem documents."""
     app.add_exception_handler(RequestValidationError, _on_validation_error)
     app.add_exception_handler(HTTPException, _on_http_exception)
@@ -195,17 +195,17 @@ def _on_http_exception(request: Request, error: Exception) -> Response:
 
 
 def _allowed_methods(request: Request) -> list[str]:
-    # The router reports the methods of the first route with this path only; HEAD is answered by the routes for GET.
-    def known(method: str) -> bool:
+    # The router knows only the methods of the first route with this path. Routes for GET also answer HEAD.
+    def has_route(method: str) -> bool:
         scope = {**request.scope, "method": "GET" if method == "HEAD" else method}
         return any(route.matches(scope)[0] is Match.FULL for route in request.app.routes)
 
-    return [method for method in METHODS if known(method)]
+    return [method for method in METHODS if has_route(method)]
 
 
 def _on_known_error(request: Request, error: Exception) -> Response:
-    beyond = type(error) is RattleError  # the base class means: the library cannot compute this at these parameters
-    status = next((status for kind, status in STATUS_OF if isinstance(error, kind)), 422 if beyond else 500)
+    is_base = type(error) is RattleError  # the library raises the base class if it cannot compute at these parameters
+    status = next((status for kind, status in STATUS_OF if isinstance(error, kind)), 422 if is_base else 500)
     if status == 500 or isinstance(error, SQLAlchemyError):
         log.error("%s %s", request.method, request.url.path, exc_info=error)
     # The message of a database error is about SQL, and does not help clients.
@@ -215,7 +215,7 @@ def _on_known_error(request: Request, error: Exception) -> Response:
     return problem_response(status, detail, request.url.path, fields, HEADERS_OF.get(status), code)
 
 
-def answer(request: Request, error: Exception) -> Response:
+def answer_error(request: Request, error: Exception) -> Response:
     """Return the problem document of an error that a middleware raised before the request reached a route."""
     return (_on_http_exception if isinstance(error, HTTPException) else _on_known_error)(request, error)
 
@@ -251,7 +251,7 @@ class ProblemMiddleware:
 
         try:
             await self.app(scope, receive, send_problem)
-        except ClientDisconnect:  # nobody is left to answer
+        except ClientDisconnect:  # there is nobody to answer
             raise
         except Exception:
             if not begun:

@@ -7,9 +7,9 @@ from fastapi.exceptions import RequestValidationError
 
 from rattle.errors import did_you_mean
 
-#: By path and method: the names of the query parameters. They are kept, because generating the OpenAPI document takes
-#: a quarter of a second, and all applications of a process have the same routes.
-_known: dict[tuple[str, str], list[str]] = {}
+#: Names of the query parameters of each route, by path and method. They are kept, because generating the OpenAPI
+#: document takes a quarter of a second, and all applications of a process have the same routes.
+_parameters_of: dict[tuple[str, str], list[str]] = {}
 
 
 async def refuse_unknown(request: Request) -> None:
@@ -17,9 +17,9 @@ async def refuse_unknown(request: Request) -> None:
     if not request.query_params:
         return
     asked = request.scope["route"].path, request.method.lower()
-    if asked not in _known:
-        _known.update(_declared(request))
-    known = _known.setdefault(asked, [])  # a path that the OpenAPI document leaves out has no parameters
+    if asked not in _parameters_of:
+        _parameters_of.update(_declared_parameters(request))
+    known = _parameters_of.setdefault(asked, [])  # a path that the OpenAPI document leaves out has no parameters
     message = f"there is no such parameter; the parameters of this path are: {', '.join(known) or 'none'}"
     unknown = [
         {"loc": ("query", name), "msg": message + did_you_mean(name, known)}
@@ -30,7 +30,7 @@ async def refuse_unknown(request: Request) -> None:
         raise RequestValidationError(unknown)
 
 
-def _declared(request: Request) -> dict[tuple[str, str], list[str]]:
+def _declared_parameters(request: Request) -> dict[tuple[str, str], list[str]]:
     return {
         (path, method): [each["name"] for each in operation.get("parameters", ()) if each["in"] == "query"]
         for path, operations in request.app.openapi()["paths"].items()

@@ -24,12 +24,12 @@ from gear_rattle.service.settings import Settings
 #: Longest time in seconds from a signal to the end of all work.
 STOP_SECONDS = 3.0
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-#: Module of the process with which Python removes the semaphores of dead processes.
+#: Python module of the process that removes the semaphores of dead processes.
 TRACKER = "multiprocessing.resource_tracker"
-OBJECTS = 50_000  # new objects between two garbage collections; a collection blocks for 15 ms
+GC_OBJECTS = 50_000  # new objects between two garbage collections; a collection blocks for 15 ms
 #: Blocks of memory of at least this many bytes are returned to the system when they are freed. By itself, glibc raises
 #: this limit up to 32 MiB; the arenas of threads then keep the memory of arrays, and the service grows for hours.
-LARGE = 1 << 18
+LARGE_BLOCK = 1 << 18
 M_MMAP_THRESHOLD = -3  # a constant in malloc.h
 #: Largest message of a page of the explorer; real messages are much smaller.
 MAX_MESSAGE_BYTES = 1 << 20
@@ -49,7 +49,7 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
     log_config
         The configuration for `logging.config.dictConfig`.
     asked_to_stop
-        An event that is set by a signal that arrives before the server handles signals.
+        An event that a signal sets if it arrives before the server handles signals.
 
     Returns
     -------
@@ -62,7 +62,7 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
         The address cannot be bound. Nothing has been started.
     """
     return_large_blocks()
-    sockets = bind(settings.host, settings.port)
+    sockets = bind_sockets(settings.host, settings.port)
     server = uvicorn.Server(
         uvicorn.Config(
             app,
@@ -88,11 +88,11 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
         for each in sockets:
             host, port = each.getsockname()[:2]
             log.info("listening at http://%s:%d", f"[{host}]" if ":" in host else host, port)
-        gc.set_threshold(OBJECTS)
+        gc.set_threshold(GC_OBJECTS)
         gc.freeze()  # otherwise every full collection scans all modules, and delays answers
         if settings.preload:
-            app.state.front.kernels.begin()  # kernels are ready when the first request needs them
-        if explorer := app.state.explorer:  # the explorer is prepared before somebody opens it
+            app.state.front.kernels.start_compiling()  # before the first request needs the kernels
+        if explorer := app.state.explorer:  # prepare the explorer before somebody opens it
             app.state.preparing = asyncio.ensure_future(explorer.prepare())  # the reference keeps the task alive
 
     app.state.on_start = begin
@@ -103,10 +103,10 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
 def return_large_blocks() -> None:
     """Make glibc return the memory of freed arrays to the system. Other C libraries do not need it."""
     with suppress(OSError, AttributeError, TypeError):
-        ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, LARGE)
+        ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, LARGE_BLOCK)
 
 
-def bind(host: str, port: int) -> list[socket.socket]:
+def bind_sockets(host: str, port: int) -> list[socket.socket]:
     """Bind sockets to all addresses of a host. They do not listen yet, so nobody can connect before the start.
 
     Returns
@@ -117,7 +117,7 @@ def bind(host: str, port: int) -> list[socket.socket]:
     Raises
     ------
     AddressError
-        An address is taken, not of this machine, or unknown.
+        An address is in use, does not belong to this machine, or is unknown.
     """
     bound: list[socket.socket] = []
     try:
@@ -143,15 +143,16 @@ def bind(host: str, port: int) -> list[socket.socket]:
 def _end_with_signals(app: FastAPI) -> None:
     """Make SIGINT and SIGTERM end surveys and requests at once, not only when uvicorn has closed its connections.
 
-    This is called inside the lifespan, when uvicorn has installed its signal handlers. The new handlers call them, too.
+    This function must be called inside the lifespan, when uvicorn has installed its signal handlers. The new handlers
+    also call uvicorn's.
     """
     loop = asyncio.get_running_loop()
 
-    def stop_at(number: signal.Signals) -> None:
+    def replace_handler(number: signal.Signals) -> None:
         uvicorns = signal.getsignal(number)
 
         def stop(received: int, frame: FrameType | None) -> None:
-            deadline = threading.Timer(STOP_SECONDS, _end_now)
+            deadline = threading.Timer(STOP_SECONDS, _kill_all)
             deadline.daemon = True
             deadline.start()
             loop.call_soon_threadsafe(app.state.front.end)
@@ -161,11 +162,11 @@ def _end_with_signals(app: FastAPI) -> None:
         signal.signal(number, stop)
 
     for number in SIGNALS:
-        stop_at(number)
+        replace_handler(number)
 
 
-def _end_now() -> None:
-    """Kill all processes at once. Nothing is lost: files of tiles appear whole, and the database has committed."""
+def _kill_all() -> None:
+    """Kill this process and its children. Nothing is lost: tiles are written whole, and the database has committed."""
     log.warning("the service is still busy %g s after the signal: it is killed now", STOP_SECONDS)
     for child in psutil.Process().children(recursive=True):
         with suppress(psutil.Error):

@@ -67,7 +67,7 @@ def test_a_survey_is_submitted_and_fills_in(page: Page, service: str, held: Faul
     expect(page.get_by_text("share of the sample that ends quiet")).to_be_visible()  # a map that fills in
     expect(page.get_by_role("list", name="colours of the map")).to_contain_text("not computed")
     page.get_by_label("Map", exact=True).select_option("region")
-    expect(page.get_by_text("exact, before the survey has come to it")).to_be_visible()
+    expect(page.get_by_text("exact values, shown before the survey has computed them")).to_be_visible()
     wait_for_map(page, "renderers.find((each) => each.name === 'G1').data_source.data.xs.length > 0")
     other = {"quantities": ["attractors"], "name": "behind it"}  # nothing of it is known yet
     behind = httpx.post(f"{service}/v1/surveys", json=SURVEY | other, timeout=HANG).json()["links"]["self"]

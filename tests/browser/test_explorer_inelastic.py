@@ -64,7 +64,7 @@ def test_a_link_keeps_harmonics_and_a_machine_s_errors(page: Page, service: str)
     beside, table = page.locator(".beside"), page.locator(".pinned")
     expect(beside).to_contain_text("a load of 0.1 N m, mesh errors of 0.1 µm")
     expect(beside).to_contain_text("harmonic 20: 0.001667 at 0")
-    expect(beside).to_contain_text("known of a forcing of one cosine only")
+    expect(beside).to_contain_text("defined for a forcing of one cosine only")
     expect(table).to_contain_text("harmonic 20: 0.0033 at 0.25")
     gear = rattle.Gear(0.6, 0.25, restitution=0.9, harmonics=[HARMONIC])
     for each in gear.attractors(1024):

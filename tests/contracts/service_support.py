@@ -20,7 +20,7 @@ from gear_rattle.service.app import create_app
 from gear_rattle.service.database import DoneTile
 from gear_rattle.service.database.tables import Scope
 from gear_rattle.service.errors import UnavailableError
-from gear_rattle.service.operations import turns
+from gear_rattle.service.operations import processes
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest, compute_tile, create_store, tiles_of
@@ -70,7 +70,7 @@ async def run_here(compute: Callable[..., Any], *arguments: Any, limiter: Any, *
 def points_in(process: Any) -> Iterator[None]:
     """Replace the module that computes points: `anyio.to_process`, or `IN_A_THREAD`."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(turns, "to_process", process)
+        patch.setattr(processes, "to_process", process)
         yield
 
 

@@ -1,5 +1,6 @@
 """docs/map.md is true: its picture is of today's imports, it names every room, and its recipes do what they promise."""
 
+import ast
 import re
 import runpy
 import shutil
@@ -43,14 +44,14 @@ assert "orbit_count" in SCHEMA
     "curve": """
 import rattle
 from rattle.plot.plane import plane_figure
-from gear_rattle.service.explorer.map.overlays import entries
+from gear_rattle.service.explorer.map.overlays import key_entries
 from rattle.models import Impacting
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.survey.template import template_of
 curve = rattle.curves.trace("PDC_low", 0.6, (0.4, 0.6), (0.0, 0.3))
 assert 0.49 < curve.delta.max() <= 0.5 + 1e-9
 assert abs(curve.epsilon - [rattle.flip(delta) for delta in curve.delta]).max() < 1e-9
-assert "the flip of C at low damping" in str(entries(Impacting()))
+assert "the flip of C at low damping" in str(key_entries(Impacting()))
 texts = plane_figure((0.4, 0.9), (0.005, 0.3)).figure.findobj(lambda artist: hasattr(artist, "get_text"))
 assert "PDC_low" in {text.get_text().replace(" ", "_") for text in texts}
 request = SurveyRequest(
@@ -128,7 +129,7 @@ async def shown():
         view = PointView(PointPanel("light"), app.state.front, store, 0.4, 0.1, model)
 
         async def here(work, *arguments, **_):
-            few = {parts.basins: (40, "cells"), parts.chances: (64,)}
+            few = {parts.basins: (40, "cells"), parts.sampled_attractors: (64,)}
             return work(arguments[0], *few[work]) if work in few else work(*arguments)
 
         view.work.compute = here
@@ -196,6 +197,18 @@ def test_a_room_holds_a_dozen_files_at_most() -> None:
     }
     crowded = {room for room, count in files.items() if count > 12}
     assert crowded <= {"service/commands", "rattle/paper"}
+
+
+def test_the_explorer_asks_the_operations_and_never_the_database() -> None:
+    """It has the same answers as REST. What it takes of the database's room are the types of rows."""
+    reading = {
+        f"{path.relative_to(ROOT)}:{node.lineno}"
+        for path in (ROOT / "service/explorer").rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if (isinstance(node, ast.Attribute) and node.attr == "database")
+        or (isinstance(node, ast.ImportFrom) and re.search(r"service\.database(?!\.tables)", node.module or ""))
+    }
+    assert not reading
 
 
 @pytest.fixture(scope="module")

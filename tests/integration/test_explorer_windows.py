@@ -248,7 +248,7 @@ def test_closing_gives_up_what_is_not_begun_and_the_loop_runs_on(
             task.cancel()
             await asyncio.wait([task])
             await eventually(lambda: parts(cluster) == 0)
-        assert front.windows.borrowed_tokens == 0
+        assert front.window_limiter.borrowed_tokens == 0
         gate.unlink()
         assert len(await all_frames(front, "region")) == 1
 
@@ -272,7 +272,7 @@ def test_a_picture_of_a_window_has_its_finer_cells_computed_once(
         assert (await http.get(f"{here}/map.png", params=beyond)).status_code == 200
         monkeypatch.setattr(service_windows, "refine_window", None)  # a window that is kept is not computed again
         again = await http.get(f"{here}/map.png", params=fine)
-        kept = await windows.finest(REQUEST, "quiet_fraction", 0, WINDOW, PIXELS)
+        kept = await windows.last_frame(REQUEST, "quiet_fraction", 0, WINDOW, PIXELS)
         np.testing.assert_array_equal(kept.values, expected.values)
         assert coarse != first == again.content
         for variable in ("attractor_phase", "region"):  # no window has it; the cells are fine enough
@@ -302,7 +302,7 @@ def test_so_many_at_once_and_so_many_wait(tmp_path: Path, cluster: Client) -> No
         async with aclosing(shown(front, "lyapunov_max")) as first:
             await anext(first)
             second = asyncio.create_task(all_frames(front, "region"))
-            await eventually(lambda: front.windows.statistics().tasks_waiting == 1)
+            await eventually(lambda: front.window_limiter.statistics().tasks_waiting == 1)
             with pytest.raises(UnavailableError, match="Too many"):
                 await all_frames(front, "region")
             assert not second.done()
@@ -317,7 +317,7 @@ def test_what_cannot_be_computed(tmp_path: Path, cluster: Client) -> None:
             await all_frames(front, "weather")
         with pytest.raises(SurveyError, match="zoom out"):
             await anext(refine_window(front, REQUEST, "region", 0, Window((0.6, 0.6 + 3e-16), (0.1, 0.2)), PIXELS))
-        assert front.windows.borrowed_tokens == 0
+        assert front.window_limiter.borrowed_tokens == 0
 
     run(tmp_path, cluster, body)
 
@@ -343,7 +343,7 @@ def test_a_cluster_that_is_lost_is_told_and_found_again(tmp_path: Path, gate: Pa
                     async for _ in frames:
                         pass
             gate.unlink()
-            assert front.windows.borrowed_tokens == 0
+            assert front.window_limiter.borrowed_tokens == 0
             await eventually(lambda: front.manager.cluster_state != "ready")
             with pytest.raises(RattleError, match="workers"):
                 await all_frames(front, "region")

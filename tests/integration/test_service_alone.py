@@ -68,7 +68,7 @@ def test_a_second_service_is_refused_by_data_directory_and_by_database(tmp_path:
         assert_refused(tmp_path / "second", database_url, "Another service uses the job database")
         assert database.jobs(1) == ([], 0)
     if database_url.startswith("sqlite"):  # does not depend on the database: once is enough
-        with DataDirectory(tmp_path / "first").locked():
+        with DataDirectory(tmp_path / "first").lock():
             assert_refused(tmp_path / "first", None, "Another service uses the data directory")
 
 

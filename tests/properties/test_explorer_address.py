@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 import rattle
-from gear_rattle.service.explorer.common.address import FURTHER, LIMITS, OVERLAYS, THEMES, Entered, View
+from gear_rattle.service.explorer.common.address import FURTHER, LIMITS, OVERLAYS, THEMES, EnteredMachine, View
 from gear_rattle.service.explorer.design import axes
 from gear_rattle.workers.pictures.look import USUAL_SHARE
 
@@ -17,7 +17,7 @@ windows = st.tuples(numbers, numbers).filter(lambda pair: pair[0] < pair[1])
 words = st.from_regex(r"[a-z][a-z_0-9]{0,20}", fullmatch=True)
 
 
-def is_machine(entered: Entered) -> bool:
+def is_machine(entered: EnteredMachine) -> bool:
     """Return whether these numbers make a machine; an address forgets others."""
     try:
         return entered.machine.gear is not None
@@ -26,7 +26,7 @@ def is_machine(entered: Entered) -> bool:
 
 
 machines = st.builds(
-    Entered,
+    EnteredMachine,
     inertia=st.floats(1e-4, 1e-2),
     drag=st.floats(1e-6, 1e-2),
     backlash=st.floats(1e-6, 1e-3),
@@ -93,18 +93,18 @@ def test_no_address_is_an_error(query: dict[str, list[bytes]]) -> None:
 @given(st.floats(1e-4, 1e4), st.floats(1e-12, 1e-6))
 def test_labels_of_a_narrow_axis_are_exact(middle: float, relative: float) -> None:
     low, high = middle * (1 - relative), middle * (1 + relative)
-    found = axes.offset_of((low, high))
+    found = axes.label_offset((low, high))
     assert found is not None
     offset, power = found
     assert abs(offset - middle) <= high - low
     assert 0.9 <= (high - low) / 10.0**power <= 10.3
     ticks = np.linspace(low, high, 100)
-    assert len({axes.written(float(tick), (low, high)) for tick in ticks}) == 100 or relative < 1e-11
+    assert len({axes.coordinate_text(float(tick), (low, high)) for tick in ticks}) == 100 or relative < 1e-11
 
 
 def test_wide_axes_have_no_offset() -> None:
-    assert axes.offset_of((0.4, 1.0)) is None
-    assert axes.offset_of((0.0, 1e-9)) is None
+    assert axes.label_offset((0.4, 1.0)) is None
+    assert axes.label_offset((0.0, 1e-9)) is None
 
 
 @pytest.mark.parametrize("name", ["delta", "point", "limits"])

@@ -9,7 +9,7 @@ import rattle
 from rattle import curves
 from rattle.attractors import chaos, samples
 from rattle.impacting.attractors import classifier, settle
-from rattle.numerics.sampling import initial_conditions, sobol
+from rattle.numerics.sampling import initial_conditions, sobol_points
 
 GEARS = either(30, 120)
 
@@ -114,7 +114,7 @@ def test_equal_labels_at_different_places_stay_apart():
 @pytest.mark.parametrize("count", [1, 2, 3, 64, 1000, 4096, 65537])
 def test_points_are_those_of_scipy_to_the_last_bit(count):
     drawn = qmc.Sobol(2, scramble=False).random_base2(max(count - 1, 1).bit_length())
-    np.testing.assert_array_equal(sobol(count), drawn[:count])
+    np.testing.assert_array_equal(sobol_points(count), drawn[:count])
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 100, 256])

@@ -118,14 +118,14 @@ def test_a_cell_is_one_call_of_the_library(whole: xr.Dataset, i: int, j: int) ->
 def test_a_failing_cell_loses_only_itself(monkeypatch: pytest.MonkeyPatch, whole: xr.Dataset) -> None:
     bad = (2, 3)
     delta, epsilon = WHOLE.delta.values()[bad[1]], WHOLE.epsilon.values()[bad[0]]
-    of_samples = models.of_samples
+    attractors_of_samples = models.attractors_of_samples
 
     def failing(classifier: Any, cells: Parameters, *args: Any) -> rattle.Attractors:
         if np.any((cells.delta == delta) & (cells.epsilon == epsilon)):
             raise rattle.RattleError("no luck here")
-        return of_samples(classifier, cells, *args)
+        return attractors_of_samples(classifier, cells, *args)
 
-    monkeypatch.setattr(models, "of_samples", failing)
+    monkeypatch.setattr(models, "attractors_of_samples", failing)
     tile = tiles_of(survey(4, 3))[0]
     values, record = compute_tile(survey(4, 3), tile)
     assert record.failed_cells == ((*bad, "RattleError: no luck here"),)
@@ -143,7 +143,7 @@ def test_a_failure_of_the_machine_is_not_stored_as_a_cell(monkeypatch: pytest.Mo
     def exhausted(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(models, "of_samples", exhausted)
+    monkeypatch.setattr(models, "attractors_of_samples", exhausted)
     with pytest.raises(MemoryError):
         compute_tile(WHOLE, tiles_of(WHOLE)[0])
 
@@ -153,7 +153,7 @@ def test_undecided_samples_are_counted_openly(monkeypatch: pytest.MonkeyPatch) -
     undecided = rattle.Attractors(
         np.arange(30), none + 4, none, none, none, none + 5, some, some, nan, nan, nan, none + 100, some
     )
-    monkeypatch.setattr(models, "of_samples", lambda *_: undecided)
+    monkeypatch.setattr(models, "attractors_of_samples", lambda *_: undecided)
     values, record = compute_tile(WHOLE, tiles_of(WHOLE)[0])
     assert record.undecided_cells == record.cells == 30
     assert np.all(values["status"] == 2)

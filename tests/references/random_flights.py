@@ -8,7 +8,7 @@ from compiled import compiled
 
 from rattle.flight.first_impact import proven_impact, safe_impact
 from rattle.flight.forcing import DRIFT, TWO_PI
-from rattle.flight.law import leaving
+from rattle.flight.law import flight_from_phase
 
 SEEN = ("flights", "proved", "no_impact", "marched", "wrong_wall", "late", "march_wall", "march_time")
 FLIGHTS, PROVED, NO_IMPACT, MARCHED, WRONG_WALL, LATE, MARCH_WALL, MARCH_TIME = range(len(SEEN))
@@ -122,7 +122,7 @@ def compare(n, seed, regime, near_share, march_every, time_error):
     worst = 0.0
     for k in range(n):
         wall, tau, w, delta, epsilon, beta = random_flight(regime, np.random.random() < near_share)
-        flight = leaving(tau, w, delta, epsilon, DRIFT)
+        flight = flight_from_phase(tau, w, delta, epsilon, DRIFT)
         proved, target, s, _w1, _l, _s1, _c1 = proven_impact(wall, tau, flight, beta)
         found = safe_impact(wall, tau, flight, beta)
         status, safe_s, safe_target, w1 = found[0], found[1], found[2], found[3]

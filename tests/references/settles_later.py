@@ -23,7 +23,7 @@ import numpy as np
 
 import rattle
 from rattle.attractors.samples import Outcome
-from rattle.attractors.table import tabulated
+from rattle.attractors.table import tabulate_attractors
 from rattle.flight.forcing import DRIFT, contact_force
 from rattle.flight.law import natural_speed
 from rattle.impacting.attractors.classifier import ImpactingClassifier
@@ -130,12 +130,12 @@ def watched(point, count=COUNT):
     states = initial_conditions(*arrays, count, v_max, 0)
     is_stiff = np.isfinite(point[3])
     found = (
-        StiffClassifier.classify(Parameters.of("stiff", *arrays, kappa=kappa), *states)
+        StiffClassifier.classify(Parameters.from_values("stiff", *arrays, kappa=kappa), *states)
         if is_stiff
-        else ImpactingClassifier.classify(Parameters.of("impacting", *arrays), *states)
+        else ImpactingClassifier.classify(Parameters.from_values("impacting", *arrays), *states)
     )
     seconds = time.process_time() - began
-    table, row = tabulated(found)
+    table, row = tabulate_attractors(found)
     kind, samples = table.kind[row], found.samples
     chaotic = np.flatnonzero(kind == Outcome.CHAOTIC)
     most = TIMES * int(samples.impacts[chaotic].max(initial=0))

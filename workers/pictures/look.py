@@ -106,7 +106,7 @@ class FinerCells:
 
 
 @dataclass(frozen=True)
-class Overlays:
+class OverlayData:
     """Overlays of a map, which are computed before the map is drawn, because they take long.
 
     lines: points (k, 2) of the lines CRISIS and LIMIT, by name, with NaN between pieces. band: dampings (n,), and the
@@ -119,7 +119,7 @@ class Overlays:
     finer: FinerCells | None = None
 
 
-NO_OVERLAYS = Overlays()
+NO_OVERLAYS = OverlayData()
 
 
 def _cells_around(cells: np.ndarray, low: float, high: float) -> slice:

@@ -32,7 +32,7 @@ from gear_rattle.workers.pictures.look import (
     FinerCells,
     Form,
     Look,
-    Overlays,
+    OverlayData,
     in_revolutions,
     variable_words,
 )
@@ -106,7 +106,7 @@ def map_picture(
     opened: OpenGroup | None = None,
     look: Look = USUAL_LOOK,
     form: Form = "png",
-    over: Overlays = NO_OVERLAYS,
+    over: OverlayData = NO_OVERLAYS,
 ) -> bytes:
     """Return the picture that `map_figure` draws, with the same arguments, as the content of a file.
 
@@ -137,7 +137,7 @@ def map_figure(
     index: int = 0,
     opened: OpenGroup | None = None,
     look: Look = USUAL_LOOK,
-    over: Overlays = NO_OVERLAYS,
+    over: OverlayData = NO_OVERLAYS,
 ) -> Figure:
     """Draw a variable of an open survey, finished or not.
 

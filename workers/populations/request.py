@@ -151,8 +151,8 @@ class PopulationRequest(Strict):
     @property
     def samples(self) -> int:
         """The least number of states to follow, including additional states of the gears tested for passing."""
-        judging = self.plan.looks[-1] if self.share is not None else 0
-        return self.n_cells * self.count + self.plan.judging * judging
+        judging = self.plan.sample_counts[-1] if self.share is not None else 0
+        return self.n_cells * self.count + self.plan.n_judged * judging
 
     def content_hash(self) -> str:
         """Return the hex SHA-256 of everything that decides the bytes of the store, code version included."""

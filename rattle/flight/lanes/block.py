@@ -7,16 +7,16 @@ import numpy as np
 from numpy import float32 as f32
 
 from rattle.flight.contact_phase import ENDLESS, MOST_BOUNCES
-from rattle.flight.forcing import DRIFT, Arc, negative_arc, phase_at, plus_slope, swings_beyond
+from rattle.flight.forcing import DRIFT, NegativeArc, add_slope, has_swing_beyond, negative_arc, phase_at
 from rattle.flight.law import Flight
 from rattle.numerics.compile import inline, kernel
 
-LANES, GROUP = 192, 16  # lanes of a block, and of a group; only groups in use are computed
+LANES, GROUP = 192, 16  # numbers of lanes of a block, and of a group; only groups in use are computed
 #: Numbers of groups: all, none, one. They are np.int64, because Python integers would compile further kernel variants.
 GROUPS, NONE, ONCE = np.array([LANES // GROUP, 0, 1])
 SMOOTH, ROUGH, ARCS = range(3)
-ROUGHNESS = 0.75  # share of the amplitude at which the contact force changes sign; above it a better first guess pays
-HUGE = 1e100  # largest growth of a tangent vector between two checks
+ROUGHNESS = 0.75  # a better first guess pays on lanes where the contact force swings by over this share of its mean
+HUGE = 1e100  # a tangent vector is reset when it has grown by this factor
 ZERO, ONE = f32(0.0), f32(1.0)
 
 #: Fields that also have a copy in single precision, named with a trailing underscore.
@@ -96,15 +96,15 @@ def flight32(b, i):
 def flight64(b, i):
     """Return the flight of lane i in double precision."""
     k = np.uint64(i)
-    a = plus_slope(DRIFT, b.sin0[k], b.cos0[k], b.epsilon[k]) - b.w[k]
+    a = add_slope(DRIFT, b.sin0[k], b.cos0[k], b.epsilon[k]) - b.w[k]
     return Flight(b.w[k], a, b.sin0[k], b.cos0[k], b.delta[k], b.epsilon[k])
 
 
 @inline
 def arc32(b, i):
-    """Return the arc of negative contact force of lane i."""
+    """Return the arc of negative contact force of lane i, in single precision."""
     k = np.uint64(i)
-    return Arc(not b.no_arc[k] > ZERO, b.arc_exit[k], b.arc_length[k], b.sin_entry[k], b.sin_exit[k])
+    return NegativeArc(not b.no_arc[k] > ZERO, b.arc_exit[k], b.arc_length[k], b.sin_entry[k], b.sin_exit[k])
 
 
 @kernel
@@ -121,7 +121,7 @@ def load(b, i, tau, v, delta, epsilon, beta, limit):
     arc = negative_arc(delta, epsilon)
     b.arc_exit[i], b.arc_length[i], b.sin_entry[i], b.sin_exit[i] = arc.leave, arc.length, arc.sin_entry, arc.sin_exit
     b.no_arc[i] = ZERO if arc.exists else ONE
-    b.rough[i] = flag(swings_beyond(ROUGHNESS, delta, epsilon))
+    b.rough[i] = flag(has_swing_beyond(ROUGHNESS, delta, epsilon))
     b.at_v[i], b.next_look[i], b.batch[i] = -1.0, 1.0, -1.0  # a reference state that no state is close to
 
 
@@ -137,7 +137,7 @@ def move(b, i, j):
 
 
 @kernel
-def close_ranks(b):
+def move_to_front(b):
     """Move the trajectories to the first lanes, and return the number of groups in use."""
     i, j = 0, LANES - 1
     while True:
@@ -151,7 +151,7 @@ def close_ranks(b):
 
 
 @inline
-def stretched(b, i):
+def normalise_tangent(b, i):
     """Return ln stretch and ln|det| of lane i in (t, w²/2) since the last call, and normalise its tangent vector.
 
     In these coordinates a flight has the determinant e^(−δs), because dw²/2 = w dw at both ends.
@@ -170,7 +170,7 @@ def stretched(b, i):
 
 
 @inline
-def overflows(b, i):
+def is_near_overflow(b, i):
     """Return whether the tangent vector or determinant of lane i must be reset to stay within double precision."""
     size, determinant = abs(b.t_tangent[i]) + abs(b.w_tangent[i]), abs(b.determinant[i])
     inside = (size > 1.0 / HUGE) & (size < HUGE) & (determinant > 1.0 / HUGE) & (determinant < HUGE)
@@ -178,7 +178,7 @@ def overflows(b, i):
 
 
 @kernel
-def empty(b):
+def clear_block(b):
     """Clear a block: no lane has a trajectory, and every lane has reached its limit."""
     for i in range(LANES):
         load(b, i, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0)
@@ -186,22 +186,22 @@ def empty(b):
 
 
 @inline
-def ended(b, i):
-    """Return whether lane i has made its impacts, or cannot go on because it only bounces on Σ⁻."""
+def has_ended(b, i):
+    """Return whether lane i has made its impacts, or cannot go on because it only bounces on Σ⁻, and then stop it."""
     if b.n_minus[i] > MOST_BOUNCES * (b.n_plus[i] + 1.0):
         b.stuck[i], b.limit[i] = ENDLESS, -1.0
     return not b.n_plus[i] < b.limit[i]
 
 
 @inline
-def synchronise(b, groups):
+def recompute_phases(b, groups):
     """Recompute the sine and cosine of all phases, which drift by rounding when updated from flight to flight."""
     for i in range(GROUP * groups):
         b.sin0[i], b.cos0[i] = phase_at(b.tau[i])
 
 
 @inline
-def made_ready(b, groups, none_waits):
+def prepare_flights(b, groups, none_waits):
     """Prepare the block for flights, and return the number of groups in use.
 
     If no trajectory waits for a lane, the trajectories are moved to the first lanes. Then sines and cosines are
@@ -213,19 +213,19 @@ def made_ready(b, groups, none_waits):
         Number of groups in use.
     """
     if none_waits:
-        groups = close_ranks(b)
-    synchronise(b, groups)
+        groups = move_to_front(b)
+    recompute_phases(b, groups)
     return groups
 
 
 @inline
-def roughest(b, groups):
-    """Return the most demanding stage that any lane needs.
+def needed_stage(b, groups):
+    """Return the kind of guess and of proof that the most demanding lane needs.
 
     Returns
     -------
     int
-        ARCS if the contact force of some lane changes sign, ROUGH if one comes close to that, else SMOOTH.
+        ARCS if the contact force of some lane changes sign, ROUGH if that of some lane almost does, else SMOOTH.
     """
     found = SMOOTH
     for i in range(GROUP * groups):
@@ -233,7 +233,7 @@ def roughest(b, groups):
     return found
 
 
-def block() -> np.ndarray:
+def new_block() -> np.ndarray:
     """Return memory for one block (1,), aligned to cache lines.
 
     Kernels take this array, because numba does not accept a record with overlapping fields from Python.

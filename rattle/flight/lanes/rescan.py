@@ -6,7 +6,7 @@ The lanes are compacted, scanned at fixed steps, and proved from the scan. docs/
 import numpy as np
 from numpy import float32 as f32
 
-from rattle.flight.forcing import Arc
+from rattle.flight.forcing import NegativeArc
 from rattle.flight.guess import (
     SCAN_STEP,
     SCAN_STEPS,
@@ -14,19 +14,20 @@ from rattle.flight.guess import (
     UNBOUNDED,
     Minimum,
     Scan,
-    depth,
-    level_of,
-    local_root,
-    refined,
-    scanned,
-    taylor,
+    advance_scan,
+    estimated_minimum,
+    refine_time,
+    step_to_level,
+    taylor_coefficients,
+    wall_level,
 )
 from rattle.flight.lanes.block import ARCS, GROUP, ONE, ZERO, flag
 from rattle.flight.law import Flight
-from rattle.flight.proof import clears_the_gap, is_located, single_turn, two_turns
+from rattle.flight.proof import clears_the_gap, clears_with_two_minima, has_single_turn, is_located
 from rattle.numerics.compile import inline, kernel
 
-SCANNED, SAFE = range(2)  # indices of `paths`, the numbers of flights located by this second attempt and by the search
+# `paths[SCANNED]` counts the flights that need this second attempt, `paths[SAFE]` those that also need the safe search.
+SCANNED, SAFE = range(2)
 
 
 @kernel
@@ -63,17 +64,17 @@ def compact(b, groups):
 
 
 @inline
-def flight_scanned(b, i):
-    """Return flight i of the compacted lanes."""
+def compacted_flight(b, i):
+    """Return the flight of compacted lane i, in single precision."""
     k = np.uint64(i)  # an unsigned index, as in `flight32`
     return Flight(b.z_w[k], b.z_a[k], b.z_sin0[k], b.z_cos0[k], b.z_delta[k], b.z_epsilon[k])
 
 
 @inline
-def arc_scanned(b, i):
+def compacted_arc(b, i):
     """Return the arc of negative contact force of compacted lane i."""
     k = np.uint64(i)
-    return Arc(not b.z_no_arc[k] > ZERO, b.z_arc_exit[k], b.z_arc_length[k], b.z_sin_entry[k], b.z_sin_exit[k])
+    return NegativeArc(not b.z_no_arc[k] > ZERO, b.z_arc_exit[k], b.z_arc_length[k], b.z_sin_entry[k], b.z_sin_exit[k])
 
 
 @inline
@@ -90,7 +91,7 @@ def scan(b, n, padded):
         for k in range(padded):
             turned, ended, falls = b.z_turned[k] > ZERO, b.z_ended[k] > ZERO, b.z_falls[k] > ZERO
             before = Scan(b.z_f[k], b.z_g[k], turned, b.z_turn[k], ended, falls, b.z_end[k])
-            now = scanned(s0, s1, b.z_wall[k], b.z_gap[k], before, flight_scanned(b, k))
+            now = advance_scan(s0, s1, b.z_wall[k], b.z_gap[k], before, compacted_flight(b, k))
             b.z_f[k], b.z_g[k], b.z_turn[k], b.z_end[k] = now.f, now.g, now.turn, now.end
             b.z_turned[k], b.z_ended[k], b.z_falls[k] = flag(now.turned), flag(now.ended), flag(now.falls)
         left = np.int32(0)
@@ -104,19 +105,19 @@ def scan(b, n, padded):
 def locate(b, n):
     """Compute the depth of the last turning point that the scan found, and the impact in single precision."""
     for k in range(n):
-        wall, gap, flight = b.z_wall[k], b.z_gap[k], flight_scanned(b, k)
+        wall, gap, flight = b.z_wall[k], b.z_gap[k], compacted_flight(b, k)
         turn, end, scanned_fall = b.z_turn[k], b.z_end[k], b.z_falls[k]
-        series = taylor(turn, flight)
-        lowest, minimum = depth(turn, series, flight)
+        series = taylor_coefficients(turn, flight)
+        lowest, minimum = estimated_minimum(turn, series, flight)
         b.z_f[k] = minimum.bound if flight.delta * turn < TOO_FAR else UNBOUNDED
         misses = (turn > ZERO) & (wall > ZERO) & (lowest < -gap)  # the flight met Σ⁻ between two points of the scan
         falls = flag(misses | (scanned_fall > ZERO))
-        level = level_of(wall, falls > ZERO, gap)
-        near_turn = turn + local_root(falls == ZERO, level, series)
+        level = wall_level(wall, falls > ZERO, gap)
+        near_turn = turn + step_to_level(falls == ZERO, level, series)
         from_turn = (end < ZERO) | (misses & (scanned_fall == ZERO))
         s = near_turn if from_turn else end
-        s, _u, _speed = refined(s, level, flight)
-        s, step, speed = refined(s, level, flight)
+        s, _u, _speed = refine_time(s, level, flight)
+        s, step, speed = refine_time(s, level, flight)
         b.z_s[k], b.z_falls[k], b.z_g[k], b.z_turn[k] = s, falls, minimum.tilt, minimum.time
         b.z_proved[k] = flag(is_located(s, step, speed, flight))
 
@@ -126,7 +127,7 @@ def prove_scanned(b, n):
     """Prove the located impacts to be the first, for flights whose contact force keeps its sign."""
     for k in range(n):
         rising, minimum = b.z_falls[k] == ZERO, Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])
-        clear = clears_the_gap(b.z_wall[k], rising, b.z_s[k], minimum, b.z_gap[k], flight_scanned(b, k))
+        clear = clears_the_gap(b.z_wall[k], rising, b.z_s[k], minimum, b.z_gap[k], compacted_flight(b, k))
         b.z_proved[k] = b.z_proved[k] if clear else ZERO
 
 
@@ -135,8 +136,8 @@ def prove_scanned_turns(b, n):
     """Prove the located impacts to be the first, where the contact force of some lane changes sign."""
     for k in range(n):
         wall, gap, rising, tau, s = b.z_wall[k], b.z_gap[k], b.z_falls[k] == ZERO, b.z_tau[k], b.z_s[k]
-        flight, arc, minimum = flight_scanned(b, k), arc_scanned(b, k), Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])
-        once = single_turn(wall, rising, tau, s, minimum.time, flight, arc)
+        flight, arc, minimum = compacted_flight(b, k), compacted_arc(b, k), Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])
+        once = has_single_turn(wall, rising, tau, s, minimum.time, flight, arc)
         once &= clears_the_gap(wall, rising, s, minimum, gap, flight)
-        twice = two_turns(wall, rising, tau, s, minimum, gap, flight, arc)
+        twice = clears_with_two_minima(wall, rising, tau, s, minimum, gap, flight, arc)
         b.z_proved[k] = b.z_proved[k] if once | twice else ZERO

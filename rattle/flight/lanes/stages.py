@@ -10,25 +10,25 @@ import numpy as np
 from numpy import float32 as f32
 
 from rattle.flight.contact_phase import IN_CONTACT, chatter_completes, stays_in_contact
-from rattle.flight.first_impact import OK, last_step, safe_impact, stepped
-from rattle.flight.forcing import DRIFT, Q, contact_force, plus_slope32
+from rattle.flight.first_impact import OK, last_step, safe_impact, state_after_step
+from rattle.flight.forcing import DRIFT, Q, add_slope32, contact_force
 from rattle.flight.guess import (
     TOO_FAR,
     Minimum,
     better_guess,
-    depth,
+    estimated_minimum,
     first_guess,
-    level_of,
-    local_root,
-    refined,
-    taylor,
+    refine_time,
+    step_to_level,
+    taylor_coefficients,
+    wall_level,
 )
-from rattle.flight.impact_law import reflected
+from rattle.flight.impact_law import reflected_velocity
 from rattle.flight.lanes.block import ARCS, GROUP, ROUGH, ZERO, arc32, flag, flight32, flight64
 from rattle.flight.lanes.rescan import SAFE, second_attempt
 from rattle.flight.law import evaluate_short, folded, second_derivative
-from rattle.flight.proof import clears_the_gap, is_located, single_turn
-from rattle.flight.tangent import carried
+from rattle.flight.proof import clears_the_gap, has_single_turn, is_located
+from rattle.flight.tangent import carried_tangent
 from rattle.numerics.compile import inline, kernel
 
 LEAST = -np.finfo(np.float64).max  # the smallest finite number
@@ -36,7 +36,7 @@ LEAST = -np.finfo(np.float64).max  # the smallest finite number
 
 @inline
 def copy_to_single(b, groups):
-    """Copy the state to single precision, in a loop of its own because mixed widths halve the vector length."""
+    """Copy the state of each lane to single precision, in its own loop: mixed widths would halve the vector length."""
     for field in range(len(b.state)):
         for i in range(GROUP * groups):
             b.state_[field, i] = f32(b.state[field, i])
@@ -46,7 +46,7 @@ def copy_to_single(b, groups):
 def guess(b, groups):
     """Compute A of the flight law, and a first guess of where the flight turns (from Σ⁺) or ends (from Σ⁻)."""
     for i in range(GROUP * groups):
-        b.a_[i] = plus_slope32(Q, b.sin0_[i], b.cos0_[i], b.epsilon_[i]) - b.w_[i]
+        b.a_[i] = add_slope32(Q, b.sin0_[i], b.cos0_[i], b.epsilon_[i]) - b.w_[i]
         b.s_[i] = first_guess(b.wall_[i], b.gap_[i], b.inverse_delta_[i], flight32(b, i))
 
 
@@ -62,9 +62,9 @@ def improve(b, groups):
 
 @inline
 def expand(b, groups):
-    """Compute the Taylor coefficients of F at the guess."""
+    """Compute the Taylor coefficients of the height F of each flight at the guessed time."""
     for i in range(GROUP * groups):
-        c = taylor(b.s_[i], flight32(b, i))
+        c = taylor_coefficients(b.s_[i], flight32(b, i))
         b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i] = c
 
 
@@ -73,7 +73,7 @@ def choose_wall(b, groups):
     """Compute the turning point's depth, which gives the next wall and a lower bound of F for the proof."""
     for i in range(GROUP * groups):
         series = b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i]
-        lowest, minimum = depth(b.s_[i], series, flight32(b, i))
+        lowest, minimum = estimated_minimum(b.s_[i], series, flight32(b, i))
         falls = (b.wall_[i] > ZERO) & (lowest < -b.gap_[i])
         b.bound[i], b.tilt[i], b.turn[i] = minimum
         b.falls[i] = flag(falls)
@@ -81,27 +81,27 @@ def choose_wall(b, groups):
 
 @inline
 def solve_locally(b, groups):
-    """Solve the Taylor polynomial for the level of the wall."""
+    """Move the time of the guess to the impact, where the Taylor polynomial reaches the level of the wall."""
     for i in range(GROUP * groups):
-        level = level_of(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
+        level = wall_level(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
         series = b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i]
-        b.s_[i] += local_root(not b.falls[i] > ZERO, level, series)
+        b.s_[i] += step_to_level(not b.falls[i] > ZERO, level, series)
 
 
 @inline
 def solve_again(b, groups):
     """Expand at the new time and solve again, because the first polynomial is poor far from the turning point."""
     for i in range(GROUP * groups):
-        level, flight = level_of(b.wall_[i], b.falls[i] > ZERO, b.gap_[i]), flight32(b, i)
-        b.s_[i] += local_root(not b.falls[i] > ZERO, level, taylor(b.s_[i], flight))
+        level, flight = wall_level(b.wall_[i], b.falls[i] > ZERO, b.gap_[i]), flight32(b, i)
+        b.s_[i] += step_to_level(not b.falls[i] > ZERO, level, taylor_coefficients(b.s_[i], flight))
 
 
 @inline
 def refine(b, groups):
     """Refine the time by a step of fourth order towards the wall."""
     for i in range(GROUP * groups):
-        level = level_of(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
-        b.s_[i], b.step[i], b.speed[i] = refined(b.s_[i], level, flight32(b, i))
+        level = wall_level(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
+        b.s_[i], b.step[i], b.speed[i] = refine_time(b.s_[i], level, flight32(b, i))
 
 
 @inline
@@ -119,13 +119,13 @@ def prove_turns(b, groups):
     """Complete the proof where the contact force of some lane changes sign."""
     for i in range(GROUP * groups):
         flight, rising = flight32(b, i), b.falls[i] == ZERO
-        certain = single_turn(b.wall_[i], rising, b.tau_[i], b.s_[i], b.turn[i], flight, arc32(b, i))
+        certain = has_single_turn(b.wall_[i], rising, b.tau_[i], b.s_[i], b.turn[i], flight, arc32(b, i))
         b.proved[i] = b.proved[i] if certain else ZERO
 
 
 @inline
 def evaluate_in_double(b, groups):
-    """Evaluate in double precision F above the level of the next wall, and F'."""
+    """Evaluate in double precision the height of each flight above the level of its next wall, and its speed."""
     for i in range(GROUP * groups):
         gap = b.gap[i]
         level = 0.0 if b.wall[i] > 0.0 else gap
@@ -136,7 +136,7 @@ def evaluate_in_double(b, groups):
 
 @inline
 def copy_to_double(b, groups):
-    """Copy the estimates and verdicts of single precision for the following stages."""
+    """Copy flight times, next walls and the verdicts of the proof from single to double precision."""
     for i in range(GROUP * groups):
         b.s[i] = np.float64(b.s_[i])
         b.target[i] = 1.0 - 2.0 * np.float64(b.falls[i])
@@ -144,11 +144,11 @@ def copy_to_double(b, groups):
 
 
 @inline
-def keep_or_take(go, new, old):
+def select_number(go, new, old):
     """Return the new number if the lane goes on, else the old one.
 
-    Written plainly, LLVM turns the choice into a masked store, which is slow without AVX-512. The maximum changes no
-    number but hides from LLVM where the old number came from.
+    LLVM would turn a plain choice into a masked store, which is slow without AVX-512. The maximum changes no number,
+    but hides from LLVM where the old number came from.
 
     Returns
     -------
@@ -158,7 +158,7 @@ def keep_or_take(go, new, old):
     return new if go else max(old, LEAST)
 
 
-def _land(tangent):
+def _build_land(tangent):
     """Build the stage that moves lanes to their impacts. `tangent` is a constant of the closure, outside the loop."""
 
     @inline
@@ -172,7 +172,7 @@ def _land(tangent):
             tau, wall, target, s, flight = b.tau[i], b.wall[i], b.target[i], b.s[i], flight64(b, i)
             w1, lost, sin1, cos1 = b.w1[i], b.lost[i], b.sin1[i], b.cos1[i]
             u, exact = last_step(s, b.f0[i], w1, lost, sin1, cos1, flight)
-            w1, bend, lost, sin1, cos1 = stepped(u, w1, lost, sin1, cos1, flight)
+            w1, bend, lost, sin1, cos1 = state_after_step(u, w1, lost, sin1, cos1, flight)
             s += u
             sure = (b.sure[i] > 0.0) & exact & (target * w1 > 0.0)
             go = sure & (b.n_plus[i] < b.limit[i])
@@ -181,22 +181,22 @@ def _land(tangent):
                 b.bend[i], b.lost[i], b.w1[i] = bend, lost, w1
                 b.s[i] = s if go else 0.0
                 b.sin1[i], b.cos1[i] = flight.sin0, flight.cos0
-            later, back = folded(tau + s), b.restitution[i] * reflected(w1)
+            later, back = folded(tau + s), b.restitution[i] * reflected_velocity(w1)
             plus, minus = 0.5 + 0.5 * target, 0.5 - 0.5 * target
-            b.tau[i] = keep_or_take(go, later, tau)
-            b.w[i] = keep_or_take(go, back, flight.w)
-            b.wall[i] = keep_or_take(go, target, wall)
+            b.tau[i] = select_number(go, later, tau)
+            b.w[i] = select_number(go, back, flight.w)
+            b.wall[i] = select_number(go, target, wall)
             if not tangent:
-                b.time[i] = keep_or_take(go, b.time[i] + s, b.time[i])
-            b.sin0[i] = keep_or_take(go, sin1, flight.sin0)
-            b.cos0[i] = keep_or_take(go, cos1, flight.cos0)
-            b.n_plus[i] = keep_or_take(go, b.n_plus[i] + plus, b.n_plus[i])
-            b.n_minus[i] = keep_or_take(go, b.n_minus[i] + minus, b.n_minus[i])
+                b.time[i] = select_number(go, b.time[i] + s, b.time[i])
+            b.sin0[i] = select_number(go, sin1, flight.sin0)
+            b.cos0[i] = select_number(go, cos1, flight.cos0)
+            b.n_plus[i] = select_number(go, b.n_plus[i] + plus, b.n_plus[i])
+            b.n_minus[i] = select_number(go, b.n_minus[i] + minus, b.n_minus[i])
 
     return land
 
 
-land_plain, land_tangent = _land(False), _land(True)
+land_plain, land_tangent = _build_land(False), _build_land(True)
 
 
 @inline
@@ -206,7 +206,7 @@ def carry(b, groups):
         go = b.s[i] > 0.0
         t0, q0, det0, time0 = b.t_tangent[i], b.w_tangent[i], b.determinant[i], b.time[i]
         sin0, cos0, sin1, cos1 = b.sin1[i], b.cos1[i], b.sin0[i], b.cos0[i]
-        t1, q1, det = carried(
+        t1, q1, det = carried_tangent(
             t0,
             q0,
             b.w1[i],
@@ -221,15 +221,15 @@ def carry(b, groups):
         )
         r = b.restitution[i]
         det1 = det0 * (r * det)
-        b.t_tangent[i] = keep_or_take(go, t1, t0)
-        b.w_tangent[i] = keep_or_take(go, r * q1, q0)
-        b.determinant[i] = keep_or_take(go, det1, det0)
+        b.t_tangent[i] = select_number(go, t1, t0)
+        b.w_tangent[i] = select_number(go, r * q1, q0)
+        b.determinant[i] = select_number(go, det1, det0)
         b.time[i] = time0 + b.s[i]
 
 
 @inline
-def loses_energy(b, groups):
-    """Return whether on some lane impacts lose energy, so that a chatter may complete."""
+def has_lossy_lane(b, groups):
+    """Return whether impacts lose energy on some lane, so that a chatter may complete."""
     found = False
     for i in range(GROUP * groups):
         found |= b.capture[i] > 0.0
@@ -242,8 +242,8 @@ def enter_contact(b, groups):
     for i in range(GROUP * groups):
         pressing = b.wall[i] * contact_force(b.sin0[i], b.cos0[i], b.delta[i], b.epsilon[i], DRIFT)
         stops = chatter_completes(abs(b.w[i]), pressing, b.gap[i], b.capture[i]) & (b.n_plus[i] < b.limit[i])
-        b.stuck[i] = keep_or_take(stops, float(IN_CONTACT), b.stuck[i])
-        b.limit[i] = keep_or_take(stops, -1.0, b.limit[i])
+        b.stuck[i] = select_number(stops, float(IN_CONTACT), b.stuck[i])
+        b.limit[i] = select_number(stops, -1.0, b.limit[i])
 
 
 @kernel
@@ -260,12 +260,18 @@ def search(b, i, paths):
         return
     bend = second_derivative(lost, sin1, cos1, flight)
     t0, q0, sin0, cos0 = b.t_tangent[i], b.w_tangent[i], flight.sin0, flight.cos0
-    t, q, det = carried(t0, q0, w1, bend, lost, sin0, cos0, sin1, cos1, b.inverse_delta[i], flight.epsilon)
+    t, q, det = carried_tangent(t0, q0, w1, bend, lost, sin0, cos0, sin1, cos1, b.inverse_delta[i], flight.epsilon)
     r = b.restitution[i]
     b.t_tangent[i], b.w_tangent[i] = t, r * q
     b.determinant[i] *= r * det
     b.time[i] += s
-    b.tau[i], b.w[i], b.wall[i], b.sin0[i], b.cos0[i] = folded(b.tau[i] + s), r * reflected(w1), target, sin1, cos1
+    b.tau[i], b.w[i], b.wall[i], b.sin0[i], b.cos0[i] = (
+        folded(b.tau[i] + s),
+        r * reflected_velocity(w1),
+        target,
+        sin1,
+        cos1,
+    )
     b.n_plus[i] += 0.5 + 0.5 * target
     b.n_minus[i] += 0.5 - 0.5 * target
 
@@ -282,11 +288,11 @@ def repair(b, groups, paths):
 def advance(memory, groups, flights, force, tangent, paths):
     """Compute the next flights of every lane of a block: `flights` of them, if `tangent` with their tangent vectors.
 
-    `groups` is the number of groups in use, `force` the result of `roughest`. `paths` counts the flights that the scan
-    and the search locate.
+    `groups` is the number of groups in use, `force` the result of `needed_stage`. `paths` counts the flights that
+    need a scan, and those that need the safe search.
     """
     b = memory[0]
-    lossy = loses_energy(b, groups)
+    lossy = has_lossy_lane(b, groups)
     for _ in range(flights):
         if lossy:
             enter_contact(b, groups)

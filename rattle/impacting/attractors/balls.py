@@ -10,12 +10,23 @@ import math
 
 import numpy as np
 
-from rattle.attractors.ball import DIRECTIONS, LARGEST, SMALLEST, placed, shrinks
+from rattle.attractors.ball import DIRECTIONS, LARGEST, SMALLEST, is_contraction, state_on_ellipse
 from rattle.flight.forcing import DRIFT, phase_at
-from rattle.flight.impact_law import before_reflection
-from rattle.flight.lanes.block import GROUP, GROUPS, LANES, NONE, ONCE, SMOOTH, empty, ended, load, roughest
+from rattle.flight.impact_law import velocity_before_reflection
+from rattle.flight.lanes.block import (
+    GROUP,
+    GROUPS,
+    LANES,
+    NONE,
+    ONCE,
+    SMOOTH,
+    clear_block,
+    has_ended,
+    load,
+    needed_stage,
+)
 from rattle.flight.lanes.stages import advance
-from rattle.flight.law import LONGEST_DECAY, decay64, departing
+from rattle.flight.law import LONGEST_DECAY, decay64, flight_from_sine_cosine
 from rattle.flight.tangent import flight_tangent
 from rattle.numerics.compile import inline, kernel
 
@@ -57,7 +68,7 @@ def depart(b, work, group, i, level, few, centres):
     for j in range(GROUP):
         lane = group * GROUP + j
         direction, halvings = direction_of(j, few)
-        tau, v = placed(centres, i, direction, math.ldexp(LARGEST, -level - halvings))
+        tau, v = state_on_ellipse(centres, i, direction, math.ldexp(LARGEST, -level - halvings))
         b.sin0[lane], b.cos0[lane] = phase_at(tau)
         b.tau[lane], b.w[lane], b.wall[lane] = tau, -v, 1.0
         b.n_plus[lane], b.n_minus[lane], b.stuck[lane] = 0.0, 0.0, 0.0
@@ -79,8 +90,8 @@ def fly(memory, work, groups, force, paths):
         if b.delta[i] * b.time[i] > LONGEST_DECAY:
             work.lost[i] = -math.expm1(-b.delta[i] * b.time[i])
     for i in range(GROUP * groups):
-        flight = departing(work.w[i], work.sin0[i], work.cos0[i], b.delta[i], b.epsilon[i], DRIFT)
-        w1 = before_reflection(b.w[i])
+        flight = flight_from_sine_cosine(work.w[i], work.sin0[i], work.cos0[i], b.delta[i], b.epsilon[i], DRIFT)
+        w1 = velocity_before_reflection(b.w[i])
         k00, k01, k10, k11 = flight_tangent(w1, work.lost[i], b.sin0[i], b.cos0[i], flight)
         flew, a0, b0, c0, d0 = b.time[i] > 0.0, work.a[i], work.b[i], work.c[i], work.d[i]
         work.a[i] = k00 * a0 + k01 * c0 if flew else a0
@@ -96,16 +107,16 @@ def under_way(b, group, most):
     for lane in range(group * GROUP, (group + 1) * GROUP):
         if b.n_minus[lane] > most:
             b.limit[lane] = -1.0
-        left |= not ended(b, lane)
+        left |= not has_ended(b, lane)
     return left
 
 
 @inline
 def holds(b, work, lane, i, centres):
-    """Return whether the state on a lane, followed over the period of centre i, meets the conditions of `contracts`."""
+    """Return whether a lane's state, followed over the period of centre i, is as `is_contracting_at` requires."""
     arrived = b.n_plus[lane] == centres.n_plus[i] and b.n_minus[lane] == centres.n_minus[i]
     a, b_, c, d = work.a[lane], -work.b[lane], -work.c[lane], work.d[lane]  # in (τ, v), with v = −w at both ends
-    return arrived and shrinks(a, b_, c, d, centres.m00[i], centres.m01[i], centres.m11[i])
+    return arrived and is_contraction(a, b_, c, d, centres.m00[i], centres.m01[i], centres.m11[i])
 
 
 @inline
@@ -128,7 +139,7 @@ def grow(memory, work, centres, cells, paths):
     b, n, fresh, force = memory[0], centres.radius.size, NONE, SMOOTH
     of, level, few = work.of, work.level, work.few
     of[:] = -1
-    empty(b)
+    clear_block(b)
     while True:
         groups, begun = NONE, False
         for group in range(GROUPS):
@@ -156,10 +167,10 @@ def grow(memory, work, centres, cells, paths):
         if groups == 0:
             break
         if begun:
-            force = roughest(b, groups)
+            force = needed_stage(b, groups)
         fly(memory, work, groups, force, paths)
 
 
-def enlarge(memory, centres, cells):
-    """Write the radii of the capture regions to `centres`, computed in lanes (`Classifier.enlarge`)."""
+def find_radii_in_lanes(memory, centres, cells):
+    """Write the radii of the capture regions to `centres`, computed in lanes (`Classifier.find_radii`)."""
     grow(memory, np.zeros(1, WORK)[0], centres, cells, np.zeros(2, np.int64))

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SpeedLimit, sampled_speeds
-from rattle.errors import parameters, require
+from rattle.errors import broadcast_parameters, require
 from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
 from rattle.impacting.attractors.classifier import ImpactingClassifier
@@ -25,7 +25,7 @@ from rattle.impacting.map.impact_map import inverse_impact
 from rattle.impacting.map.quiet import LONGEST_REST, capture_speeds, longest_rest, rests_late
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.numerics.compile import kernel
-from rattle.numerics.sampling import sobol
+from rattle.numerics.sampling import sobol_points
 from rattle.orbits.iterates import fold
 from rattle.parameters import Parameters
 
@@ -119,7 +119,7 @@ class _Cells:
 
     def strip_and_plane(self, n: int) -> tuple[Array, Array]:
         """Return τ and v (n, 2 · SAMPLED) of the first set of states of n cells, over the strip and over the plane."""
-        (tau, v), (x, y) = self.strip(self.v_max, 0), sobol(SAMPLED).T
+        (tau, v), (x, y) = self.strip(self.v_max, 0), sobol_points(SAMPLED).T
         plane = self.v_max[:, None] * (y + 0.5 / SAMPLED)
         return np.hstack([tau, np.tile(x, (n, 1))]), np.hstack([v, plane])
 
@@ -133,7 +133,7 @@ class _Cells:
 
     def strip(self, below: Array, i: int) -> tuple[Array, Array]:
         """Return τ and v (n, SAMPLED) of set i over the strip up to the speeds `below` (n,), uniform in τ and ln v."""
-        x, y = sobol((i + 1) * SAMPLED)[i * SAMPLED :].T
+        x, y = sobol_points((i + 1) * SAMPLED)[i * SAMPLED :].T
         low, high = np.log(self.floor)[:, None], np.log(np.maximum(below, self.floor))[:, None]
         return np.repeat(x[None], below.size, axis=0), np.exp(low + (high - low) * y)
 
@@ -148,7 +148,7 @@ class _Cells:
         NDArray[np.bool_]
             (k,), False for states that become quiet or stay undecided.
         """
-        status = self.classifier.settled(cell, tau, v, times * self.most[cell])
+        status = self.classifier.outcomes_of(cell, tau, v, times * self.most[cell])
         return (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[cell])
 
     def keep(self, tau: Array, v: Array) -> None:
@@ -182,7 +182,7 @@ class _Cells:
         number = away.sum(axis=1)[:, None]
         every = -(-number * (1 + COPIES) // STATES)  # only every `every`-th state is used, because room is limited
         some = np.flatnonzero(away & (np.cumsum(away, axis=1) % np.maximum(every, 1) == 0))
-        near = sobol(1 + COPIES)[:, :, None] * NEAR
+        near = sobol_points(1 + COPIES)[:, :, None] * NEAR
         near_tau, near_v = fold(tau.flat[some] + near[:, 0]), v.flat[some] * (1.0 - near[:, 1])
         states = np.tile(some // v.shape[1], 1 + COPIES), near_tau.ravel(), near_v.ravel()
         cell, tau, v = (np.append(x, y) for x, y in zip(states, self.edges(), strict=True))
@@ -261,7 +261,7 @@ def boundary_distances(
     ParameterError
         If an argument is outside its domain.
     """
-    broadcast = parameters(delta, epsilon, beta)
+    broadcast = broadcast_parameters(delta, epsilon, beta)
     d, e, b = (np.array(x, order="C").ravel() for x in broadcast)
     require(d.size * STATES * (1 + COPIES) <= 64 * MOST_SAMPLES, f"{d.size} cells are too many at once: use tiles")
     highest = sampled_speeds(v_max, d, e, b)

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.ball import Centres
-from rattle.attractors.classify import BUDGET, ROOM, Classifier, Seen
-from rattle.attractors.recurrence import remember_period_one
+from rattle.attractors.classify import BUDGET, ROOM, Classifier, ProbeRecord
+from rattle.attractors.recurrence import append_period_one
 from rattle.attractors.samples import Trajectories
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
-from rattle.attractors.table import AttractorTable, of_samples
+from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.flight.forcing import Forcing
-from rattle.impacting.attractors.balls import enlarge
+from rattle.impacting.attractors.balls import find_radii_in_lanes
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, ImpactingCells, measure, settle
 from rattle.impacting.map.iterate import iterate, working_block
 from rattle.impacting.map.quiet import capture_invariant, capture_invariants
@@ -72,10 +72,10 @@ class ImpactingClassifier(Classifier):
         return elastic_cells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
 
     @staticmethod
-    def iterated(
+    def states_after(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return the result of `Classifier.iterated`. No state is flagged as quiet: its trajectory goes on bouncing."""
+        """Return the result of `Classifier.states_after`. No state is flagged as quiet, because its bounces go on."""
         moved = iterate(parameters.delta, parameters.epsilon, tau, v, returns, parameters.beta)
         return moved.tau, moved.v, np.zeros(tau.size, np.bool_)
 
@@ -93,12 +93,12 @@ class ImpactingClassifier(Classifier):
             found = stable_cells(delta, epsilon, beta, most)
             self.make_room(most)
         n, label, state = found.n, (found.n_plus, found.n_minus), (found.tau, found.v)
-        remember_period_one(n, *label, *state, found.trace, self.cells, self.orbits.for_kernels())
+        append_period_one(n, *label, *state, found.trace, self.cells, self.orbits.for_kernels())
         self.grow_balls()
 
-    def enlarge(self, centres: Centres) -> None:
+    def find_radii(self, centres: Centres) -> None:
         """Write the radii of these capture regions to `centres`, computed in lanes."""
-        enlarge(self._block, centres, self.cells)
+        find_radii_in_lanes(self._block, centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
         """Follow these samples in lanes until each has an outcome or reaches its limit of impacts."""
@@ -106,10 +106,10 @@ class ImpactingClassifier(Classifier):
         which, tables = alike(which, samples, self._roughness), (samples.for_kernels(), self.balls.for_kernels())
         settle(self._block, which, flights, self.cells, *tables, self.paths)
 
-    def watch(
-        self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
+    def follow_with_tangent(
+        self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: ProbeRecord
     ) -> None:
-        """Follow these samples with a tangent vector (`Classifier.watch`); write their sums and bitmaps to `seen`."""
+        """Follow samples as `Classifier.follow_with_tangent` says, and write their sums and bitmaps to `seen`."""
         tables = self.samples.for_kernels(), self.balls.for_kernels()
         measure(self._block, which, least, periods, self.cells, *tables, seen.sums, seen.prints, self.paths)
 
@@ -149,4 +149,6 @@ def attractors_of(
         If an argument is outside its domain.
     """
     sample = SampleSpec(count, v_max, seed, budget, tau, v_min)
-    return of_samples(ImpactingClassifier, Parameters.of(ImpactingClassifier.model, delta, epsilon, beta), sample)
+    return attractors_of_samples(
+        ImpactingClassifier, Parameters.from_values(ImpactingClassifier.model, delta, epsilon, beta), sample
+    )

@@ -19,13 +19,13 @@ from rattle.flight.lanes.block import (
     GROUP,
     GROUPS,
     NONE,
-    empty,
-    ended,
+    clear_block,
+    has_ended,
+    is_near_overflow,
     load,
-    made_ready,
-    overflows,
-    roughest,
-    stretched,
+    needed_stage,
+    normalise_tangent,
+    prepare_flights,
 )
 from rattle.flight.lanes.stages import advance
 from rattle.flight.law import speed_unit, wrapped
@@ -112,7 +112,7 @@ def recurs(b, i, k, samples):
 @inline
 def look(b, i, k, cells, samples, balls):
     """Check lane i, which holds sample k: (status, orbit, ended); the status is UNRESOLVED without an outcome."""
-    over = ended(b, i)
+    over = has_ended(b, i)
     if b.wall[i] > 0.0:
         status, orbit = fate_of_lane(b, i, samples.cell[k], cells, balls)
         if status != Outcome.UNRESOLVED:
@@ -151,17 +151,17 @@ def settle(memory, which, flights, cells, samples, balls, paths):
     A sample that reaches its limit of impacts without an outcome remains UNRESOLVED.
     """
     b, fresh, groups = memory[0], NONE, GROUPS
-    empty(b)
+    clear_block(b)
     while groups > 0:
         fresh = looked_round(b, groups, fresh, which, cells, samples, balls)
-        groups = made_ready(b, groups, fresh == which.size)
-        advance(memory, groups, flights, roughest(b, groups), False, paths)
+        groups = prepare_flights(b, groups, fresh == which.size)
+        advance(memory, groups, flights, needed_stage(b, groups), False, paths)
 
 
 @inline
 def record(b, i, batches):
     """Add the time, ln stretch and ln|det| that lane i gained since the last call to the sums of its batch, if any."""
-    stretch, contraction = stretched(b, i)
+    stretch, contraction = normalise_tangent(b, i)
     if b.batch[i] >= 0:
         row = batches[int(b.batch[i])]
         row[0] += b.time[i] - b.since[i]
@@ -200,7 +200,7 @@ def watched_round(b, groups, fresh, which, cells, samples, balls, watch):
             batch = min(int(share * BATCHES), BATCHES - 1) if b.n_plus[i] >= ALIGNMENT else -1
             status, orbit, over = look(b, i, k, cells, samples, balls)
             over |= share >= 1.0 and b.wall[i] > 0.0
-            if over or batch != b.batch[i] or overflows(b, i):
+            if over or batch != b.batch[i] or is_near_overflow(b, i):
                 record(b, i, watch.sums[j])
                 b.batch[i], b.since[i] = batch, b.time[i]
             if over:
@@ -230,11 +230,11 @@ def measure(memory, which, least, periods, cells, samples, balls, sums, footprin
     ALIGNMENT impacts. footprints[j] is its visited-cell bitmap.
     """
     b, fresh, groups, watch = memory[0], NONE, GROUPS, Observation(least, periods, sums, footprints)
-    empty(b)
+    clear_block(b)
     while groups > 0:
         fresh = watched_round(b, groups, fresh, which, cells, samples, balls, watch)
-        groups = made_ready(b, groups, fresh == which.size)
-        force = roughest(b, groups)
+        groups = prepare_flights(b, groups, fresh == which.size)
+        force = needed_stage(b, groups)
         for flights in STRIDES:
             advance(memory, groups, flights, force, True, paths)
             leave_footprints(b, groups, footprints)

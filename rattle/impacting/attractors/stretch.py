@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.chaos import BATCHES
-from rattle.flight.impact_law import before_reflection, impulse_of
-from rattle.flight.lanes.block import GROUP, GROUPS, LANES, NONE, ONCE, empty, load, made_ready, roughest
+from rattle.flight.impact_law import impulse_of, velocity_before_reflection
+from rattle.flight.lanes.block import GROUP, GROUPS, LANES, NONE, ONCE, clear_block, load, needed_stage, prepare_flights
 from rattle.flight.lanes.stages import advance
 from rattle.impacting.attractors.settle import is_quiet
 from rattle.impacting.map.iterate import working_block
@@ -23,7 +23,7 @@ LOOKS = 4 * BATCHES  # checks of one motion at strong damping, which take about 
 def gather(b, groups, speeds, squares, impulses, fastest):
     """Add the impact that ended the last flight of each lane to the sums of the lane."""
     for i in range(GROUP * groups):
-        speed = abs(before_reflection(b.w[i]))
+        speed = abs(velocity_before_reflection(b.w[i]))
         speeds[i] += speed
         squares[i] += speed * speed
         impulses[i] += b.wall[i] * impulse_of(speed)
@@ -40,7 +40,7 @@ def fly_and_sum(memory, lanes, cell, tau, v, looks, cells, sums, paths):
     speeds, squares, impulses, fastest = lanes[0], lanes[1], lanes[2], lanes[3]
     lanes[:] = 0.0
     b, fresh, groups = memory[0], NONE, GROUPS
-    empty(b)
+    clear_block(b)
     while groups > 0:
         for i in range(GROUP * groups):
             k = b.who[i]
@@ -67,8 +67,8 @@ def fly_and_sum(memory, lanes, cell, tau, v, looks, cells, sums, paths):
                 load(b, i, tau[fresh], v[fresh], cells.delta[c], cells.epsilon[c], cells.beta[c], math.inf)
                 b.who[i] = fresh
                 fresh += 1
-        groups = made_ready(b, groups, fresh == cell.size)
-        force = roughest(b, groups)
+        groups = prepare_flights(b, groups, fresh == cell.size)
+        force = needed_stage(b, groups)
         lanes[:] = 0.0
         for _ in range(CHUNK):
             advance(memory, groups, ONCE, force, False, paths)

@@ -182,7 +182,7 @@ def _quiet_limit(beta: float, window: PlaneWindow, dampings: Array) -> Curve:
     """
 
     def equations(x: Array) -> Array:
-        return Forcing(x[..., 2]).touch(x[..., 0], x[..., 1])
+        return Forcing(x[..., 2]).force_and_rate(x[..., 0], x[..., 1])
 
     guesses = (np.array([phase_of_least_force(float(d)), d, float(quiet_limit(d))]) for d in dampings)
     return limit_of_contact(beta, ContinuationProblem(equations, scale=scale_at), guesses, window)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.classify import begun
+from rattle.attractors.classify import new_trajectories
 from rattle.attractors.samples import Outcome
 from rattle.errors import RattleError
 from rattle.flight.forcing import DRIFT
@@ -123,7 +123,7 @@ class FollowedManifold:
         nothing, cell = np.zeros((a.delta.size, 0)), np.repeat(np.arange(a.delta.size), count)
         self.s = NEAREST * a.multiplier[:, None] ** ((np.arange(count) + 0.5) / count)
         tau, v = fold(a.tau[:, None] + self.s * along[:, :1]), a.v[:, None] + self.s * along[:, 1:]
-        self.samples = begun(cell, tau.ravel(), v.ravel(), impacts.astype(np.int64)[cell])
+        self.samples = new_trajectories(cell, tau.ravel(), v.ravel(), impacts.astype(np.int64)[cell])
         at = Parameters(ImpactingClassifier.model, a.delta, a.epsilon, a.beta)
         self.classifier = ImpactingClassifier(cells_of(at), nothing, nothing)
         self.classifier.settle(np.arange(cell.size), self.samples)
@@ -163,7 +163,7 @@ def chaotic_part(delta: float, epsilon: float, beta: float, settle: int = SETTLE
         return 0.0
     watched = iterate_tangent(delta, epsilon, found.samples.tau[left], found.samples.v[left], WATCH, beta)
     nothing, once = np.zeros(watched.v.size, np.int64), np.ones(watched.v.size, np.int64)
-    stay = found.classifier.settled(nothing, watched.tau, watched.v, once) == Outcome.UNRESOLVED
+    stay = found.classifier.outcomes_of(nothing, watched.tau, watched.v, once) == Outcome.UNRESOLVED
     return float(np.count_nonzero(stay & (watched.lyapunov[0] > CHAOTIC))) / WATCHED
 
 

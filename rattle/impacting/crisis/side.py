@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import parameters
+from rattle.errors import broadcast_parameters
 from rattle.impacting.crisis.escape import SAMPLES, FollowedManifold, saddles
 
 CRISIS_SIDES = ("not_computed", "no_saddle", "inside", "escapes", "undecided")
@@ -36,7 +36,7 @@ def crisis_side(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> 
     ParameterError
         If a parameter is outside its domain.
     """
-    broadcast = parameters(delta, epsilon, beta)
+    broadcast = broadcast_parameters(delta, epsilon, beta)
     a = saddles(*(np.array(x, order="C").ravel() for x in broadcast))
     side, known = np.where(a.exists, UNSURE, NO_SADDLE).astype(np.int8), a.decidable
     if known.any():

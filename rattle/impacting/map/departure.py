@@ -3,8 +3,8 @@
 from rattle.errors import RattleError, require
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
 from rattle.flight.forcing import DRIFT
-from rattle.flight.impact_law import reflected
-from rattle.flight.law import evaluate, folded, leaving
+from rattle.flight.impact_law import reflected_velocity
+from rattle.flight.law import evaluate, flight_from_phase, folded
 
 
 def departure(
@@ -15,12 +15,12 @@ def departure(
     wall = SIGMA_PLUS if position > 0.0 else SIGMA_MINUS
     w = abs(velocity) if wall == SIGMA_PLUS else -abs(velocity)  # on a wall, use the velocity before the impact
     if abs(position) < beta:
-        flight = leaving(tau, velocity, delta, epsilon, DRIFT)
+        flight = flight_from_phase(tau, velocity, delta, epsilon, DRIFT)
         status, target, time = searched_crossing(tau, flight, -beta - position, beta - position)
         _require_found(status)
         wall, tau, w = SIGMA_PLUS if target > 0 else SIGMA_MINUS, folded(tau + time), evaluate(time, flight)[1]
     while wall == SIGMA_MINUS:
-        status, time, wall, w, *_ = first_impact(wall, tau, reflected(w), delta, epsilon, beta, DRIFT)
+        status, time, wall, w, *_ = first_impact(wall, tau, reflected_velocity(w), delta, epsilon, beta, DRIFT)
         _require_found(status)
         tau = folded(tau + time)
     return float(tau), max(float(w), 0.0)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from rattle.flight.contact_phase import ENDLESS, IN_CONTACT, MOST_BOUNCES, is_captured, stays_in_contact
 from rattle.flight.first_impact import OK, SIGMA_PLUS, first_impact
 from rattle.flight.forcing import DRIFT, contact_force, mean_force, phase_at
-from rattle.flight.impact_law import impulse_of, reflected
+from rattle.flight.impact_law import impulse_of, reflected_velocity
 from rattle.flight.law import folded
 from rattle.flight.tangent import flight_tangent
 from rattle.intensity.visit import bounce, mean_force_at
@@ -31,7 +31,7 @@ def impact(tau, v, delta, epsilon, beta, drift):
             return status, tau, abs(w), elapsed, n_minus
         elapsed += s
         tau = folded(tau + s)
-        w = reflected(w1)
+        w = reflected_velocity(w1)
         if wall > 0:
             return OK, tau, w1, elapsed, n_minus
         n_minus += 1
@@ -61,7 +61,7 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
         if status != OK:
             return status, tau, abs(w), elapsed, n_minus, j00, j01, j10, j11, log_det
         k00, k01, k10, k11 = flight_tangent(w1, lost, s1, c1, flight)
-        w = reflected(w1)
+        w = reflected_velocity(w1)
         if energy:  # the energy e = w²/2 changes by de = w dw
             k01, k10, k11 = k01 / w0, k10 * w, k11 * w / w0
         log_det += math.log(abs(k00 * k11 - k01 * k10))
@@ -125,4 +125,4 @@ def _bounce(wall, tau, w, point):
     status, s, wall, w1, _d, _flight, _s1, _c1 = first_impact(
         wall, tau, w, point.delta, point.epsilon, point.beta, DRIFT
     )
-    return status, s, wall, abs(w1), 0.0, impulse_of(abs(w1)), abs(reflected(w1))
+    return status, s, wall, abs(w1), 0.0, impulse_of(abs(w1)), abs(reflected_velocity(w1))

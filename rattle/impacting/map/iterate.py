@@ -12,14 +12,14 @@ from rattle.flight.lanes.block import (
     GROUP,
     GROUPS,
     NONE,
-    block,
-    empty,
-    ended,
+    clear_block,
+    has_ended,
+    is_near_overflow,
     load,
-    made_ready,
-    overflows,
-    roughest,
-    stretched,
+    needed_stage,
+    new_block,
+    normalise_tangent,
+    prepare_flights,
 )
 from rattle.flight.lanes.rescan import SAFE, SCANNED
 from rattle.flight.lanes.stages import advance
@@ -34,7 +34,7 @@ class _Memory(threading.local):
     """Scratch memory of kernels: each thread has a block of lanes of its own."""
 
     def __init__(self) -> None:
-        self.block = block()
+        self.block = new_block()
 
 
 _memory = _Memory()
@@ -62,13 +62,13 @@ def _driver(tangent: bool) -> Any:
         status = np.zeros(size, np.int8)
         growth = np.zeros((3, size))
         fresh, groups = NONE, GROUPS
-        empty(b)
+        clear_block(b)
         while groups > 0:
             for i in range(GROUP * groups):
                 k = b.who[i]
-                over = ended(b, i)
-                if tangent and k >= 0 and (over or overflows(b, i)):
-                    stretch, contraction = stretched(b, i)
+                over = has_ended(b, i)
+                if tangent and k >= 0 and (over or is_near_overflow(b, i)):
+                    stretch, contraction = normalise_tangent(b, i)
                     growth[1, k] += stretch
                     growth[2, k] += contraction
                 if not over:
@@ -81,8 +81,8 @@ def _driver(tangent: bool) -> Any:
                     load(b, i, tau[fresh], v[fresh], delta[fresh], epsilon[fresh], beta[fresh], n[fresh])
                     b.who[i] = fresh
                     fresh += 1
-            groups = made_ready(b, groups, fresh == size)
-            advance(memory, groups, FLIGHTS, roughest(b, groups), tangent, paths)
+            groups = prepare_flights(b, groups, fresh == size)
+            advance(memory, groups, FLIGHTS, needed_stage(b, groups), tangent, paths)
         return status, out_tau, out_v, n_plus, n_minus, growth
 
     # the name by which a compiling process finds the kernel

@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 
 from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
 from rattle.flight.forcing import DRIFT, TWO_PI, versines
-from rattle.flight.law import departing, folded
+from rattle.flight.law import flight_from_sine_cosine, folded
 from rattle.flight.tangent import flight_tangent
 from rattle.impacting.orbits.limits import SMALL, sine_offset_series
 from rattle.numerics.compile import inline, kernel
-from rattle.numerics.secant import narrowed
+from rattle.numerics.secant import narrow_bracket
 
 A, B, C, D = np.arange(4)  # np.int64, like the walls, so that kernels are not compiled again for Python integers
 FOUR_PI = 4.0 * math.pi
@@ -118,7 +118,7 @@ def solve_bracketed(kind, level, lo, hi, delta, beta):
         if f == 0.0 or abs(sigma - last) <= 1e-16 * abs(sigma):
             return sigma
         last = sigma
-        lo, f_lo, hi, f_hi, side = narrowed(lo, f_lo, hi, f_hi, side, sigma, f)
+        lo, f_lo, hi, f_hi, side = narrow_bracket(lo, f_lo, hi, f_hi, side, sigma, f)
     return 0.5 * (lo + hi)
 
 
@@ -223,8 +223,8 @@ def double_impact_orbit(sigma, delta, epsilon, beta):
     # sine and cosine of 2πs, half a turn from those of 2πσ
     sin1, cos1 = sin0 * omc - sin0 - cos0 * siny, cos0 * omc - cos0 + sin0 * siny
     d1, d2 = -math.expm1(-delta * s), -math.expm1(-delta * r)
-    down = departing(-v, sin0, cos0, delta, epsilon, DRIFT)
-    up = departing(u, sin1, cos1, delta, epsilon, DRIFT)
+    down = flight_from_sine_cosine(-v, sin0, cos0, delta, epsilon, DRIFT)
+    up = flight_from_sine_cosine(u, sin1, cos1, delta, epsilon, DRIFT)
     a00, a01, a10, a11 = flight_tangent(-u, d1, sin1, cos1, down)
     b00, b01, b10, b11 = flight_tangent(v, d2, sin0, cos0, up)
     return True, tau, v, b00 * a00 + b01 * a10 + b10 * a01 + b11 * a11

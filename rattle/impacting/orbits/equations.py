@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 from rattle.continuation.arclength import ContinuationProblem, line_scale
 from rattle.flight.between import DECAY, PULL, W0, W0_T0, W1, W1_T1, Flights, flight_between
 from rattle.flight.forcing import analytic_phase
-from rattle.flight.impact_law import arrival_part, impact_mismatch
+from rattle.flight.impact_law import arrival_term, impact_mismatch
 from rattle.numerics.compile import kernel
-from rattle.numerics.complex_step import Array, batch_of, like
+from rattle.numerics.complex_step import Array, batch_of, reshape_like
 from rattle.orbits.period_one import multipliers_of
 from rattle.orbits.periodic import Equations
 
@@ -64,7 +64,7 @@ def fill_equations(x, gaps, m, multiplier, flights, residual, matrix):
             pull = flights[PULL, j, i]
             matrix[j, i, i] += impact_mismatch(flights[W1_T1, j, i - 1], flights[W0_T0, j, i])
             matrix[j, i, after] -= pull * flights[W1, j, i] * later  # ∂w₀/∂t₁
-            matrix[j, after, i] += arrival_part(np.divide(flights[DECAY, j, i] * pull * flights[W0, j, i], later))
+            matrix[j, after, i] += arrival_term(np.divide(flights[DECAY, j, i] * pull * flights[W0, j, i], later))
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Itinerary(Equations):
         k, size = len(batch), n if with_matrix else 0
         flights, residual, matrix = (np.zeros(shape, complex) for shape in ((6, k, n), (k, n), (k, size, size)))
         fill_equations(batch, self.gaps, self.m, complex(multiplier), flights, residual, matrix)
-        return like(x, flights, axis=1), like(x, residual), like(x, matrix)
+        return reshape_like(x, flights, axis=1), reshape_like(x, residual), reshape_like(x, matrix)
 
     def flights(self, x: NDArray) -> Flights:
         """Return the flights between impacts at the times x[…, :n], for δ = x[…, n] and ε = x[…, n + 1]."""

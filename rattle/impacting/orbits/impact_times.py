@@ -11,8 +11,17 @@ import math
 import numpy as np
 
 from rattle.flight.first_impact import OK, first_impact
-from rattle.flight.forcing import DRIFT, drop, phase_at, plus_acceleration, plus_slope, slowing, turned, versines
-from rattle.flight.impact_law import arrival_part
+from rattle.flight.forcing import (
+    DRIFT,
+    add_acceleration,
+    add_slope,
+    phase_at,
+    phase_changes,
+    slope_loss_of_change,
+    tangent_drop,
+    versines,
+)
+from rattle.flight.impact_law import arrival_term
 from rattle.flight.law import LONGEST_DECAY, decay64, folded
 from rattle.numerics.compile import inline, kernel
 
@@ -63,10 +72,10 @@ def flight_velocities(s, sin0, cos0, gap, delta, epsilon):
     step = versines(s)
     x = delta * s
     k = x * decay64(x) if x <= LONGEST_DECAY else 1.0 + math.expm1(-x) / x
-    rest = plus_slope(DRIFT, sin0, cos0, epsilon)
-    w0 = (gap + drop(step, sin0, cos0, epsilon) - rest * s * k) / (s * (1.0 - k))
+    rest = add_slope(DRIFT, sin0, cos0, epsilon)
+    w0 = (gap + tangent_drop(step, sin0, cos0, epsilon) - rest * s * k) / (s * (1.0 - k))
     lost = x * (1.0 - k)
-    w1 = w0 + (rest - w0) * lost - slowing(turned(step, sin0, cos0)[0], epsilon)
+    w1 = w0 + (rest - w0) * lost - slope_loss_of_change(phase_changes(step, sin0, cos0)[0], epsilon)
     return w0, w1, lost
 
 
@@ -92,12 +101,12 @@ def equations(work, n, delta, epsilon, beta):
         real = real and w0 * walls[i] < 0.0 and w1 * walls[j] > 0.0
         pull, decay = delta / lost, 1.0 - lost
         sin0, cos0, sin1, cos1 = work.sines[i], work.cosines[i], work.sines[j], work.cosines[j]
-        c = plus_slope(DRIFT, sin0, cos0, epsilon) - w0
+        c = add_slope(DRIFT, sin0, cos0, epsilon) - w0
         work.residual[i] += w0
-        work.residual[j] += arrival_part(w1)
-        at[i] += plus_acceleration(w0 * pull + delta * c, sin0, cos0, epsilon)
-        at[j] += arrival_part(plus_acceleration((delta * c - w1 * pull) * decay, sin1, cos1, epsilon))
-        work.after[i], work.before[j] = -pull * w1, arrival_part(decay * pull * w0)
+        work.residual[j] += arrival_term(w1)
+        at[i] += add_acceleration(w0 * pull + delta * c, sin0, cos0, epsilon)
+        at[j] += arrival_term(add_acceleration((delta * c - w1 * pull) * decay, sin1, cos1, epsilon))
+        work.after[i], work.before[j] = -pull * w1, arrival_term(decay * pull * w0)
     return real
 
 

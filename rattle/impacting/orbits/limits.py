@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import real_array, require
-from rattle.flight.forcing import quiet_size
+from rattle.flight.forcing import quiet_eccentricity
 from rattle.numerics.compile import inline
 
 SMALL = 0.05  # damping below which the series of `sine_offset` is exact to rounding
@@ -65,4 +65,4 @@ def quiet_limit(delta: ArrayLike) -> FloatArray:
         ε, of the shape of delta.
     """
     d = _damping(delta)
-    return quiet_size(d)
+    return quiet_eccentricity(d)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import parameters, require_one_of
+from rattle.errors import broadcast_parameters, require_one_of
 from rattle.flight.impact_law import ELASTIC
 from rattle.impacting.orbits import closed_form
 from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formula
@@ -48,7 +48,7 @@ def grazing(curve: str, delta: ArrayLike, beta: ArrayLike = 0.6) -> Grazing:
         The grazing orbits; NaN where the curve does not exist at this damping.
     """
     require_one_of("curve", curve, CURVES)
-    d, _, b = parameters(delta, 0.0, beta)
+    d, _, b = broadcast_parameters(delta, 0.0, beta)
     flat = closed_form.grazing_cells(CURVES.index(curve), *(np.array(x, order="C").ravel() for x in (d, b)))
     epsilon, tau, trace = (x.reshape(d.shape) for x in flat)
     multipliers = multipliers_of(trace, ELASTIC.determinant(d, 1, 1))
@@ -71,7 +71,7 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> P
     PeriodOne
         Existence, stability, states and multipliers of A, B, C and D, arrays (4, …).
     """
-    d, e, b = parameters(delta, epsilon, beta)
+    d, e, b = broadcast_parameters(delta, epsilon, beta)
     shape = d.shape
     d, e, b = (np.array(x, order="C").ravel() for x in (d, e, b))
     order = np.lexsort((d, b))
@@ -170,7 +170,7 @@ def flip(delta: ArrayLike, beta: ArrayLike = 0.6, virtual: bool = False) -> NDAr
 
 def _where_c_exists(epsilon: ArrayLike, delta: ArrayLike, beta: ArrayLike, virtual: bool) -> NDArray[np.float64]:
     """Return epsilon with NaN where C is not admissible; with `virtual` return all of epsilon unchanged."""
-    d, _, b = parameters(delta, 0.0, beta)
+    d, _, b = broadcast_parameters(delta, 0.0, beta)
     e = np.broadcast_to(epsilon, d.shape)
     if virtual:
         return e.copy()

@@ -139,7 +139,7 @@ def follow_impacts(
         status, s, wall, w1 = _impact(wall, time, w, delta, epsilon, beta)
         if status != first_impact.OK or len(times) > MOST_IMPACTS:
             raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: it comes to rest, or stays on Σ⁻")
-        time, w = time + s, impact_law.reflected(w1)
+        time, w = time + s, impact_law.reflected_velocity(w1)
         left -= wall == 1
         if left == 0:
             m = max(round(time - tau), 1)

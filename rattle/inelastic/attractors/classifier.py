@@ -15,30 +15,30 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.ball import Centres, enlarge_one_by_one
-from rattle.attractors.classify import BUDGET, STAGES, Classifier, Seen
+from rattle.attractors.ball import Centres, find_radii_one_by_one
+from rattle.attractors.classify import BUDGET, STAGES, Classifier, ProbeRecord
 from rattle.attractors.samples import CONTACT, Outcome, Trajectories
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
-from rattle.attractors.table import AttractorTable, of_samples
+from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.families.join import cells_between
 from rattle.impacting.attractors.classifier import alike, roughness_of
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, ImpactingCells
 from rattle.impacting.attractors.settle import measure as measure_in_lanes
 from rattle.impacting.attractors.settle import settle as settle_in_lanes
 from rattle.impacting.map.iterate import working_block
-from rattle.inelastic.attractors.settle import ContactStates, label_contacts, measure, resolve_contacts, settle
+from rattle.inelastic.attractors.settle import ContactStates, count_contact_phases, measure, resolve_contacts, settle
 from rattle.inelastic.given import Harmonics, checked_harmonics, inelastic_points
-from rattle.inelastic.map.cells import InelasticCells, cells_with, inelastic_cells
+from rattle.inelastic.map.cells import InelasticCells, cells_of_shape, inelastic_cells
 from rattle.inelastic.map.harmonics import forcing_shape
-from rattle.inelastic.map.iterate import returned_states
+from rattle.inelastic.map.iterate import apply_inelastic_returns
 from rattle.parameters import Parameters
 
-PROBES = 16  # states of a cell that are followed to see whether they enter contact
-EXPOSURE = 2**18  # impacts that the PROBES states of a cell make in total
+PROBES = 16  # number of states per cell that are followed to see whether they reach contact
+EXPOSURE = 2**18  # impacts that the PROBES states of a cell make in total before the cell is called chaotic
 
 
 def cells_of(parameters: Parameters) -> InelasticCells:
-    """Return cells with these parameters (n,), as the record that kernels take."""
+    """Return the record of the cells with these parameters (n,) that compiled code takes."""
     added = parameters.added["restitution"], parameters.added["load"]
     return inelastic_cells(parameters.delta, parameters.epsilon, parameters.beta, *added, parameters.harmonics)
 
@@ -47,12 +47,12 @@ def cells_of(parameters: Parameters) -> InelasticCells:
 def _(
     cells: InelasticCells, here: NDArray[np.int64], there: NDArray[np.int64], share: NDArray[np.float64]
 ) -> InelasticCells:
-    """Return cells at shares of the way from cells `here` to cells `there`, with new zeros of the contact force."""
+    """Return the cells at the fractions `share` of the way, in all parameters, from cells `here` to cells `there`."""
     given = (cells.delta, cells.epsilon, cells.beta, cells.restitution, cells.load)
     delta, epsilon, beta, restitution, load = (
         (x[here, None] * (1.0 - share) + x[there, None] * share).ravel() for x in given
     )
-    return cells_with(delta, epsilon, beta, restitution, load, cells.shape)
+    return cells_of_shape(delta, epsilon, beta, restitution, load, cells.shape)
 
 
 class InelasticClassifier(Classifier):
@@ -70,7 +70,7 @@ class InelasticClassifier(Classifier):
         self.lanes, self.block, self.paths = ImpactingCells(*given), working_block(), np.zeros(2, np.int64)
         self.roughness = roughness_of(cells)
         self.is_lossy = cells.restitution < 1.0
-        # factor by which EXPOSURE is multiplied in a cell; it doubles each time a state leaves the cell's chaotic set
+        # factor of EXPOSURE in each cell; it doubles when a state leaves the chaotic set of the cell
         self.doubts = np.ones(room[0], np.int64)
         self.in_lanes = (cells.load == 0.0) & np.array_equal(cells.shape, forcing_shape(()))
         super().__init__(cells, tau, v, budget)
@@ -79,31 +79,33 @@ class InelasticClassifier(Classifier):
     cells_of = staticmethod(cells_of)
 
     @staticmethod
-    def iterated(
+    def states_after(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return states after a number of returns, and flags of quiet states: see `Classifier.iterated`."""
+        """Return states after a number of returns, and flags of quiet states: see `Classifier.states_after`."""
         cells, quiet = cells_of(parameters), np.zeros(tau.size, np.int8)
         tau, v, cell = tau.copy(), v.copy(), np.zeros(tau.size, np.int64)
         if parameters.size > 1:
             cell = np.arange(tau.size)
         counts = (np.zeros(tau.size, np.int64) for _ in range(3))
-        returned_states(tau, v, np.full(tau.size, returns), cell, cells, quiet, *counts, np.zeros(tau.size))
+        apply_inelastic_returns(tau, v, np.full(tau.size, returns), cell, cells, quiet, *counts, np.zeros(tau.size))
         return tau, v, quiet > 0
 
     @staticmethod
     def quiet_invariant(parameters: Parameters) -> float:  # noqa: ARG004
-        """Return 0, because a bound for every single impact decides whether its chatter completes."""
+        """Return 0: the speed alone does not decide; `is_chatter_captured` decides for each impact."""
         return 0.0
 
     @property
     def has_quiet(self) -> NDArray[np.bool_]:
-        """Return whether the cells (n_cells,) have a quiet motion: the contact force is positive throughout."""
+        """The flags (n_cells,) of cells that have a quiet motion: their contact force is positive at all phases."""
         return np.asarray((self.cells.zero_count == 0) & (self.cells.positive == 1))
 
     @staticmethod
     def damping(cells: InelasticCells) -> NDArray[np.float64]:
-        """Return the contraction rate of areas of states: δ by drag, and −2 ln r by one impact per forcing period.
+        """Return the rate δ − 2 ln r at which areas of states shrink if there is one impact per forcing period.
+
+        Drag contributes δ, and each impact with restitution r contributes −2 ln r.
 
         Returns
         -------
@@ -113,16 +115,16 @@ class InelasticClassifier(Classifier):
         return np.asarray(cells.delta - 2.0 * np.log(cells.restitution))
 
     def may_leak(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return for each cell whether its chaotic sets may lose samples slowly in other ways than to contact."""
+        """Return for each cell whether samples may leave its chaotic sets slowly, other than into contact."""
         return super().may_leak(cells) & (~self.is_lossy[cells] | self.weak[cells])
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return True for cells with elastic impacts; in the others `judge` need not wait, as it tests for leaks."""
+        """Return True for cells with elastic impacts; for others, `judge_by_probes` tests if samples leave chaos."""
         return ~self.is_lossy[cells]
 
-    def judge(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Decide unresolved samples as for any gear; where impacts lose energy, test also if they reach contact."""
-        decided = super().judge(cells)
+    def judge_by_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Decide unresolved samples as for any gear; if impacts lose energy, also test whether they reach contact."""
+        decided = super().judge_by_probes(cells)
         lossy = self.is_lossy[cells] & (self.status[cells] == Outcome.UNRESOLVED).any(axis=1)
         decided[lossy] = self.watch_for_contact(cells[lossy], decided[lossy])
         return decided
@@ -130,8 +132,8 @@ class InelasticClassifier(Classifier):
     def watch_for_contact(self, cells: NDArray[np.int64], decided: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Follow states close to the unresolved samples of these cells (k,), to see whether they leave the chaotic set.
 
-        If some of the states reach quiet motion or an orbit, the unresolved samples are distributed over these
-        attractors in the same shares. decided (k,): the cells that are decided already.
+        If some states reach quiet motion or an orbit, the unresolved samples are assigned to these attractors in the
+        same proportions. decided (k,): flags of the cells that are decided already.
 
         Returns
         -------
@@ -140,14 +142,17 @@ class InelasticClassifier(Classifier):
         """
         if not cells.size:
             return decided
-        left, samples = self.left_in(cells), self.samples
-        number, most = left.size[:, None] + np.arange(PROBES), self.most(EXPOSURE // PROBES * self.doubts[cells], cells)
-        others = self.states_beside(left, number, most)
+        left, samples = self.unresolved_in(cells), self.samples
+        number, most = (
+            left.size[:, None] + np.arange(PROBES),
+            self.impact_limit(EXPOSURE // PROBES * self.doubts[cells], cells),
+        )
+        others = self.neighbouring_trajectories(left, number, most)
         self.settle(np.arange(others.cell.size), others)
         status, orbit = (x.reshape(-1, PROBES) for x in (others.status, others.orbit))
         ended = (status == Outcome.QUIET) | (status == Outcome.PERIODIC)
         slowly = ended & (status != Outcome.QUIET) & (others.pause != CONTACT).reshape(-1, PROBES)
-        for i, each in enumerate(left.each()):
+        for i, each in enumerate(left.split_by_cell()):
             if not ended[i].any():
                 continue
             self.chaos.pop(int(cells[i]), None)
@@ -163,11 +168,11 @@ class InelasticClassifier(Classifier):
 
     def grow_balls(self) -> None:
         """Count the contact phases of new orbits, then grow their capture regions."""
-        label_contacts(self.grown, self.cells, self.orbits.for_kernels())
+        count_contact_phases(self.grown, self.cells, self.orbits.for_kernels())
         super().grow_balls()
 
     def resolve(self, which: NDArray[np.int64], samples: Trajectories) -> None:
-        """Find the orbits of recurrent samples: exactly if they recur after contact, otherwise by Newton's method."""
+        """Find the orbits of recurrent samples: exactly if samples recur after contact, else by Newton's method."""
         exact = samples.pause[which] == CONTACT
         waiting = which[exact]
         while waiting.size:
@@ -179,21 +184,24 @@ class InelasticClassifier(Classifier):
                 self.make_room(2 * self.orbits.m.shape[1])
         super().resolve(which[~exact], samples)
 
-    def enlarge(self, centres: Centres) -> None:
-        """Find the radii of these capture regions."""
-        enlarge_one_by_one(centres, self.cells)
+    def find_radii(self, centres: Centres) -> None:
+        """Find the radii of the capture regions around these centres."""
+        find_radii_one_by_one(centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
-        """Follow these samples until each has an outcome or has made its largest number of impacts."""
+        """Follow samples `which` until each has an outcome or has made all impacts that its limit allows."""
         in_lanes, tables = self.in_lanes[samples.cell[which]], (samples.for_kernels(), self.balls.for_kernels())
         some, flights = alike(which[in_lanes], samples, self.roughness), CHUNK if early else LONG_CHUNK
         settle_in_lanes(self.block, some, flights, self.lanes, *tables, self.paths)
         settle(which[~in_lanes], self.cells, *tables, self.states)
 
-    def watch(
-        self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
+    def follow_with_tangent(
+        self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: ProbeRecord
     ) -> None:
-        """Follow these samples with a tangent vector, and add their sums and visited boxes to `seen`."""
+        """Follow samples `which` with a tangent vector, and add their sums and the boxes they visit to `seen`.
+
+        Each sample is followed for at least `least` impacts on Σ⁺ and `periods` forcing periods, or to its limit.
+        """
         tables = self.samples.for_kernels(), self.balls.for_kernels()
         in_lanes = self.in_lanes[self.samples.cell[which]]
         for some in (in_lanes, ~in_lanes):
@@ -241,4 +249,4 @@ def attractors_of(
         If a parameter is outside its domain.
     """
     cells = inelastic_points(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
-    return of_samples(InelasticClassifier, cells, SampleSpec(count, v_max, seed, budget, tau, v_min))
+    return attractors_of_samples(InelasticClassifier, cells, SampleSpec(count, v_max, seed, budget, tau, v_min))

@@ -1,4 +1,4 @@
-"""Follow samples of the inelastic gear until each is quiet, is captured, recurs, or has made its impacts (compiled).
+"""Follow samples of the inelastic gear until each is quiet, captured or recurrent, or has made its impacts (compiled).
 
 The samples are followed one by one, as in `rattle.stiff.attractors.settle`. The motion after a contact phase does not
 depend on the motion before it: the first impact on Σ⁺ afterwards is one of a few states, identical to the last bit.
@@ -13,17 +13,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rattle.attractors.chaos import BATCHES
-from rattle.attractors.recurrence import known, remember
+from rattle.attractors.recurrence import append_orbit, index_of_orbit
 from rattle.attractors.samples import (
     ALIGNMENT,
     CONTACT,
     RECURRENCE,
     Outcome,
     Reference,
-    begun,
     capturing_orbit,
-    finish,
-    looked,
+    check_sample,
+    first_reference,
+    store_sample,
     top_speed,
 )
 from rattle.attractors.samples import mark as visit
@@ -31,22 +31,22 @@ from rattle.flight.contact_phase import IN_CONTACT
 from rattle.flight.first_impact import OK
 from rattle.flight.law import speed_unit, wrapped
 from rattle.inelastic.map.cells import point_at
-from rattle.inelastic.map.impact_map import next_on_plus, step, step_tangent
+from rattle.inelastic.map.impact_map import next_impact_on_plus, step, step_tangent
 from rattle.inelastic.map.runs import merged_runs
 from rattle.numerics.compile import inline, kernel
 
-#: Codes in place of the orbit to which a state after contact leads. NO_ORBIT: the motion does not repeat within
-#: MOST_RETURNS. UNKNOWN: the state was not followed yet. NOT_YET: it leads to a motion without contact that has no
-#: capture region yet.
+#: Codes in place of the number of the orbit to which a state after contact leads. NO_ORBIT: the motion does not repeat
+#: within MOST_RETURNS. UNKNOWN: the state was not followed yet. NOT_YET: the state leads to a motion without contact
+#: that has no capture region yet.
 NO_ORBIT, UNKNOWN, NOT_YET = -1, -2, -3
-MOST_RETURNS = 2**16  # most returns for which a state after contact is followed
+MOST_RETURNS = 2**16  # largest number of returns for which a state after contact is followed
 
 
 class ContactStates(NamedTuple):
-    """For each cell, the known states after contact phases, and the orbits to which these states lead.
+    """The known states after contact phases of each cell, and the orbits to which these states lead.
 
-    tau, v, orbit (n_cells, room): the states, and the number of the orbit or NO_ORBIT. n (n_cells,): the number of
-    entries that are used.
+    tau, v, orbit (n_cells, room): the states, each with the number of its orbit, or NO_ORBIT. n (n_cells,): the number
+    of entries of each cell that are used.
     """
 
     n: Any
@@ -57,7 +57,7 @@ class ContactStates(NamedTuple):
 
 @inline
 def orbit_after_contact(tau, v, cell, states):
-    """Return the number of the orbit to which a state after a contact phase leads, or NO_ORBIT, or UNKNOWN."""
+    """Return the number of the orbit to which a state after a contact phase leads; NO_ORBIT if none, or UNKNOWN."""
     for i in range(states.n[cell]):
         if tau == states.tau[cell, i] and v == states.v[cell, i]:
             return states.orbit[cell, i]
@@ -65,8 +65,8 @@ def orbit_after_contact(tau, v, cell, states):
 
 
 @inline
-def after_contact(tau, v, k, samples, states):
-    """Return (status, orbit) of sample k, which has just come out of a contact phase; orbit is −1 if not known."""
+def outcome_after_contact(tau, v, k, samples, states):
+    """Return status and orbit of sample k, which has just come out of a contact phase; −1 if its orbit is not known."""
     orbit = orbit_after_contact(tau, v, samples.cell[k], states)
     if orbit == NO_ORBIT:
         return Outcome.UNRESOLVED, -1
@@ -75,39 +75,40 @@ def after_contact(tau, v, k, samples, states):
 
 
 @inline
-def ending_of(code):
-    """Return the outcome of a sample whose motion does not return to Σ⁺, from the status `code` of the step."""
+def inelastic_outcome(code):
+    """Return the outcome of a sample that does not return to Σ⁺: QUIET or FAILED, by the status `code` of `step`."""
     return Outcome.QUIET if code == IN_CONTACT else Outcome.FAILED
 
 
 @kernel
 def settle(which, cells, samples, balls, states):
-    """Follow the samples `which` until each has an outcome. A sample that makes all its returns stays UNRESOLVED."""
+    """Follow samples `which` until each has an outcome. A sample that makes all its returns stays UNRESOLVED."""
     for j in range(which.size):
         k = which[j]
         point = point_at(samples.cell[k], cells)
         tau, v, n, total = samples.tau[k], samples.v[k], 0, 0.0
         unit = speed_unit(point.delta, point.epsilon, point.beta)
-        reference = begun(tau, v)
-        status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
+        reference = first_reference(tau, v)
+        status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
         while status == Outcome.UNRESOLVED and samples.impacts[k] + n < samples.limit[k]:
             code, tau, v, time, _below, on_plus, on_minus = step(tau, v, point)
             if code != OK:
-                status = ending_of(code)
+                status = inelastic_outcome(code)
                 break
             n, total = n + 1, total + time
             if on_plus + on_minus > 0:
-                status, orbit = after_contact(tau, v, k, samples, states)
+                status, orbit = outcome_after_contact(tau, v, k, samples, states)
             if status == Outcome.UNRESOLVED:
-                status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
-        finish(tau, v, n, total, k, status, orbit, samples)
+                status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
+        store_sample(tau, v, n, total, k, status, orbit, samples)
 
 
 @kernel
 def measure(which, least, periods, cells, samples, balls, states, sums, footprints):
-    """Follow samples with a tangent vector, for at least this many returns and forcing periods (k,), or to the limit.
+    """Follow samples `which` with a tangent vector, to measure their Lyapunov exponents.
 
-    sums[j, batch], zero before, collects time, ln stretch and ln|det| of sample which[j] after ALIGNMENT returns.
+    A sample is followed for at least `least` returns and `periods` forcing periods (k,), or to its limit of returns.
+    sums[j, batch] must be 0; time, ln stretch and ln|det| of sample which[j] after ALIGNMENT returns are added to it.
     footprints[j] collects the boxes of the (τ, v) plane that this sample visits. Contact makes ln stretch −∞, which
     excludes chaos.
     """
@@ -117,8 +118,8 @@ def measure(which, least, periods, cells, samples, balls, states, sums, footprin
         tau, v, n, x, y, total = samples.tau[k], samples.v[k], 0, 1.0, 0.0, 0.0
         unit = speed_unit(point.delta, point.epsilon, point.beta)
         most = float(samples.limit[k] - samples.impacts[k])
-        reference = begun(tau, v)
-        status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
+        reference = first_reference(tau, v)
+        status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
         while status == Outcome.UNRESOLVED:
             share = min((n - ALIGNMENT) / (least[j] - ALIGNMENT), total / periods[j])
             share = max(share, n / most)
@@ -127,7 +128,7 @@ def measure(which, least, periods, cells, samples, balls, states, sums, footprin
             before = v
             code, tau, v, time, _below, j00, j01, j10, j11, log_det, on_plus, on_minus = step_tangent(tau, v, point)
             if code != OK:
-                status = ending_of(code)
+                status = inelastic_outcome(code)
                 break
             n, total = n + 1, total + time
             # the tangent is kept in (t, v²/2), where the determinant is that of the impact law
@@ -144,27 +145,27 @@ def measure(which, least, periods, cells, samples, balls, states, sums, footprin
                 row[2] += log_det
             visit(tau, v, top_speed(point.epsilon, unit), footprints[j])
             if on_plus + on_minus > 0:
-                status, orbit = after_contact(tau, v, k, samples, states)
+                status, orbit = outcome_after_contact(tau, v, k, samples, states)
             if status == Outcome.UNRESOLVED:
-                status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
-        finish(tau, v, n, total, k, status, orbit, samples)
+                status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
+        store_sample(tau, v, n, total, k, status, orbit, samples)
 
 
 @kernel
 def follow_release(tau, v, cell, point, balls, states):
-    """Follow a state after contact until a state after contact comes back (Brent's cycle search).
+    """Follow a state (τ, v) after contact to its orbit: until a later state after contact repeats (Brent's algorithm).
 
     Returns
     -------
     orbit : int
-        A known orbit to which the state leads. NO_ORBIT if no state comes back within MOST_RETURNS returns, NOT_YET if
-        the motion first comes close to a state that is not after contact, UNKNOWN if the orbit is new.
+        The number of the known orbit to which the state leads; UNKNOWN if the orbit is new, NO_ORBIT if no state
+        repeats within MOST_RETURNS returns, NOT_YET if a state that is not after contact almost repeats first.
     gap, tau, v
-        Returns in a period of the new orbit, and a state on this orbit.
+        The number of returns in a period of the new orbit, and a state on this orbit.
     """
     unit = speed_unit(point.delta, point.epsilon, point.beta)
     mark_tau, mark_v, mark_n, contacts, following = tau, v, 0, 0, 1
-    reference = begun(tau, v)
+    reference = first_reference(tau, v)
     for n in range(1, MOST_RETURNS + 1):
         code, tau, v, _time, _below, on_plus, on_minus = step(tau, v, point)
         if code != OK:
@@ -187,8 +188,8 @@ def follow_release(tau, v, cell, point, balls, states):
 
 
 @inline
-def enter_state(tau, v, orbit, cell, states):
-    """Record the orbit to which a new state after contact leads, if the table of the cell has room."""
+def record_contact_state(tau, v, orbit, cell, states):
+    """Record a state (τ, v) after contact and the orbit to which it leads, if it is new and the cell has room."""
     i = states.n[cell]
     if i < states.tau.shape[1] and orbit_after_contact(tau, v, cell, states) == UNKNOWN:
         states.tau[cell, i], states.v[cell, i], states.orbit[cell, i] = tau, v, orbit
@@ -212,7 +213,7 @@ def resolve_contacts(which, cells, samples, orbits, balls, states, waiting):
     for k in which:
         cell = samples.cell[k]
         point = point_at(cell, cells)
-        if samples.gap[k] != 0 and not released(k, samples, point):
+        if samples.gap[k] != 0 and not follow_out_of_contact(k, samples, point):
             continue
         orbit = orbit_after_contact(samples.tau[k], samples.v[k], cell, states)
         if orbit == UNKNOWN:
@@ -222,9 +223,9 @@ def resolve_contacts(which, cells, samples, orbits, balls, states, waiting):
                 continue
             orbit, gap, tau, v = follow_release(samples.tau[k], samples.v[k], cell, point, balls, states)
             if orbit == UNKNOWN:
-                orbit = enter_contact_orbit(tau, v, gap, cell, point, orbits, states)
+                orbit = record_contact_orbit(tau, v, gap, cell, point, orbits, states)
             if orbit != NOT_YET:
-                enter_state(samples.tau[k], samples.v[k], orbit, cell, states)
+                record_contact_state(samples.tau[k], samples.v[k], orbit, cell, states)
         if orbit >= 0:
             samples.status[k], samples.orbit[k] = Outcome.PERIODIC, orbit
         else:
@@ -233,13 +234,21 @@ def resolve_contacts(which, cells, samples, orbits, balls, states, waiting):
 
 
 @kernel
-def released(k, samples, point):
-    """Follow sample k out of its contact phase. Return False if it then has an outcome, or made no contact."""
+def follow_out_of_contact(k, samples, point):
+    """Follow sample k, whose `gap` is the wall of its last impact, to its next impact on Σ⁺.
+
+    Returns
+    -------
+    bool
+        Whether the sample came out of a contact phase on the way, and still has no outcome.
+    """
     wall = samples.gap[k]
-    code, tau, v, time, _below, on_plus, on_minus = next_on_plus(wall, samples.tau[k], -wall * samples.v[k], point)
+    code, tau, v, time, _below, on_plus, on_minus = next_impact_on_plus(
+        wall, samples.tau[k], -wall * samples.v[k], point
+    )
     samples.gap[k] = 0
     if code != OK:
-        samples.status[k] = ending_of(code)
+        samples.status[k] = inelastic_outcome(code)
         return False
     samples.tau[k], samples.v[k] = tau, v
     samples.impacts[k] += 1
@@ -250,8 +259,16 @@ def released(k, samples, point):
 
 
 @kernel
-def enter_contact_orbit(tau, v, gap, cell, point, orbits, states):
-    """Record the orbit through a state after contact, and all its states after contact; return the orbit's number."""
+def record_contact_orbit(tau, v, gap, cell, point, orbits, states):
+    """Record the orbit through a state (τ, v) after contact, and all states after contact on this orbit.
+
+    gap: the number of returns in a period of the orbit.
+
+    Returns
+    -------
+    int
+        The number of the orbit.
+    """
     best_tau, best_v, total, n_minus = tau, v, 0.0, 0
     for _ in range(gap):
         _status, tau, v, time, below, _plus, _minus = step(tau, v, point)
@@ -260,19 +277,19 @@ def enter_contact_orbit(tau, v, gap, cell, point, orbits, states):
         if v > best_v:
             best_tau, best_v = tau, v
     m = int(np.rint(total))
-    orbit = known(m, gap, n_minus, best_tau, best_v, cell, orbits, point)
+    orbit = index_of_orbit(m, gap, n_minus, best_tau, best_v, cell, orbits, point)
     if orbit < 0:
-        orbit = remember(m, gap, n_minus, best_tau, best_v, -math.inf, -math.inf, cell, orbits)
+        orbit = append_orbit(m, gap, n_minus, best_tau, best_v, -math.inf, -math.inf, cell, orbits)
     for _ in range(gap):
         _status, tau, v, _time, _below, on_plus, on_minus = step(tau, v, point)
         if on_plus + on_minus > 0:
-            enter_state(tau, v, orbit, cell, states)
+            record_contact_state(tau, v, orbit, cell, states)
     return orbit
 
 
 @kernel
-def label_contacts(grown, cells, orbits):
-    """Count the contact phases of the orbits of every cell, from orbit number grown[cell] on."""
+def count_contact_phases(grown, cells, orbits):
+    """Count the contact phases of the new orbits of each cell, those from orbit number grown[cell] on."""
     for cell in range(grown.size):
         for j in range(grown[cell], orbits.n[cell]):
             if orbits.first[cell, j] == -math.inf:

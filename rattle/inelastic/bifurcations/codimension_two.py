@@ -27,54 +27,60 @@ from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.periodic import admissible_or_why
 from rattle.inelastic.bifurcations.starts import TWO, graze_starts
 from rattle.inelastic.orbits.equations import InelasticItinerary
-from rattle.notebook import Columns, Tabular
+from rattle.notebook import Columns, TabularResult
 from rattle.numerics.complex_step import Array
 
-LEAST_RESTITUTION = 1e-3
+LEAST_RESTITUTION = 1e-3  # restitution down to which points are followed by default
 LONGEST = 0.02  # longest continuation step, in the unknowns
-REACH = 8.0  # largest damping to search, divided by the half-backlash
+LARGEST_DAMPING = 8.0  # largest damping to which points are followed, divided by the half-backlash
 # indices of the unknowns: the times of the impact and of the graze, then the parameters δ, ε and r
 TAU, MIDDLE, DELTA, EPSILON, R = range(5)
 Residual = Callable[[NDArray], NDArray]
 
 
-def _trace(x: NDArray) -> NDArray:
+def _trace_at_graze(x: NDArray) -> NDArray:
+    """Return the trace of the tangent map of the grazing P(1,1,0) with unknowns x (…, 5)."""
     delta, r = x[..., DELTA], x[..., R]
     decay = np.exp(-delta)
     cosine = x[..., EPSILON] * np.cos(2 * np.pi * x[..., TAU])
     return np.asarray(1.0 + r * r * decay - (1.0 + r) ** 2 * np.pi * (1.0 - decay) * cosine / (delta * delta))
 
 
-def _flip(x: NDArray) -> NDArray:
-    return np.asarray(_trace(x) + 1.0 + x[..., R] ** 2 * np.exp(-x[..., DELTA]))
+def _flip_condition(x: NDArray) -> NDArray:
+    """Return a number that is 0 if the grazing motion also flips, with a multiplier −1 (COD20)."""
+    return np.asarray(_trace_at_graze(x) + 1.0 + x[..., R] ** 2 * np.exp(-x[..., DELTA]))
 
 
-def _equal_multipliers(x: NDArray) -> NDArray:
-    return np.asarray(_trace(x) - 2.0 * x[..., R] * np.exp(-0.5 * x[..., DELTA]))
+def _equal_multipliers_condition(x: NDArray) -> NDArray:
+    """Return a number that is 0 if both multipliers of the grazing motion are equal and positive (COD21)."""
+    return np.asarray(_trace_at_graze(x) - 2.0 * x[..., R] * np.exp(-0.5 * x[..., DELTA]))
 
 
-def _birth(x: NDArray) -> NDArray:
+def _birth_condition(x: NDArray) -> NDArray:
+    """Return a number that is 0 if the grazing motion is at SN1, where A and C are born (COD22)."""
     return np.asarray(np.cos(2 * np.pi * x[..., TAU]))
 
 
-def _no_square_root(beta: float, x: NDArray) -> NDArray:
+def _determinant_condition(beta: float, x: NDArray) -> NDArray:
+    """Return the determinant of the Jacobian of P(1,1,1) at its graze, which is 0 at COD23."""
     flights, r = Itinerary(TWO, 1, beta).flights(x[..., :R]), x[..., R]
     first = flights.w0_t0[..., 0] + r * flights.w1_t1[..., 1]
     return np.asarray(first * (flights.w0_t0[..., 1] + r * flights.w1_t1[..., 0]))
 
 
-def _residuals(beta: float) -> dict[str, Residual]:
+def _second_conditions(beta: float) -> dict[str, Residual]:
+    """Return {name of a point: the function of x that is 0 there, besides the condition of the graze}."""
     return {
-        "COD20": _flip,
-        "COD21": _equal_multipliers,
-        "COD23": partial(_no_square_root, beta),
-        "COD22": _birth,
+        "COD20": _flip_condition,
+        "COD21": _equal_multipliers_condition,
+        "COD23": partial(_determinant_condition, beta),
+        "COD22": _birth_condition,
     }
 
 
 @dataclass(frozen=True, repr=False)
-class CodimensionTwoCurve(Tabular):
-    """A codimension-two point followed in the restitution r at half-backlash beta, from r = 1 on.
+class CodimensionTwoCurve(TabularResult):
+    """A codimension-two point as a curve over the restitution r at half-backlash beta, from r = 1 down.
 
     Attributes
     ----------
@@ -85,7 +91,7 @@ class CodimensionTwoCurve(Tabular):
     residual : ndarray, (n,)
         The largest residual of the conditions.
     end : str
-        Why the curve ends.
+        The reason in words why the curve ends.
     """
 
     name: str
@@ -134,15 +140,15 @@ class CodimensionTwoCurve(Tabular):
         i = int(passed[0])
         share = apart[i] / (apart[i] - apart[i + 1]) if apart[i] != apart[i + 1] else 0.0
         guess = self._points[i] + share * (self._points[i + 1] - self._points[i])
-        found = with_value(_problem(self.name, self.beta), guess, R, r)
+        found = with_value(_problem_of_point(self.name, self.beta), guess, R, r)
         if found is None:
             raise RattleError(f"Newton's method finds no {self.name} at r = {r:g}")
         return float(found[DELTA]), float(found[EPSILON])
 
 
-def _problem(name: str, beta: float) -> ContinuationProblem:
-    """Return the equations (…, 5) → (…, 4): the laws of both impacts, the graze, and the second condition."""
-    condition = _residuals(beta)[name]
+def _problem_of_point(name: str, beta: float) -> ContinuationProblem:
+    """Return the problem (…, 5) → (…, 4) of a point: the laws of both impacts, the graze, and the second condition."""
+    condition = _second_conditions(beta)[name]
 
     def equations(x: NDArray) -> NDArray:
         flights, r = Itinerary(TWO, 1, beta).flights(x[..., :R]), x[..., R]
@@ -160,14 +166,15 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
     name : str
         The point: COD20, COD21, COD22 or COD23.
     beta : float
-        Half-backlash > 0. With a load, pass beta/(1 + load) and multiply ε by 1 + load afterwards.
+        Half-backlash > 0. For a gear with load, give its half-backlash divided by 1 + load, and multiply the resulting
+        ε by 1 + load.
     lowest : float
-        Restitution down to which the point is followed.
+        The least restitution to which the point is followed.
 
     Returns
     -------
     CodimensionTwoCurve
-        Points to rounding, as long as the grazing motion is admissible.
+        The points of the curve, exact to rounding, as far as the grazing motion is admissible.
 
     Raises
     ------
@@ -176,7 +183,7 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
     RattleError
         If the elastic gear has no such point at this half-backlash.
     """
-    require_one_of("name", name, tuple(_residuals(1.0)))
+    require_one_of("name", name, tuple(_second_conditions(1.0)))
     beta = require_number("beta", beta, positive=True)
     known = {point.name: point for point in codimension_two(beta)}
     if name not in known:
@@ -185,32 +192,34 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
     near = graze_starts(at.delta, beta, 1.0)
     if not near:
         raise RattleError(f"the elastic gear has no graze at beta = {beta:g} from which {name} can be followed")
-    problem = _problem(name, beta)
+    problem = _problem_of_point(name, beta)
     closest = min(near, key=lambda x: abs(float(x[-1]) - at.epsilon))
     start = with_value(problem, np.append(closest, 1.0), R, 1.0)
     if start is None:
         raise RattleError(f"Newton's method finds no {name} at r = 1 and beta = {beta:g}")
 
-    def why(x: Array) -> str | None:
+    def reason_to_end(x: Array) -> str | None:
         if not lowest <= x[R] <= 1.0:
             return f"restitution = {lowest:g}" if x[R] < lowest else "restitution = 1"
-        if not 0.0 < x[DELTA] < REACH * beta:
-            return "damping outside the range that is followed"
+        if not 0.0 < x[DELTA] < LARGEST_DAMPING * beta:
+            return "the damping leaves the range that is followed"
         return admissible_or_why(InelasticItinerary(TWO, 1, beta, float(x[R])), x[:R], 1)
 
-    bounds = (Bound(R, lowest, 1.0), Bound(DELTA, 1e-3, REACH * beta))
-    follower = Follower(problem, bounds, lambda x: why(x) is None, lambda _: LONGEST)
+    bounds = (Bound(R, lowest, 1.0), Bound(DELTA, 1e-3, LARGEST_DAMPING * beta))
+    follower = Follower(problem, bounds, lambda x: reason_to_end(x) is None, lambda _: LONGEST)
     down = np.zeros(5)
     down[R] = -1.0
     path = follower.follow(start, tangent_at(problem, start, down))
-    return _curve(name, beta, problem, path, why)
+    return _curve_of_path(name, beta, problem, path, reason_to_end)
 
 
-def _curve(
-    name: str, beta: float, problem: ContinuationProblem, path: Path, why: Callable[[Array], str | None]
+def _curve_of_path(
+    name: str, beta: float, problem: ContinuationProblem, path: Path, reason_to_end: Callable[[Array], str | None]
 ) -> CodimensionTwoCurve:
     x = path.points
-    end = "the equations become singular" if path.outside is None else why(path.outside) or "the edge of its existence"
+    end = "the equations become singular"
+    if path.outside is not None:
+        end = reason_to_end(path.outside) or "the edge of its existence"
     speed = -Itinerary(TWO, 1, beta).flights(x[:, :R]).w0[:, 0]
     residual = np.abs(problem.equations(x)).max(axis=-1)
     tau = x[:, TAU] - np.floor(x[:, TAU])
@@ -220,14 +229,15 @@ def _curve(
 
 
 @lru_cache(maxsize=64)
-def _followed(name: str, beta: float) -> CodimensionTwoCurve:
+def _cached_curve(name: str, beta: float) -> CodimensionTwoCurve:
+    """Return the curve of a point down to LEAST_RESTITUTION, computed once for each name and half-backlash."""
     return follow_codimension_two(name, beta)
 
 
 def points_at(beta: float, restitution: float, load: float = 0.0) -> tuple[CodimensionTwo, ...]:
-    """Return the codimension-two points of the (δ, ε) plane at one restitution and load, with an empty `tangency`.
+    """Return the codimension-two points of the (δ, ε) plane at one restitution and load; their `tangency` is empty.
 
-    Points that cannot be followed to this restitution are left out.
+    Points that cannot be followed from r = 1 to this restitution are left out.
 
     Returns
     -------
@@ -237,7 +247,7 @@ def points_at(beta: float, restitution: float, load: float = 0.0) -> tuple[Codim
     found = []
     for name, condition in POINTS.items():
         try:
-            delta, epsilon = _followed(name, beta / (1.0 + load)).at(restitution)
+            delta, epsilon = _cached_curve(name, beta / (1.0 + load)).at(restitution)
         except RattleError:
             continue
         found.append(

@@ -18,7 +18,7 @@ from rattle.continuation.curves import (
     traced,
     window_range,
 )
-from rattle.errors import RattleError, parameters, require, require_one_of
+from rattle.errors import RattleError, broadcast_parameters, require, require_one_of
 from rattle.flight.forcing import DRIFT, TWO_PI
 from rattle.impacting.bifurcations.curves import ALL_EPSILON, LEAST_DELTA, REACH, describe_motion
 from rattle.impacting.orbits.periodic import admissible_or_why
@@ -27,11 +27,11 @@ from rattle.inelastic.bifurcations.registry import INELASTIC_CURVES, NAMES
 from rattle.inelastic.given import Harmonics, checked_harmonics
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE, forcing_shape
 from rattle.inelastic.map.quiet import least_force
-from rattle.inelastic.orbits.equations import under_load, without_load
+from rattle.inelastic.orbits.equations import problem_with_load, unknowns_without_load
 from rattle.numerics.complex_step import Array
 
-SAME = 1e-9  # largest relative difference in ε between points that count as the same
-SAME_POINT = 1e-6  # largest difference in δ and in ε between an end of a curve and the point that names it
+SAME = 1e-9  # relative tolerance in ε for a point of the quiet limit
+SAME_POINT = 1e-6  # largest difference in δ and in ε between the end of a curve and a codimension-two point there
 
 
 def trace(
@@ -68,26 +68,26 @@ def trace(
         If the forcing has harmonics and the curve is not the quiet limit, or if the curve cannot be followed.
     """
     require_one_of("name", name, NAMES)
-    numbers = parameters(1.0, 0.0, beta, restitution=restitution, load=load)[2:]
+    numbers = broadcast_parameters(1.0, 0.0, beta, restitution=restitution, load=load)[2:]
     beta, restitution, load = (float(each) for each in numbers)
     shape = checked_harmonics(harmonics)
     window = PlaneWindow(window_range("delta", delta, positive=True), window_range("epsilon", epsilon))
     require(window.delta[1] >= LEAST_DELTA, f"delta must reach above {LEAST_DELTA:g}, got {delta!r}")
-    dampings = _dampings(window, beta / (1.0 + load))
+    dampings = _dampings_to_search(window, beta / (1.0 + load))
     try:
         if name == QUIET_LIMIT:
-            return _quiet_limit(beta, load, forcing_shape(shape), window, dampings)
+            return _quiet_limit_curve(beta, load, forcing_shape(shape), window, dampings)
         if shape:
             raise RattleError(
                 f"{name} is traced under one cosine only, and {QUIET_LIMIT} under any forcing: leave out the harmonics"
             )
-        return _traced(name, beta, restitution, load, window, dampings)
+        return _trace_motion_curve(name, beta, restitution, load, window, dampings)
     except np.linalg.LinAlgError as error:
         raise RattleError(f"{name} cannot be followed for beta = {beta} in {window}: {error}") from error
 
 
-def _dampings(window: PlaneWindow, beta: float) -> Array:
-    """Return the dampings at which a curve is searched: spread over the window, and its two edges."""
+def _dampings_to_search(window: PlaneWindow, beta: float) -> Array:
+    """Return the dampings at which a curve is searched for: values spread over the window, and its two edges."""
     low, high = window.delta
     spread = spread_between(low, high)
     if low < REACH * beta < high - low:  # in a wide window equal spacing would miss the curves
@@ -95,36 +95,40 @@ def _dampings(window: PlaneWindow, beta: float) -> Array:
     return np.array([*spread, low, high])
 
 
-def _traced(name: str, beta: float, restitution: float, load: float, window: PlaneWindow, dampings: Array) -> Curve:
+def _trace_motion_curve(
+    name: str, beta: float, restitution: float, load: float, window: PlaneWindow, dampings: Array
+) -> Curve:
     definition, unit = INELASTIC_CURVES[name], 1.0 + load
     itinerary = definition.itinerary(beta / unit, restitution)
 
-    def starts() -> Iterable[Array]:
+    def starting_points() -> Iterable[Array]:
         for d in dampings:
             for x in definition.starts(float(d), beta / unit, restitution):
                 yield np.append(x[:-1], x[-1] * unit)
 
-    def left(x: Array) -> str | None:
-        return definition.belongs(x) or admissible_or_why(itinerary, without_load(x, load), definition.impact)
+    def reason_to_leave(x: Array) -> str | None:
+        return definition.belongs(x) or admissible_or_why(itinerary, unknowns_without_load(x, load), definition.impact)
 
-    def describe(x: Array) -> CurveDescription:
-        found = describe_motion(itinerary, without_load(x, load), definition.impact)
+    def describe_solution(x: Array) -> CurveDescription:
+        found = describe_motion(itinerary, unknowns_without_load(x, load), definition.impact)
         return found._replace(v=found.v * unit)
 
-    problem = under_load(condition(itinerary, definition.kind, definition.impact), load)
+    problem = problem_with_load(condition(itinerary, definition.kind, definition.impact), load)
 
-    def named(x: Array, reason: str) -> str:
+    def reason_with_point(x: Array, reason: str) -> str:
         at = (each for each in points_at(beta, restitution, load) if name in each.curves)
         near = [
             each.name for each in at if abs(x[-2] - each.delta) < SAME_POINT and abs(x[-1] - each.epsilon) < SAME_POINT
         ]
         return ": ".join([*near[:1], reason])
 
-    return traced(name, beta, problem, starts(), window, left, describe, named)
+    return traced(name, beta, problem, starting_points(), window, reason_to_leave, describe_solution, reason_with_point)
 
 
-def _quiet_limit(beta: float, load: float, shape: NDArray[np.float64], window: PlaneWindow, dampings: Array) -> Curve:
-    """Return the curve on which the minimum of the contact force on Σ⁺ is 0, in the unknowns (phase, δ, ε)."""
+def _quiet_limit_curve(
+    beta: float, load: float, shape: NDArray[np.float64], window: PlaneWindow, dampings: Array
+) -> Curve:
+    """Return the curve on which the least contact force in a period is 0; its unknowns are (phase, δ, ε)."""
     order, turn = TWO_PI * shape[ORDER], TWO_PI * shape[PHASE]
     drift = DRIFT * (1.0 + load)
 
@@ -142,9 +146,9 @@ def _quiet_limit(beta: float, load: float, shape: NDArray[np.float64], window: P
         tau, epsilon = least_force(float(d), drift, shape)
         guesses.append(np.array([tau, d, epsilon]))
 
-    def left(x: Array) -> str | None:
+    def reason_to_leave(x: Array) -> str | None:
         first = least_force(float(x[-2]), drift, shape)[1]
-        return None if x[-1] <= first * (1.0 + SAME) else "the contact force reaches 0 at another phase before"
+        return None if x[-1] <= first * (1.0 + SAME) else "the contact force reaches 0 at another phase first"
 
     nothing = np.full(2, complex(np.nan, np.nan))
     return traced(
@@ -153,7 +157,7 @@ def _quiet_limit(beta: float, load: float, shape: NDArray[np.float64], window: P
         ContinuationProblem(equations, scale=scale_at),
         guesses,
         window,
-        left,
+        reason_to_leave,
         lambda x: CurveDescription(float(x[0] - np.floor(x[0])), 0.0, nothing),
         lambda _, reason: reason,
     )

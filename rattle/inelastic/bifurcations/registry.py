@@ -13,14 +13,14 @@ from rattle.inelastic.bifurcations import starts
 from rattle.inelastic.orbits.equations import InelasticItinerary
 from rattle.numerics.complex_step import Array
 
-Starts = Callable[[float, float, float], Sequence[Array]]  # starting points at (δ, β, r)
+Starts = Callable[[float, float, float], Sequence[Array]]  # functions that return starting points at (δ, β, r)
 
 
 @dataclass(frozen=True)
 class InelasticDefinition:
     """The definition of a curve of the elastic gear (`rattle.impacting.bifurcations.registry`) at any restitution.
 
-    `starts` returns guesses of the unknowns (n + 2,) at (δ, β, r).
+    `starts` returns guesses of the unknowns (n + 2,), n impact times, δ and ε, at (δ, β, r).
     """
 
     name: str
@@ -43,7 +43,7 @@ class InelasticDefinition:
         return ELASTIC_CURVES[self.name].impact
 
     def belongs(self, x: Array) -> str | None:
-        """Return None if a solution belongs to this curve, else the reason in words why it does not."""
+        """Return the reason in words why a solution does not belong to this curve; None if it does."""
         return ELASTIC_CURVES[self.name].belongs(x)
 
     def itinerary(self, beta: float, restitution: float) -> InelasticItinerary:
@@ -72,6 +72,7 @@ _DEFINITIONS = (
 )
 #: The curves in the order of the legend.
 INELASTIC_CURVES = {each.name: each for each in _DEFINITIONS}
+#: Description of the quiet limit, which has no entry in INELASTIC_CURVES.
 QUIET_MEANING = "limit of permanent contact with Σ⁺: above it the contact force changes sign, at any restitution"
 NAMES = (*INELASTIC_CURVES, QUIET_LIMIT)
 

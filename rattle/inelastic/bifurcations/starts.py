@@ -17,15 +17,15 @@ from rattle.flight.forcing import DRIFT
 from rattle.impacting.bifurcations.starts import StartFamily, zeros
 from rattle.inelastic.orbits.closed_form import flip_of_c, saddle_node, slope_at_departure
 from rattle.inelastic.orbits.equations import InelasticItinerary
-from rattle.inelastic.orbits.family import family_closure, family_nodes
+from rattle.inelastic.orbits.family import family_nodes, family_numerators
 from rattle.numerics.complex_step import Array
 
 ONE, TWO = (1,), (1, -1)  # walls of P(1,1,0) and of P(1,1,1)
 
 
 def inelastic_members(sigma: Array, delta: float, beta: float, r: float) -> StartFamily:
-    """Return the motions P(1,1,1) whose times from Σ⁺ to Σ⁻ are 1/2 + σ, for rising σ (k,)."""
-    closed = np.array([family_closure(each, delta, beta, r) for each in sigma]).reshape(-1, 5)
+    """Return the motions P(1,1,1) whose times from Σ⁺ to Σ⁻ are 1/2 + σ, for increasing σ (k,)."""
+    closed = np.array([family_numerators(each, delta, beta, r) for each in sigma]).reshape(-1, 5)
     x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
     tau = np.arctan2(y, x) / (2 * np.pi)
     unknowns = np.column_stack([tau, tau + 0.5 + sigma, np.full_like(sigma, delta), np.hypot(x, y)])
@@ -36,35 +36,36 @@ def inelastic_members(sigma: Array, delta: float, beta: float, r: float) -> Star
 
 @lru_cache(maxsize=256)
 def two_impact_starts(delta: float, beta: float, r: float) -> StartFamily:
-    """Return the family of B and D on the side σ > 0 of its pole at σ = 0, at the nodes of `family_nodes`."""
+    """Return the P(1,1,1) whose times from Σ⁺ to Σ⁻ are 1/2 + σ with σ > 0, for the σ of `family_nodes`."""
     sigma, epsilon = family_nodes(delta, beta, r)
     return inelastic_members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta, r)
 
 
-def _zeros(values: Callable[[StartFamily], Array], delta: float, beta: float, r: float) -> list[Array]:
+def _zeros_on_family(values: Callable[[StartFamily], Array], delta: float, beta: float, r: float) -> list[Array]:
+    """Return the unknowns of the P(1,1,1) at one damping for which a quantity, such as det J(1), is 0."""
     coarse = two_impact_starts(delta, beta, r)
     return zeros(values, coarse, lambda sigma: inelastic_members(sigma, delta, beta, r))
 
 
 def fold_starts(delta: float, beta: float, r: float) -> list[Array]:
-    """Return the saddle-nodes of B and D at one damping."""
-    return _zeros(lambda at: at.saddle_node, delta, beta, r)
+    """Return the unknowns of the saddle-nodes of B and D at one damping."""
+    return _zeros_on_family(lambda at: at.saddle_node, delta, beta, r)
 
 
 @lru_cache(maxsize=256)
 def graze_starts(delta: float, beta: float, r: float) -> tuple[Array, ...]:
-    """Return the motions of the family of B and D, at one damping, that arrive at Σ⁻ with speed 0."""
-    return tuple(_zeros(lambda at: at.u, delta, beta, r))
+    """Return the unknowns of the P(1,1,1) at one damping that arrive at Σ⁻ with speed 0."""
+    return tuple(_zeros_on_family(lambda at: at.u, delta, beta, r))
 
 
 @lru_cache(maxsize=256)
 def flip_starts(delta: float, beta: float, r: float) -> tuple[Array, ...]:
-    """Return the flips of B and D at one damping."""
-    return tuple(_zeros(lambda at: at.flip, delta, beta, r))
+    """Return the unknowns of the flips of B and D at one damping."""
+    return tuple(_zeros_on_family(lambda at: at.flip, delta, beta, r))
 
 
 def first_flip(delta: float, beta: float, r: float) -> Sequence[Array]:
-    """Return the flip next to SN2 on D, if D is stable between SN2 and this flip."""
+    """Return the flip next to SN2 at which D loses stability, in a list; empty if there is no such flip."""
     found = flip_starts(delta, beta, r)
     if not found:
         return ()
@@ -74,12 +75,12 @@ def first_flip(delta: float, beta: float, r: float) -> Sequence[Array]:
 
 
 def later_flips(delta: float, beta: float, r: float) -> Sequence[Array]:
-    """Return the flips at which D becomes stable again, and the flip beyond its fold at which D loses stability."""
+    """Return the flips at one damping except `first_flip`: D becomes stable again there, or loses stability again."""
     return flip_starts(delta, beta, r)[len(first_flip(delta, beta, r)) :]
 
 
 def one_impact_starts(kind: Kind, delta: float, r: float) -> list[Array]:
-    """Return the unknowns (3,) of SN1 or of PDC, the flip of C, according to `kind`; an empty list if there is none."""
+    """Return the unknowns (3,) of SN1 or, if `kind` is FLIP, of the flip of C, in a list; empty if there is none."""
     offset = -slope_at_departure(delta, r, DRIFT) / (2 * np.pi)
     epsilon = saddle_node(delta, r, DRIFT) if kind is Kind.SADDLE_NODE else flip_of_c(delta, r, DRIFT)
     if not np.isfinite(epsilon) or epsilon == 0.0:

@@ -1,9 +1,9 @@
 """Follow an inelastic motion from impact to impact, for sums over its impacts (compiled).
 
 A chatter that completes has infinitely many impacts. They are followed one by one until the bound of
-`is_chatter_captured` holds with a millionfold margin (`REST`). The remaining impacts last less than
-2 REST LEAST_SHARE |g|/max|g'|, some 1e-8 forcing periods, and have less than REST² of the energy that a captured impact
-may have.
+`is_chatter_captured` holds with a millionfold margin (`REST_FRACTION`). The remaining impacts last less than
+2 REST_FRACTION LEAST_SHARE |g|/max|g'|, some 1e-8 forcing periods, and have less than REST_FRACTION² of the energy that
+a captured impact may have. (g is the contact force, and `rattle.inelastic.map.contact` has LEAST_SHARE.)
 
 The last followed impact stands for the remaining impacts and the contact phase too: it lasts until the release, the end
 of the contact phase, and the motion leaves it with speed 0. Its impulse is exactly that of everything until the
@@ -23,19 +23,19 @@ from rattle.flight.first_impact import OK
 from rattle.flight.forcing import TWO_PI, phase_at
 from rattle.flight.law import folded, wrapped
 from rattle.inelastic.map.contact import is_chatter_captured
-from rattle.inelastic.map.flight import first_forced_impact, leaving_forced
+from rattle.inelastic.map.flight import first_forced_impact, forced_flight
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE, force_at
-from rattle.inelastic.map.impact_map import InelasticPoint, piece_of
+from rattle.inelastic.map.impact_map import InelasticPoint, piece_number
 from rattle.intensity.forces import force_lines
 from rattle.intensity.visit import bounce, mean_force_at
 from rattle.numerics.compile import for_type, inline, kernel
 
-REST = 1e-6  # speed below which the remaining impacts of a chatter count as one, relative to the largest captured speed
+REST_FRACTION = 1e-6  # the rest of a chatter counts as one impact below this fraction of the largest captured speed
 
 
 @inline
-def primitive(tau, delta, harmonics):
-    """Return e' + δe at this phase, whose time derivative is the varying part of the contact force."""
+def force_primitive(tau, delta, harmonics):
+    """Return e' + δe at this phase, with e the forcing: the integral over time of the contact force less its mean."""
     found = 0.0
     for j in range(harmonics.shape[1]):
         turn = TWO_PI * harmonics[ORDER, j]
@@ -45,8 +45,8 @@ def primitive(tau, delta, harmonics):
 
 
 @inline
-def release_at(tau, zeros):
-    """Return the number of the release that is nearest to this phase, which may be off by rounding."""
+def nearest_release(tau, zeros):
+    """Return the index in `zeros` of the release nearest to this phase, which rounding may have changed."""
     nearest, off = 0, math.inf
     for i in range(zeros.size):
         away = abs(wrapped(zeros[i] - tau))
@@ -56,18 +56,18 @@ def release_at(tau, zeros):
 
 
 @kernel
-def bounced_with_loss(wall, tau, w, point):
-    """Return the next flight and impact as `rattle.intensity.visit.bounce` does; w = 0 after a contact phase."""
+def flight_and_impact(wall, tau, w, point):
+    """Return the tuple of `rattle.intensity.visit.bounce` for the next flight and impact; w is 0 after contact."""
     delta, harmonics, zeros = point.delta, point.harmonics, point.zeros
     departure = np.empty((2, harmonics.shape[1]))
     if w == 0.0:
         if zeros.size == 0:
             return IN_CONTACT, 0.0, wall, 0.0, 0.0, 0.0, 0.0
-        number = release_at(tau, zeros)
+        number = nearest_release(tau, zeros)
         tau, piece = zeros[number], number + 1
     else:
-        piece = piece_of(tau, zeros)
-    flight = leaving_forced(tau, w, delta, point.drift, harmonics, departure)
+        piece = piece_number(tau, zeros)
+    flight = forced_flight(tau, w, delta, point.drift, harmonics, departure)
     if zeros.size == 0 and is_chatter_captured(wall, abs(w), flight.force, point):
         return IN_CONTACT, 0.0, wall, abs(w), 0.0, 0.0, abs(w)
     status, s, wall, w1, _bend, _lost = first_forced_impact(wall, tau, flight, piece, point, departure)
@@ -77,19 +77,19 @@ def bounced_with_loss(wall, tau, w, point):
         return status, s, wall, abs(w), 0.0, 0.0, abs(w)
     landed = folded(tau + s)
     force, _rate = force_at(landed, delta, point.drift, harmonics)
-    slow = v < REST * point.capture * force * force
+    slow = v < REST_FRACTION * point.capture * force * force
     if not (slow and zeros.size > 0 and is_chatter_captured(wall, v, force, point)):
         return OK, s, wall, speed, 0.0, speed + v, v
-    piece = piece_of(landed, zeros)
+    piece = piece_number(landed, zeros)
     end = zeros[piece] if piece < zeros.size else zeros[0] + 1.0
-    change = primitive(end, delta, harmonics) - primitive(landed, delta, harmonics)
+    change = force_primitive(end, delta, harmonics) - force_primitive(landed, delta, harmonics)
     pressed = wall * (delta * point.drift * (end - landed) + change)
     return OK, s, wall, speed, end - landed, speed + pressed, 0.0
 
 
 @for_type(bounce, InelasticPoint)
 def _bounce(wall, tau, w, point):
-    return bounced_with_loss(wall, tau, w, point)
+    return flight_and_impact(wall, tau, w, point)
 
 
 @for_type(mean_force_at, InelasticPoint)

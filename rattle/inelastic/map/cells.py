@@ -17,11 +17,11 @@ from rattle.orbits.return_map import between, point_of
 
 
 class InelasticCells(NamedTuple):
-    """Parameters of cells (n,), the shape (3, K) that their forcings have in common, and quantities computed from them.
+    """Parameters of cells (n,), the shape of the forcing that they have in common, and quantities computed from them.
 
-    The shape is the array of harmonics at ε = 1. zeros (n, room) are the zeros of the contact force, of which the first
-    zero_count (n,) of a cell are used. positive (n,) is 1 where this force is positive at phase 0. The other fields
-    (n,) are those of `InelasticPoint`.
+    shape (3, K): the harmonics at ε = 1. zeros (n, room): the zeros of the contact force of each cell, of which the
+    first zero_count (n,) are used. positive (n,): 1 if this force is positive at phase 0, else 0. The other fields (n,)
+    are those of `InelasticPoint`.
     """
 
     delta: Any
@@ -39,7 +39,7 @@ class InelasticCells(NamedTuple):
 
 
 @kernel
-def scaled(shape, epsilon):
+def scaled_harmonics(shape, epsilon):
     """Return the harmonics (3, K) of a forcing at eccentricity epsilon, from its shape (3, K) at ε = 1."""
     harmonics = shape.copy()
     harmonics[AMPLITUDE] *= epsilon
@@ -48,10 +48,10 @@ def scaled(shape, epsilon):
 
 @kernel
 def fill_cells(cells):
-    """Fill in the fields of cells that follow from their parameters."""
+    """Compute the fields of cells that follow from their parameters, from `zeros` to `quiet_invariant`, in place."""
     for i in range(cells.delta.size):
         delta, drift = cells.delta[i], DRIFT * (1.0 + cells.load[i])
-        harmonics = scaled(cells.shape, cells.epsilon[i])
+        harmonics = scaled_harmonics(cells.shape, cells.epsilon[i])
         count, positive = isolated_zeros(delta, drift, harmonics, cells.zeros[i])
         cells.zero_count[i], cells.positive[i] = count, 1 if positive else 0
         cells.third[i] = bounds_of(delta, harmonics).third
@@ -62,14 +62,14 @@ def fill_cells(cells):
 
 @kernel
 def point_at(cell, cells):
-    """Return the parameter point of a cell."""
+    """Return the parameter point of the cell with this number."""
     return InelasticPoint(
         cells.delta[cell],
         cells.epsilon[cell],
         cells.beta[cell],
         cells.restitution[cell],
         DRIFT * (1.0 + cells.load[cell]),
-        scaled(cells.shape, cells.epsilon[cell]),
+        scaled_harmonics(cells.shape, cells.epsilon[cell]),
         cells.zeros[cell, : cells.zero_count[cell]].copy(),
         cells.positive[cell] == 1,
         cells.third[cell],
@@ -113,11 +113,11 @@ def inelastic_cells(
     load: NDArray[np.float64],
     harmonics: Any = (),
 ) -> InelasticCells:
-    """Return cells with these parameters (n,) and harmonics besides the first, as the record that kernels take."""
-    return cells_with(delta, epsilon, beta, restitution, load, forcing_shape(harmonics))
+    """Return the record of cells that compiled code takes, from parameters (n,) and the harmonics besides the first."""
+    return cells_of_shape(delta, epsilon, beta, restitution, load, forcing_shape(harmonics))
 
 
-def cells_with(
+def cells_of_shape(
     delta: NDArray[np.float64],
     epsilon: NDArray[np.float64],
     beta: NDArray[np.float64],
@@ -125,7 +125,7 @@ def cells_with(
     load: NDArray[np.float64],
     shape: NDArray[np.float64],
 ) -> InelasticCells:
-    """Return cells with these parameters (n,) and this shape (3, K) of the forcing, as the record that kernels take."""
+    """Return the record of cells that compiled code takes, from parameters (n,) and the harmonics (3, K) at ε = 1."""
     n = delta.size
     given = {"delta": delta, "epsilon": epsilon, "beta": beta, "restitution": restitution, "load": load}
     cells = InelasticCells(
@@ -142,6 +142,6 @@ def cells_with(
 def point_with(
     delta: float, epsilon: float, beta: float, restitution: float, load: float, harmonics: Any = ()
 ) -> InelasticPoint:
-    """Return one parameter point, as the record that kernels take."""
+    """Return the record of one parameter point that compiled code takes."""
     d, e, b, r, more = (np.array([x]) for x in (delta, epsilon, beta, restitution, load))
     return InelasticPoint(*point_at(0, inelastic_cells(d, e, b, r, more, harmonics)))

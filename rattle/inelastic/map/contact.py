@@ -26,19 +26,20 @@ from rattle.impacting.map.quiet import largest_eta
 from rattle.inelastic.map.harmonics import ORDER, bounds_of, force_at
 from rattle.numerics.compile import inline, kernel
 
+# factor of (1 − r) h²/max|g'| in the largest speed at which a chatter is certain to complete
 LEAST_SHARE = 0.5 * SHARE * (1.0 - SHARE) ** 1.5
-PHASES = 64  # phases per period of the fastest harmonic at which the least contact force is searched
+PHASES = 64  # number of phases, per period of the fastest harmonic, at which the contact force is evaluated
 
 
 @inline
 def capture_of(delta, restitution, harmonics):
-    """Return the largest v/h² at which a chatter is certain to complete; h is the contact force, v the speed."""
+    """Return the largest v/h² at which a chatter is certain to complete; v: speed after impact, h: contact force."""
     return LEAST_SHARE * (1.0 - restitution) / bounds_of(delta, harmonics).force_rate
 
 
 @inline
 def is_chatter_captured(wall, v, force, point):
-    """Return whether an impact is certain to lead to contact; v is the speed after it, `force` the contact force g."""
+    """Return whether an impact is certain to lead to contact. v: the speed after it, force: the contact force."""
     pressing = wall * force
     if not pressing > 0.0:
         return False
@@ -49,7 +50,13 @@ def is_chatter_captured(wall, v, force, point):
 
 @kernel
 def quiet_invariant(delta, drift, beta, harmonics):
-    """Return the largest v³/g at which quiet motion is certain for r = 1; 0 if g is not positive at all phases."""
+    """Return the largest v³/g (speed v, contact force g) from which elastic impacts are certain to become quiet.
+
+    Returns
+    -------
+    float
+        The bound; 0 if the contact force is not positive at all phases.
+    """
     highest = 0.0
     for j in range(harmonics.shape[1]):
         highest = max(highest, harmonics[ORDER, j])

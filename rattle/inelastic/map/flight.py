@@ -21,23 +21,24 @@ from rattle.numerics.compile import inline, kernel
 
 LONGEST_PIECE = 0.5  # longest piece, in forcing periods; longer pieces are cut
 FIRST_PIECE = 0.25  # length of the first piece, in forcing periods, if the force pulls the motion off its wall
-BEYOND = 1.2  # the first piece of a bounce is this factor longer than its estimated end, 2|w|/|F''|
-COSINE, SINE = range(2)  # rows of the departure's array (2, K): amplitude times cosine and sine of each harmonic at t₀
+FIRST_PIECE_FACTOR = 1.2  # length of the first piece of a bounce divided by the estimated flight time, 2|w|/|F''|
+# rows of the array `departure` (2, K): amplitude times cosine and sine of the phase of each harmonic at departure
+COSINE, SINE = range(2)
 
 
 class InelasticFlight(NamedTuple):
-    """Terms of the displacement F of one flight; the other terms are in the departure's array (COSINE, SINE)."""
+    """Quantities of one flight at its departure, at time t₀; the array `departure` has those of each harmonic."""
 
     w: float  # velocity of departure
-    a: float  # A = q + e'(t₀) − w
+    a: float  # A = q + e'(t₀) − w, with the drift q and the forcing e
     bend: float  # e''(t₀)
-    force: float  # g(t₀)
+    force: float  # contact force g(t₀)
     delta: float
 
 
 @inline
-def leaving_forced(tau, w, delta, drift, harmonics, departure):
-    """Return the flight that leaves at this phase with this velocity, and fill the departure's array."""
+def forced_flight(tau, w, delta, drift, harmonics, departure):
+    """Return the flight that departs at phase tau with velocity w, and fill the array `departure` (2, K) for it."""
     slope, bend = 0.0, 0.0
     for j in range(harmonics.shape[1]):
         turn = TWO_PI * harmonics[ORDER, j]
@@ -50,7 +51,7 @@ def leaving_forced(tau, w, delta, drift, harmonics, departure):
 
 @inline
 def evaluate_forced(s, flight, harmonics, departure):
-    """Return the displacement F, F', F'' and 1 − e^(−δs) at the flight time s."""
+    """Return the displacement F since the departure, F', F'' and 1 − e^(−δs) at the flight time s."""
     w, a, _bend, _force, delta = flight
     x = delta * s
     if x <= LONGEST_DECAY:
@@ -72,11 +73,11 @@ def evaluate_forced(s, flight, harmonics, departure):
 
 
 @kernel
-def forced_root(low, high, guess, level, rising, third, flight, harmonics, departure):
-    """Return the time of the only crossing F = level in (low, high), by Halley steps inside a shrinking bracket.
+def time_of_forced_crossing(low, high, guess, level, rising, third, flight, harmonics, departure):
+    """Return the only time in (low, high) at which the displacement F of a flight is `level`, by Halley steps.
 
-    A step u leaves an error below u³ (p² + third/|6F'|) with p = F''/2F' and third ≥ |F‴|. After the last step the
-    error is below rounding.
+    rising: whether F rises there. third: an upper bound of |F‴|. A step u leaves an error below u³ (p² + third/|6F'|)
+    with p = F''/2F', which is below rounding after the last step.
 
     Returns
     -------
@@ -109,8 +110,17 @@ def forced_root(low, high, guess, level, rising, third, flight, harmonics, depar
 
 
 @kernel
-def forced_extremum(low, high, guess, convex, third, flight, harmonics, departure):
-    """Return the zero of F' in (low, high), where e^(δs) F' is monotone, so accurate that F is exact to rounding."""
+def time_of_forced_extremum(low, high, guess, convex, third, flight, harmonics, departure):
+    """Return the only time in (low, high) at which the displacement F of a flight is extreme.
+
+    convex: whether it is a minimum. third: an upper bound of |F‴|. The time is so accurate that F at this time is exact
+    to rounding.
+
+    Returns
+    -------
+    float
+        The time.
+    """
     s = guess
     if not (low < s < high):
         s = 0.5 * (low + high)
@@ -136,16 +146,16 @@ def forced_extremum(low, high, guess, convex, third, flight, harmonics, departur
 
 
 @inline
-def lowest_bound(length, g0, slope0, g1, slope1, delta):
-    """Return a lower bound of G = ±F on a piece on which e^(δs) G' rises from below 0 to above 0.
+def lower_bound_on_piece(length, g0, slope0, g1, slope1, delta):
+    """Return a lower bound of a displacement G over a time `length` in which e^(δs) G' rises through 0.
 
-    Without damping G lies above the tangents at both ends of the piece. With damping this holds if the second tangent
-    is made steeper. g0, slope0, g1, slope1: G and G' at both ends.
+    g0, slope0, g1, slope1: G and G' at the beginning and at the end. Without damping G lies above its tangents at both
+    ends. With damping this holds if the second tangent is made steeper.
 
     Returns
     -------
     float
-        The value of both tangents where they meet; −∞ if the piece is too long for the bound.
+        The value at which both tangents meet; −∞ if the time is too long for the bound.
     """
     x = delta * length
     if not x < 0.5:
@@ -156,10 +166,10 @@ def lowest_bound(length, g0, slope0, g1, slope1, delta):
 
 @kernel
 def crossing_on_piece(sign, s0, f0, f1, s1, e0, e1, guess, lower, upper, third, flight, harmonics, departure):
-    """Return the first crossing of F = lower downwards or of F = upper upwards on a piece from s0 to s1.
+    """Return the first time from s0 to s1 at which the displacement F leaves the interval from `lower` to `upper`.
 
-    sign: the sign of g on the piece. G = sign · F first falls, then rises, or only falls, or only rises.
-    f0, f1, e0, e1: F and F' at s0, then F and F' at s1.
+    sign: the sign of the contact force from s0 to s1. So sign · F only falls, or only rises, or first falls and then
+    rises. f0, f1, e0, e1: F and F' at s0, then F and F' at s1. guess: a guess of the time, or NaN.
 
     Returns
     -------
@@ -174,29 +184,33 @@ def crossing_on_piece(sign, s0, f0, f1, s1, e0, e1, guess, lower, upper, third, 
     if slope0 < 0.0:
         end, reached = s1, g1
         if slope1 > 0.0:
-            if lowest_bound(s1 - s0, g0, slope0, g1, slope1, flight.delta) > low:
+            if lower_bound_on_piece(s1 - s0, g0, slope0, g1, slope1, flight.delta) > low:
                 reached = low
             else:
                 turn = s0 + (s1 - s0) * slope0 / (slope0 - slope1)
-                end = forced_extremum(s0, s1, turn, sign > 0, third, flight, harmonics, departure)
+                end = time_of_forced_extremum(s0, s1, turn, sign > 0, third, flight, harmonics, departure)
                 reached = sign * evaluate_forced(end, flight, harmonics, departure)[0]
                 begin = end
         if reached < low:
             first = s0 + (low - g0) / (reached - g0) * (end - s0)
-            return -sign, forced_root(s0, end, first, sign * low, sign < 0, third, flight, harmonics, departure)
+            return -sign, time_of_forced_crossing(
+                s0, end, first, sign * low, sign < 0, third, flight, harmonics, departure
+            )
     if slope1 > 0.0 and g1 > high:
-        return sign, forced_root(begin, s1, guess, sign * high, sign > 0, third, flight, harmonics, departure)
+        return sign, time_of_forced_crossing(
+            begin, s1, guess, sign * high, sign > 0, third, flight, harmonics, departure
+        )
     return 0, s1
 
 
 @kernel
 def first_forced_impact(wall, tau, flight, piece, point, departure):
-    """Return the first impact of a flight from a wall. piece: the number of zeros of g up to the departure.
+    """Return the first impact of a flight from a wall. piece: `piece_number` of the departure.
 
     Returns
     -------
     tuple
-        (status, flight time s, wall, F', F'', 1 − e^(−δs)) at the impact.
+        (status, flight time s, wall, Φ' and Φ'' before the impact, 1 − e^(−δs)).
     """
     harmonics, zeros = point.harmonics, point.zeros
     upper = 0.0 if wall > 0 else 2.0 * point.beta
@@ -213,7 +227,7 @@ def first_forced_impact(wall, tau, flight, piece, point, departure):
     outwards = wall * (flight.force - delta * flight.w)
     if outwards > 0.0 and wall * flight.w < 0.0:  # false at a release, where the force is 0 up to rounding
         guess = -2.0 * wall * flight.w / outwards
-        length = min(BEYOND * guess, LONGEST_PIECE)
+        length = min(FIRST_PIECE_FACTOR * guess, LONGEST_PIECE)
     while s < LONGEST:
         ends = not s + length < zero
         e = zero if ends else s + length

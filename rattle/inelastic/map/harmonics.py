@@ -17,12 +17,15 @@ from rattle.flight.forcing import TWO_PI, phase_at
 from rattle.numerics.compile import inline, kernel
 
 ORDER, AMPLITUDE, PHASE = range(3)  # rows of an array of harmonics (3, K)
-CLOSEST = 1e-9  # zeros of g closer than this may count as one, or as none where g keeps its sign around them
-DEEPEST = 64  # most waiting intervals: each halving adds one, and 2^−31 is already below CLOSEST
+CLOSEST = 1e-9  # distance in phase below which two zeros of g may be missed or count as one
+MOST_WAITING = 64  # most intervals that wait at once: a halving adds one, and 31 halvings give widths below CLOSEST
 
 
-class Bounds(NamedTuple):
-    """Bounds of |g'|, |g''| and |e'''| over a period."""
+class ForcingBounds(NamedTuple):
+    """Upper bounds of derivatives over a period.
+
+    force_rate: of |g'|, force_bend: of |g''|, with g the contact force. third: of |e'''|, with e the forcing.
+    """
 
     force_rate: float
     force_bend: float
@@ -31,7 +34,7 @@ class Bounds(NamedTuple):
 
 @inline
 def force_at(tau, delta, drift, harmonics):
-    """Return g and g' at this phase."""
+    """Return the contact force g and its derivative g' at this phase."""
     force, rate = delta * drift, 0.0
     for j in range(harmonics.shape[1]):
         turn = TWO_PI * harmonics[ORDER, j]
@@ -44,7 +47,7 @@ def force_at(tau, delta, drift, harmonics):
 
 @inline
 def bounds_of(delta, harmonics):
-    """Return the `Bounds` of a forcing; each is the sum of the bounds of its harmonics."""
+    """Return upper bounds of |g'|, |g''| and |e'''| (g: contact force, e: forcing), each the sum over the harmonics."""
     rate, bend, third = 0.0, 0.0, 0.0
     for j in range(harmonics.shape[1]):
         turn = TWO_PI * harmonics[ORDER, j]
@@ -52,12 +55,12 @@ def bounds_of(delta, harmonics):
         rate += size * turn * math.hypot(turn, delta)
         bend += size * turn * turn * math.hypot(turn, delta)
         third += size * turn * turn
-    return Bounds(rate, bend, third)
+    return ForcingBounds(rate, bend, third)
 
 
 @kernel
 def force_zero_between(low, high, falling, delta, drift, harmonics):
-    """Return the zero of g in (low, high), where g is monotone and changes sign, by Newton steps inside a bracket."""
+    """Return the phase in (low, high) at which the contact force is 0; the force is monotone there and changes sign."""
     t = 0.5 * (low + high)
     for _ in range(100):
         force, rate = force_at(t, delta, drift, harmonics)
@@ -76,7 +79,7 @@ def force_zero_between(low, high, falling, delta, drift, harmonics):
 
 @kernel
 def isolated_zeros(delta, drift, harmonics, zeros):
-    """Write the zeros of g in [0, 1) to `zeros`, in rising order.
+    """Write the phases in [0, 1) at which the contact force g changes sign to `zeros`, in rising order.
 
     An interval with centre c and half-width h is halved until one of two conditions holds: g has no zero on it, because
     |g(c)| > h |g'(c)| + h² max|g''|/2; or g is monotone on it, because |g'(c)| > h max|g''|, so that the signs at its
@@ -92,7 +95,7 @@ def isolated_zeros(delta, drift, harmonics, zeros):
     """
     bend = bounds_of(delta, harmonics).force_bend
     positive = force_at(0.0, delta, drift, harmonics)[0] > 0.0
-    low, high = np.empty(DEEPEST), np.empty(DEEPEST)
+    low, high = np.empty(MOST_WAITING), np.empty(MOST_WAITING)
     low[0], high[0] = 0.0, 1.0
     waiting, found, before = 1, 0, positive
     while waiting > 0:
@@ -119,12 +122,12 @@ def isolated_zeros(delta, drift, harmonics, zeros):
 
 
 def most_zeros(harmonics: NDArray[np.float64]) -> int:
-    """Return the largest possible number of zeros of g: twice the highest order."""
+    """Return the largest possible number of zeros of the contact force in a period: twice the highest order."""
     return 2 * int(harmonics[ORDER].max())
 
 
 def forcing_shape(harmonics: Any) -> NDArray[np.float64]:
-    """Return the array (3, K) of a forcing with ε = 1: the first harmonic, cos 2πt, and the given ones.
+    """Return the shape (3, K) of a forcing: its K harmonics at ε = 1, the first harmonic and the given ones.
 
     Parameters
     ----------

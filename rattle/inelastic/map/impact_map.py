@@ -15,7 +15,7 @@ from rattle.flight.contact_phase import ENDLESS, IN_CONTACT, MOST_BOUNCES
 from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import folded
 from rattle.inelastic.map.contact import is_chatter_captured
-from rattle.inelastic.map.flight import first_forced_impact, forced_tangent, leaving_forced
+from rattle.inelastic.map.flight import first_forced_impact, forced_flight, forced_tangent
 from rattle.numerics.compile import for_type, inline, kernel
 from rattle.orbits import return_map
 
@@ -28,13 +28,14 @@ class InelasticPoint(NamedTuple):
     harmonics : (3, K)
         The harmonics with the amplitudes of this ε.
     zeros : (n,)
-        Zeros of the contact force.
+        Phases at which the contact force is 0.
     positive
         Whether the contact force is positive at phase 0.
     third
-        Bound of |e‴|.
+        Upper bound of |e‴|, e being the forcing.
     capture, quiet_invariant
-        Largest v/h² and largest v³/g of a captured impact: see `rattle.inelastic.map.contact`.
+        Largest v/g² of impacts that are certain to lead to contact, and largest v³/g of those that are certain to
+        become quiet if impacts are elastic; v is the speed after the impact, g the contact force.
     """
 
     delta: float
@@ -51,8 +52,8 @@ class InelasticPoint(NamedTuple):
 
 
 @inline
-def piece_of(tau, zeros):
-    """Return the number of zeros of the contact force up to a phase, which numbers the pieces between zeros."""
+def piece_number(tau, zeros):
+    """Return how many zeros of the contact force are at or before a phase: the number of the piece between zeros."""
     low, high = 0, zeros.size
     while low < high:
         middle = (low + high) // 2
@@ -64,22 +65,23 @@ def piece_of(tau, zeros):
 
 
 @kernel
-def leave(wall, tau, w, piece, point, departure):
-    """Return the flight that follows an impact, after the contact phase if there is one.
+def flight_after_impact(wall, tau, w, piece, point, departure):
+    """Return the flight that follows an impact, after the contact phase if the impact leads to contact.
 
-    Speed 0 at the beginning of a piece, a zero of the contact force, means the end of a contact phase.
+    An impact is given as the wall, the phase τ and the velocity w after it. piece: the number of zeros of the contact
+    force up to τ. w = 0 at such a zero is the end of a contact phase.
 
     Returns
     -------
     contact : bool
         Whether the flight follows a contact phase.
     wait : float
-        Time to the end of the contact phase, infinite if contact never ends; 0 without contact.
+        Time to the end of the contact phase: infinite if contact never ends, 0 if there is no contact.
     tau, piece, flight
         Phase of departure, the number of its piece, and the flight.
     """
     delta, harmonics, zeros = point.delta, point.harmonics, point.zeros
-    flight = leaving_forced(tau, w, delta, point.drift, harmonics, departure)
+    flight = forced_flight(tau, w, delta, point.drift, harmonics, departure)
     if not is_chatter_captured(wall, abs(w), flight.force, point):
         return False, 0.0, tau, piece, flight
     if zeros.size == 0:
@@ -87,13 +89,13 @@ def leave(wall, tau, w, piece, point, departure):
     number = piece if piece < zeros.size else 0
     release = zeros[number]
     wait = release - tau if piece < zeros.size else release + 1.0 - tau
-    flight = leaving_forced(release, 0.0, delta, point.drift, harmonics, departure)
+    flight = forced_flight(release, 0.0, delta, point.drift, harmonics, departure)
     return True, wait, release, number + 1, flight
 
 
 @kernel
 def step_tangent(tau, v, point):
-    """Return Π of a state with its tangent map.
+    """Return the next state (τ', v') on Σ⁺ after a state (τ, v), with the tangent map.
 
     Returns
     -------
@@ -106,10 +108,10 @@ def step_tangent(tau, v, point):
     j00, j01, j10, j11, log_det = 1.0, 0.0, 0.0, 1.0, 0.0
     on_plus, on_minus = 0, 0
     loss = 2.0 * math.log(point.restitution)
-    piece = piece_of(tau, point.zeros)
+    piece = piece_number(tau, point.zeros)
     while True:
         begun = tau
-        contact, wait, tau, piece, flight = leave(wall, begun, w, piece, point, departure)
+        contact, wait, tau, piece, flight = flight_after_impact(wall, begun, w, piece, point, departure)
         if contact:
             if wait == math.inf:
                 return IN_CONTACT, begun, abs(w), time, n_minus, j00, j01, j10, j11, log_det, on_plus, on_minus
@@ -125,13 +127,13 @@ def step_tangent(tau, v, point):
         if status != OK:
             return status, tau, abs(w), time, n_minus, j00, j01, j10, j11, log_det, on_plus, on_minus
         k00, k01, k10, k11 = forced_tangent(w1, bend1, lost, point.restitution, flight)
-        if log_det > -math.inf:  # after contact the tangent stays 0, at a graze too
+        if log_det > -math.inf:  # after a contact phase the tangent stays 0, also if the next impact is a graze
             j00, j10 = k00 * j00 + k01 * j10, k10 * j00 + k11 * j10
             j01, j11 = k00 * j01 + k01 * j11, k10 * j01 + k11 * j11
             log_det += loss - point.delta * s
         time += s
         tau = folded(tau + s)
-        piece = piece_of(tau, point.zeros)
+        piece = piece_number(tau, point.zeros)
         w = -point.restitution * w1
         if wall > 0:
             # v = −w at both ends, so dv = −dw
@@ -145,20 +147,26 @@ def step_tangent(tau, v, point):
 
 @kernel
 def step(tau, v, point):
-    """Return Π of a state: status, τ', v', time, and numbers of impacts on Σ⁻ and of contact phases on Σ⁺ and Σ⁻."""
-    return next_on_plus(SIGMA_PLUS, tau, -v, point)
+    """Return the next state on Σ⁺ after a state (τ, v) on Σ⁺.
+
+    Returns
+    -------
+    tuple
+        (status, τ', v', time, number of impacts on Σ⁻, numbers of contact phases on Σ⁺ and on Σ⁻).
+    """
+    return next_impact_on_plus(SIGMA_PLUS, tau, -v, point)
 
 
 @kernel
-def next_on_plus(wall, tau, w, point):
-    """Follow a motion that leaves a wall with velocity w to its next impact on Σ⁺; return the same tuple as `step`."""
+def next_impact_on_plus(wall, tau, w, point):
+    """Follow a motion that leaves a wall with velocity w to its next impact on Σ⁺, and return the tuple of `step`."""
     departure = np.empty((2, point.harmonics.shape[1]))
     time, n_minus, run, bounces = 0.0, 0, 0, 0
     on_plus, on_minus = 0, 0
-    piece = piece_of(tau, point.zeros)
+    piece = piece_number(tau, point.zeros)
     while True:
         begun = tau
-        contact, wait, tau, piece, flight = leave(wall, begun, w, piece, point, departure)
+        contact, wait, tau, piece, flight = flight_after_impact(wall, begun, w, piece, point, departure)
         if contact:
             if wait == math.inf:
                 return IN_CONTACT, begun, abs(w), time, n_minus, on_plus, on_minus
@@ -174,7 +182,7 @@ def next_on_plus(wall, tau, w, point):
             return status, tau, abs(w), time, n_minus, on_plus, on_minus
         time += s
         tau = folded(tau + s)
-        piece = piece_of(tau, point.zeros)
+        piece = piece_number(tau, point.zeros)
         w = -point.restitution * w1
         if wall > 0:
             return OK, tau, abs(w), time, n_minus, on_plus, on_minus

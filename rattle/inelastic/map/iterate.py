@@ -20,12 +20,12 @@ from rattle.parameters import Parameters
 
 
 @kernel
-def returned_states(tau, v, n, cell, cells, quiet, n_plus, n_minus, contacts, time):
-    """Replace each state of flat arrays by its image under Π^n.
+def apply_inelastic_returns(tau, v, n, cell, cells, quiet, n_plus, n_minus, contacts, time):
+    """Replace each state (τ, v) of flat arrays by its image after n steps of the impact map.
 
-    Where contact never ends after n_plus < n returns, the last state is kept, and `quiet` is set to 1. n_plus and
-    n_minus count the impacts on each wall; a completed chatter counts as in `impact_map`. `contacts` counts contact
-    phases.
+    A motion whose contact never ends after n_plus < n steps keeps its last state, and its entry of `quiet` is set to 1.
+    n_plus and n_minus count the impacts on each wall, with a completed chatter as one impact. `contacts` counts contact
+    phases, and `time` sums the time in forcing periods.
     """
     for i in range(tau.size):
         point = point_at(cell[i], cells)
@@ -42,8 +42,11 @@ def returned_states(tau, v, n, cell, cells, quiet, n_plus, n_minus, contacts, ti
 
 
 @kernel
-def stretched_states(tau, v, n, cell, cells, n_plus, n_minus, growth):
-    """Follow states with a tangent vector in (t, v²/2); growth (3, k) collects time, ln stretch and ln|det|."""
+def apply_inelastic_returns_with_tangent(tau, v, n, cell, cells, n_plus, n_minus, growth):
+    """Replace states as `apply_inelastic_returns` does, each with a tangent vector in (t, v²/2).
+
+    Time, ln stretch and ln|det| of each state are added to the rows of growth (3, k).
+    """
     for i in range(tau.size):
         point = point_at(cell[i], cells)
         x, y = 1.0, 0.0
@@ -65,8 +68,21 @@ def stretched_states(tau, v, n, cell, cells, n_plus, n_minus, growth):
             n_minus[i] += below
 
 
-def _laid_out(at: Parameters, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> tuple[list[Any], Any, tuple[int, ...]]:
-    """Return flat copies of τ, v, n and cell numbers, the cells, and the common shape. Raises ParameterError."""
+def _flat_states_and_cells(
+    at: Parameters, tau: ArrayLike, v: ArrayLike, n: ArrayLike
+) -> tuple[list[Any], Any, tuple[int, ...]]:
+    """Broadcast states and parameters, and check them.
+
+    Returns
+    -------
+    list, InelasticCells, tuple of int
+        Flat copies of τ, v, n and the numbers of cells; the cells; the broadcast shape.
+
+    Raises
+    ------
+    ParameterError
+        If the shapes do not broadcast, or a state is outside its domain.
+    """
     number = np.arange(at.size).reshape(at.shape)
     try:
         phases, speeds, steps, cell = np.broadcast_arrays(
@@ -82,7 +98,8 @@ def _laid_out(at: Parameters, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> tup
     return [np.array(x, order="C").ravel() for x in arrays], cells, phases.shape
 
 
-def _counts(size: int, number: int) -> list[NDArray[np.int64]]:
+def _zero_counts(size: int, number: int) -> list[NDArray[np.int64]]:
+    """Return `number` arrays (size,) of counts that are 0."""
     return [np.zeros(size, np.int64) for _ in range(number)]
 
 
@@ -97,7 +114,7 @@ def iterate(
     load: ArrayLike = 0.0,
     harmonics: Harmonics = (),
 ) -> Iterates:
-    """Return Π^n of states, as `rattle.iterate` does for elastic impacts.
+    """Apply the impact map n times to states (τ, v), as `rattle.iterate` does for elastic impacts.
 
     Parameters
     ----------
@@ -122,9 +139,9 @@ def iterate(
         If a number is outside its domain.
     """
     at = inelastic_points(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
-    (tau_, v_, n_, cell), cells, shape = _laid_out(at, tau, v, n)
-    n_plus, n_minus, contacts = _counts(tau_.size, 3)
-    returned_states(
+    (tau_, v_, n_, cell), cells, shape = _flat_states_and_cells(at, tau, v, n)
+    n_plus, n_minus, contacts = _zero_counts(tau_.size, 3)
+    apply_inelastic_returns(
         tau_, v_, n_, cell, cells, np.zeros(tau_.size, np.int8), n_plus, n_minus, contacts, np.zeros(tau_.size)
     )
     return Iterates(tau_.reshape(shape), v_.reshape(shape), n_plus.reshape(shape), n_minus.reshape(shape))
@@ -143,8 +160,8 @@ def iterate_tangent(
 ) -> Stretched:
     """Return the results of `iterate`, and both Lyapunov exponents over the n impacts: see `rattle.iterate_tangent`.
 
-    λ₁ + λ₂ is −δ plus 2 ln r times the number of impacts per forcing period. After a contact phase λ₁ is −∞; λ₂ is
-    computed as a difference and is then NaN. Raises ParameterError.
+    λ₁ + λ₂ is −δ plus 2 ln r times the number of impacts per forcing period. After a contact phase λ₁ is −∞, and λ₂,
+    which is computed as a difference, is NaN. Raises ParameterError.
 
     Returns
     -------
@@ -152,8 +169,8 @@ def iterate_tangent(
         States, impacts on both walls, and exponents.
     """
     at = inelastic_points(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
-    (tau_, v_, n_, cell), cells, shape = _laid_out(at, tau, v, n)
-    n_plus, n_minus = _counts(tau_.size, 2)
+    (tau_, v_, n_, cell), cells, shape = _flat_states_and_cells(at, tau, v, n)
+    n_plus, n_minus = _zero_counts(tau_.size, 2)
     growth = np.zeros((3, tau_.size))
-    stretched_states(tau_, v_, n_, cell, cells, n_plus, n_minus, growth)
+    apply_inelastic_returns_with_tangent(tau_, v_, n_, cell, cells, n_plus, n_minus, growth)
     return Stretched.of((tau_, v_, n_plus, n_minus), growth, shape)

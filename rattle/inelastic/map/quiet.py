@@ -13,16 +13,16 @@ PHASES = 64  # grid points per period of the fastest harmonic at which the force
 
 
 def quiet_limit(delta: float, drift: float, harmonics: Any = ()) -> float:
-    """Return the smallest ε at which the contact force g reaches 0 (`least_force`)."""
+    """Return the quiet limit: the smallest ε at which the least contact force in a period is 0."""
     return least_force(delta, drift, forcing_shape(harmonics))[1]
 
 
 def least_force(delta: float, drift: float, shape: Any) -> tuple[float, float]:
-    """Return the phase at which the contact force g = δq + ε G(t) first reaches 0 as ε grows, and ε = δq/max(−G).
+    """Return the phase at which the contact force g = δq + ε G(t) first reaches 0 as ε grows, and ε = δq/max(−G) there.
 
-    G is the varying part of the contact force at ε = 1, for the shape (3, K) of the forcing. Newton's method on G'
-    improves the largest −G on a grid inside its interval. A maximum of −G exceeds its value on the grid by at most
-    max|G''| h²/2, where h is half the grid spacing. All maxima that could therefore be the largest are improved too.
+    q is the drift, and G the varying part of the contact force for the harmonics (3, K) at ε = 1. The maximum of −G is
+    found on a grid and improved by Newton's method on G'. A maximum exceeds the nearest value on the grid by at most
+    max|G''| h²/2, where h is half the grid spacing. All maxima that could therefore be the largest are improved.
 
     Returns
     -------
@@ -34,21 +34,23 @@ def least_force(delta: float, drift: float, shape: Any) -> tuple[float, float]:
     count = int(PHASES * shape[ORDER].max())
     tau = np.arange(count) / count
 
-    def depth(t: Any) -> Any:
+    def negative_force(t: Any) -> Any:
+        """Return −G at times t."""
         angle = order * np.asarray(t)[..., None] + turn
         return (size * (order * np.cos(angle) + delta * np.sin(angle))).sum(axis=-1)
 
     def rate_and_bend(t: Any) -> Any:
+        """Return the first and the second derivative of −G at times t."""
         angle = order * np.asarray(t)[..., None] + turn
         rate = (size * order * (delta * np.cos(angle) - order * np.sin(angle))).sum(axis=-1)
         return rate, -(size * order**2 * (delta * np.sin(angle) + order * np.cos(angle))).sum(axis=-1)
 
-    heights = depth(tau)
+    heights = negative_force(tau)
     slack = 0.5 * bounds_of(delta, shape).force_bend * (0.5 / count) ** 2
     near = tau[heights >= heights.max() - slack]
     for _ in range(50):
         rate, bend = rate_and_bend(near)
         near = near + np.clip(-rate / np.where(bend < 0, bend, -np.inf), -0.5 / count, 0.5 / count)
     phases = np.concatenate([near, tau])
-    deepest = phases[np.argmax(depth(phases))]
-    return float(deepest), float(delta * drift / depth(deepest))
+    deepest = phases[np.argmax(negative_force(phases))]
+    return float(deepest), float(delta * drift / negative_force(deepest))

@@ -8,10 +8,10 @@ from rattle.numerics.compile import kernel
 
 @kernel
 def merged_runs(tau, v, n, point):
-    """Count the contact phases of a periodic motion of n returns, and the impacts on Σ⁺ that its label leaves out.
+    """Count the contact phases of a motion that repeats after n returns, and the impacts that its label leaves out.
 
-    A run of impacts on Σ⁺ that ends in contact counts as one impact. The run begins after an impact on Σ⁻ or after the
-    previous contact phase.
+    In the label P(m, n₊, n₋) a run of impacts on Σ⁺ that ends in contact counts as one impact. The run begins after an
+    impact on Σ⁻ or after the previous contact phase.
 
     Returns
     -------
@@ -45,10 +45,10 @@ def merged_runs(tau, v, n, point):
 
 
 @kernel
-def returns_by_contact(tau, v, most, near, point):
-    """Return the number of returns after which a motion with a contact phase is back at (τ, v).
+def returns_of_contact_motion(tau, v, most, near, point):
+    """Return the number of returns to Σ⁺ after which a motion with a contact phase is back at its first state (τ, v).
 
-    Such a motion repeats to the last bit, but its label does not contain its number of returns.
+    near: the largest difference in τ, and relative in v, from the first state.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The motion Φ(t) of the inelastic gear, sampled in closed form on each flight from impact to impact."""
+"""The motion Φ(t) of the inelastic gear at given times, in closed form on each flight from impact to impact."""
 
 import math
 
@@ -6,28 +6,36 @@ import numpy as np
 
 from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import folded
-from rattle.inelastic.map.flight import evaluate_forced, first_forced_impact, leaving_forced
-from rattle.inelastic.map.impact_map import InelasticPoint, leave, piece_of
+from rattle.inelastic.map.flight import evaluate_forced, first_forced_impact, forced_flight
+from rattle.inelastic.map.impact_map import InelasticPoint, flight_after_impact, piece_number
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sampled_motion
 
-SHORT = 1e-5  # duration, in forcing periods, of the last part of a chatter that is not followed impact by impact
+SHORT = 1e-5  # duration, in forcing periods, below which the rest of a chatter is not followed impact by impact
 
 
 @kernel
 def chatter_time(wall, v, force, point):
-    """Return the remaining duration of a chatter, 2v/((1 − r)|g|); its relative error is about as large as itself."""
+    """Return about how long a chatter still lasts after an impact with speed v afterwards: 2v/((1 − r)|g|).
+
+    The relative error is about as large as the duration, in forcing periods. force: the contact force g.
+
+    Returns
+    -------
+    float
+        The duration; infinite if impacts are elastic.
+    """
     if point.restitution == 1.0:
         return math.inf
     return 2.0 * v / ((1.0 - point.restitution) * wall * force)
 
 
 @kernel
-def sampled(tau, v, point, time, phi, velocity, impact_time, impact_wall, impact_speed):
-    """Write Φ and Φ' at rising times, and the impacts until the last of these times.
+def write_inelastic_motion(tau, v, point, time, phi, velocity, impact_time, impact_wall, impact_speed):
+    """Write Φ and Φ' at increasing times, and the impacts before the last of these times, to given arrays.
 
-    A chatter is followed until its remaining duration, from `chatter_time`, is below SHORT. The beginning of contact is
-    then exact to some SHORT². Impacts beyond the length of the arrays are counted but not written.
+    A chatter is followed until its remaining duration, from `chatter_time`, is below SHORT. The error of the time at
+    which contact begins is then about SHORT². Impacts beyond the length of the arrays are counted but not written.
 
     Returns
     -------
@@ -40,11 +48,11 @@ def sampled(tau, v, point, time, phi, velocity, impact_time, impact_wall, impact
     """
     departure = np.empty((2, point.harmonics.shape[1]))
     wall, w, now, phase, i, impacts, rest = SIGMA_PLUS, -v, 0.0, tau, 0, 0, math.inf
-    piece = piece_of(tau, point.zeros)
+    piece = piece_number(tau, point.zeros)
     while i < time.size:
-        contact, wait, release, number, flight = leave(wall, phase, w, piece, point, departure)
+        contact, wait, release, number, flight = flight_after_impact(wall, phase, w, piece, point, departure)
         if contact:
-            flight = leaving_forced(phase, w, point.delta, point.drift, point.harmonics, departure)
+            flight = forced_flight(phase, w, point.delta, point.drift, point.harmonics, departure)
             left = chatter_time(wall, abs(w), flight.force, point)
             if left < SHORT or (point.restitution == 1.0):
                 if wait == math.inf:
@@ -55,7 +63,7 @@ def sampled(tau, v, point, time, phi, velocity, impact_time, impact_wall, impact
                 if wait == math.inf or i == time.size:
                     return OK, impacts, rest
                 now, phase, piece, w = now + wait, release, number, 0.0
-                flight = leaving_forced(phase, w, point.delta, point.drift, point.harmonics, departure)
+                flight = forced_flight(phase, w, point.delta, point.drift, point.harmonics, departure)
         status, s, target, w1, _bend, _lost = first_forced_impact(wall, phase, flight, piece, point, departure)
         if status != OK:
             return status, impacts, math.inf
@@ -66,7 +74,7 @@ def sampled(tau, v, point, time, phi, velocity, impact_time, impact_wall, impact
         if i == time.size:
             break
         now, phase, wall = now + s, folded(phase + s), target
-        piece = piece_of(phase, point.zeros)
+        piece = piece_number(phase, point.zeros)
         w = -point.restitution * w1
         if impacts < impact_time.size:
             impact_time[impacts], impact_wall[impacts], impact_speed[impacts] = now, wall, abs(w1)
@@ -77,5 +85,5 @@ def sampled(tau, v, point, time, phi, velocity, impact_time, impact_wall, impact
 
 
 def trajectory(point: InelasticPoint, tau: float, v: float, periods: float, points: int) -> Trajectory:
-    """Return the result of `rattle.inelastic.InelasticGear.trajectory`."""
-    return sampled_motion(sampled, tau, v, (point,), periods, points)
+    """Return Φ and Φ' of the motion from a state (τ, v) on Σ⁺, as `rattle.inelastic.InelasticGear.trajectory` does."""
+    return sampled_motion(write_inelastic_motion, tau, v, (point,), periods, points)

@@ -28,10 +28,10 @@ from rattle.orbits.period_one import multipliers_of
 
 Array = NDArray[np.float64]
 PHASES = 64  # grid points per period of the fastest harmonic at which e' is evaluated
-SAME = 1e-7  # largest difference between a motion and its repetition; near a fold rounding errors grow
+SAME = 1e-7  # largest difference between a state and its image that counts as repetition
 
 
-class Bounce(NamedTuple):
+class OneImpactMotion(NamedTuple):
     """An admissible P(1,1,0): phase and speed after its impact, and its Floquet multipliers."""
 
     tau: float
@@ -40,12 +40,12 @@ class Bounce(NamedTuple):
 
 
 def departure_speed(delta: float, restitution: float, drift: float) -> float:
-    """Return the speed with which every P(1,1,0) leaves Σ⁺."""
+    """Return the speed with which every P(1,1,0) leaves Σ⁺, which is the same under any forcing."""
     return restitution * delta * drift / (1.0 + restitution)
 
 
 def slope_at_departure(delta: float, restitution: float, drift: float) -> float:
-    """Return the value of e', the derivative of the forcing, at which P(1,1,0) leaves Σ⁺."""
+    """Return the value that the derivative e' of the forcing has when a P(1,1,0) leaves Σ⁺."""
     swing = drift * excess_drift(delta, -math.expm1(-delta))
     return float(swing - departure_speed(delta, restitution, drift))
 
@@ -63,47 +63,48 @@ def flip_of_c(delta: float, restitution: float, drift: float) -> float:
 
 
 def forcing_derivatives(tau: Array, harmonics: Array) -> tuple[Array, Array]:
-    """Return e' and e'' at phases (…)."""
+    """Return the first and second derivatives e' and e'' of the forcing at phases (…)."""
     angle = TWO_PI * (harmonics[ORDER] * tau[..., None] + harmonics[PHASE])
     turn = TWO_PI * harmonics[ORDER]
     size = turn * harmonics[AMPLITUDE]
     return -(size * np.sin(angle)).sum(axis=-1), -(size * turn * np.cos(angle)).sum(axis=-1)
 
 
-def bounces(point: InelasticPoint) -> list[Bounce]:
+def one_impact_motions(point: InelasticPoint) -> list[OneImpactMotion]:
     """Return the admissible motions P(1,1,0) under any forcing, sorted by phase."""
     delta, r, drift = point.delta, point.restitution, point.drift
     harmonics = point.harmonics
     wanted = slope_at_departure(delta, r, drift)
     v, decay = departure_speed(delta, r, drift), math.exp(-delta)
-    phases = _crossings(
+    phases = _zeros_of_periodic(
         lambda tau: forcing_derivatives(tau, harmonics)[0] - wanted, int(PHASES * harmonics[ORDER].max())
     )
     found = []
     for tau in phases:
         bend = float(forcing_derivatives(np.array([tau]), harmonics)[1][0])
         trace = 1.0 + r * r * decay + (1.0 + r) ** 2 * (1.0 - decay) * bend / (delta * delta * drift)
-        if _happens(tau, v, point):
+        if _is_admissible(tau, v, point):
             large, small = multipliers_of(trace, r * r * decay)
-            found.append(Bounce(tau, v, (complex(large), complex(small))))
+            found.append(OneImpactMotion(tau, v, (complex(large), complex(small))))
     return sorted(found, key=lambda each: each.tau)
 
 
-def _crossings(function: Callable[[Array], Array], count: int) -> list[float]:
-    """Return the zeros of a periodic function, one for each of `count` equal intervals on which it changes sign."""
+def _zeros_of_periodic(function: Callable[[Array], Array], count: int) -> list[float]:
+    """Return zeros of a function of period 1: one in each of `count` equal intervals at whose ends its signs differ."""
     grid = np.arange(count + 1) / count
     from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load
 
     values = function(grid)
     changes = np.flatnonzero((values[1:] > 0) != (values[:-1] > 0))
 
-    def at(tau: float) -> float:
+    def value_at(tau: float) -> float:
         return float(function(np.array([tau]))[0])
 
-    return [float(folded(brentq(at, grid[i], grid[i + 1], xtol=1e-15, rtol=1e-15))) for i in changes]
+    return [float(folded(brentq(value_at, grid[i], grid[i + 1], xtol=1e-15, rtol=1e-15))) for i in changes]
 
 
-def _happens(tau: float, v: float, point: InelasticPoint) -> bool:
+def _is_admissible(tau: float, v: float, point: InelasticPoint) -> bool:
+    """Return whether a state (τ, v) repeats after one period and one impact, without contact or impacts on Σ⁻."""
     status, tau1, v1, time, below, on_plus, on_minus = step(tau, v, point)
     closed = abs(wrapped(tau1 - tau)) < SAME and abs(v1 - v) < SAME * max(v, 1e-300) and abs(time - 1.0) < SAME
     return bool(status == OK and closed and below + on_plus + on_minus == 0)

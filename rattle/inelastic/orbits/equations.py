@@ -21,22 +21,30 @@ from rattle.impacting.orbits.equations import Itinerary
 
 @dataclass(frozen=True)
 class InelasticItinerary(Itinerary):
-    """The walls of a motion in order, its forcing periods, the half-backlash and the restitution; the load is 0."""
+    """The equations of motions without load that meet given walls in order, with m, half-backlash and restitution."""
 
     restitution: float = 1.0
 
     @property
     def law(self) -> ImpactLaw:  # type: ignore[override]
-        """The impact law."""
+        """The law of impacts with the restitution of this itinerary."""
         return Restitution(restitution=self.restitution)
 
     def residual(self, x: NDArray) -> NDArray:
-        """Return R (…, n), which is 0 where every impact obeys the impact law."""
+        """Return the residuals (…, n) of motions x, one for each impact: 0 if the impact obeys the law."""
         flights = self.flights(x)
         return np.asarray(flights.w0 + self.restitution * np.roll(flights.w1, 1, axis=-1))
 
     def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
-        """Return R and J(λ) = ∂R/∂t (…, n, n) for perturbations that grow by λ over the period, dt_n = λ dt₀."""
+        """Return the residuals R (…, n) of motions x, and their Jacobian J(λ) = ∂R/∂t by the n impact times (…, n, n).
+
+        J(λ) is for perturbations that grow by λ = multiplier over the period.
+
+        Returns
+        -------
+        tuple of ndarray
+            R and J(λ).
+        """
         flights, n, r = self.flights(x), self.n, self.restitution
         residual = flights.w0 + r * np.roll(flights.w1, 1, axis=-1)
         matrix = np.zeros((*residual.shape, n), residual.dtype)
@@ -48,25 +56,25 @@ class InelasticItinerary(Itinerary):
         return residual, matrix
 
     def with_graze(self, x: NDArray, impact: int) -> NDArray:
-        """Return (…, n + 1): R, then the velocity with which the motion arrives at impact number `impact`."""
+        """Return (…, n + 1): the residuals of motions x, then the velocity of arrival at impact number `impact`."""
         flights = self.flights(x)
         residual = flights.w0 + self.restitution * np.roll(flights.w1, 1, axis=-1)
         return np.concatenate([residual, flights.w1[..., impact - 1, None]], axis=-1)
 
 
-def without_load(x: NDArray, load: float) -> NDArray:
-    """Return the unknowns (…, N), with ε last, of the equivalent gear without load, from those of a gear with load."""
+def unknowns_without_load(x: NDArray, load: float) -> NDArray:
+    """Return the unknowns (…, N) of a gear with load, converted to the equivalent gear without load; ε is the last."""
     found = np.array(x)
     found[..., -1] /= 1.0 + load
     return found
 
 
-def under_load(problem: ContinuationProblem, load: float) -> ContinuationProblem:
-    """Return the problem of a gear with load, from the problem of the equivalent gear without load."""
+def problem_with_load(problem: ContinuationProblem, load: float) -> ContinuationProblem:
+    """Return the continuation problem of a gear with load, from the problem of the equivalent gear without load."""
     if load == 0.0:
         return problem
     return ContinuationProblem(
-        lambda x: problem.equations(without_load(x, load)),
-        lambda x: problem.prepare(without_load(x, load)),
+        lambda x: problem.equations(unknowns_without_load(x, load)),
+        lambda x: problem.prepare(unknowns_without_load(x, load)),
         problem.scale,
     )

@@ -25,21 +25,21 @@ from rattle.flight.forcing import DRIFT, TWO_PI, versines
 from rattle.flight.law import folded
 from rattle.inelastic.map.flight import InelasticFlight, forced_tangent
 from rattle.numerics.compile import inline, kernel
-from rattle.numerics.secant import narrowed
+from rattle.numerics.secant import narrow_bracket
 
 A, B, C, D = range(4)
 SAME_TIME = 1e-6  # largest difference of flight times that counts as the same impact
-EDGE = 1e-9  # |σ| of the nodes next to σ = 0, where the equations are singular
-NODES_PER_SIDE = 160
-MOST_NODES = 2 * NODES_PER_SIDE + 24
+INNERMOST_NODE = 1e-9  # |σ| of the two nodes next to σ = 0, where the equations are singular
+NODES_PER_SIDE = 160  # number of values of σ < 0, and of σ > 0, at which ε(σ) is first computed
+MOST_NODES = 2 * NODES_PER_SIDE + 24  # these nodes, and at most 24 turning points of ε(σ)
 SMALL_DAMPING = 0.05  # value of δ times the flight time below which `excess_drift` uses a series
-MOST_STEPS = 200
+MOST_STEPS = 200  # largest number of secant steps
 Array = NDArray[np.float64]
 
 
 @inline
 def excess_drift(x, lost):
-    """Return x/(1 − e^(−x)) − 1 without cancellation. lost: the value of 1 − e^(−x)."""
+    """Return x/(1 − e^(−x)) − 1 without cancellation; lost: 1 − e^(−x)."""
     if x < SMALL_DAMPING:
         y = x * x
         return x * (0.5 + x * (1.0 / 12.0 - y * (1.0 / 720.0 - y * (1.0 / 30240.0 - y / 1209600.0))))
@@ -47,8 +47,15 @@ def excess_drift(x, lost):
 
 
 @kernel
-def family_closure(sigma, delta, beta, r):
-    """Return the numerators of X, Y, the speed after Σ⁺ and the arrival speed at Σ⁻, then their common denominator."""
+def family_numerators(sigma, delta, beta, r):
+    """Return numerators, with their common denominator, that describe the P(1,1,1) with time 1/2 + σ from Σ⁺ to Σ⁻.
+
+    Returns
+    -------
+    tuple of float
+        The numerators of ε cos 2πτ and ε sin 2πτ at Σ⁺, of the speed after Σ⁺, and of the speed of arrival at Σ⁻; and
+        the denominator, which is 0 only at σ = 0.
+    """
     omc, siny, _defect = versines(sigma)
     xs, xr = delta * (0.5 + sigma), delta * (0.5 - sigma)
     ls, lr = -math.expm1(-xs), -math.expm1(-xr)
@@ -68,20 +75,20 @@ def family_closure(sigma, delta, beta, r):
     x, y = k2 * a12 - k1 * a22, k1 * a21 - k2 * a11
     z = y * siny - x * (2.0 - omc)
     y_s = -(x * siny + y * (1.0 - omc))
-    p = c1 * determinant + f1 * z  # p − 4π
-    return x, y, p + TWO_PI * y, es * p - DRIFT * ls * determinant + TWO_PI * y_s, determinant
+    p_excess = c1 * determinant + f1 * z  # (p − 4π) times the determinant; p as in the docstring of the module
+    return x, y, p_excess + TWO_PI * y, es * p_excess - DRIFT * ls * determinant + TWO_PI * y_s, determinant
 
 
 @kernel
 def family_amplitude(sigma, delta, beta, r):
-    """Return ε(σ) on the family; it is infinite at the pole σ = 0."""
-    x, y, _v, _u, determinant = family_closure(sigma, delta, beta, r)
+    """Return the ε of the P(1,1,1) whose time from Σ⁺ to Σ⁻ is 1/2 + σ; it is infinite at the pole σ = 0."""
+    x, y, _v, _u, determinant = family_numerators(sigma, delta, beta, r)
     return math.hypot(x, y) / abs(determinant)
 
 
 @kernel
 def root_of_amplitude(level, lo, hi, delta, beta, r):
-    """Return the σ in (lo, hi) at which ε(σ) = level, by secant steps inside a shrinking bracket."""
+    """Return the σ in (lo, hi) at which ε(σ), as of `family_amplitude`, equals `level`, by secant steps."""
     f_lo, f_hi = family_amplitude(lo, delta, beta, r) - level, family_amplitude(hi, delta, beta, r) - level
     side, last = 0, math.nan
     for _ in range(MOST_STEPS):
@@ -92,13 +99,13 @@ def root_of_amplitude(level, lo, hi, delta, beta, r):
         if f == 0.0 or abs(sigma - last) <= 1e-16 * abs(sigma):
             return sigma
         last = sigma
-        lo, f_lo, hi, f_hi, side = narrowed(lo, f_lo, hi, f_hi, side, sigma, f)
+        lo, f_lo, hi, f_hi, side = narrow_bracket(lo, f_lo, hi, f_hi, side, sigma, f)
     return 0.5 * (lo + hi)
 
 
 @kernel
 def family_turning_point(lo, hi, sign, delta, beta, r):
-    """Return the σ in (lo, hi) at which ε(σ) is least (sign = 1) or greatest (sign = −1), by golden section."""
+    """Return the σ in (lo, hi) at which `family_amplitude` is least (sign = 1) or greatest (sign = −1)."""
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     x1, x2 = hi - ratio * (hi - lo), lo + ratio * (hi - lo)
     f1, f2 = sign * family_amplitude(x1, delta, beta, r), sign * family_amplitude(x2, delta, beta, r)
@@ -116,10 +123,18 @@ def family_turning_point(lo, hi, sign, delta, beta, r):
 
 @kernel
 def fill_family_nodes(delta, beta, r, sigma, e):
-    """Write rising σ, between which ε(σ) is monotone, and ε(σ) to arrays (MOST_NODES,); return their number."""
+    """Write increasing σ, between which ε(σ) of the P(1,1,1) is monotone, to `sigma`, and ε(σ) to `e`.
+
+    Both arrays are (MOST_NODES,).
+
+    Returns
+    -------
+    int
+        The number of σ.
+    """
     n = NODES_PER_SIDE
     for i in range(n):
-        gap = EDGE * (0.5 * (1.0 - 1e-6) / EDGE) ** (i / (n - 1.0))
+        gap = INNERMOST_NODE * (0.5 * (1.0 - 1e-6) / INNERMOST_NODE) ** (i / (n - 1.0))
         sigma[n - 1 - i], sigma[n + i] = -gap, gap
     size = 2 * n
     for i in range(size):
@@ -157,16 +172,16 @@ def family_one_impact(cosine, delta, epsilon, beta, r):
 
 
 @inline
-def bent(w, x, y, delta):
-    """Return the flight that leaves with velocity w at the phase τ with (ε cos 2πτ, ε sin 2πτ) = (x, y)."""
+def flight_at_phase(w, x, y, delta):
+    """Return the flight that departs with velocity w at the phase τ that x = ε cos 2πτ and y = ε sin 2πτ determine."""
     slope, bend = -TWO_PI * y, -TWO_PI * TWO_PI * x
     return InelasticFlight(w, DRIFT + slope - w, bend, delta * (DRIFT + slope) + bend, delta)
 
 
 @kernel
 def family_two_impacts(sigma, delta, epsilon, beta, r):
-    """Return (admissible, τ, v, trace of the tangent map) of the P(1,1,1) of the family at σ."""
-    x, y, v, u, determinant = family_closure(sigma, delta, beta, r)
+    """Return (admissible, τ, v, trace of the tangent map) of the P(1,1,1) with time 1/2 + σ from Σ⁺ to Σ⁻."""
+    x, y, v, u, determinant = family_numerators(sigma, delta, beta, r)
     x, y, v, u = x / determinant, y / determinant, v / determinant, u / determinant
     tau, s, rest = folded(math.atan2(y, x) / TWO_PI), 0.5 + sigma, 0.5 - sigma
     if not (v > 0.0 and u > 0.0):
@@ -181,9 +196,9 @@ def family_two_impacts(sigma, delta, epsilon, beta, r):
         return False, tau, v, 0.0
     omc, siny, _defect = versines(sigma)
     y1, x1 = y * omc - y - x * siny, x * omc - x + y * siny  # sine and cosine of 2πs, half a turn from those of 2πσ
-    down, up = bent(-v, x, y, delta), bent(r * u, x1, y1, delta)
-    # flights after both impacts, whose force gives the derivatives of the arrivals
-    ends = bent(-u, x1, y1, delta), bent(v / r, x, y, delta)
+    down, up = flight_at_phase(-v, x, y, delta), flight_at_phase(r * u, x1, y1, delta)
+    # the contact forces at both arrivals, taken from flights that depart there
+    ends = flight_at_phase(-u, x1, y1, delta), flight_at_phase(v / r, x, y, delta)
     bend_down, bend_up = ends[0].force + delta * u, ends[1].force - delta * v / r
     a00, a01, a10, a11 = forced_tangent(-u, bend_down, -math.expm1(-delta * s), r, down)
     b00, b01, b10, b11 = forced_tangent(v / r, bend_up, -math.expm1(-delta * rest), r, up)
@@ -192,9 +207,9 @@ def family_two_impacts(sigma, delta, epsilon, beta, r):
 
 @kernel
 def keep_orbit(orbit, found, exists, phase, speed, traces, i):
-    """Store an orbit if it is the first admissible one with its letter (A to D).
+    """Store the orbit `found` at parameter point i, if it is admissible and the first of its letter there.
 
-    The caller lets σ fall from 1/2, so that orbits of the branch that SN2 creates come first.
+    orbit: the letter, 0 to 3 for A to D. Callers go from σ = 1/2 down, so orbits of the branch born at SN2 come first.
     """
     admissible, tau, v, trace = found
     if admissible and not exists[orbit, i]:
@@ -204,9 +219,9 @@ def keep_orbit(orbit, found, exists, phase, speed, traces, i):
 
 @kernel
 def fill_family_orbits(order, delta, epsilon, beta, r, exists, phase, speed, traces):
-    """Write the orbits A to D to arrays (4, n), for flat arrays (n,) of parameters that are visited in `order`.
+    """Write the orbits A to D at n parameter points, taken in `order`, to exists, phase, speed and traces (4, n).
 
-    Before the call the arrays hold False (exists) and NaN; entries of orbits that do not exist keep these values.
+    Before the call `exists` must be False and the others NaN; entries of orbits that do not exist keep these values.
     """
     last, n = -1, 0
     sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)
@@ -225,7 +240,15 @@ def fill_family_orbits(order, delta, epsilon, beta, r, exists, phase, speed, tra
 
 
 def family_nodes(delta: float, beta: float, r: float) -> tuple[Array, Array]:
-    """Return rising σ and ε(σ); ε is monotone between neighbouring σ, except across the pole σ = 0."""
+    """Return increasing σ, and the ε(σ) of the P(1,1,1) with time 1/2 + σ from Σ⁺ to Σ⁻.
+
+    ε is monotone between neighbouring σ, except across its pole at σ = 0.
+
+    Returns
+    -------
+    tuple of ndarray
+        σ and ε(σ), both (k,).
+    """
     sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)
     n = fill_family_nodes(delta, beta, r, sigma, e)
     return sigma[:n], e[:n]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import parameters
+from rattle.errors import broadcast_parameters
 from rattle.inelastic.orbits.family import fill_family_orbits
 from rattle.orbits.period_one import N_MINUS, NAMES, PeriodOne, classify, multipliers_of
 
@@ -17,7 +17,7 @@ def period_one(
     restitution: ArrayLike = 1.0,
     load: ArrayLike = 0.0,
 ) -> PeriodOne:
-    """Return the period-one orbits A, B, C, D under one cosine, for every element of the broadcast parameters.
+    """Return the orbits A to D under forcing by one cosine, for every element of the broadcast parameters.
 
     Parameters
     ----------
@@ -37,11 +37,12 @@ def period_one(
 
     Notes
     -----
-    A and C, P(1,1,0), have closed forms. B and D, P(1,1,1), belong to an explicit family with a parameter σ
-    (`rattle.inelastic.orbits.family`): where ε(σ) equals the given ε, the orbit is B if ε(σ) falls and D if it rises. A
-    load only changes the unit of length.
+    A and C, P(1,1,0), have closed forms. For P(1,1,1) the eccentricity ε(σ) is an explicit function of σ, the time from
+    Σ⁺ to Σ⁻ less half a period (`rattle.inelastic.orbits.family`). Where ε(σ) equals the given ε, the orbit is B if
+    ε(σ) falls and D if ε(σ) rises. A load ℓ only changes the unit of length: the gear is equivalent to one without load
+    at (ε, β)/(1 + ℓ).
     """
-    arrays = parameters(delta, epsilon, beta, restitution=restitution, load=load)
+    arrays = broadcast_parameters(delta, epsilon, beta, restitution=restitution, load=load)
     shape, unit = arrays[0].shape, 1.0 + arrays[4]
     d, e, b, r, unit = (
         np.array(x, order="C").ravel() for x in (arrays[0], arrays[1] / unit, arrays[2] / unit, arrays[3], unit)
@@ -72,5 +73,5 @@ def regions(
     restitution: ArrayLike = 1.0,
     load: ArrayLike = 0.0,
 ) -> NDArray[np.int8]:
-    """Return the region's number in `rattle.REGIONS` for every element of the broadcast parameters."""
+    """Return the number of the region, as in `rattle.REGIONS`, for every element of the broadcast parameters."""
     return classify(period_one(delta, epsilon, beta, restitution, load))

@@ -8,20 +8,21 @@ from typing import NamedTuple
 from rattle.errors import RattleError, require_integer, require_number
 from rattle.flight.first_impact import OK
 from rattle.inelastic.map.impact_map import InelasticPoint
-from rattle.inelastic.map.runs import merged_runs, returns_by_contact
+from rattle.inelastic.map.runs import merged_runs, returns_of_contact_motion
 from rattle.orbits.period_one import multipliers_of
 from rattle.orbits.return_map import fastest_point, newton, power_map, shortest_return
 
-MOST_RETURNS = 4096
-CLOSE = 1e-6  # largest distance at which a motion with contact counts as back at the given state
+MOST_RETURNS = 4096  # largest number of impacts on Σ⁺ per period of a sought motion
+CLOSE = 1e-6  # largest difference in τ, and relative in v, at which a motion with contact is back at its first state
 
 
 class InelasticOrbit(NamedTuple):
-    """An admissible periodic motion P(m, n_plus, n_minus) with its number of contact phases in m forcing periods.
+    """An admissible periodic motion P(m, n_plus, n_minus) of the inelastic gear.
 
-    n_plus and n_minus count a run of impacts that ends in contact as one impact. tau and v: phase and speed after the
-    fastest impact on Σ⁺. The multipliers are over m periods, the larger modulus first. Their product is
-    e^(−δm) r^(2(n_plus + n_minus)); both are 0 if there is a contact phase.
+    n_plus and n_minus count a run of impacts that ends in contact as one impact. contacts: the number of contact phases
+    in m forcing periods. tau, v: phase and speed after the fastest impact on Σ⁺. multipliers: the Floquet multipliers
+    over m periods, the larger modulus first. Their product is e^(−δm) r^(2(n_plus + n_minus)); both are 0 if there is a
+    contact phase.
     """
 
     m: int
@@ -41,7 +42,7 @@ class InelasticOrbit(NamedTuple):
 def inelastic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1) -> InelasticOrbit:
     """Return the periodic motion near a state (τ, v) that repeats after n_plus impacts on Σ⁺.
 
-    If the state is on a motion with contact phases, the number of returns is found from it, and n_plus is ignored.
+    If the state is on a motion with contact phases, n_plus is ignored, and the motion is followed until it repeats.
 
     Returns
     -------
@@ -56,7 +57,7 @@ def inelastic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1
         If Newton's method on the return map finds no such motion.
     """
     v, k = require_number("v", v, positive=True), require_integer("n_plus", n_plus, 1, MOST_RETURNS)
-    k = returns_by_contact(tau, v, MOST_RETURNS, CLOSE, point) or k
+    k = returns_of_contact_motion(tau, v, MOST_RETURNS, CLOSE, point) or k
     found, tau1, v1 = newton(tau, v, k, point)
     if not found:
         raise RattleError(

@@ -23,7 +23,7 @@ from rattle.parameters import Harmonic, Parameters, parameters_in
 RESTITUTION, LOAD = parameters_in(__file__)
 
 
-def _of_machine(load_torque: Any, pair: Any) -> Any:
+def _load_of_machine(load_torque: Any, pair: Any) -> Any:
     """Return the load: load torque on the second gear divided by drag torque, both referred to the first gear."""
     return np.divide(load_torque * pair.ratio, pair.drag * pair.speed)  # infinite at speed 0
 
@@ -42,7 +42,7 @@ class Inelastic(Model):
 
     name = "inelastic"
     title = "inelastic impacts"
-    added = (RESTITUTION, replace(LOAD, of_machine=_of_machine))
+    added = (RESTITUTION, replace(LOAD, of_machine=_load_of_machine))
     has = frozenset({Capability.BALANCE, Capability.INTENSITY, Capability.PERIOD_ONE, Capability.CONTACT_PHASES})
     functions: ClassVar[Functions] = inelastic
     classifier: ClassVar[type[Classifier]] = InelasticClassifier
@@ -68,9 +68,9 @@ class Inelastic(Model):
         """Return the gear at one point. It lacks the methods of capabilities that `has` does not list."""
         return inelastic.InelasticGear(delta, epsilon, self.beta, self.restitution, self.load, self.harmonics)
 
-    def at(self, delta: ArrayLike, epsilon: ArrayLike) -> Parameters:
+    def parameters_at(self, delta: ArrayLike, epsilon: ArrayLike) -> Parameters:
         """Return the parameters of points; δ and ε are broadcast. Raises ParameterError."""
-        return super().at(delta, epsilon).with_harmonics(self.harmonics)
+        return super().parameters_at(delta, epsilon).with_harmonics(self.harmonics)
 
     def period_one(self, delta: ArrayLike, epsilon: ArrayLike) -> PeriodOne:
         """Return the motions A to D. Raises RattleError if the forcing has harmonics."""
@@ -89,7 +89,7 @@ class Inelastic(Model):
         return () if self.harmonics else inelastic.points_at(self.beta, self.restitution, self.load)
 
     @classmethod
-    def returned(cls, parameters: Parameters, tau: Array, v: Array) -> Returned:
+    def states_after_return(cls, parameters: Parameters, tau: Array, v: Array) -> Returned:
         """Return states (n,) after one return to Σ⁺, at parameters (n,)."""
         more: dict[str, Any] = {**parameters.others, "harmonics": parameters.harmonics}
         return Returned.of(inelastic.iterate_tangent(parameters.delta, parameters.epsilon, tau, v, 1, **more))

@@ -14,7 +14,7 @@ from rattle.parameters import parameters_in
 from rattle.stiff.attractors.classifier import StiffClassifier
 
 
-def _of_machine(stiffness: Any, pair: Any) -> Any:
+def _kappa_of_machine(stiffness: Any, pair: Any) -> Any:
     """Return κ from a mesh stiffness in N/m (docs/decisions/0025-machine.md)."""
     turned = TWO_PI * pair.radius / pair.speed
     return stiffness * turned * turned / (pair.scale * pair.inertia)
@@ -31,7 +31,7 @@ class Stiff(Model):
 
     name = "stiff"
     title = "stiff walls"
-    added = (replace(KAPPA, of_machine=_of_machine),)
+    added = (replace(KAPPA, of_machine=_kappa_of_machine),)
     has = frozenset(
         {
             Capability.PERIOD_ONE,

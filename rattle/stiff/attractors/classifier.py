@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.ball import Centres, enlarge_one_by_one
-from rattle.attractors.classify import BUDGET, Classifier, Seen
+from rattle.attractors.ball import Centres, find_radii_one_by_one
+from rattle.attractors.classify import BUDGET, Classifier, ProbeRecord
 from rattle.attractors.samples import Trajectories
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
-from rattle.attractors.table import AttractorTable, of_samples
+from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.parameters import Parameters
 from rattle.stiff.attractors.settle import StiffCells, measure, settle
-from rattle.stiff.map.iterate import returned
+from rattle.stiff.map.iterate import apply_stiff_returns
 from rattle.stiff.map.quiet import quiet_limit
 
 
 def cells_of(parameters: Parameters) -> StiffCells:
-    """Return cells with these parameters (n,), as the record that kernels take."""
+    """Return the record of the cells with these parameters (n,) that compiled code takes."""
     delta, epsilon, kappa = parameters.delta, parameters.epsilon, parameters.added["kappa"]
     rests = np.where(epsilon < quiet_limit(delta, kappa), 1.0, 0.0)
     return StiffCells(delta, epsilon, parameters.beta, rests, kappa)
@@ -30,19 +30,19 @@ class StiffClassifier(Classifier):
     cells_of = staticmethod(cells_of)
 
     @staticmethod
-    def iterated(
+    def states_after(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return states after a number of returns, and flags of quiet states: see `Classifier.iterated`."""
-        each = [np.full(tau.size, x) for x in parameters.named.values()]
+        """Return states after a number of returns, and flags of quiet states: see `Classifier.states_after`."""
+        each = [np.full(tau.size, x) for x in parameters.values_by_name.values()]
         tau, v, quiet = tau.copy(), v.copy(), np.zeros(tau.size, np.int8)
         counts = (np.zeros(tau.size, np.int64) for _ in range(2))
-        returned(tau, v, np.full(tau.size, float(returns)), *each, quiet, *counts)
+        apply_stiff_returns(tau, v, np.full(tau.size, float(returns)), *each, quiet, *counts)
         return tau, v, quiet > 0
 
     @staticmethod
     def quiet_invariant(parameters: Parameters) -> float:  # noqa: ARG004
-        """Return 0, because a motion counts as quiet once its contact is known to be endless, not below a speed."""
+        """Return 0: a motion counts as quiet when its contact with Σ⁺ is certain to be endless, at any speed."""
         return 0.0
 
     @property
@@ -53,21 +53,24 @@ class StiffClassifier(Classifier):
     def enter_known_orbits(self) -> None:
         """Do nothing, because this gear has no orbits that are known before its samples are followed."""
 
-    def enlarge(self, centres: Centres) -> None:
-        """Find the radii of these capture regions."""
-        enlarge_one_by_one(centres, self.cells)
+    def find_radii(self, centres: Centres) -> None:
+        """Find the radii of the capture regions around these centres."""
+        find_radii_one_by_one(centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:  # noqa: ARG002
-        """Follow these samples until each has an outcome or has made its largest number of returns.
+        """Follow the samples numbered `which` until each has an outcome or has made all returns that its limit allows.
 
         Every return is checked for capture and recurrence, whatever `early` is.
         """
         settle(which, self.cells, samples.for_kernels(), self.balls.for_kernels())
 
-    def watch(
-        self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
+    def follow_with_tangent(
+        self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: ProbeRecord
     ) -> None:
-        """Follow these samples with a tangent vector, and add their sums and visited boxes to `seen`."""
+        """Follow samples `which` with a tangent vector, and add their sums and the boxes they visit to `seen`.
+
+        Each sample is followed for at least `least` returns and `periods` forcing periods, or to its limit.
+        """
         tables = self.samples.for_kernels(), self.balls.for_kernels()
         measure(which, least, periods, self.cells, *tables, seen.sums, seen.prints)
 
@@ -99,5 +102,5 @@ def attractors_of(
     ParameterError
         If an argument is outside its domain.
     """
-    cells = Parameters.of(StiffClassifier.model, delta, epsilon, beta, kappa=kappa)
-    return of_samples(StiffClassifier, cells, SampleSpec(count, v_max, seed, budget, tau, v_min))
+    cells = Parameters.from_values(StiffClassifier.model, delta, epsilon, beta, kappa=kappa)
+    return attractors_of_samples(StiffClassifier, cells, SampleSpec(count, v_max, seed, budget, tau, v_min))

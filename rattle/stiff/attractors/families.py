@@ -21,6 +21,6 @@ def families_of(
     seed: int = 0,
     budget: int = BUDGET,
 ) -> Families:
-    """Return `rattle.families_of` for the stiff gear. Raises ParameterError."""
+    """Return the families of attractors over a grid, as `rattle.families_of` does. Raises ParameterError."""
     gear = {"beta": beta, "kappa": kappa}
     return families_over(StiffClassifier, delta, epsilon, gear, SampleSpec(count, v_max, seed, budget))

@@ -1,14 +1,14 @@
-"""Follow samples of the stiff gear until each is quiet, is captured, recurs, or has made its contacts (compiled).
+"""Follow samples of the stiff gear until each is quiet, captured or recurrent, or has made all its returns (compiled).
 
-The samples are followed one by one, otherwise as in `rattle.impacting.attractors.settle`. A sample whose contact with
-Σ⁺ never ends is quiet. Tangent vectors are in the coordinates (Φ, Φ') at fixed times.
+The method is that of `rattle.impacting.attractors.settle`, but samples are followed one by one, not in SIMD lanes. A
+sample whose contact with Σ⁺ never ends is quiet. Tangent vectors are in the coordinates (Φ, Φ') at fixed times.
 """
 
 import math
 from typing import Any, NamedTuple
 
 from rattle.attractors.chaos import BATCHES
-from rattle.attractors.samples import ALIGNMENT, Outcome, begun, finish, looked, mark, top_speed
+from rattle.attractors.samples import ALIGNMENT, Outcome, check_sample, first_reference, mark, store_sample, top_speed
 from rattle.flight.first_impact import OK
 from rattle.flight.law import speed_unit
 from rattle.numerics.compile import for_type, inline, kernel
@@ -39,36 +39,38 @@ def _between(share, one, other):
 
 
 @inline
-def ended_with(code):
-    """Return the outcome of a sample whose motion does not return to Σ⁺, from the status `code` of the step."""
+def stiff_outcome(code):
+    """Return the outcome of a sample that does not return to Σ⁺: QUIET or FAILED, by the status `code` of `step`."""
     return Outcome.QUIET if code == flow.QUIET else Outcome.FAILED
 
 
 @kernel
 def settle(which, cells, samples, balls):
-    """Follow the samples `which` until each has an outcome. A sample that makes all its returns stays UNRESOLVED."""
+    """Follow samples `which` until each has an outcome. A sample that makes all its returns stays UNRESOLVED."""
     for j in range(which.size):
         k = which[j]
         point = point_of(samples.cell[k], cells)
         tau, v, n, total = samples.tau[k], samples.v[k], 0, 0.0
         unit = speed_unit(point.delta, point.epsilon, point.beta)
-        reference = begun(tau, v)
-        status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
+        reference = first_reference(tau, v)
+        status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
         while status == Outcome.UNRESOLVED and samples.impacts[k] + n < samples.limit[k]:
             code, tau, v, time, _below = step(tau, v, point)
             if code != OK:
-                status = ended_with(code)
+                status = stiff_outcome(code)
                 break
             n, total = n + 1, total + time
-            status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
-        finish(tau, v, n, total, k, status, orbit, samples)
+            status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
+        store_sample(tau, v, n, total, k, status, orbit, samples)
 
 
 @kernel
 def measure(which, least, periods, cells, samples, balls, sums, footprints):
-    """Follow samples with a tangent vector, for at least this many returns and forcing periods (k,), or to the limit.
+    """Follow samples `which` with a tangent vector, to measure their Lyapunov exponents.
 
-    sums[j, batch], zero before, collects time, ln stretch and ln|det| of sample which[j] after ALIGNMENT returns.
+    A sample is followed for at least `least` returns and `periods` forcing periods (k,), or to its limit of returns.
+
+    sums[j, batch] must be 0; time, ln stretch and ln|det| of sample which[j] after ALIGNMENT returns are added to it.
     footprints[j] collects the boxes of the (τ, v) plane that this sample visits.
     """
     for j in range(which.size):
@@ -77,8 +79,8 @@ def measure(which, least, periods, cells, samples, balls, sums, footprints):
         tau, v, n, x, y, total = samples.tau[k], samples.v[k], 0, 1.0, 0.0, 0.0
         unit = speed_unit(point.delta, point.epsilon, point.beta)
         most = float(samples.limit[k] - samples.impacts[k])
-        reference = begun(tau, v)
-        status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
+        reference = first_reference(tau, v)
+        status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
         while status == Outcome.UNRESOLVED:
             share = min((n - ALIGNMENT) / (least[j] - ALIGNMENT), total / periods[j])
             share = max(share, n / most)
@@ -88,7 +90,7 @@ def measure(which, least, periods, cells, samples, balls, sums, footprints):
                 tau, v, point.delta, point.epsilon, point.beta, point.kappa
             )
             if code != OK:
-                status = ended_with(code)
+                status = stiff_outcome(code)
                 break
             n, total = n + 1, total + time
             x, y = j00 * x + j01 * y, j10 * x + j11 * y
@@ -100,5 +102,5 @@ def measure(which, least, periods, cells, samples, balls, sums, footprints):
                 row[1] += math.log(size)
                 row[2] += math.log(abs(j00 * j11 - j01 * j10))
             mark(tau, v, top_speed(point.epsilon, unit), footprints[j])
-            status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
-        finish(tau, v, n, total, k, status, orbit, samples)
+            status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
+        store_sample(tau, v, n, total, k, status, orbit, samples)

@@ -24,18 +24,18 @@ from rattle.continuation.line import FIRST_OF_DOUBLED, HALF_PERIOD, Parameter, l
 from rattle.errors import RattleError, require, require_integer, require_pair
 from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import Orbit
-from rattle.stiff.bifurcations.grazes import LIGHT, Graze, graze
+from rattle.stiff.bifurcations.grazes import VANISHING, Graze, graze_at_end
 from rattle.stiff.bifurcations.line import TWICE, MotionsOnLine
 from rattle.stiff.bifurcations.records import StiffBranch, StiffEvent, unknowns_of
-from rattle.stiff.orbits.periodic import LONGEST, StiffOrbit, admissible, as_stiff, softness
+from rattle.stiff.orbits.periodic import LONGEST_STEP, StiffOrbit, as_stiff_orbit, is_admissible_solution, softness
 
-__all__ = ["StiffBranch", "StiffEvent", "both_ways", "doubled", "stiff_branch", "stiff_curve"]
+__all__ = ["StiffBranch", "StiffEvent", "doubled_branch", "stiff_branch", "stiff_branch_on_line", "stiff_curve"]
 
 POINTS_ACROSS = 50  # least number of points over the span
 MOST_POINTS = 1000
-NEARLY_TWICE = 1e-2  # distance from its flip at which the equations of a doubled branch become almost singular
-FLIP_WITHIN = 1e-3  # largest distance of this flip from the end of the doubled branch, as a share of the span
-LEAST_FLIGHT = 1e-6  # shortest flight, in forcing periods
+NEARLY_TWICE = 1e-2  # distance from the flip below which the equations of a doubled branch are almost singular
+FLIP_WITHIN = 1e-3  # largest distance of the flip from the end of a doubled branch, as a share of the span
+LEAST_FLIGHT = 1e-6  # duration, in forcing periods, below which a flight counts as vanished
 LOST = "is lost"  # words for the end of a branch at a graze where a contact vanishes
 
 
@@ -45,7 +45,7 @@ def stiff_branch(
     span: tuple[float, float] | None = None,
     resolution: int = POINTS_ACROSS,
 ) -> StiffBranch:
-    """Return the branch of a periodic motion in one parameter, in both directions, as long as it is admissible.
+    """Return the branch of a periodic motion in one parameter, in both directions, as far as motions are admissible.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def stiff_branch(
     RattleError
         If the orbit is not a solution.
     """
-    orbit = as_stiff(orbit)
+    orbit = as_stiff_orbit(orbit)
     resolution = require_integer("resolution", resolution, 1, MOST_POINTS)
     here = unknowns_of(orbit)
     if parameter == "kappa":
@@ -83,29 +83,29 @@ def stiff_branch(
         direction, ends = np.append(plane.direction, 0.0), np.array(plane.span)
     require(ends[0] < ends[1], f"span must be (low, high) around the orbit, got {span!r}")
     line = MotionsOnLine(orbit.walls, orbit.m, orbit.beta, here[-3:], direction)
-    return both_ways(line, np.append(here[:-3], 0.0), (float(ends[0]), float(ends[1])), resolution)
+    return stiff_branch_on_line(line, np.append(here[:-3], 0.0), (float(ends[0]), float(ends[1])), resolution)
 
 
 def _follower(line: MotionsOnLine, span: tuple[float, float], resolution: int) -> Follower:
-    def is_admissible(y: Array) -> bool:
-        return line.is_admissible(y) and not line.is_twice(y)
+    def is_on_branch(y: Array) -> bool:
+        return line.is_admissible(y) and not line.is_run_twice(y)
 
-    longest = longest_step(span, resolution, LONGEST)
-    return Follower(line.problem, (Bound(-1, *span),), is_admissible, longest, line.twins)
+    longest = longest_step(span, resolution, LONGEST_STEP)
+    return Follower(line.problem, (Bound(-1, *span),), is_on_branch, longest, line.twins)
 
 
-def both_ways(line: MotionsOnLine, start: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
-    """Return the branch through a solution y on a line, in both directions, while its last unknown is in `span`."""
+def stiff_branch_on_line(line: MotionsOnLine, start: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
+    """Return the branch through the motion `start` on a line, followed in both directions while it stays in `span`."""
     if not line.is_admissible(start):
         raise RattleError("the motion is virtual at its own parameters: take it from stiff_orbit or from_limit")
     followed = _follower(line, span, resolution).both_ways(start, -1, MOST_POINTS)
-    ends = (_End(CLOSED), _End(CLOSED))
+    ends = (_BranchEnd(CLOSED), _BranchEnd(CLOSED))
     if followed.paths is not None:
-        ends = _end(line, followed.paths[0], span), _end(line, followed.paths[1], span)
-    return _built(line, followed.points, followed.tangents, followed.start, ends)
+        ends = _end_of_path(line, followed.paths[0], span), _end_of_path(line, followed.paths[1], span)
+    return _branch_of_points(line, followed.points, followed.tangents, followed.start, ends)
 
 
-def doubled(event: StiffEvent, direction: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
+def doubled_branch(event: StiffEvent, direction: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
     """Return the branch of motions of twice the period that begins at a flip, along a direction (3,) of parameters."""
     itinerary = event.itinerary.doubled()
     line = MotionsOnLine(itinerary.walls, itinerary.m, itinerary.beta, event.parameters, direction)
@@ -113,10 +113,10 @@ def doubled(event: StiffEvent, direction: Array, span: tuple[float, float], reso
     path = _follower(line, span, resolution).follow(*start, MOST_POINTS, FIRST_OF_DOUBLED)
     tangents = path.tangents.copy()
     tangents[0] = tangents[min(1, len(tangents) - 1)]  # the doubled branch turns back at its first point
-    return _built(line, path.points, tangents, 0, (_End("flip"), _end(line, path, span)))
+    return _branch_of_points(line, path.points, tangents, 0, (_BranchEnd("flip"), _end_of_path(line, path, span)))
 
 
-class _End(NamedTuple):
+class _BranchEnd(NamedTuple):
     """The reason in words why a branch ends, and the flip or the graze at which it ends, if any."""
 
     why: str
@@ -124,42 +124,44 @@ class _End(NamedTuple):
     graze: Graze | None = None
 
 
-def _end(line: MotionsOnLine, path: Path, span: tuple[float, float]) -> _End:
-    """Return the reason why a path ends, and the flip or graze at its end, if any."""
+def _end_of_path(line: MotionsOnLine, path: Path, span: tuple[float, float]) -> _BranchEnd:
+    """Return why a path ends, in words, with the flip or graze at its end if there is one."""
     last, c = path.points[-1], len(line.walls)
     if path.outside is not None and not span[0] <= path.outside[-1] <= span[1]:
-        return _End("span")
-    half = line.halved(last)
+        return _BranchEnd("span")
+    half = line.mean_of_halves(last)
     if half is not None and half[2] < (NEARLY_TWICE if path.outside is None else 2 * TWICE):
         flip = half[0].flip_near(half[1], FLIP_WITHIN * (span[1] - span[0]))
         if flip is not None:
-            return _End(HALF_PERIOD, flip=half[0].orbit(flip))
+            return _BranchEnd(HALF_PERIOD, flip=half[0].orbit(flip))
     if path.outside is None:
-        return _End(
+        return _BranchEnd(
             "the branch has its largest number of points"
             if len(path.points) >= MOST_POINTS
             else "the equations become singular"
         )
     if c == 1 and line.m - line.itinerary(last).softness * last[1] < LEAST_FLIGHT:
-        return _End("the motion becomes quiet")
+        return _BranchEnd("the motion becomes quiet")
     shortest = int(np.argmin(last[c : 2 * c]))
-    grazes = last[c + shortest] < LIGHT
-    why = f"contact {shortest} with {_name(line.walls[shortest])} {LOST}" if grazes else "a contact is made"
-    return _End(f"graze: {why}", graze=graze(line, last, path.tangents[-1]))
+    grazes = last[c + shortest] < VANISHING
+    why = f"contact {shortest} with {_wall_name(line.walls[shortest])} {LOST}" if grazes else "a contact is made"
+    return _BranchEnd(f"graze: {why}", graze=graze_at_end(line, last, path.tangents[-1]))
 
 
-def _name(wall: int) -> str:
+def _wall_name(wall: int) -> str:
     return "Σ⁺" if wall > 0 else "Σ⁻"
 
 
-def _built(line: MotionsOnLine, points: Array, tangents: Array, start: int, ends: tuple[_End, _End]) -> StiffBranch:
-    """Return the branch with these solutions as points; saddle-nodes between them are added as points."""
+def _branch_of_points(
+    line: MotionsOnLine, points: Array, tangents: Array, start: int, ends: tuple[_BranchEnd, _BranchEnd]
+) -> StiffBranch:
+    """Return the branch with these solutions as points, and its events; each saddle-node becomes a point too."""
     problem = line.problem
     folds = np.flatnonzero((tangents[:-1, -1] < 0) != (tangents[1:, -1] < 0))
     marked: list[int] = []
     for k in folds[::-1].tolist():
         a, b = points[k], points[k + 1]
-        y = root_between(problem, a, b, _fold(problem, a, b))
+        y = root_between(problem, a, b, _rate_of_parameter(problem, a, b))
         if y is None:
             continue
         if np.array_equal(y, a) or np.array_equal(y, b):
@@ -168,10 +170,10 @@ def _built(line: MotionsOnLine, points: Array, tangents: Array, start: int, ends
         points = np.insert(points, k + 1, y, axis=0)
         start += int(k < start)
         marked = [k + 1, *(i + 1 for i in marked)]
-    flips = np.array([line.flip(y) for y in points])
+    flips = np.array([line.flip_residual(y) for y in points])
     events = [StiffEvent(Kind.SADDLE_NODE, line.orbit(points[i]), i) for i in marked]
     for i in np.flatnonzero((flips[:-1] < 0) != (flips[1:] < 0)).tolist():
-        y = root_between(problem, points[i], points[i + 1], line.flip)
+        y = root_between(problem, points[i], points[i + 1], line.flip_residual)
         if y is not None:
             events.append(StiffEvent(Kind.FLIP, line.orbit(y), i))
     grazes = []
@@ -187,7 +189,7 @@ def _built(line: MotionsOnLine, points: Array, tangents: Array, start: int, ends
     stable = np.abs(multipliers[0]) < 1.0
     for k in marked:  # a saddle-node gets the stability of its stable side
         stable[k] = stable[max(k - 1, 0)] or stable[k + 1]
-    itinerary, unknowns = line.itinerary(points[0]), np.array([line.plane(y) for y in points])
+    itinerary, unknowns = line.itinerary(points[0]), np.array([line.full_unknowns(y) for y in points])
     flights = itinerary.flights(unknowns[:, :-1], unknowns[:, -1:])
     return StiffBranch(
         itinerary,
@@ -203,8 +205,8 @@ def _built(line: MotionsOnLine, points: Array, tangents: Array, start: int, ends
     )
 
 
-def _fold(problem: ContinuationProblem, a: Array, b: Array) -> Callable[[Array], float]:
-    """Return a function of y, the rate of the parameter along the branch between a and b, which is 0 at a fold."""
+def _rate_of_parameter(problem: ContinuationProblem, a: Array, b: Array) -> Callable[[Array], float]:
+    """Return the function of y that is the rate of the parameter on the branch between a and b; it is 0 at a fold."""
     return lambda y: float(tangent_at(problem, y, b - a)[-1])
 
 
@@ -234,10 +236,12 @@ def stiff_curve(
     window = PlaneWindow(require_pair("delta", delta), require_pair("epsilon", epsilon), resolution)
     itinerary = event.orbit.itinerary
 
-    def left(x: Array) -> str | None:
-        return None if admissible(itinerary, x) else "the motion is virtual"
+    def reason_to_leave(x: Array) -> str | None:
+        return None if is_admissible_solution(itinerary, x) else "the motion is virtual"
 
-    found = pieces(condition(itinerary, event.kind), [event.orbit.unknowns], window, left, itinerary.contacts)
+    found = pieces(
+        condition(itinerary, event.kind), [event.orbit.unknowns], window, reason_to_leave, itinerary.contacts
+    )
     if not found:
-        raise RattleError("the event is not a solution inside the window: choose delta and epsilon around it")
+        raise RattleError("the event is not a solution inside the window: choose delta and epsilon around the event")
     return found[0].points

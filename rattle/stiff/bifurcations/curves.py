@@ -28,11 +28,11 @@ from rattle.stiff.map.quiet import quiet_limit
 from rattle.stiff.orbits.closure import (
     LEAST_CONTACT,
     Cycle,
-    closure,
     is_admissible,
     softness,
-    struck,
+    time_at_sigma_minus,
     trace_of_solution,
+    write_residuals,
 )
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.families import PLUS, PLUS_MINUS, StiffFamily, families, sign_changes, span_of_family
@@ -56,10 +56,10 @@ MEANINGS = {
     QUIET: "limit of permanent contact with Σ⁺: above it the teeth separate",
 }
 NAMES = tuple(MEANINGS)
-# words that follow the reason why one of these curves ends at a graze
+# words appended to the reason why a curve ends at a graze, by the name of the curve
 GOES_ON = {"SN1": ", it goes on as G2", "G2": ", it goes on as SN1"}
-NEAR = 1e-2  # step from a fold, relative to the shortest contact, by which a difference quotient is taken there
-BISECTIONS = 30
+DIFFERENCE_STEP = 1e-2  # step of the difference quotient at a fold, relative to the duration of the shortest contact
+BISECTIONS = 30  # halvings of the interval in which a flip is located
 
 
 def trace(
@@ -94,8 +94,8 @@ def trace(
     dampings = np.array([*spread_between(*window.delta), *window.delta])
     try:
         if name == QUIET:
-            return _quiet_limit(beta, kappa, window, dampings)
-        return _traced(name, beta, kappa, window, dampings)
+            return _quiet_limit_curve(beta, kappa, window, dampings)
+        return _trace_family_curve(name, beta, kappa, window, dampings)
     except np.linalg.LinAlgError as error:
         raise RattleError(
             f"{name} cannot be followed for beta = {beta}, kappa = {kappa} in {window}: {error}"
@@ -108,33 +108,35 @@ def describe(name: str) -> str:
     return f"{MEANINGS[name]} (docs/stiff.md)"
 
 
-def _traced(name: str, beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Curve:
+def _trace_family_curve(name: str, beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Curve:
     walls = PLUS if name in OF_ONE_CONTACT else PLUS_MINUS
     itinerary = StiffItinerary(tuple(walls.tolist()), 1, beta, softness(kappa))
     kind = Kind.FLIP if name in FLIPS else Kind.SADDLE_NODE
 
-    def left(x: Array) -> str | None:
-        return _left(name, np.delete(x, -2), Cycle(walls, 1, float(x[-2]), beta, kappa))
+    def reason_to_leave(x: Array) -> str | None:
+        return _reason_to_leave(name, np.delete(x, -2), Cycle(walls, 1, float(x[-2]), beta, kappa))
 
-    def described(x: Array) -> CurveDescription:
+    def describe_motion(x: Array) -> CurveDescription:
         orbit = orbit_of(itinerary, x)
         return CurveDescription(orbit.tau, orbit.v, np.array(orbit.multipliers))
 
-    starts = _starts(name, beta, kappa, window, dampings)
+    starts = _starting_points(name, beta, kappa, window, dampings)
     problem, times = condition(itinerary, kind), itinerary.contacts
-    return traced(name, beta, problem, starts, window, left, described, lambda _, reason: reason, times)
+    return traced(
+        name, beta, problem, starts, window, reason_to_leave, describe_motion, lambda _, reason: reason, times
+    )
 
 
-def _starts(name: str, beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Iterator[Array]:
+def _starting_points(name: str, beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Iterator[Array]:
     """Yield guesses of the unknowns (2c + 2,) of motions on a curve at these dampings."""
     for delta in dampings.tolist():
         for family in families(delta, beta, kappa, span_of_family(delta, window.epsilon[1])):
-            for y in _events(name, family):
+            for y in _motions_on_curve(name, family):
                 yield np.insert(y, y.size - 1, delta)
 
 
-def _events(name: str, family: StiffFamily) -> list[Array]:
-    """Return the motions (2c + 1,) of a family that lie on a curve.
+def _motions_on_curve(name: str, family: StiffFamily) -> list[Array]:
+    """Return the motions of a family that are events of the curve with this name.
 
     On the paper's curves the middle of the contact with Σ⁻ comes more than half a period after the middle of the
     contact with Σ⁺; other motions are left out. At half a period the family of the impacting P(1,1,1) has its pole.
@@ -145,7 +147,7 @@ def _events(name: str, family: StiffFamily) -> list[Array]:
         Times, durations and ε of each motion, in the order of the family.
     """
     if name in FLIPS:
-        found = _flips(name, family)
+        found = _flips_on_curve(name, family)
     else:
         pairs = ("".join(sorted(family.letters[i : i + 2])) for i in range(family.folds.size))
         found = [family.points[k] for k, pair in zip(family.folds, pairs, strict=True) if pair == FOLDS[name]]
@@ -154,8 +156,8 @@ def _events(name: str, family: StiffFamily) -> list[Array]:
     return [y for y in late if is_admissible(y, family.cycle)]
 
 
-def _flips(name: str, family: StiffFamily) -> list[Array]:
-    """Return the flips of a family that lie on a curve: flips of C if `name` is PDC, otherwise flips of D."""
+def _flips_on_curve(name: str, family: StiffFamily) -> list[Array]:
+    """Return the flips of a family that lie on the curve with this name: flips of C for PDC, of D for PD1 and PD2."""
     if (family.cycle.walls.size == 1) != (name in OF_ONE_CONTACT):
         return []
     flip, found = 1.0 + ELASTIC.determinant(family.cycle.delta, 1, 1), []
@@ -172,12 +174,12 @@ def _flips(name: str, family: StiffFamily) -> list[Array]:
         elif name == "PD2":
             gained = np.diff(above) * np.diff(points[:, -1]) > 0.0  # between two folds ε is monotone
             turns = [k for k in turns if gained[k]]
-        found += [_bisected(points[k], points[k + 1], family.cycle, flip) for k in turns]
+        found += [_flip_by_bisection(points[k], points[k + 1], family.cycle, flip) for k in turns]
     return found
 
 
-def _bisected(a: Array, b: Array, cycle: Cycle, flip: float) -> Array:
-    """Return the approximate flip between two motions of a family."""
+def _flip_by_bisection(a: Array, b: Array, cycle: Cycle, flip: float) -> Array:
+    """Return a motion close to the flip between two motions a and b of a family, where the trace is −flip."""
     sign, y = trace_of_solution(a, cycle) + flip > 0.0, np.empty(a.size)
     for _ in range(BISECTIONS):
         if not family_solution_above_chord(a, b, 0.5, cycle, y):
@@ -186,24 +188,24 @@ def _bisected(a: Array, b: Array, cycle: Cycle, flip: float) -> Array:
     return a
 
 
-def _left(name: str, y: Array, cycle: Cycle) -> str | None:
-    """Return the reason in words why a solution is not on a curve, or None if it is."""
+def _reason_to_leave(name: str, y: Array, cycle: Cycle) -> str | None:
+    """Return the reason in words why a solution is not on the curve with this name; None if it is on the curve."""
     c = cycle.walls.size
     if c == 2 and y[3] <= LEAST_CONTACT:
         return f"graze: contact with Σ⁻ is lost{GOES_ON.get(name, '')}"
     if not is_admissible(y, cycle):
-        meets = c == 1 and not np.isnan(struck(y, cycle))
+        meets = c == 1 and not np.isnan(time_at_sigma_minus(y, cycle))
         return f"graze: contact with Σ⁻ is made{GOES_ON.get(name, '')}" if meets else "the motion is virtual"
-    if name in ("SN2", "G1") and _is_greatest(y, cycle) != (name == "G1"):
+    if name in ("SN2", "G1") and _is_maximum_of_epsilon(y, cycle) != (name == "G1"):
         return "cusp: SN2 and G1 meet"
     return None
 
 
-def _is_greatest(y: Array, cycle: Cycle) -> bool:
-    """Return whether ε has a maximum at a fold along its family.
+def _is_maximum_of_epsilon(y: Array, cycle: Cycle) -> bool:
+    """Return whether ε has a maximum along a family of motions at its fold y.
 
-    ε has a maximum where −ψ R''φφ/ψR_ε < 0, with R the residuals of the equations, and φ and ψ the right and left null
-    vectors of ∂R/∂y.
+    ε has a maximum where −ψ R''φφ/ψR_ε < 0. R are the residuals of the equations; φ and ψ are the right and left null
+    vectors of their Jacobian ∂R/∂y at fixed ε.
 
     Returns
     -------
@@ -212,19 +214,19 @@ def _is_greatest(y: Array, cycle: Cycle) -> bool:
     """
     n = y.size - 1
     value, matrix, ahead, behind = np.empty(n), *(np.empty((n, n + 1)) for _ in range(3))
-    closure(y, cycle, value, matrix)
+    write_residuals(y, cycle, value, matrix)
     left, _, right = np.linalg.svd(matrix[:, :n])
-    step = NEAR * np.append(right[-1], 0.0) * min(1.0, float(y[n // 2 : n].min()))
-    closure(y + step, cycle, value, ahead)
-    closure(y - step, cycle, value, behind)
+    step = DIFFERENCE_STEP * np.append(right[-1], 0.0) * min(1.0, float(y[n // 2 : n].min()))
+    write_residuals(y + step, cycle, value, ahead)
+    write_residuals(y - step, cycle, value, behind)
     bend = (ahead - behind) @ step
     return float(left[:, -1] @ bend) * float(left[:, -1] @ matrix[:, n]) > 0.0
 
 
-def _quiet_limit(beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Curve:
-    """Return the curve on which the depth of permanent contact, times κ, and its rate vanish.
+def _quiet_limit_curve(beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Curve:
+    """Return the curve on which permanent contact just reaches depth 0: its depth and the rate of its depth are 0.
 
-    The unknowns are x = (phase, δ, ε); see `rattle.stiff.map.quiet`.
+    The unknowns are x = (phase, δ, ε). `rattle.stiff.map.quiet` has the formula for the depth.
 
     Returns
     -------

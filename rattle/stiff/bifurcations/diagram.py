@@ -17,7 +17,7 @@ from rattle.errors import RattleError, require_number, require_pair
 from rattle.numerics.complex_step import Array
 from rattle.parameters import Parameters
 from rattle.stiff.attractors.classifier import StiffClassifier
-from rattle.stiff.bifurcations.branches import both_ways, doubled
+from rattle.stiff.bifurcations.branches import doubled_branch, stiff_branch_on_line
 from rattle.stiff.bifurcations.line import MotionsOnLine
 from rattle.stiff.bifurcations.records import StiffBranch, StiffEvent, unknowns_of
 from rattle.stiff.orbits.closure import softness
@@ -25,7 +25,7 @@ from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.period_one import orbits_at
 from rattle.stiff.orbits.periodic import StiffOrbit, stiff_orbit
 
-SEEDS = 5  # steps of the segment at which A to D are computed
+LETTER_STEPS = 5  # number of steps of the segment at which A to D are computed
 
 
 @dataclass(frozen=True)
@@ -35,46 +35,46 @@ class StiffMotions(Motions):
     classifier = StiffClassifier
 
     def steps(self, position: Array) -> Parameters:
-        """Return the stiff gear's parameters at these positions (`Motions.steps`)."""
+        """Return the parameters of the stiff gear at these positions on the segment (`Motions.steps`)."""
         delta, epsilon, p = np.ascontiguousarray(self.segment.at(position).T)
         beta = np.full_like(delta, self.beta)
         return Parameters(self.classifier.model, delta, epsilon, beta, {"kappa": 0.5 / p**2})
 
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
-        """Yield A to D, and other P(1,1,0), at SEEDS steps, if their families can be followed there."""
-        for k in np.unique(np.linspace(0, steps.size - 1, SEEDS).astype(int)):
+        """Yield A to D and all other P(1,1,0) at LETTER_STEPS steps; a step at which this fails yields none."""
+        for k in np.unique(np.linspace(0, steps.size - 1, LETTER_STEPS).astype(int)):
             try:
                 for _name, orbit in orbits_at(**steps.point(k)):
-                    yield self._motion(orbit)
-            except RattleError:  # a family that is lost at this step may be found from other steps or from attractors
+                    yield self._motion_of(orbit)
+            except RattleError:  # motions missed at this step may be found from other steps or from attractors
                 continue
 
     def near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
-        """Return the motion near this state (`Motions.near`)."""
+        """Return the periodic motion near a state, or None if none is found (`Motions.near`)."""
         try:
-            return self._motion(stiff_orbit(**step, tau=tau, v=v, n_plus=n_plus))
+            return self._motion_of(stiff_orbit(**step, tau=tau, v=v, n_plus=n_plus))
         except RattleError:
             return None
 
     def problem(self, itinerary: StiffItinerary) -> ContinuationProblem:
         """Return the contact equations along the segment (`Motions.problem`)."""
-        return self._line(itinerary).problem
+        return self._line_of(itinerary).problem
 
     def solved(self, itinerary: StiffItinerary, y: Array) -> StiffOrbit | None:
-        """Return the orbit of a solution of the contact equations (`Motions.solved`)."""
-        line = self._line(itinerary)
-        found = line.solved(y)
+        """Return the orbit near a guess y of the contact equations, or None if none is found (`Motions.solved`)."""
+        line = self._line_of(itinerary)
+        found = line.corrected_solution(y)
         return None if found is None else line.orbit(found)
 
     def through(self, motion: Motion, span: tuple[float, float]) -> StiffBranch:
-        """Return the branch of a motion on this span of the segment (`Motions.through`)."""
+        """Return the branch through a motion, for positions in `span` relative to this motion (`Motions.through`)."""
         itinerary, x = motion
         line = MotionsOnLine(itinerary.walls, itinerary.m, self.beta, x[-3:], self.segment.direction)
-        return both_ways(line, np.append(x[:-3], 0.0), span, POINTS_ACROSS)
+        return stiff_branch_on_line(line, np.append(x[:-3], 0.0), span, POINTS_ACROSS)
 
     def doubled(self, event: StiffEvent, span: tuple[float, float]) -> StiffBranch:
-        """Return the doubled branch that leaves a flip (`Motions.doubled`)."""
-        return doubled(event, self.segment.direction, span, POINTS_ACROSS)
+        """Return the branch of doubled period that leaves a flip (`Motions.doubled`)."""
+        return doubled_branch(event, self.segment.direction, span, POINTS_ACROSS)
 
     def events(self, found: StiffBranch) -> tuple[StiffEvent, ...]:
         """Return the saddle-nodes and flips of a branch, and the grazes at which its label changes."""
@@ -85,12 +85,12 @@ class StiffMotions(Motions):
         if event.kind is Kind.FLIP:
             yield event.itinerary, event.unknowns
         elif event.beyond is not None:
-            yield self._motion(event.beyond)
+            yield self._motion_of(event.beyond)
 
-    def _line(self, itinerary: StiffItinerary) -> MotionsOnLine:
+    def _line_of(self, itinerary: StiffItinerary) -> MotionsOnLine:
         return MotionsOnLine(itinerary.walls, itinerary.m, self.beta, self.segment.start, self.segment.direction)
 
-    def _motion(self, orbit: StiffOrbit) -> Motion:
+    def _motion_of(self, orbit: StiffOrbit) -> Motion:
         return orbit.itinerary, unknowns_of(orbit)
 
 

@@ -1,4 +1,4 @@
-"""The equations of one itinerary of the stiff gear on a line in (δ, ε, p), p = 1/√(2κ), for continuation."""
+"""The equations of the stiff gear's motions with one itinerary, along a line in (δ, ε, p) with p = 1/√(2κ)."""
 
 from dataclasses import dataclass, replace
 
@@ -10,10 +10,10 @@ from rattle.flight.impact_law import ELASTIC
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import at_parameters, twins
 from rattle.stiff.orbits.equations import StiffItinerary
-from rattle.stiff.orbits.periodic import StiffOrbit, admissible, orbit_of, trace_of
+from rattle.stiff.orbits.periodic import StiffOrbit, is_admissible_solution, orbit_of, trace_of
 
-TWICE = 1e-5  # largest distance from a motion of half the period that counts as that motion, at its flip
-MOST_BRACKETS = 8
+TWICE = 1e-5  # difference of the halves of a motion, in the unknowns, below which it is one motion run through twice
+MOST_BRACKETS = 8  # number of times that the interval around a sought flip is made ten times wider
 
 
 @dataclass(frozen=True)
@@ -30,25 +30,25 @@ class MotionsOnLine:
     origin: Array
     direction: Array
 
-    def plane(self, y: NDArray) -> NDArray:
-        """Return times, durations, δ, ε and p (…, 2c + 3) of the motions y."""
+    def full_unknowns(self, y: NDArray) -> NDArray:
+        """Return all unknowns (…, 2c + 3) of motions y on the line: times, durations/p, δ, ε and p."""
         return np.concatenate([y[..., :-1], self.origin + y[..., -1:] * self.direction], axis=-1)
 
-    def parameter(self, x: Array) -> Array:
-        """Return the y of a motion with unknowns (2c + 3,), the inverse of `plane`."""
+    def line_unknowns(self, x: Array) -> Array:
+        """Return the unknowns y on the line of a motion, from all its unknowns x (2c + 3,): inverts `full_unknowns`."""
         return np.append(x[:-3], (x[-3:] - self.origin) @ self.direction / (self.direction @ self.direction))
 
     def itinerary(self, y: Array) -> StiffItinerary:
-        """Return the itinerary with the stiffness at y."""
-        return StiffItinerary(self.walls, self.m, self.beta, float(self.plane(y)[-1]))
+        """Return the itinerary of the motion y, which includes the stiffness at this point of the line."""
+        return StiffItinerary(self.walls, self.m, self.beta, float(self.full_unknowns(y)[-1]))
 
     @property
     def problem(self) -> ContinuationProblem:
-        """The equations along the line in the unknowns y."""
+        """The continuation problem of the motions on the line, in the unknowns y."""
         any_softness = StiffItinerary(self.walls, self.m, self.beta, 0.0)
 
         def equations(y: NDArray) -> NDArray:
-            x = self.plane(y)
+            x = self.full_unknowns(y)
             with np.errstate(
                 divide="ignore", invalid="ignore"
             ):  # a flight of duration 0 is singular, and Newton's method refuses it
@@ -57,35 +57,36 @@ class MotionsOnLine:
         return ContinuationProblem(equations, scale=line_scale(self.origin, self.direction))
 
     def is_admissible(self, y: Array) -> bool:
-        """Return whether a solution is admissible."""
-        x = self.plane(y)
-        return bool(x[-1] > 0.0) and admissible(self.itinerary(y), x[:-1])
+        """Return whether a motion y on the line is admissible; False unless its softness p is positive."""
+        x = self.full_unknowns(y)
+        return bool(x[-1] > 0.0) and is_admissible_solution(self.itinerary(y), x[:-1])
 
-    def flip(self, y: Array) -> float:
-        """Return the trace of the tangent map + 1 + e^(−δm), which is 0 at a flip."""
-        x = self.plane(y)
+    def flip_residual(self, y: Array) -> float:
+        """Return a number that changes sign at a flip: 1 + e^(−δm) plus the trace of the tangent map over m periods."""
+        x = self.full_unknowns(y)
         return trace_of(self.itinerary(y), x[:-1]) + 1.0 + float(ELASTIC.determinant(x[-3], self.m, 1))
 
     def orbit(self, y: Array) -> StiffOrbit:
-        """Return a solution as a `StiffOrbit`."""
-        return orbit_of(self.itinerary(y), self.plane(y)[:-1])
+        """Return a motion y on the line as a `StiffOrbit`."""
+        return orbit_of(self.itinerary(y), self.full_unknowns(y)[:-1])
 
-    def solved(self, y: Array) -> Array | None:
+    def corrected_solution(self, y: Array) -> Array | None:
         """Return the solution near a guess y at the same parameters; None if Newton's method fails."""
-        found = at_parameters(self.itinerary(y), self.plane(y)[:-1])
+        found = at_parameters(self.itinerary(y), self.full_unknowns(y)[:-1])
         return None if found is None else np.append(found[:-2], y[-1])
 
     def twins(self, start: Array, y: Array) -> Array:
-        """Return all equivalent unknowns (…, 2c + 1) of `start` near y: from another contact or whole periods later."""
+        """Return the equivalent unknowns of motion `start` near y: begun at another contact, or whole periods later."""
         return twins(StiffItinerary(self.walls, self.m, self.beta, 0.0), start, y)
 
-    def halved(self, y: Array) -> tuple["MotionsOnLine", Array, float] | None:
-        """Return the mean of both halves of a motion, as a line and its y, and the largest difference of the halves.
+    def mean_of_halves(self, y: Array) -> tuple["MotionsOnLine", Array, float] | None:
+        """Return the motion of half the period whose unknowns are the mean of both halves of a motion y.
 
         Returns
         -------
         tuple or None
-            None if the second half does not meet the walls in the order of the first.
+            The line of this motion, its unknowns on the line, and the largest difference of the halves; None if the
+            second half of y does not meet the same walls as the first.
         """
         half, odd = divmod(len(self.walls), 2)
         if odd or self.m % 2 or self.walls[:half] != self.walls[half:]:
@@ -95,23 +96,23 @@ class MotionsOnLine:
         line = replace(self, walls=self.walls[:half], m=self.m // 2)
         return line, np.append(halves.mean(axis=1), y[-1]), float(np.max(np.abs(halves[:, 1] - halves[:, 0])))
 
-    def is_twice(self, y: Array) -> bool:
-        """Return whether y is a motion of half the period, run through twice."""
-        found = self.halved(y)
+    def is_run_twice(self, y: Array) -> bool:
+        """Return whether a motion y consists of two equal halves, so that its period is half as long."""
+        found = self.mean_of_halves(y)
         return found is not None and found[2] < TWICE
 
     def flip_near(self, y: Array, width: float) -> Array | None:
-        """Return the flip on this line at which a doubled branch ends, from a motion y close to it.
+        """Return the flip on this line near a motion y, which is half of the last motion of a doubled branch.
 
         Returns
         -------
         Array | None
-            The y of the flip; None if its parameter s differs from that of the given motion by more than `width`.
+            The unknowns of the flip; None if no flip is within `width` of y in the line's parameter s.
         """
         for i in range(MOST_BRACKETS + 1):
             reach = width * 10.0 ** (i - MOST_BRACKETS)
             ends = [with_value(self.problem, y, -1, y[-1] + side * reach) for side in (-1, 1)]
             a, b = ends
-            if a is not None and b is not None and self.flip(a) * self.flip(b) < 0.0:
-                return root_between(self.problem, a, b, self.flip)
+            if a is not None and b is not None and self.flip_residual(a) * self.flip_residual(b) < 0.0:
+                return root_between(self.problem, a, b, self.flip_residual)
         return None

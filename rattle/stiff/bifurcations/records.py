@@ -26,10 +26,10 @@ class StiffEvent(NamedTuple):
     """A saddle-node (SN), flip (PD) or graze (GR) on a branch.
 
     orbit: the motion at the event; at a graze, without the contact that is gained or lost.
-    point: the number of the branch's point before the event; at a saddle-node, which is a point of the branch, its own
-    number; for a flip or graze at an end of the branch, the number of the end point.
-    beyond: at a graze, the motion as which the branch's motion continues, or None if it was not found. Nothing
-    bifurcates at a graze.
+    point: the number of the branch's last point before the event. A saddle-node is itself a point of the branch, and
+    `point` is its number; for a flip or graze at an end of the branch, `point` is the number of the end point.
+    beyond: at a graze, the motion of the other label as which the branch's motion continues; None if it was not found,
+    and at other events.
     """
 
     kind: Kind
@@ -39,7 +39,7 @@ class StiffEvent(NamedTuple):
 
     @property
     def after(self) -> int:
-        """The number of the branch's point before the event."""
+        """The number of the branch's last point before the event."""
         return self.point - (self.kind is Kind.SADDLE_NODE)
 
     @property
@@ -49,12 +49,12 @@ class StiffEvent(NamedTuple):
 
     @property
     def unknowns(self) -> Array:
-        """Times, durations times √(2κ), δ, ε and κ^(−1/2)/√2 (2c + 3,)."""
+        """The unknowns (2c + 3,) of the motion at the event: times, durations times √(2κ), δ, ε and κ^(−1/2)/√2."""
         return unknowns_of(self.orbit)
 
     @property
     def parameters(self) -> Array:
-        """δ, ε and κ^(−1/2)/√2 (3,)."""
+        """The parameters (3,) of the motion at the event: δ, ε and κ^(−1/2)/√2."""
         return self.unknowns[-3:]
 
     @property
@@ -64,7 +64,7 @@ class StiffEvent(NamedTuple):
 
 
 def unknowns_of(orbit: StiffOrbit) -> Array:
-    """Return (2c + 3,): times, durations times √(2κ), δ, ε and κ^(−1/2)/√2 of a motion with c contacts."""
+    """Return the unknowns (2c + 3,) of a motion with c contacts: times, durations √(2κ), δ, ε and κ^(−1/2)/√2."""
     return np.append(orbit.unknowns, softness(orbit.kappa))
 
 
@@ -77,7 +77,7 @@ class StiffBranch(FollowedBranch):
     Attributes
     ----------
     itinerary
-        The walls, with the stiffness of the first point.
+        The walls that the motions meet, with the stiffness of the first point.
     unknowns : ndarray, (k, 2c + 3)
         Times, durations times √(2κ), δ, ε and κ^(−1/2)/√2.
     events
@@ -92,7 +92,7 @@ class StiffBranch(FollowedBranch):
 
     @property
     def added(self) -> dict[str, Array]:
-        """The stiffness κ (k,) of the points, by its name."""
+        """The parameters of the points besides δ, ε and β: a dictionary of "kappa" to the stiffness (k,)."""
         return {"kappa": np.asarray(0.5 / self.unknowns[:, -1] ** 2)}
 
     @property
@@ -116,14 +116,14 @@ class StiffBranch(FollowedBranch):
         folds = [event.point for event in self.events if event.kind is Kind.SADDLE_NODE]
         edges, names = [0, *folds, len(self)], list[str]()
         for i, j in pairwise(edges):
-            names += [_letter(self.orbit((i + j) // 2)) if self.label[:2] == (1, 1) else ""] * (j - i)
+            names += [_letter_of(self.orbit((i + j) // 2)) if self.label[:2] == (1, 1) else ""] * (j - i)
         return tuple(names)
 
     def curve_of(self, event: StiffEvent) -> str | None:
-        """Return the name of the curve of `rattle.stiff.trace` on which an event lies, or None if on no curve."""
+        """Return the name of the curve of `rattle.stiff.trace` on which an event lies; None if it lies on no curve."""
         k, letters, x = event.point, self.names, event.unknowns
         if self.label[:2] != (1, 1) or (len(self.walls) > 1 and x[1] - x[0] + 0.5 * x[-1] * (x[3] - x[2]) < 0.5):
-            return None  # beyond the pole of the impacting P(1,1,1), at half a period from Σ⁺ to Σ⁻
+            return None  # the middles of both contacts are less than half a period apart, as on no curve
         if event.kind is Kind.SADDLE_NODE and 0 < k < len(self) - 1:
             pair = "".join(sorted((letters[k - 1], letters[k + 1])))
             return next((name for name, meet in FOLDS.items() if meet == pair), None)
@@ -134,7 +134,7 @@ class StiffBranch(FollowedBranch):
         return self._flip_of_d(event) if letters[k] == "D" else None
 
     def _flip_of_d(self, event: StiffEvent) -> str | None:
-        """Return "PD1" for a flip next to a fold, else "PD2" if D becomes stable there as ε grows, else None."""
+        """Return "PD1" for a flip of D next to a fold, else "PD2" if D gains stability there as ε grows, else None."""
         i = next(i for i, each in enumerate(self.events) if each is event)
         if any(each.kind is Kind.SADDLE_NODE for each in self.events[max(i - 1, 0) : i + 2]):
             return "PD1"
@@ -143,7 +143,7 @@ class StiffBranch(FollowedBranch):
         return "PD2" if gained * (self.epsilon[after] - self.epsilon[before]) > 0.0 else None
 
     def orbit(self, index: int) -> StiffOrbit:
-        """Return the motion at one point."""
+        """Return the motion at the branch's point number `index`."""
         x = self.unknowns[index]
         return orbit_of(replace(self.itinerary, softness=float(x[-1])), x[:-1])
 
@@ -161,14 +161,14 @@ class StiffBranch(FollowedBranch):
         line = MotionsOnLine(self.walls, self.m, self.beta, self.unknowns[0, -3:], np.eye(3)[index])
         for k in range(len(self) - 1):
             if (at[k] < 0) != (at[k + 1] < 0):
-                a, b = (line.parameter(x) for x in self.unknowns[k : k + 2])
-                y = root_between(line.problem, a, b, lambda y: line.plane(y)[index] - value)
+                a, b = (line.line_unknowns(x) for x in self.unknowns[k : k + 2])
+                y = root_between(line.problem, a, b, lambda y: line.full_unknowns(y)[index] - value)
                 if y is not None:
-                    found.append((k, line.plane(y)))
+                    found.append((k, line.full_unknowns(y)))
         return found
 
 
-def _letter(orbit: StiffOrbit) -> str:
+def _letter_of(orbit: StiffOrbit) -> str:
     """Return the letter A to D of a motion P(1,1,0) or P(1,1,1), or "" if it has none."""
     for name, other in orbits_at(orbit.delta, orbit.epsilon, orbit.beta, orbit.kappa):
         if other.label == orbit.label and abs(wrapped(other.tau - orbit.tau)) + abs(other.v - orbit.v) < SAME_MOTION:

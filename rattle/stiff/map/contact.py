@@ -18,17 +18,17 @@ from rattle.flight.first_impact import BISECTED, MOST_STEPS, PIECE, end_of_piece
 from rattle.flight.forcing import TWO_PI, force_ahead, negative_arc, phase_at, versines
 from rattle.numerics.compile import inline, kernel
 
-# results of `contact_end`: the contact ends; lasts to the horizon; never ends; is undecided within LONGEST
+# status codes of `contact_end`: the contact ends; lasts to the horizon; never ends; has no end found within LONGEST
 ENDS, LASTS, STAYS, TOO_LONG = range(4)
-LONGEST = 1000.0  # longest search, in forcing periods; DECAYS decay times of a free motion are added to it
-DECAYS = 100.0
-SHORT = 0.5  # value of (δ + √(2κ)) s below which S is computed by a Taylor series of TERMS terms
-TERMS = 16
-SAFE = 0.999  # share of the certain contact time that the search skips
+LONGEST = 1000.0  # longest search for the end of a contact, in forcing periods, besides DECAYS decay times
+DECAYS = 100.0  # number of decay times of a free motion that the longest search includes
+SHORT = 0.5  # value of (δ + √(2κ)) s below which the response S is computed by a Taylor series
+TERMS = 16  # number of terms of this series
+SAFETY_FACTOR = 0.999  # factor by which depths of permanent contact are reduced, against rounding errors
 
 
 class Contact(NamedTuple):
-    """Terms of the depth x of one contact."""
+    """The quantities that determine the depth x of one contact at all times s."""
 
     x0: float  # depth at the beginning
     w0: float  # outward velocity at the beginning
@@ -41,7 +41,15 @@ class Contact(NamedTuple):
 
 @inline
 def responses(s, delta, kappa):
-    """Return S, 1 − C and s − S at the time s without cancellation, for any damping, also a negative one."""
+    """Return S, 1 − C and s − S at the time s without cancellation, also for negative damping.
+
+    S and C are the depths that a unit velocity and a unit depth at s = 0 lead to, without a force.
+
+    Returns
+    -------
+    tuple of float
+        The three values.
+    """
     stiffness = 2.0 * kappa
     if (abs(delta) + math.sqrt(stiffness)) * s < SHORT:
         last, term, total, lost, defect = 0.0, s, s, 0.5 * stiffness * s * s, 0.0
@@ -72,21 +80,30 @@ def responses(s, delta, kappa):
 
 @inline
 def compliance(delta, kappa):
-    """Return A/D, B/D and 1/√D, where the force cos 2πs causes the steady depth (A cos 2πs + B sin 2πs)/D."""
+    """Return A/D, B/D and 1/√D for A = 2κ − 4π², B = 2πδ and D = A² + B².
+
+    The force cos 2πs causes the periodic depth (A cos 2πs + B sin 2πs)/D, with the amplitude 1/√D.
+
+    Returns
+    -------
+    tuple of float
+        The three values.
+    """
     a, b = 2.0 * kappa - TWO_PI * TWO_PI, TWO_PI * delta
     size = math.hypot(a, b)
     return a / size / size, b / size / size, 1.0 / size
 
 
 @inline
-def driven(s, delta, kappa):
-    """Return S, 1 − C, x_c, x_s, v_c, v_s, 1 − cos 2πs and sin 2πs at the time s.
+def forced_responses(s, delta, kappa):
+    """Return the responses of a contact at the time s to a unit velocity, a unit depth, and the forces cos and sin 2πs.
 
     Returns
     -------
     tuple of float
-        x_c and x_s are the depths, v_c and v_s the velocities, that the forces cos 2πs and sin 2πs cause from rest at
-        depth 0.
+        S, 1 − C, x_c, x_s, v_c, v_s, 1 − cos 2πs, sin 2πs. S and C are the depths that a unit velocity and a unit depth
+        lead to. x_c and x_s are the depths, v_c and v_s the velocities, that the forces cos 2πs and sin 2πs cause from
+        rest at depth 0.
     """
     sine, lost, defect = responses(s, delta, kappa)
     omc, siny, forced_defect = versines(s)
@@ -99,10 +116,10 @@ def driven(s, delta, kappa):
 
 
 @inline
-def contact_depth(s, contact):
-    """Return x, x' and h at the time s, with S and 1 − C."""
+def contact_state(s, contact):
+    """Return depth x, velocity x' and force h of a contact at the time s, and the responses S and 1 − C."""
     x0, w0, mean, a, b, delta, kappa = contact
-    sine, lost, x_c, x_s, v_c, v_s, omc, siny = driven(s, delta, kappa)
+    sine, lost, x_c, x_s, v_c, v_s, omc, siny = forced_responses(s, delta, kappa)
     stiffness = 2.0 * kappa
     x = x0 * (1.0 - lost) + w0 * sine + mean * lost / stiffness + (a * x_c + b * x_s)
     v = w0 * (1.0 - lost - delta * sine) + (mean - stiffness * x0) * sine + (a * v_c + b * v_s)
@@ -110,8 +127,8 @@ def contact_depth(s, contact):
 
 
 @inline
-def steady(s, contact):
-    """Return x and x' at the time s in permanent contact, the periodic solution."""
+def steady_contact(s, contact):
+    """Return the depth and velocity at the time s in permanent contact, the periodic solution for the same force."""
     _x0, _w0, mean, a, b, delta, kappa = contact
     omc, sine, _defect = versines(s)
     cosine = 1.0 - omc
@@ -122,14 +139,15 @@ def steady(s, contact):
 
 @inline
 def log_rate(s, delta, square, rate):
-    """Return u'/u at the time s after the middle of a piece, for a free motion u that is positive on the piece.
+    """Return u'/u at the time s for a motion u = e^(−δs/2) c(s) without force, with c = cos or cosh of rate · s.
 
-    u is an even function of s times e^(−δs/2). square: δ²/4 − 2κ. rate: the square root of |square|.
+    s is the time from the middle of a part of the contact on which u is positive. square: δ²/4 − 2κ, whose sign decides
+    between cos (negative) and cosh. rate: the square root of |square|.
 
     Returns
     -------
     float
-        The logarithmic rate.
+        The logarithmic derivative of u.
     """
     if square > 0.0:
         return rate * math.tanh(rate * s) - 0.5 * delta
@@ -137,10 +155,11 @@ def log_rate(s, delta, square, rate):
 
 
 @kernel
-def turn_in(lo, hi, middle, contact):
-    """Return the zero in (lo, hi) of q = x' − x u'/u, which is an extremum of x/u; u is as in `log_rate`.
+def time_of_extremum(lo, hi, middle, contact):
+    """Return the time in (lo, hi) at which x/u is extreme, with x the depth and u the free motion of `log_rate`.
 
-    q changes sign once in (lo, hi), and obeys q' = h − (δ + u'/u) q.
+    u is centred on the time `middle`. At the extremum q = x' − x u'/u is 0; q changes sign once in (lo, hi), and obeys
+    q' = h − (δ + u'/u) q with the force h.
 
     Returns
     -------
@@ -150,11 +169,11 @@ def turn_in(lo, hi, middle, contact):
     delta = contact.delta
     square = 0.25 * delta * delta - 2.0 * contact.kappa
     rate = math.sqrt(abs(square))
-    x, v, _h, _s, _l = contact_depth(hi, contact)
+    x, v, _h, _s, _l = contact_state(hi, contact)
     rising = v - x * log_rate(hi - middle, delta, square, rate) > 0.0
     s = 0.5 * (lo + hi)
     for k in range(1, MOST_STEPS + 1):
-        x, v, h, _s, _l = contact_depth(s, contact)
+        x, v, h, _s, _l = contact_state(s, contact)
         r = log_rate(s - middle, delta, square, rate)
         q = v - x * r
         if (q > 0.0) == rising:
@@ -175,11 +194,11 @@ def turn_in(lo, hi, middle, contact):
 
 
 @kernel
-def fall_in(lo, hi, contact):
-    """Return the only zero of x in (lo, hi), where x falls, by Newton steps inside a shrinking bracket."""
+def time_of_zero_depth(lo, hi, contact):
+    """Return the time in (lo, hi) at which the depth falls to 0, by Newton steps; there is only one."""
     s = 0.5 * (lo + hi)
     for k in range(1, MOST_STEPS + 1):
-        x, v, h, _s, _l = contact_depth(s, contact)
+        x, v, h, _s, _l = contact_state(s, contact)
         if x > 0.0:
             lo = s
         else:
@@ -202,13 +221,13 @@ def fall_in(lo, hi, contact):
 def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     """Follow a contact from phase tau, depth x0 ≥ 0 and outward velocity w0 until the depth x first falls to 0.
 
-    If x0 is 0, the motion must move into the wall or be pressed on it. horizon: the longest time; only if it is
-    infinite is endless contact recognised.
+    If x0 is 0, the motion must move into the wall or be pressed on it. horizon: the time after which the search stops;
+    endless contact is recognised only if `horizon` is infinite.
 
     Returns
     -------
     tuple
-        (ENDS, LASTS, STAYS or TOO_LONG; the time s; x, x', S and 1 − C at s).
+        (ENDS, LASTS, STAYS or TOO_LONG; the time s; depth x, x' and the responses S and 1 − C at s).
     """
     sin0, cos0 = phase_at(tau)
     mean, a, b = force_ahead(wall, sin0, cos0, delta, epsilon)
@@ -223,37 +242,38 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     least = mean / (2.0 * kappa) - swing
     s, x, v = 0.0, x0, w0
     while s < horizon:
-        rest, rest_v = steady(s, contact)
-        reach = math.sqrt((x - rest) ** 2 + (v - rest_v) ** 2 / (2.0 * kappa))  # upper bound of |x − rest| from here on
+        rest, rest_v = steady_contact(s, contact)
+        reach = math.sqrt((x - rest) ** 2 + (v - rest_v) ** 2 / (2.0 * kappa))  # bound of |x − rest| from here on
         if delta < 0.0:  # backwards in time the difference grows without bound
             reach = math.inf
-        if reach < SAFE * least and horizon == math.inf:
+        if reach < SAFETY_FACTOR * least and horizon == math.inf:
             return STAYS, s, x, v, 0.0, 0.0
         if s > latest:
             break
-        room = SAFE * rest - reach  # the steady depth falls at a rate of at most 2π times its amplitude
-        ahead = math.inf if reach < SAFE * least else max(room, 0.0) / (TWO_PI * swing) if swing > 0.0 else 0.0
+        # the depth of permanent contact falls at a rate of at most 2π times its amplitude
+        room = SAFETY_FACTOR * rest - reach
+        ahead = math.inf if reach < SAFETY_FACTOR * least else max(room, 0.0) / (TWO_PI * swing) if swing > 0.0 else 0.0
         if ahead > longest:
             s = min(s + ahead, horizon)
-            x, v, _h, _s, _l = contact_depth(s, contact)
+            x, v, _h, _s, _l = contact_state(s, contact)
             continue
         end = min(end_of_piece(s, longest, tau, arc), horizon)
-        x1, v1, _h, _s, _l = contact_depth(end, contact)
+        x1, v1, _h, _s, _l = contact_state(end, contact)
         middle = 0.5 * (s + end)
         q0 = v - x * log_rate(s - middle, delta, square, rate)
         q1 = v1 - x1 * log_rate(end - middle, delta, square, rate)
         lo, hi = s, end
         ends = not x1 > 0.0
         if q0 < 0.0 < q1 or q1 < 0.0 < q0:
-            turn = turn_in(s, end, middle, contact)
+            turn = time_of_extremum(s, end, middle, contact)
             if q0 > 0.0:
                 lo = turn
-            elif not contact_depth(turn, contact)[0] > 0.0:
+            elif not contact_state(turn, contact)[0] > 0.0:
                 hi, ends = turn, True
         if ends:
-            s = fall_in(lo, hi, contact)
-            x, v, _h, sine, lost = contact_depth(s, contact)
+            s = time_of_zero_depth(lo, hi, contact)
+            x, v, _h, sine, lost = contact_state(s, contact)
             return ENDS, s, 0.0, min(v, 0.0), sine, lost
         s, x, v = end, x1, v1
-    x, v, _h, sine, lost = contact_depth(s, contact)
+    x, v, _h, sine, lost = contact_state(s, contact)
     return (LASTS if s >= horizon else TOO_LONG), s, x, v, sine, lost

@@ -1,24 +1,24 @@
-"""The next departure from Σ⁺ of any state of the stiff gear."""
+"""The first departure from Σ⁺ of a motion of the stiff gear, from any state."""
 
 import math
 
 from rattle.errors import RattleError
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
 from rattle.flight.law import folded
-from rattle.stiff.map.flow import GAP, MOST_PIECES, QUIET, departs, piece
+from rattle.stiff.map.flow import GAP, MOST_PIECES, QUIET, follow_piece, is_contact_over
 
 
 def departure(
     delta: float, epsilon: float, beta: float, kappa: float, tau: float, position: float, velocity: float
 ) -> tuple[float, float]:
-    """Return the result of `rattle.stiff.StiffGear.departure` for tau ∈ [0, 1)."""
+    """Return the first departure (τ, v) from Σ⁺ of a motion from any state: see `rattle.stiff.StiffGear.departure`."""
     wall, x, w = GAP, position, velocity
     if abs(position) >= beta:
         wall, x = (SIGMA_PLUS if position > 0.0 else SIGMA_MINUS), abs(position) - beta
     for _ in range(MOST_PIECES):
-        if wall == SIGMA_PLUS and departs(wall, tau, x, w, delta, epsilon):
+        if wall == SIGMA_PLUS and is_contact_over(wall, tau, x, w, delta, epsilon):
             return float(tau), float(-w)
-        status, time, wall, x, w, *_ = piece(wall, tau, x, w, delta, epsilon, beta, kappa, math.inf)
+        status, time, wall, x, w, *_ = follow_piece(wall, tau, x, w, delta, epsilon, beta, kappa, math.inf)
         if status == QUIET:
             return float(tau), 0.0
         if status != OK:

@@ -15,11 +15,11 @@ from rattle.stiff.map.return_map import StiffPoint, step, step_tangent
 
 
 @kernel
-def returned(tau, v, n, delta, epsilon, beta, kappa, quiet, n_plus, n_minus):
-    """Replace each state of flat arrays by its image under Π^n.
+def apply_stiff_returns(tau, v, n, delta, epsilon, beta, kappa, quiet, n_plus, n_minus):
+    """Replace each state (τ, v) of flat arrays by its image after n returns to Σ⁺.
 
-    Where contact never ends after n_plus < n returns, the last state is kept, and `quiet` is set to 1. n_plus and
-    n_minus count the contacts with each wall.
+    A motion whose contact never ends after n_plus < n returns keeps its last state, and its entry of `quiet` is set to
+    1. n_plus and n_minus count the contacts with each wall.
     """
     for i in range(tau.size):
         point = StiffPoint(delta[i], epsilon[i], beta[i], kappa[i])
@@ -33,8 +33,11 @@ def returned(tau, v, n, delta, epsilon, beta, kappa, quiet, n_plus, n_minus):
 
 
 @kernel
-def returned_stretched(tau, v, n, delta, epsilon, beta, kappa, n_plus, n_minus, growth):
-    """Do the work of `returned` with a tangent vector in (t, v²/2); growth (3, k) sums time, ln stretch and ln|det|."""
+def apply_stiff_returns_with_tangent(tau, v, n, delta, epsilon, beta, kappa, n_plus, n_minus, growth):
+    """Replace states as `apply_stiff_returns` does, each with a tangent vector in (t, v²/2).
+
+    Time, ln stretch and ln|det| of each state are added to the rows of growth (3, k).
+    """
     for i in range(tau.size):
         point = StiffPoint(delta[i], epsilon[i], beta[i], kappa[i])
         x, y = 1.0, 0.0
@@ -63,7 +66,7 @@ def iterate(
     beta: ArrayLike = 0.6,
     kappa: ArrayLike = 1e4,
 ) -> Iterates:
-    """Return the images of departures (τ, v) from Σ⁺ under Π^n; all arguments broadcast.
+    """Return the n-th departures from Σ⁺ after departures (τ, v): their images under Π^n. All arguments broadcast.
 
     v, δ, β and κ must be > 0, ε ≥ 0, and n integers ≥ 0; all are dimensionless. A trajectory whose contact with Σ⁺
     never ends keeps its last state and has n_plus < n.
@@ -80,7 +83,7 @@ def iterate(
     """
     flat, shape = checked(delta, epsilon, tau, v, n, beta, kappa=kappa)
     n_plus, n_minus = np.zeros(flat[0].size, np.int64), np.zeros(flat[0].size, np.int64)
-    returned(*flat, np.zeros(flat[0].size, np.int8), n_plus, n_minus)
+    apply_stiff_returns(*flat, np.zeros(flat[0].size, np.int8), n_plus, n_minus)
     return Iterates(*(x.reshape(shape) for x in (*flat[:2], n_plus, n_minus)))
 
 
@@ -95,7 +98,7 @@ def iterate_tangent(
 ) -> Stretched:
     """Return the results of `iterate`, and both Lyapunov exponents over the n returns.
 
-    The exponents are in the coordinates of `rattle.iterate_tangent`. They are NaN where no return is made.
+    The exponents are in the coordinates of `rattle.iterate_tangent`. They are NaN for a motion that makes no return.
 
     Returns
     -------
@@ -110,5 +113,5 @@ def iterate_tangent(
     flat, shape = checked(delta, epsilon, tau, v, n, beta, kappa=kappa)
     n_plus, n_minus = np.zeros(flat[0].size, np.int64), np.zeros(flat[0].size, np.int64)
     growth = np.zeros((3, flat[0].size))
-    returned_stretched(*flat, n_plus, n_minus, growth)
+    apply_stiff_returns_with_tangent(*flat, n_plus, n_minus, growth)
     return Stretched.of((*flat[:2], n_plus, n_minus), growth, shape)

@@ -47,7 +47,7 @@ def quiet_limit(delta: ArrayLike, kappa: ArrayLike) -> NDArray[np.float64]:
 def quiet_depth(
     delta: float, epsilon: float, kappa: float, time: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return depth x = Φ − β and velocity x' in permanent contact with Σ⁺, at times (any shape) in forcing periods."""
+    """Return the depth x = Φ − β and x' in permanent contact with Σ⁺, at times (of any shape) in forcing periods."""
     a, b = 2.0 * kappa - TWO_PI**2, TWO_PI * delta
     size = np.hypot(a, b)
     p = -(TWO_PI**2) * ((a - delta**2) / size) / size
@@ -58,5 +58,5 @@ def quiet_depth(
 
 
 def rests_late(delta: NDArray[np.float64], *_: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return False (n,) for every cell: quiet motion is recognised early, as soon as its endless contact begins."""
+    """Return False for each cell (n,): no cell needs many impacts before its quiet motion is recognised."""
     return np.zeros(delta.size, np.bool_)

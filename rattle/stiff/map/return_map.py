@@ -12,7 +12,7 @@ from rattle.flight.impact_law import log_determinant
 from rattle.intensity.visit import bounce, mean_force_at
 from rattle.numerics.compile import for_type, kernel
 from rattle.orbits import return_map
-from rattle.stiff.map.flow import bounced, next_departure, outward_force, preceding
+from rattle.stiff.map.flow import flight_and_contact, next_departure, outward_force, previous_departure
 
 
 class StiffPoint(NamedTuple):
@@ -26,13 +26,13 @@ class StiffPoint(NamedTuple):
 
 @kernel
 def acceleration(tau, w, point):
-    """Return Φ'' at a departure from Σ⁺ with velocity w; the depth there, and so the force of the wall, is 0."""
+    """Return Φ'' at a departure from Σ⁺ with velocity w, where the depth is 0 and the wall exerts no force."""
     return outward_force(SIGMA_PLUS, tau, point.delta, point.epsilon) - point.delta * w
 
 
 @kernel
 def step(tau, v, point):
-    """Return Π(τ, v): (status, τ', v', time, number of contacts with Σ⁻)."""
+    """Return (status, τ', v', time, number of contacts with Σ⁻) of the next departure (τ', v') = Π(τ, v) from Σ⁺."""
     status, tau1, v1, time, n_minus, _a, _b, _c, _d = next_departure(
         tau, v, point.delta, point.epsilon, point.beta, point.kappa
     )
@@ -41,7 +41,7 @@ def step(tau, v, point):
 
 @kernel
 def step_tangent(tau, v, point):
-    """Return Π(τ, v) with its tangent map.
+    """Return the next departure (τ', v') = Π(τ, v) from Σ⁺, with the tangent map of Π.
 
     A change (dτ, dv) of the departure is the change (v dτ, −dv − Φ'' dτ) of (Φ, Φ') at time τ, and likewise at the next
     departure.
@@ -86,7 +86,7 @@ def _step_tangent(tau, v, point):
 
 @for_type(return_map.inverse_step, StiffPoint)
 def _inverse_step(tau, v, point):
-    return preceding(tau, v, point.delta, point.epsilon, point.beta, point.kappa)
+    return previous_departure(tau, v, point.delta, point.epsilon, point.beta, point.kappa)
 
 
 @for_type(mean_force_at, StiffPoint)
@@ -96,4 +96,4 @@ def _mean_force_at(point):
 
 @for_type(bounce, StiffPoint)
 def _bounce(wall, tau, w, point):
-    return bounced(wall, tau, w, point.delta, point.epsilon, point.beta, point.kappa)
+    return flight_and_contact(wall, tau, w, point.delta, point.epsilon, point.beta, point.kappa)

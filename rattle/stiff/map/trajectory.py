@@ -1,4 +1,4 @@
-"""The motion Φ(t) of the stiff gear, sampled in closed form on each piece from contact to contact."""
+"""The motion Φ(t) of the stiff gear at given times, in closed form on each flight and contact."""
 
 import math
 
@@ -6,12 +6,14 @@ from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import folded
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import Trajectory, sampled_motion
-from rattle.stiff.map.flow import GAP, MOST_PIECES, QUIET, piece
+from rattle.stiff.map.flow import GAP, MOST_PIECES, QUIET, follow_piece
 
 
 @kernel
-def sampled(tau, v, delta, epsilon, beta, kappa, time, phi, velocity, contact_time, contact_wall, contact_speed):
-    """Write Φ and Φ' at rising times, and the contacts that begin until the last of these times.
+def write_stiff_motion(
+    tau, v, delta, epsilon, beta, kappa, time, phi, velocity, contact_time, contact_wall, contact_speed
+):
+    """Write Φ and Φ' at increasing times, and the contacts that begin before the last of these times, to given arrays.
 
     Contacts beyond the length of the arrays are counted but not written.
 
@@ -24,7 +26,7 @@ def sampled(tau, v, delta, epsilon, beta, kappa, time, phi, velocity, contact_ti
     wall, position, w, now, i, contacts, rest = SIGMA_PLUS, 0.0, -v, 0.0, 0, 0, math.inf
     for _ in range(MOST_PIECES):
         phase, free = folded(tau + now), wall == GAP
-        for_ever, s, after, end, w1, left, _a, _b, _c, _d = piece(
+        for_ever, s, after, end, w1, left, _a, _b, _c, _d = follow_piece(
             wall, phase, position, w, delta, epsilon, beta, kappa, math.inf
         )
         if for_ever == QUIET:
@@ -32,7 +34,7 @@ def sampled(tau, v, delta, epsilon, beta, kappa, time, phi, velocity, contact_ti
         elif for_ever != OK:
             return for_ever, contacts, rest
         while i < time.size and time[i] < now + s:
-            status, _s, at, x, velocity[i], _left, _a, _b, _c, _d = piece(
+            status, _s, at, x, velocity[i], _left, _a, _b, _c, _d = follow_piece(
                 wall, phase, position, w, delta, epsilon, beta, kappa, time[i] - now
             )
             if status != OK:
@@ -53,5 +55,5 @@ def sampled(tau, v, delta, epsilon, beta, kappa, time, phi, velocity, contact_ti
 def trajectory(
     delta: float, epsilon: float, beta: float, kappa: float, tau: float, v: float, periods: float, points: int
 ) -> Trajectory:
-    """Return the result of `rattle.stiff.StiffGear.trajectory`."""
-    return sampled_motion(sampled, tau, v, (delta, epsilon, beta, kappa), periods, points)
+    """Return Φ and Φ' of the motion from a departure (τ, v) from Σ⁺, as `rattle.stiff.StiffGear.trajectory` does."""
+    return sampled_motion(write_stiff_motion, tau, v, (delta, epsilon, beta, kappa), periods, points)

@@ -18,25 +18,29 @@ from rattle.flight.first_impact import OK, first_impact
 from rattle.flight.forcing import (
     DRIFT,
     TWO_PI,
-    change_shape,
+    add_acceleration,
+    add_slope,
+    change_by_epsilon,
     force_ahead,
     library_phase,
-    plus_acceleration,
-    plus_slope,
-    slope_shape,
+    slope_by_epsilon,
 )
 from rattle.flight.law import LONGEST_DECAY, decay64, folded, speed_unit
 from rattle.numerics.compile import inline, kernel
-from rattle.stiff.map.contact import ENDS, contact_end, driven, responses
+from rattle.stiff.map.contact import ENDS, contact_end, forced_responses, responses
 
-SAME_TIME = 1e-6  # largest difference of durations that counts as the same flight or contact
-LEAST_CONTACT = 1e-6  # shortest contact, in σ; a shorter one counts as a graze (σ = 0), where a branch turns in σ²
+SAME_TIME = 1e-6  # difference in duration below which two flights or contacts count as the same
+LEAST_CONTACT = 1e-6  # duration of a contact, in units of 1/√(2κ), below which the contact counts as a graze
 GRAZING = 1e-6  # speed, in units of `speed_unit`, below which rounding decides whether a flight meets a wall
-SAME_END = 1e-9  # additional tolerance, in time, at the end of a contact, for the error of a grazing solution
+SAME_END = 1e-9  # tolerance of the duration of a contact, in forcing periods, for the error of a grazing solution
 
 
 class Cycle(NamedTuple):
-    """The data that all motions of a family share: walls (c,) in order, Σ⁺ first; forcing periods; δ, β and κ."""
+    """The data that all motions of a family share.
+
+    walls (c,): the walls ±1 that a motion meets, in order, Σ⁺ first. m: the period in forcing periods. delta, beta,
+    kappa: δ, β and κ.
+    """
 
     walls: Any
     m: int
@@ -50,8 +54,11 @@ def softness(kappa: float) -> float:
     return float(1.0 / np.sqrt(2.0 * kappa))
 
 
-class Ends(NamedTuple):
-    """Velocities w₀ and w₁ at both ends of a flight, and their derivatives: w0_t1 = ∂w₀/∂t₁, w0_e = ∂w₀/∂ε."""
+class FlightEnds(NamedTuple):
+    """Velocities w0 and w1 at the beginning and end of a flight, with derivatives: w0_t1 is ∂w0/∂t1, w0_e is ∂w0/∂ε.
+
+    t0 and t1 are the times of the beginning and the end.
+    """
 
     w0: float
     w1: float
@@ -63,8 +70,8 @@ class Ends(NamedTuple):
     w1_e: float
 
 
-class Exit(NamedTuple):
-    """Depth x and outward velocity v at the end of a contact, and their derivatives: x_u = ∂x/∂u, x_e = ∂x/∂ε.
+class ContactExit(NamedTuple):
+    """Depth x and outward velocity v at the end of a contact, with derivatives: x_u is ∂x/∂u, x_e is ∂x/∂ε.
 
     u is the outward velocity at the beginning of the contact, t the time of the beginning, and s the duration.
     """
@@ -77,12 +84,20 @@ class Exit(NamedTuple):
     v_u: float
     v_t: float
     v_e: float
-    v_s: float  # the derivative of x by s is v itself
+    v_s: float  # there is no field x_s, because ∂x/∂s is v
 
 
 @inline
 def free_flight(t0, t1, gap, delta, epsilon):
-    """Return the velocities at the ends of a flight by which Φ grows by `gap`, with derivatives (paper 3.1, 3.2)."""
+    """Return the velocities at both ends of the flight from t0 to t1 by which Φ grows by `gap`, with derivatives.
+
+    Source: equations (3.1) and (3.2) of the paper.
+
+    Returns
+    -------
+    FlightEnds
+        The velocities and their derivatives.
+    """
     s = t1 - t0
     x = delta * s
     decay, pull = math.exp(-x), -delta / math.expm1(-x)
@@ -91,27 +106,27 @@ def free_flight(t0, t1, gap, delta, epsilon):
         k = x * decay64(x)
         lag = -k / (1.0 - k)
     (sin0, cos0), (sin1, cos1) = library_phase(t0), library_phase(t1)
-    swing = change_shape(t0, t1, s) * pull
+    swing = change_by_epsilon(t0, t1, s) * pull
     apart = epsilon * swing - gap * pull
-    w0 = plus_slope(DRIFT * lag, sin0, cos0, epsilon) - apart
-    w1 = plus_slope(DRIFT * (lag + x), sin1, cos1, epsilon) - apart * decay
+    w0 = add_slope(DRIFT * lag, sin0, cos0, epsilon) - apart
+    w1 = add_slope(DRIFT * (lag + x), sin1, cos1, epsilon) - apart * decay
     slowing = delta * (DRIFT * (1.0 - lag) + apart)
-    return Ends(
+    return FlightEnds(
         w0=w0,
         w1=w1,
-        w0_t0=plus_acceleration(w0 * pull + slowing, sin0, cos0, epsilon),
+        w0_t0=add_acceleration(w0 * pull + slowing, sin0, cos0, epsilon),
         w0_t1=-pull * w1,
-        w0_e=slope_shape(sin0, cos0) - swing,
+        w0_e=slope_by_epsilon(sin0, cos0) - swing,
         w1_t0=decay * pull * w0,
-        w1_t1=plus_acceleration((slowing - w1 * pull) * decay, sin1, cos1, epsilon),
-        w1_e=slope_shape(sin1, cos1) - swing * decay,
+        w1_t1=add_acceleration((slowing - w1 * pull) * decay, sin1, cos1, epsilon),
+        w1_e=slope_by_epsilon(sin1, cos1) - swing * decay,
     )
 
 
 @inline
-def contact(wall, t, u, s, delta, epsilon, kappa):
-    """Return the end, after the duration s, of a contact that begins at time t with outward velocity u."""
-    sine, lost, x_c, x_s, v_c, v_s, omc, siny = driven(s, delta, kappa)
+def contact_exit(wall, t, u, s, delta, epsilon, kappa):
+    """Return depth and velocity, with derivatives, a time s after a contact began at time t with outward velocity u."""
+    sine, lost, x_c, x_s, v_c, v_s, omc, siny = forced_responses(s, delta, kappa)
     sin0, cos0 = library_phase(t)
     mean, a, b = force_ahead(wall, sin0, cos0, delta, 1.0)
     v_u = 1.0 - lost - delta * sine
@@ -119,7 +134,7 @@ def contact(wall, t, u, s, delta, epsilon, kappa):
     x = u * sine + mean * lost / (2.0 * kappa) + epsilon * x_e
     v = u * v_u + mean * sine + epsilon * v_e
     turn, force = TWO_PI * epsilon, mean + epsilon * (a * (1.0 - omc) + b * siny)
-    return Exit(
+    return ContactExit(
         x=x,
         v=v,
         x_u=sine,
@@ -133,8 +148,8 @@ def contact(wall, t, u, s, delta, epsilon, kappa):
 
 
 @inline
-def follower(i, y, cycle):
-    """Return the flight after contact i: number of the next contact, times of departure and arrival, change of Φ."""
+def flight_after_contact(i, y, cycle):
+    """Return the flight after contact i: number of the next contact, times of beginning and end, change of Φ."""
     c = cycle.walls.size
     after = i + 1 if i < c - 1 else 0
     t1 = y[after] if i < c - 1 else y[0] + cycle.m
@@ -143,11 +158,11 @@ def follower(i, y, cycle):
 
 
 @kernel
-def closure(y, cycle, value, jacobian):
-    """Write the residuals R (2c,) to `value` and ∂R/∂y (2c, 2c + 1) to `jacobian`.
+def write_residuals(y, cycle, value, jacobian):
+    """Write the residuals (2c,) of a motion's equations to `value`, and their Jacobian (2c, 2c + 1) to `jacobian`.
 
-    The first c residuals are the depths at the ends of contacts, divided by pσ; the others are the jumps of velocity
-    there.
+    y (2c + 1,): the times at which the c contacts begin, their durations σ in units of p = 1/√(2κ), and ε. The first c
+    residuals are the depths at the ends of the contacts, divided by pσ; the others are the jumps of velocity there.
 
     Returns
     -------
@@ -159,7 +174,7 @@ def closure(y, cycle, value, jacobian):
     value[:] = 0.0
     jacobian[:] = 0.0
     for i in range(c):  # flight i leads from contact i to the next one
-        after, t0, t1, gap = follower(i, y, cycle)
+        after, t0, t1, gap = flight_after_contact(i, y, cycle)
         if not t1 > t0:
             return False
         wall, ends = cycle.walls[i], free_flight(t0, t1, gap, delta, epsilon)
@@ -169,7 +184,7 @@ def closure(y, cycle, value, jacobian):
         jacobian[c + i, after] -= wall * ends.w0_t1
         jacobian[c + i, 2 * c] -= wall * ends.w0_e
         wall, s = cycle.walls[after], p * y[c + after]
-        met = contact(wall, y[after], wall * ends.w1, s, delta, epsilon, kappa)
+        met = contact_exit(wall, y[after], wall * ends.w1, s, delta, epsilon, kappa)
         x_u = met.x_u / s
         value[after] = met.x / s
         jacobian[after, i] += x_u * wall * ends.w1_t0
@@ -188,20 +203,20 @@ def closure(y, cycle, value, jacobian):
 
 @kernel
 def trace_of_solution(y, cycle):
-    """Return the trace of the tangent map (2, 2) in (Φ, Φ') over the period.
+    """Return the trace of a motion's tangent map over its period.
 
-    The map is the product of the exact tangent maps of flights and contacts.
+    The map, in (Φ, Φ'), is the product of the exact tangent maps of flights and contacts.
 
     Returns
     -------
     float
-        The trace, which is the sum of both multipliers.
+        The trace, which is the sum of both Floquet multipliers.
     """
     c, delta, kappa = cycle.walls.size, cycle.delta, cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)
     j00, j01, j10, j11 = 1.0, 0.0, 0.0, 1.0
     for i in range(c):
-        _after, t0, t1, _gap = follower(i, y, cycle)
+        _after, t0, t1, _gap = flight_after_contact(i, y, cycle)
         sine, lost, _defect = responses(p * y[c + i], delta, kappa)
         kept = 1.0 - lost - delta * sine
         j00, j01, j10, j11 = (
@@ -218,20 +233,20 @@ def trace_of_solution(y, cycle):
 
 @kernel
 def failing_piece(y, cycle):
-    """Return the first flight or contact of a solution that does not end when and where the equations assume.
+    """Return the first flight or contact of a solution that does not end at the time and wall that are assumed.
 
     Returns
     -------
     tuple
         The number of the flight or contact, whether it is a contact, and the wall and time at which it ends instead.
-        The wall is 0 if it cannot begin or has no end. The number is −1 if the motion is admissible.
+        The wall is 0 if the flight or contact cannot begin or has no end. The number is −1 if the motion is admissible.
     """
     c, delta, epsilon, beta, kappa = cycle.walls.size, cycle.delta, y[y.size - 1], cycle.beta, cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)
     if not (np.isfinite(y).all() and delta > 0.0 and epsilon >= 0.0 and y[c : 2 * c].min() > LEAST_CONTACT):
         return 0, True, 0, 0.0
     for i in range(c):
-        after, t0, t1, gap = follower(i, y, cycle)
+        after, t0, t1, gap = flight_after_contact(i, y, cycle)
         if not t1 > t0:
             return i, False, 0, t0
         ends = free_flight(t0, t1, gap, delta, epsilon)
@@ -253,14 +268,14 @@ def failing_piece(y, cycle):
 
 @kernel
 def is_admissible(y, cycle):
-    """Return whether a solution is admissible: no flight or contact ends before the time that the equations assume."""
+    """Return whether a solution is admissible: each flight and contact ends when and where its equations assume."""
     return failing_piece(y, cycle)[0] < 0
 
 
 @kernel
-def struck(y, cycle):
-    """Return the time at which the flight of a P(1,1,0) meets Σ⁻; NaN if it does not."""
-    _after, t0, t1, gap = follower(0, y, cycle)
+def time_at_sigma_minus(y, cycle):
+    """Return the time at which the flight of a P(1,1,0) meets Σ⁻; NaN if the flight does not meet Σ⁻."""
+    _after, t0, t1, gap = flight_after_contact(0, y, cycle)
     w0 = free_flight(t0, t1, gap, cycle.delta, y[2]).w0
     if not w0 < 0.0:
         return math.nan
@@ -272,6 +287,6 @@ def struck(y, cycle):
 
 @kernel
 def departure_of(y, cycle):
-    """Return phase and speed of the departure from Σ⁺ at the end of the first contact."""
-    _after, t0, t1, gap = follower(0, y, cycle)
+    """Return the phase and speed with which a motion leaves Σ⁺ after its first contact."""
+    _after, t0, t1, gap = flight_after_contact(0, y, cycle)
     return folded(t0), -free_flight(t0, t1, gap, cycle.delta, y[y.size - 1]).w0

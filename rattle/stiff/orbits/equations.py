@@ -6,7 +6,7 @@ contact two equations remain: the final depth divided by pσ_i is 0, and the fin
 the next flight,
 
     u Ŝ/σ + p (response to the force)/σ = 0,
-    u (dŜ/dσ) + p (response to the force) − w₀ = 0,        Ŝ = e^(−δpσ/2) sin(νσ)/ν.
+    u (dŜ/dσ) + p (response to the force) − w₀ = 0,        Ŝ = e^(−δpσ/2) sin(νσ)/ν,    ν² = 1 − (δp/2)².
 
 At p = 0 these equations are sin σ = 0, so σ = π, and w₀ = −u, which is the elastic impact. So any motion of the
 impacting model is a solution at p = 0. The equations are analytic in p at p = 0, so motions at stiffness κ differ from
@@ -29,21 +29,23 @@ from rattle.flight.between import (
     W1,
     W1_T1,
     Flights,
-    fall,
+    decay_loss,
     flight_between,
 )
-from rattle.flight.forcing import TWO_PI, analytic_force_ahead, analytic_phase, turn
+from rattle.flight.forcing import TWO_PI, analytic_force_ahead, analytic_phase, complex_sine_cosine
 from rattle.numerics.compile import inline, kernel
-from rattle.numerics.complex_step import Array, batch_of, like
+from rattle.numerics.complex_step import Array, batch_of, reshape_like
 from rattle.orbits.periodic import Equations
 
-SMALL = 0.5  # duration or angle below which a Taylor series is used
-TERMS = 16
+SMALL = 0.5  # duration σ, or angle, below which a Taylor series is used
+TERMS = 16  # number of terms of the series for a contact
 
 
 @inline
 def free_responses(duration, loss):
-    """Return Ŝ, 1 − C and σ − Ŝ at σ = duration, with loss = δp and C as in `rattle.stiff.map.contact`.
+    """Return Ŝ, 1 − C and σ − Ŝ after a contact of duration σ; loss: δp, with p = 1/√(2κ).
+
+    Ŝ and C are the depths, without a force, that a unit velocity (dx/dσ) and a unit depth at the beginning lead to.
 
     Returns
     -------
@@ -59,9 +61,9 @@ def free_responses(duration, loss):
         return series, integral, rest
     half = 0.5 * loss
     frequency = np.sqrt(1.0 - half * half)
-    fallen, decay = fall(half * duration)
-    sine, _ = turn(frequency * duration)
-    half_sine, _ = turn(0.5 * frequency * duration)
+    fallen, decay = decay_loss(half * duration)
+    sine, _ = complex_sine_cosine(frequency * duration)
+    half_sine, _ = complex_sine_cosine(0.5 * frequency * duration)
     swing = np.divide(sine, frequency)
     return (
         decay * swing,
@@ -76,22 +78,24 @@ def sine_defect(z):
     if abs(z) < SMALL:
         y = z * z
         return z * y * (1 / 6) * (1 - y * (1 / 20) * (1 - y * (1 / 42) * (1 - y * (1 / 72) * (1 - y * (1 / 110)))))
-    return z - turn(z)[0]
+    return z - complex_sine_cosine(z)[0]
 
 
 @inline
-def contact_of_entry(sign, t, duration, u, p, delta, epsilon):
-    """Return the depth divided by p and the outward velocity at the end of a contact that begins with velocity u.
+def end_of_contact(sign, t, duration, u, p, delta, epsilon):
+    """Return depth and outward velocity at the end of a contact that begins at time t with outward velocity u.
+
+    sign: the wall, ±1. duration: σ, in units of p = 1/√(2κ).
 
     Returns
     -------
     tuple
-        x = depth/p, v, and the derivatives x_u, v_u, x_t, v_t (t is the time at which the contact begins) and v_σ. The
-        derivative of x by σ is v.
+        x = depth/p, the velocity v, and the derivatives ∂x/∂u, ∂v/∂u, ∂x/∂t, ∂v/∂t and ∂v/∂σ. The derivative of x by σ
+        is v.
     """
     sine, lost, defect = free_responses(duration, delta * p)
-    half, s = turn(math.pi * p * duration)[0], p * duration
-    versine, turned = 2 * half * half, turn(TWO_PI * s)[0]
+    half, s = complex_sine_cosine(math.pi * p * duration)[0], p * duration
+    versine, turned = 2 * half * half, complex_sine_cosine(TWO_PI * s)[0]
     sin0, cos0 = analytic_phase(t)
     mean, a, b = analytic_force_ahead(sign, sin0, cos0, delta, epsilon)
     stiff, loss = 1 - TWO_PI * p * TWO_PI * p, TWO_PI * delta * p * p
@@ -117,15 +121,16 @@ def contact_of_entry(sign, t, duration, u, p, delta, epsilon):
 
 
 @kernel
-def solved(x, p, signs, m, beta, multiplier, with_matrix):
-    """Return the flights, R and, if `with_matrix`, J(λ) of motions x (k, 2c + 2) at p (k,), for λ = multiplier.
+def residuals_and_jacobian(x, p, signs, m, beta, multiplier, with_matrix):
+    """Return the flights, the residuals R and the Jacobian J(λ) of motions x (k, 2c + 2) with the softness p (k,).
 
-    signs (c,): the walls that the motions meet, as ±1.
+    J(λ) = ∂R/∂(times, durations) is for perturbations that grow by λ = multiplier over the period. signs (c,): the
+    walls that the motions meet, as ±1.
 
     Returns
     -------
     tuple
-        Flights (6, k, c), R (k, 2c) and J (k, 2c, 2c), or J (k, 0, 0) without `with_matrix`.
+        Flights (6, k, c), R (k, 2c) and J (k, 2c, 2c); J is (k, 0, 0) if `with_matrix` is False.
     """
     k, c = x.shape[0], signs.size
     n = 2 * c
@@ -145,9 +150,7 @@ def solved(x, p, signs, m, beta, multiplier, with_matrix):
         for i in range(c):
             sign, before, duration = signs[i], (i - 1) % c, x[j, c + i]
             u = sign * flights[W1, j, before]
-            depth, v, x_u, v_u, x_t, v_t, v_duration = contact_of_entry(
-                sign, x[j, i], duration, u, p[j], delta, epsilon
-            )
+            depth, v, x_u, v_u, x_t, v_t, v_duration = end_of_contact(sign, x[j, i], duration, u, p[j], delta, epsilon)
             depth = np.divide(depth, duration)
             residual[j, i], residual[j, c + i] = depth, v - sign * flights[W0, j, i]
             if not with_matrix:
@@ -174,9 +177,9 @@ def solved(x, p, signs, m, beta, multiplier, with_matrix):
 
 @dataclass(frozen=True)
 class StiffItinerary(Equations):
-    """The walls of a motion of the stiff gear in order, its forcing periods, the half-backlash, and the softness.
+    """The equations of the stiff gear's motions that meet given walls in order, with m, β and the softness.
 
-    softness is p = 1/√(2κ), which is 0 for the impacting model.
+    softness: p = 1/√(2κ), which is 0 for the impacting model.
     """
 
     softness: float
@@ -193,38 +196,62 @@ class StiffItinerary(Equations):
 
     @cached_property
     def signs(self) -> Array:
-        """Walls (c,) as ±1."""
+        """The walls (c,) that the motion meets, as ±1.0."""
         return np.asarray(self.walls, np.float64)
 
-    def _solved(
+    def _residuals_and_jacobian(
         self, x: NDArray, p: NDArray | float, multiplier: complex = 1.0, *, with_matrix: bool = False
     ) -> tuple[NDArray, ...]:
-        """Return flights (6, …, c), R (…, 2c) and, if `with_matrix`, J(λ) (…, 2c, 2c), at p, a number or (…, 1)."""
+        """Return flights (6, …, c), residuals R (…, 2c) and Jacobian J(λ) (…, 2c, 2c) at the softness p.
+
+        p is a number or (…, 1). J(λ) = ∂R/∂(times, durations), for λ = multiplier, is empty unless `with_matrix`.
+
+        Returns
+        -------
+        tuple of ndarray
+            Flights, R and J(λ).
+        """
         batch = batch_of(x)
         softness = np.empty(len(batch), np.complex128)
         softness[:] = np.ravel(p)
-        flights, residual, matrix = solved(
+        flights, residual, matrix = residuals_and_jacobian(
             batch, softness, self.signs, self.m, self.beta, complex(multiplier), with_matrix
         )
-        return like(x, flights, axis=1), like(x, residual), like(x, matrix)
+        return reshape_like(x, flights, axis=1), reshape_like(x, residual), reshape_like(x, matrix)
 
     def flights(self, x: NDArray, p: NDArray) -> Flights:
-        """Return the flights; flight i leads from contact i to the next. x (…, 2c + 2): times, σ, δ and ε; p (…, 1)."""
-        return Flights(*self._solved(x, p)[0])
+        """Return the flights of motions x (…, 2c + 2) at the softness p (…, 1); flight i follows contact i.
+
+        x: the times of the c contacts, their durations divided by p, δ and ε.
+
+        Returns
+        -------
+        Flights
+            Velocities at both ends of the flights (…, c), with derivatives.
+        """
+        return Flights(*self._residuals_and_jacobian(x, p)[0])
 
     def residual_at(self, x: NDArray, p: NDArray) -> NDArray:
-        """Return R (…, 2c) at another p (…, 1), first the c residuals of depth; x must be complex if p is complex."""
-        return self._solved(x, p)[1]
+        """Return the residuals (…, 2c) of motions x at another softness p (…, 1); x must be complex if p is complex."""
+        return self._residuals_and_jacobian(x, p)[1]
 
     def residual(self, x: NDArray) -> NDArray:
-        """Return R (…, 2c), which is 0 if every contact joins the flight before it to the flight after it."""
-        return self._solved(x, self.softness)[1]
+        """Return the residuals (…, 2c) of motions x: c of depth, c of velocity; all are 0 for a periodic motion."""
+        return self._residuals_and_jacobian(x, self.softness)[1]
 
     def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
-        """Return R and J(λ) = ∂R/∂(times, σ) (…, 2c, 2c) for perturbations that grow by λ = multiplier in a period."""
-        _, residual, matrix = self._solved(x, self.softness, multiplier, with_matrix=True)
+        """Return the residuals R (…, 2c) of motions x and J(λ) = ∂R/∂(times, durations) (…, 2c, 2c).
+
+        J(λ) is for perturbations that grow by λ = multiplier over a period.
+
+        Returns
+        -------
+        tuple of ndarray
+            R and J(λ).
+        """
+        _, residual, matrix = self._residuals_and_jacobian(x, self.softness, multiplier, with_matrix=True)
         return residual, matrix
 
     def with_graze(self, x: NDArray, impact: int) -> NDArray:
-        """Return (…, 2c + 1): R, then the duration σ of contact number `impact`, which is 0 at its graze."""
+        """Return (…, 2c + 1): the residuals of motions x, then σ of contact number `impact`, which is 0 at a graze."""
         return np.concatenate([self.residual(x), x[..., self.contacts + impact, None]], axis=-1)

@@ -27,7 +27,7 @@ from rattle.stiff.orbits.closure import (
     departure_of,
     is_admissible,
     softness,
-    struck,
+    time_at_sigma_minus,
     trace_of_solution,
 )
 from rattle.stiff.orbits.equations import StiffItinerary
@@ -36,28 +36,30 @@ from rattle.stiff.orbits.family_continuation import (
     CLOSED,
     LOST,
     MOST_POINTS,
-    corrected,
-    edge,
+    correct_in_hyperplane,
     family_solution_above_chord,
     folds_of,
     follow_family,
-    located,
-    place,
+    index_on_family,
+    locate_between,
+    reason_out_of_range,
 )
 
-SLOW = "P"  # a P(1,1,0) other than A and C, without a counterpart in the impacting model
-PLUS, PLUS_MINUS = np.array([1]), np.array([1, -1])
+NO_LETTER = "P"  # name of a P(1,1,0) other than A and C, without a counterpart in the impacting model
+PLUS, PLUS_MINUS = np.array([1]), np.array([1, -1])  # walls of P(1,1,0) and of P(1,1,1)
 DURATIONS = 600  # number of durations of the contact at which P(1,1,0) is sought
-TIMES = 40  # number of times from Σ⁺ to Σ⁻, on either side of the pole at 1/2, at which P(1,1,1) is sought
+TIMES = 40  # number of times from Σ⁺ to Σ⁻ at which P(1,1,1) is sought, on either side of the pole at half a period
 LEAST_SPAN = 1.0  # least range of ε in which families are followed, in units of `plane_scale`
-SLIGHT = 10.0 * LEAST_CONTACT  # σ of the contact with Σ⁻ with which families of P(1,1,1) start at a graze
-BISECTIONS = 45
+# duration, in units of 1/√(2κ), of the contact with Σ⁻ with which families of P(1,1,1) start at a graze
+SLIGHT = 10.0 * LEAST_CONTACT
+BISECTIONS = 45  # halvings of the interval in which a graze is located
 
 
 class Member(NamedTuple):
-    """A motion of a family.
+    """A motion of a `StiffFamily`.
 
-    name: the letter of its part of the family. y (2c + 1,): its unknowns, as in `rattle.stiff.orbits.closure`.
+    name: the letter A to D of the part of the family on which the motion lies, or "P". cycle: the walls and parameters.
+    y (2c + 1,): the motion's unknowns, as in `rattle.stiff.orbits.closure`.
     """
 
     name: str
@@ -67,11 +69,11 @@ class Member(NamedTuple):
 
 @dataclass(frozen=True)
 class StiffFamily:
-    """A family of motions at one δ, β and κ.
+    """A family of motions at one δ, β and κ: a connected curve of periodic motions along which ε changes.
 
-    points (k, 2c + 1): the unknowns of its motions in order. folds: the numbers of the points at which ε turns back.
-    ends: the reasons why it ends at its first and last point (`family_continuation`). letters: the letter of each part
-    between folds.
+    points (k, 2c + 1): the unknowns of the motions in order. folds: the numbers of the points at which ε turns back.
+    ends: the reasons why the family ends at its first and last point (codes of `family_continuation`). letters: the
+    letter of each part of the family between folds.
     """
 
     cycle: Cycle
@@ -81,8 +83,8 @@ class StiffFamily:
     letters: tuple[str, ...] = ()
 
     @property
-    def saddles(self) -> list[bool]:
-        """The flags of parts between folds whose motions are saddles with a multiplier above 1."""
+    def saddle_flags(self) -> list[bool]:
+        """A flag for each part between folds: whether its motions are saddles with a Floquet multiplier above 1."""
         edges, found = [0, *self.folds.tolist(), len(self.points) - 1], []
         for i, j in pairwise(edges):
             y = self.points[(i + j) // 2] if j > i + 1 else 0.5 * (self.points[i] + self.points[j])
@@ -92,37 +94,37 @@ class StiffFamily:
         return found
 
     @property
-    def breaks(self) -> list[Array]:
-        """The admissible motions at ends where the family could not be continued.
+    def motions_at_breaks(self) -> list[Array]:
+        """The admissible motions at those ends of the family at which its continuation failed.
 
-        If both ends are such, or a fold could not be located: all admissible motions of the family.
+        If it failed at both ends, or a fold could not be located, these are all admissible motions of the family.
         """
         ends = [i for i, why in zip((0, -1), self.ends, strict=True) if why == BROKEN]
         return [y for y in (self.points if len(ends) == 2 else self.points[ends]) if is_admissible(y, self.cycle)]
 
-    def at(self, epsilon: float) -> list[Member]:
+    def motions_at(self, epsilon: float) -> list[Member]:
         """Return the admissible motions at this eccentricity. Raises RattleError if one of them cannot be computed."""
         found, y = [], np.empty(self.points.shape[1])
         for k in sign_changes(self.points[:, -1] - epsilon):
             ends = self.points[k : k + 2]
-            if located(*ends, y.size - 1, epsilon, self.cycle, y):
+            if locate_between(*ends, y.size - 1, epsilon, self.cycle, y):
                 y[-1] = epsilon
                 if is_admissible(y, self.cycle):
                     name = self.letters[int(np.searchsorted(self.folds, k, side="right"))]
                     found.append(Member(name, self.cycle, y.copy()))
             elif any(is_admissible(end, self.cycle) for end in ends):
-                refusal = lost(self.cycle, epsilon)
+                refusal = family_lost_error(self.cycle, epsilon)
                 raise refusal
         return found
 
 
 def sign_changes(values: Array) -> list[int]:
-    """Return the numbers of the points after which a function changes sign, before the next point."""
+    """Return the indices k for which values[k] and values[k + 1] have different signs."""
     return np.flatnonzero((values[:-1] < 0) != (values[1:] < 0)).tolist()
 
 
-def lost(cycle: Cycle, epsilon: float) -> RattleError:
-    """Return the error for a family that breaks off at admissible motions, so that some motions would be missing."""
+def family_lost_error(cycle: Cycle, epsilon: float) -> RattleError:
+    """Return the error for a family whose continuation fails among admissible motions, so that some are not found."""
     return RattleError(
         f"a family of motions cannot be followed at delta = {cycle.delta:g}, epsilon = {epsilon:g}, "
         f"beta = {cycle.beta:g}, kappa = {cycle.kappa:g}: choose another point"
@@ -130,13 +132,13 @@ def lost(cycle: Cycle, epsilon: float) -> RattleError:
 
 
 def span_of_family(delta: float, epsilon: float) -> float:
-    """Return the largest ε to which the families of a point are followed; it depends on the point alone."""
+    """Return the largest ε up to which families are followed for a point (δ, ε), which depends on this point only."""
     least = LEAST_SPAN * plane_scale(delta)
     return max(least, float(2.0 ** np.ceil(np.log2(1.5 * epsilon)))) if epsilon > 0.0 else least
 
 
 def family_through(y: Array, cycle: Cycle, span: float) -> StiffFamily:
-    """Return the family through a solution, in both directions to its ends."""
+    """Return the family through a solution y, followed in both directions to its ends; its letters are left out."""
     direction, room = np.zeros(y.size), np.empty((MOST_POINTS, y.size))
     direction[y.size // 2] = 1.0
     k, on = follow_family(y, direction, cycle, span, room)
@@ -151,8 +153,8 @@ def family_through(y: Array, cycle: Cycle, span: float) -> StiffFamily:
     return StiffFamily(cycle, np.insert(points, before + 1, folds, axis=0), before + 1 + np.arange(before.size), ends)
 
 
-def explicit(cycle: Cycle, offset: Array, duration: Array) -> Array:
-    """Return the motions whose contacts begin at times `offset` and last p · `duration`, both (k, c).
+def explicit_solutions(cycle: Cycle, offset: Array, duration: Array) -> Array:
+    """Return the motions whose contacts begin at times `offset` and last `duration` · p, both (k, c), with p = 1/√(2κ).
 
     The times `offset` are relative to the beginning of the first contact. For given offsets and durations all equations
     are linear in ε cos 2πt and ε sin 2πt, where t is this beginning. The solution is exact for c = 1; for c = 2 it is a
@@ -179,103 +181,112 @@ def explicit(cycle: Cycle, offset: Array, duration: Array) -> Array:
     return np.concatenate([time + offset, duration, np.hypot(x, y)[:, None]], axis=-1)
 
 
-def _at_sn1(cycle: Cycle) -> Array | None:
-    """Return unknowns (3,) near the fold of P(1,1,0) at SN1, the fold with σ nearest to π; None if there is none."""
+def _guess_of_sn1(cycle: Cycle) -> Array | None:
+    """Return unknowns (3,) close to SN1, the fold of P(1,1,0) whose σ is nearest to π; None if there is no fold."""
     p = softness(cycle.kappa)
-    hard = p * np.geomspace(1e-2, 1e4, DURATIONS)  # σ − π is about 2p · force / speed
+    hard = p * np.geomspace(1e-2, 1e4, DURATIONS)  # distances of σ from π: that of SN1 is about 2p · force / speed
     duration = np.concatenate([np.linspace(0.0, 4 * np.pi, DURATIONS), np.pi - hard, np.pi + hard])
     duration = np.unique(duration[(duration > 0.0) & (duration < 0.999 / p)])
-    found = explicit(cycle, np.zeros((duration.size, 1)), duration[:, None])
+    found = explicit_solutions(cycle, np.zeros((duration.size, 1)), duration[:, None])
     size = found[:, -1]
     least = np.flatnonzero((size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:])) + 1
     folds = [found[i] for i in least if departure_of(found[i], cycle)[1] > 0.0]
     return min(folds, key=lambda y: abs(float(y[1]) - np.pi), default=None)
 
 
-def without_minus(cycle: Cycle, span: float) -> list[StiffFamily]:
+def family_of_a_and_c(cycle: Cycle, span: float) -> list[StiffFamily]:
     """Return the family of A and C as a list of one item; an empty list if there is no such family."""
-    guess = _at_sn1(cycle)
-    if guess is None or not corrected(guess, np.array([0.0, 1.0, 0.0]), cycle) or edge(guess, cycle, span)[0] >= 0:
+    guess = _guess_of_sn1(cycle)
+    if (
+        guess is None
+        or not correct_in_hyperplane(guess, np.array([0.0, 1.0, 0.0]), cycle)
+        or reason_out_of_range(guess, cycle, span)[0] >= 0
+    ):
         return []
     family = family_through(guess, cycle, span)
     if not family.folds.size:
         return []
     sn1 = int(np.argmin(np.abs(family.points[family.folds] - guess).max(axis=1)))
-    letters = [SLOW] * (family.folds.size + 1)
-    for i, saddle in enumerate(family.saddles[sn1 : sn1 + 2]):
+    letters = [NO_LETTER] * (family.folds.size + 1)
+    for i, saddle in enumerate(family.saddle_flags[sn1 : sn1 + 2]):
         letters[sn1 + i] = "A" if saddle else "C"
     return [replace(family, letters=tuple(letters))]
 
 
-def slow(cycle: Cycle, span: float) -> list[StiffFamily]:
-    """Return the families of P(1,1,0) besides the family of A and C, sought on a grid of contact durations."""
+def families_without_letter(cycle: Cycle, span: float) -> list[StiffFamily]:
+    """Return the families of P(1,1,0) other than the family of A and C, sought at many durations of the contact."""
     longest = 0.999 / softness(cycle.kappa)
     dense = np.linspace(0.0, min(4 * np.pi, longest), DURATIONS)[1:]
     duration = np.concatenate([dense, np.linspace(dense[-1], longest, DURATIONS)])
-    known, found = without_minus(cycle, span), list[StiffFamily]()
-    for guess in explicit(cycle, np.zeros((duration.size, 1)), duration[:, None]):
-        if not (is_admissible(guess, cycle) and edge(guess, cycle, span)[0] < 0):
+    known, found = family_of_a_and_c(cycle, span), list[StiffFamily]()
+    for guess in explicit_solutions(cycle, np.zeros((duration.size, 1)), duration[:, None]):
+        if not (is_admissible(guess, cycle) and reason_out_of_range(guess, cycle, span)[0] < 0):
             continue
-        if corrected(guess, np.array([0.0, 1.0, 0.0]), cycle) and not held_orbits(guess, (*known, *found)):
+        if correct_in_hyperplane(guess, np.array([0.0, 1.0, 0.0]), cycle) and not is_on_family(guess, (*known, *found)):
             family = family_through(guess, cycle, span)
-            if not family.breaks:  # the equations are almost singular where contact lasts almost the whole period
-                found.append(replace(family, letters=(SLOW,) * (family.folds.size + 1)))
+            # a family that breaks off is left out: if contact lasts almost a period, its equations are almost singular
+            if not family.motions_at_breaks:
+                found.append(replace(family, letters=(NO_LETTER,) * (family.folds.size + 1)))
     return found
 
 
-def with_minus(cycle: Cycle, span: float, plus: Sequence[StiffFamily]) -> list[StiffFamily]:
-    """Return the families of P(1,1,1). plus: the families of P(1,1,0)."""
+def families_on_both_walls(cycle: Cycle, span: float, plus: Sequence[StiffFamily]) -> list[StiffFamily]:
+    """Return the families of P(1,1,1), with their letters. plus: the families of P(1,1,0)."""
     found: list[StiffFamily] = []
-    for guess, constraint in _starts(cycle, plus):
+    for guess, constraint in _guesses_on_both_walls(cycle, plus):
         y = guess.copy()
-        if corrected(y, constraint, cycle) and edge(y, cycle, span)[0] < 0 and not held_orbits(y, found):
+        if (
+            correct_in_hyperplane(y, constraint, cycle)
+            and reason_out_of_range(y, cycle, span)[0] < 0
+            and not is_on_family(y, found)
+        ):
             found.append(family_through(y, cycle, span))
-    return [replace(family, letters=_letters(family, plus)) for family in found]
+    return [replace(family, letters=_letters_of_parts(family, plus)) for family in found]
 
 
-def _starts(cycle: Cycle, plus: Sequence[StiffFamily]) -> Iterator[tuple[Array, Array]]:
-    """Yield guesses of P(1,1,1), each with the row of Newton's equations that fixes the position on the family."""
+def _guesses_on_both_walls(cycle: Cycle, plus: Sequence[StiffFamily]) -> Iterator[tuple[Array, Array]]:
+    """Yield guesses of P(1,1,1), each with a row of Newton's equations that keeps one combination of the unknowns."""
     p = softness(cycle.kappa)
     for family in plus:
-        for y in family_grazes(family):
+        for y in guesses_at_grazes(family):
             yield y, np.array([0.0, 0.0, 0.0, 1.0, 0.0])
     beside = np.geomspace(1e-3, 0.49, TIMES)
     times = np.concatenate([0.5 - beside, 0.5 + beside])
     offset = np.stack([0.0 * times, times + p * np.pi], axis=-1)
-    for y in explicit(cycle, offset, np.full((times.size, 2), np.pi)):
+    for y in explicit_solutions(cycle, offset, np.full((times.size, 2), np.pi)):
         yield y, np.array([-1.0, 1.0, -p, 0.0, 0.0])
         yield y, np.array([0.0, 0.0, 0.0, 0.0, 1.0])
 
 
-def family_grazes(family: StiffFamily) -> list[Array]:
-    """Return guesses of P(1,1,1) that have a slight contact with Σ⁻, at the grazes of a family of P(1,1,0)."""
+def guesses_at_grazes(family: StiffFamily) -> list[Array]:
+    """Return guesses of P(1,1,1) with a short contact with Σ⁻, one for each graze of a family of P(1,1,0)."""
     cycle, found = family.cycle, []
-    meets = np.array([not np.isnan(struck(y, cycle)) for y in family.points])
+    meets = np.array([not np.isnan(time_at_sigma_minus(y, cycle)) for y in family.points])
     for i in np.flatnonzero(meets[:-1] != meets[1:]).tolist():
         hit, miss = family.points[i : i + 2] if meets[i] else family.points[i : i + 2][::-1]
         y = np.empty(3)
         for _ in range(BISECTIONS):
             if not family_solution_above_chord(hit, miss, 0.5, cycle, y):
                 break
-            hit, miss = (hit, y.copy()) if np.isnan(struck(y, cycle)) else (y.copy(), miss)
-        found.append(np.array([hit[0], struck(hit, cycle), hit[1], SLIGHT, hit[2]]))
+            hit, miss = (hit, y.copy()) if np.isnan(time_at_sigma_minus(y, cycle)) else (y.copy(), miss)
+        found.append(np.array([hit[0], time_at_sigma_minus(hit, cycle), hit[1], SLIGHT, hit[2]]))
     return found
 
 
-def _letters(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple[str, ...]:
+def _letters_of_parts(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple[str, ...]:
     """Return the letters of a family of P(1,1,1).
 
-    Where the family loses its contact with Σ⁻ it continues as a P(1,1,0), and its last part has the letter of this
-    P(1,1,0). There is one exception: a part that continues as C but does not fold back to B is D, as beyond COD23.
+    Where the contact with Σ⁻ is lost the motion continues as a P(1,1,0), and the last part of the family has the letter
+    of this P(1,1,0). One exception: a part that continues as C but does not fold back to B is D (docs/stiff.md).
 
     Returns
     -------
     tuple[str, ...]
         One letter, A to D, for each part between folds.
     """
-    saddles = family.saddles
+    saddles = family.saddle_flags
     names = ["B" if saddle else "D" for saddle in saddles]
-    ends = [_goes_on(family, i, plus) for i in (0, -1)]
+    ends = [_letter_of_continuation(family, i, plus) for i in (0, -1)]
     for at, beside, other in ((0, 1, -1), (-1, -2, 0)):
         if ends[at] == "A" and saddles[at]:
             names[at] = "A"
@@ -285,21 +296,21 @@ def _letters(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple[str, ...
     return tuple(names)
 
 
-def _goes_on(family: StiffFamily, end: int, plus: Sequence[StiffFamily]) -> str:
-    """Return the letter of the P(1,1,0) as which a family of P(1,1,1) continues at an end; "" if it does not."""
+def _letter_of_continuation(family: StiffFamily, end: int, plus: Sequence[StiffFamily]) -> str:
+    """Return the letter of the P(1,1,0) as which a P(1,1,1) family continues at end 0 or −1; "" if it does not."""
     y = family.points[end]
     if family.ends[end] != LOST or y[3] > 2.0 * LEAST_CONTACT:
         return ""
     for other in plus:
-        k = place(other.points, y[[0, 2, 4]], other.cycle)
+        k = index_on_family(other.points, y[[0, 2, 4]], other.cycle)
         if k >= 0:
             return other.letters[int(np.searchsorted(other.folds, k, side="right"))]
     return ""
 
 
-def held_orbits(y: Array, families: Sequence[StiffFamily]) -> bool:
+def is_on_family(y: Array, families: Sequence[StiffFamily]) -> bool:
     """Return whether a solution lies on one of these families."""
-    return any(place(family.points, y, family.cycle) >= 0 for family in families)
+    return any(index_on_family(family.points, y, family.cycle) >= 0 for family in families)
 
 
 @lru_cache(maxsize=256)
@@ -316,28 +327,28 @@ def families(delta: float, beta: float, kappa: float, span: float) -> tuple[Stif
     RattleError
         If a family breaks off at an admissible motion.
     """
-    plus = without_minus(Cycle(PLUS, 1, delta, beta, kappa), span)
-    found = *plus, *with_minus(Cycle(PLUS_MINUS, 1, delta, beta, kappa), span, plus)
+    plus = family_of_a_and_c(Cycle(PLUS, 1, delta, beta, kappa), span)
+    found = *plus, *families_on_both_walls(Cycle(PLUS_MINUS, 1, delta, beta, kappa), span, plus)
     for family in found:
-        for y in family.breaks:
-            refusal = lost(family.cycle, float(y[-1]))
+        for y in family.motions_at_breaks:
+            refusal = family_lost_error(family.cycle, float(y[-1]))
             raise refusal
     return found
 
 
 def members(delta: float, epsilon: float, beta: float, kappa: float) -> list[Member]:
-    """Return the admissible counterparts of A to D at one point, and other motions of their families.
+    """Return the admissible counterparts of A to D at one parameter point, and other motions of the same families.
 
     Returns
     -------
     list[Member]
-        The motions, sorted by letter, then P(1,1,0) first, then by falling time from Σ⁺ to Σ⁻.
+        The motions, sorted by letter; P(1,1,0) before P(1,1,1); longer times from Σ⁺ to Σ⁻ first.
 
     Raises
     ------
     RattleError
-        If a family breaks off, or a motion at this point cannot be computed.
+        If the continuation of a family fails, or a motion at this point cannot be computed.
     """
     span = span_of_family(delta, epsilon)
-    found = [member for family in families(delta, beta, kappa, span) for member in family.at(epsilon)]
+    found = [member for family in families(delta, beta, kappa, span) for member in family.motions_at(epsilon)]
     return sorted(found, key=lambda member: (member.name, member.y.size, float(member.y[0] - member.y[1])))

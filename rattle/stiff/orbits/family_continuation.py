@@ -2,7 +2,8 @@
 
 The method is that of `rattle.continuation.arclength`, here for the equations of `rattle.stiff.orbits.closure` and some
 hundred times as fast. A family is followed through virtual motions too, until a contact is lost (σ = 0), ε leaves its
-range, or a flight vanishes. At weak damping, lengths and angles count ε in units that are proportional to δ (`small`).
+range, or a flight vanishes. Lengths and angles count ε in a unit that is proportional to δ at weak damping
+(`epsilon_unit`).
 """
 
 import math
@@ -20,22 +21,28 @@ from rattle.continuation.arclength import (
     SMALLEST_CORRECTION,
 )
 from rattle.numerics.compile import inline, kernel
-from rattle.numerics.secant import narrowed
-from rattle.stiff.orbits.closure import LEAST_CONTACT, closure
+from rattle.numerics.secant import narrow_bracket
+from rattle.stiff.orbits.closure import LEAST_CONTACT, write_residuals
 
-# reasons why a family ends: ε leaves its range; a contact vanishes; a flight vanishes; it closes; no step succeeds
+# why a family ends: ε leaves its range; a contact vanishes; a flight vanishes; the family closes; no step succeeds
 SPAN, LOST, FLIGHT, CLOSED, BROKEN = range(5)
-LONGEST = 0.1  # longest continuation step, in the unknowns
-SHARE = 0.3  # longest step as a share of the shortest contact
-FIRST = 1e-3  # first continuation step
+LONGEST_STEP = 0.1  # longest continuation step, in the unknowns
+STEP_SHARE = 0.3  # longest continuation step, as a share of the duration of the shortest contact
+FIRST_STEP = 1e-3  # first continuation step, in the unknowns
 LEAST_FLIGHT = 1e-4  # shortest flight, in forcing periods; the equations become singular where flights vanish
-MOST_POINTS = 4000
-MOST_SECANTS = 100
+MOST_POINTS = 4000  # largest number of points of a family in one direction
+MOST_SECANTS = 100  # largest number of secant steps of `locate_between`
 
 
 @inline
 def eliminate(matrix, right):
-    """Solve matrix x = right by Gaussian elimination, with x in `right`; return the determinant's sign, or 0."""
+    """Solve matrix x = right by Gaussian elimination and write x to `right`.
+
+    Returns
+    -------
+    float
+        The sign of the determinant; 0 if the matrix is singular.
+    """
     n, sign = right.size, 1.0
     for k in range(n):
         best = k
@@ -63,13 +70,13 @@ def eliminate(matrix, right):
 
 
 @inline
-def small(cycle):
-    """Return the unit in which ε is measured, which is small at weak damping: `plane_scale`."""
+def epsilon_unit(cycle):
+    """Return the unit of ε in lengths and angles (`rattle.continuation.arclength.plane_scale`), at most 1."""
     return min(1.0, cycle.delta / SMALL_DAMPING)
 
 
 @inline
-def inner(a, b, unit):
+def inner_product(a, b, unit):
     """Return the inner product of two vectors of unknowns, with ε in units of `unit`."""
     n, found = a.size - 1, 0.0
     for j in range(n):
@@ -78,8 +85,8 @@ def inner(a, b, unit):
 
 
 @kernel
-def corrected(y, constraint, cycle):
-    """Correct y in place by Newton's method in the hyperplane through y that is normal to `constraint`.
+def correct_in_hyperplane(y, constraint, cycle):
+    """Correct a guess y in place by Newton's method, in the hyperplane through y that is normal to `constraint`.
 
     Returns
     -------
@@ -88,9 +95,9 @@ def corrected(y, constraint, cycle):
     """
     n = y.size - 1
     matrix, right = np.empty((n + 1, n + 1)), np.empty(n + 1)
-    size, unit = math.inf, small(cycle)
+    size, unit = math.inf, epsilon_unit(cycle)
     for i in range(MOST_CORRECTIONS):
-        if not closure(y, cycle, right[:n], matrix[:n]):
+        if not write_residuals(y, cycle, right[:n], matrix[:n]):
             return 0
         matrix[n], right[n] = constraint, 0.0
         matrix[n, n] /= unit * unit
@@ -110,7 +117,7 @@ def corrected(y, constraint, cycle):
 
 @kernel
 def family_tangent(y, direction, cycle, tangent):
-    """Write the unit tangent at y, on the side of a direction, to `tangent`; return the sign of a determinant.
+    """Write the unit tangent of the family at y to `tangent`, with a positive inner product with `direction`.
 
     Returns
     -------
@@ -119,13 +126,13 @@ def family_tangent(y, direction, cycle, tangent):
     """
     n = y.size - 1
     matrix, right = np.empty((n + 1, n + 1)), np.zeros(n + 1)
-    if not closure(y, cycle, right[:n], matrix[:n]):
+    if not write_residuals(y, cycle, right[:n], matrix[:n]):
         return 0.0
-    unit = small(cycle)
+    unit = epsilon_unit(cycle)
     matrix[n], right[:n], right[n] = direction, 0.0, 1.0
     matrix[n, n] /= unit * unit
     sign = eliminate(matrix, right)
-    size = math.sqrt(inner(right, right, unit))
+    size = math.sqrt(inner_product(right, right, unit))
     if sign == 0.0 or not size < math.inf:
         return 0.0
     tangent[:] = right / size
@@ -143,8 +150,14 @@ def shortest_flight(y, cycle):
 
 
 @inline
-def edge(y, cycle, largest):
-    """Return why y is out of range (SPAN, LOST or FLIGHT) and by which unknown (−1 for a flight); else (−1, 0)."""
+def reason_out_of_range(y, cycle, largest):
+    """Return why a motion y is out of range, and which unknown shows it; `largest` is the end of the range of ε.
+
+    Returns
+    -------
+    tuple of int
+        SPAN, LOST or FLIGHT, and the index of the unknown (−1 for FLIGHT); (−1, 0) if y is in range.
+    """
     c = cycle.walls.size
     if not 0.0 <= y[2 * c] <= largest:
         return SPAN, 2 * c
@@ -158,14 +171,28 @@ def edge(y, cycle, largest):
 
 @kernel
 def family_solution_above_chord(a, b, share, cycle, y):
-    """Write to y the solution in the hyperplane normal to the chord from a to b, at a share of it; return success."""
+    """Write to y the solution in the hyperplane that crosses the chord from a to b at right angles at a share of it.
+
+    Returns
+    -------
+    bool
+        False if Newton's method fails.
+    """
     y[:] = a + share * (b - a)
-    return corrected(y, b - a, cycle) > 0
+    return correct_in_hyperplane(y, b - a, cycle) > 0
 
 
 @inline
 def measured_unknown(y, index, level, chord, cycle, tangent):
-    """Return the function whose zero `located` finds: y[index] − level, or for index −1 the rate of ε on the family."""
+    """Return the value at y of the function whose zero `locate_between` finds.
+
+    The function is y[index] − level; for index −1 it is the rate of ε along the family.
+
+    Returns
+    -------
+    float
+        The value.
+    """
     if index >= 0:
         return y[index] - level
     family_tangent(y, chord, cycle, tangent)
@@ -173,10 +200,10 @@ def measured_unknown(y, index, level, chord, cycle, tangent):
 
 
 @kernel
-def located(a, b, index, level, cycle, y):
-    """Write to y the solution between a and b at which y[index] = level, or for index −1 the fold where ε turns back.
+def locate_between(a, b, index, level, cycle, y):
+    """Write to y the solution between a and b at which y[index] = level; for index −1, the fold at which ε turns back.
 
-    The search makes secant steps along the chord, and halves its interval where these stall.
+    The search makes secant steps along the chord, and halves its interval if a step leaves the interval.
 
     Returns
     -------
@@ -187,7 +214,7 @@ def located(a, b, index, level, cycle, y):
     lo, hi, side, share = 0.0, 1.0, 0, math.nan
     f_lo = measured_unknown(a, index, level, chord, cycle, tangent)
     f_hi = measured_unknown(b, index, level, chord, cycle, tangent)
-    if f_lo * f_hi >= 0.0:  # the solution is an end, whose sign rounding has changed
+    if f_lo * f_hi >= 0.0:  # the solution is an end of the interval, where rounding can change the sign
         y[:] = b if abs(f_hi) < abs(f_lo) else a
         return True
     for _ in range(MOST_SECANTS):
@@ -199,23 +226,23 @@ def located(a, b, index, level, cycle, y):
         f = measured_unknown(y, index, level, chord, cycle, tangent)
         if f == 0.0 or abs(share - last) <= 1e-15:
             return True
-        lo, f_lo, hi, f_hi, side = narrowed(lo, f_lo, hi, f_hi, side, share, f)
+        lo, f_lo, hi, f_hi, side = narrow_bracket(lo, f_lo, hi, f_hi, side, share, f)
     return True
 
 
 @kernel
-def passes(solution, a, b, cycle, y):
-    """Return whether the family passes through a solution between its points a and b, up to whole periods.
+def is_solution_between(solution, a, b, cycle, y):
+    """Return whether a solution lies on the family between its points a and b, if its times may shift by whole periods.
 
-    If so, the solution is written to y, shifted by whole periods so that it lies between a and b.
+    If it does, the shifted solution is written to y.
 
     Returns
     -------
     bool
-        True if the family passes through the solution.
+        True if the solution lies there.
     """
     c, along, length, off, size = cycle.walls.size, 0.0, 0.0, 0.0, 0.0
-    unit, n = small(cycle), a.size - 1
+    unit, n = epsilon_unit(cycle), a.size - 1
     later = cycle.m * np.rint((b[0] - solution[0]) / cycle.m)
     for j in range(a.size):
         y[j] = solution[j] + (later if j < c else 0.0)
@@ -237,9 +264,9 @@ def passes(solution, a, b, cycle, y):
 
 @kernel
 def follow_family(start, direction, cycle, largest, points):
-    """Follow a family from a solution on the side of a direction, for ε from 0 to `largest`.
+    """Follow a family from the solution `start` towards `direction`, while ε is from 0 to `largest`.
 
-    The points are written to `points` (most, 2c + 1), whose length limits their number.
+    The solutions are written to `points` (most, 2c + 1), whose length limits their number.
 
     Returns
     -------
@@ -249,32 +276,32 @@ def follow_family(start, direction, cycle, largest, points):
     n = start.size
     tangent, new_tangent, new = np.empty(n), np.empty(n), np.empty(n)
     sign = family_tangent(start, direction, cycle, tangent)
-    points[0], k, step = start, 1, FIRST
+    points[0], k, step = start, 1, FIRST_STEP
     if sign == 0.0:
         return k, BROKEN
-    c, unit = cycle.walls.size, small(cycle)
+    c, unit = cycle.walls.size, epsilon_unit(cycle)
     while k < len(points):
         x = points[k - 1]
-        step = min(step, LONGEST, max(SHARE * x[c : 2 * c].min(), LEAST_CONTACT))
+        step = min(step, LONGEST_STEP, max(STEP_SHARE * x[c : 2 * c].min(), LEAST_CONTACT))
         if step < SHORTEST_STEP:
             return k, BROKEN
         new[:] = x + step * tangent
-        corrections = corrected(new, tangent, cycle)
-        far = math.sqrt(inner(new - x, new - x, unit)) > 2.0 * step
+        corrections = correct_in_hyperplane(new, tangent, cycle)
+        far = math.sqrt(inner_product(new - x, new - x, unit)) > 2.0 * step
         new_sign = family_tangent(new, tangent, cycle, new_tangent) if corrections > 0 and not far else 0.0
-        turn = math.acos(min(max(inner(tangent, new_tangent, unit), -1.0), 1.0))
+        turn = math.acos(min(max(inner_product(tangent, new_tangent, unit), -1.0), 1.0))
         if new_sign != sign or turn > LARGEST_TURN:
             step *= 0.4
             continue
-        if k > 2 and passes(start, x, new, cycle, points[k]):
+        if k > 2 and is_solution_between(start, x, new, cycle, points[k]):
             return k + 1, CLOSED
-        why, index = edge(new, cycle, largest)
+        why, index = reason_out_of_range(new, cycle, largest)
         if why >= 0:
             if why == FLIGHT:
                 points[k] = new
                 return k + 1, FLIGHT
             level = LEAST_CONTACT if why == LOST else largest if new[index] > 0.0 else 0.0
-            return k + located(x, new, index, level, cycle, points[k]), why
+            return k + locate_between(x, new, index, level, cycle, points[k]), why
         points[k], tangent[:], k = new, new_tangent, k + 1
         step *= min(2.0, 0.5 * LARGEST_TURN / max(turn, 1e-9)) if corrections <= 4 else 0.7
     return k, BROKEN
@@ -282,14 +309,14 @@ def follow_family(start, direction, cycle, largest, points):
 
 @kernel
 def folds_of(points, cycle, folds):
-    """Return the solutions (k, 2c + 1) between the points of a family at which ε turns back.
+    """Return the folds (k, 2c + 1) of a family: the solutions between its points at which ε turns back.
 
-    The numbers of the points before the folds are written to `folds`.
+    For each fold the index of the point before it is written to `folds`.
 
     Returns
     -------
     tuple
-        The solutions, and whether all of them could be located.
+        The folds, and whether all of them could be located.
     """
     n = points.shape[1]
     tangent, found, before = np.empty(n), np.empty((len(points), n)), np.empty(n)
@@ -298,7 +325,7 @@ def folds_of(points, cycle, folds):
         towards = points[i + 1] - points[i] if i < len(points) - 1 else points[i] - points[i - 1]
         family_tangent(points[i], towards, cycle, tangent)
         if i > 0 and tangent[n - 1] * rate < 0.0:
-            if located(points[i - 1], points[i], -1, 0.0, cycle, before):
+            if locate_between(points[i - 1], points[i], -1, 0.0, cycle, before):
                 found[k], folds[k] = before, i - 1
                 k += 1
             else:
@@ -308,10 +335,10 @@ def folds_of(points, cycle, folds):
 
 
 @kernel
-def place(points, solution, cycle):
-    """Return the number of the point of a family after which it passes through a solution, or −1."""
+def index_on_family(points, solution, cycle):
+    """Return the index of the point of a family after which the solution lies on the family; −1 if it is not on it."""
     y = np.empty(solution.size)
     for i in range(len(points) - 1):
-        if passes(solution, points[i], points[i + 1], cycle, y):
+        if is_solution_between(solution, points[i], points[i + 1], cycle, y):
             return i
     return -1

@@ -9,33 +9,48 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.continuation.arclength import plane_scale
-from rattle.errors import RattleError, parameters, require_number
+from rattle.errors import RattleError, broadcast_parameters, require_number
 from rattle.flight.impact_law import ELASTIC
 from rattle.orbits.period_one import NAMES, PeriodOne, classify, multipliers_of
 from rattle.stiff.orbits.closure import Cycle, departure_of, is_admissible, softness, trace_of_solution
 from rattle.stiff.orbits.equations import StiffItinerary
-from rattle.stiff.orbits.families import PLUS, SLOW, Member, members, slow, span_of_family, without_minus
+from rattle.stiff.orbits.families import (
+    NO_LETTER,
+    PLUS,
+    Member,
+    families_without_letter,
+    family_of_a_and_c,
+    members,
+    span_of_family,
+)
 from rattle.stiff.orbits.periodic import StiffOrbit, orbit_of
 
-LARGEST_SPAN = 64.0  # largest ε up to which SN1 is sought, in units of `plane_scale`
+LARGEST_SPAN = 64.0  # ε up to which SN1 is sought, in units of `plane_scale`
 
 
-class Named(NamedTuple):
-    """A motion with the letter A to D of its counterpart in the impacting model, or "P" if it has none."""
+class NamedStiffOrbit(NamedTuple):
+    """A period-one motion of the stiff gear.
+
+    name: the letter A to D of its counterpart in the impacting model, or "P" if it has none.
+    """
 
     name: str
     orbit: StiffOrbit
 
 
-def orbits_at(delta: float, epsilon: float, beta: float, kappa: float) -> tuple[Named, ...]:
-    """Return all admissible counterparts of A to D at a point, and other P(1,1,0) named "P", sorted by name."""
+def orbits_at(delta: float, epsilon: float, beta: float, kappa: float) -> tuple[NamedStiffOrbit, ...]:
+    """Return all admissible counterparts of A to D at a point, and all other P(1,1,0), named "P", sorted by name."""
     cycle, span = Cycle(PLUS, 1, delta, beta, kappa), span_of_family(delta, epsilon)
-    others = (member for family in slow(cycle, span) for member in family.at(epsilon))
-    found = [Named(member.name, _orbit(member)) for member in (*members(delta, epsilon, beta, kappa), *others)]
+    others = (member for family in families_without_letter(cycle, span) for member in family.motions_at(epsilon))
+    found = [
+        NamedStiffOrbit(member.name, _orbit_of_member(member))
+        for member in (*members(delta, epsilon, beta, kappa), *others)
+    ]
     return tuple(sorted(found, key=lambda named: (named.name, named.orbit.tau)))
 
 
-def _orbit(member: Member) -> StiffOrbit:
+def _orbit_of_member(member: Member) -> StiffOrbit:
+    """Return a motion of a family as a `StiffOrbit`."""
     itinerary = StiffItinerary(tuple(member.cycle.walls.tolist()), 1, member.cycle.beta, softness(member.cycle.kappa))
     return orbit_of(itinerary, np.insert(member.y, member.y.size - 1, member.cycle.delta))
 
@@ -58,16 +73,16 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If a family is lost.
+        If a family of motions cannot be followed.
     """
-    arrays = parameters(delta, epsilon, beta, kappa=kappa)
+    arrays = broadcast_parameters(delta, epsilon, beta, kappa=kappa)
     shape = arrays[0].shape
     cells = np.array([array.ravel() for array in arrays]).T
     exists = np.zeros((len(NAMES), len(cells)), np.bool_)
     tau, v, trace = (np.full(exists.shape, np.nan) for _ in range(3))
     for i in np.lexsort(cells.T):  # in this order equal δ, β and κ are adjacent
         for member in members(*cells[i].tolist()):
-            if member.name == SLOW:
+            if member.name == NO_LETTER:
                 continue
             letter = NAMES.index(member.name)
             if not exists[letter, i]:
@@ -83,7 +98,7 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
 
 
 def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: ArrayLike) -> NDArray[np.int8]:
-    """Return the region of every element of the broadcast parameters, from the counterparts of A to D that exist.
+    """Return the region of every element of the broadcast parameters: the set of A to D whose counterparts exist.
 
     Regions I to V are 1 to 5; other sets of motions have their numbers in `rattle.REGIONS`.
 
@@ -97,7 +112,7 @@ def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: ArrayL
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If a family is lost.
+        If a family of motions cannot be followed.
     """
     return classify(period_one(delta, epsilon, beta, kappa))
 
@@ -119,9 +134,9 @@ def saddle_node_1(delta: float, kappa: float, beta: float = 0.6) -> StiffOrbit:
     """
     delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
     cycle = Cycle(PLUS, 1, delta, beta, require_number("kappa", kappa, positive=True))
-    for family in without_minus(cycle, LARGEST_SPAN * plane_scale(delta)):
+    for family in family_of_a_and_c(cycle, LARGEST_SPAN * plane_scale(delta)):
         for fold, letters in zip(family.folds, pairwise(family.letters), strict=True):
             y = family.points[fold]
             if set(letters) == set("AC") and is_admissible(y, cycle):
-                return _orbit(Member("SN1", cycle, y))
+                return _orbit_of_member(Member("SN1", cycle, y))
     raise RattleError(f"A and C are not born in a saddle-node at delta = {delta:g}, beta = {beta:g}, kappa = {kappa:g}")

@@ -14,23 +14,23 @@ from rattle.impacting.orbits.periodic import PeriodicOrbit
 from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import Orbit
 from rattle.orbits.periodic import MOST_IMPACTS, Periodic, at_parameters, with_shortest_period
-from rattle.stiff.map.flow import OK, QUIET, departs, piece
+from rattle.stiff.map.flow import OK, QUIET, follow_piece, is_contact_over
 from rattle.stiff.map.return_map import StiffPoint
 from rattle.stiff.orbits import closure
 from rattle.stiff.orbits.closure import Cycle, softness
 from rattle.stiff.orbits.equations import StiffItinerary
 
-LONGEST = 0.1  # longest continuation step, in the unknowns
-STEPS_TO_LIMIT = 20  # least number of steps from the impacting limit
-MOST_STEPS = 200
+LONGEST_STEP = 0.1  # longest continuation step, in the unknowns
+STEPS_TO_LIMIT = 20  # least number of continuation steps from the impacting limit to finite stiffness
+MOST_STEPS = 200  # largest number of these steps
 
 
 @dataclass(frozen=True, repr=False)
 class StiffOrbit(Periodic):
     """A periodic motion of the stiff gear: see `Periodic`.
 
-    durations (c,): the durations of its c contacts, in forcing periods; `speeds` are the speeds at their ends. The
-    depth of a contact is about speed/√(2κ) or less.
+    durations (c,): the durations of the c contacts, in forcing periods. `speeds` are the speeds at the ends of the
+    contacts. A contact is about as deep as its speed divided by √(2κ), or less.
     """
 
     kappa: float
@@ -38,7 +38,7 @@ class StiffOrbit(Periodic):
 
     @property
     def added(self) -> tuple[str, ...]:
-        """The names of the parameters besides δ, ε and β."""
+        """The names of the motion's parameters besides δ, ε and β: "kappa" only."""
         return ("kappa",)
 
     @property
@@ -53,25 +53,25 @@ class StiffOrbit(Periodic):
 
     @property
     def itinerary(self) -> StiffItinerary:
-        """The itinerary of the motion: the walls that it meets, in order."""
+        """The itinerary of the motion: the walls that it meets in order, m, β and the stiffness."""
         return StiffItinerary(self.walls, self.m, self.beta, softness(self.kappa))
 
     @property
     def unknowns(self) -> Array:
-        """The unknowns (2c + 2,) of the equations: times, durations times √(2κ), δ and ε."""
+        """The unknowns (2c + 2,) of the motion's equations: times of c contacts, durations times √(2κ), δ and ε."""
         return np.concatenate([self.times, self.durations / softness(self.kappa), [self.delta, self.epsilon]])
 
 
 def trace_of(itinerary: StiffItinerary, x: Array) -> float:
-    """Return the trace of the tangent map (2, 2) in (Φ, Φ') over the period."""
-    return float(closure.trace_of_solution(np.delete(x, -2), _cycle(itinerary, x)))
+    """Return the trace of the tangent map, in (Φ, Φ'), over the period of the motion with unknowns x (2c + 2,)."""
+    return float(closure.trace_of_solution(np.delete(x, -2), _cycle_of(itinerary, x)))
 
 
-class Failure(NamedTuple):
-    """A contact or flight that does not end at the wall and time that the equations assume.
+class FailingPiece(NamedTuple):
+    """A flight or contact that does not end at the wall and time that the equations of a motion assume.
 
-    piece: its number. contact: whether it is a contact. wall, time: the wall and the time at which it ends instead;
-    wall 0 means that it cannot begin or has no end.
+    piece: the number of the flight or contact. contact: whether it is a contact. wall, time: the wall and the time at
+    which it ends instead; wall 0 means that it cannot begin or has no end.
     """
 
     piece: int
@@ -80,40 +80,41 @@ class Failure(NamedTuple):
     time: float
 
 
-def admissible(itinerary: StiffItinerary, x: Array) -> bool:
-    """Return whether the motion with unknowns x is admissible: no contact or flight ends before the time assumed."""
-    return bool(closure.is_admissible(np.delete(x, -2), _cycle(itinerary, x)))
+def is_admissible_solution(itinerary: StiffItinerary, x: Array) -> bool:
+    """Return whether the motion with unknowns x is admissible: each flight and contact ends as its equations assume."""
+    return bool(closure.is_admissible(np.delete(x, -2), _cycle_of(itinerary, x)))
 
 
-def first_failure(itinerary: StiffItinerary, x: Array) -> Failure | None:
-    """Return the first flight or contact of the motion with unknowns x (2c + 2,) that does not end as assumed.
+def first_failing_piece(itinerary: StiffItinerary, x: Array) -> FailingPiece | None:
+    """Return the first flight or contact that does not end as the equations assume, of the motion with unknowns x.
 
     Returns
     -------
     Failure | None
         The flight or contact; None if the motion is admissible.
     """
-    number, contact, wall, time = closure.failing_piece(np.delete(x, -2), _cycle(itinerary, x))
-    return None if number < 0 else Failure(int(number), bool(contact), int(wall), float(time))
+    number, contact, wall, time = closure.failing_piece(np.delete(x, -2), _cycle_of(itinerary, x))
+    return None if number < 0 else FailingPiece(int(number), bool(contact), int(wall), float(time))
 
 
-def _cycle(itinerary: StiffItinerary, x: Array) -> Cycle:
+def _cycle_of(itinerary: StiffItinerary, x: Array) -> Cycle:
+    """Return walls and parameters of the motion with unknowns x, as `rattle.stiff.orbits.closure` takes them."""
     kappa = 0.5 / itinerary.softness**2
     return Cycle(np.array(itinerary.walls), itinerary.m, float(x[-2]), itinerary.beta, kappa)
 
 
 def orbit_of(itinerary: StiffItinerary, x: Array) -> StiffOrbit:
-    """Return the motion at a solution x (2c + 2,) for c contacts, with its first time in [0, 1)."""
+    """Return the `StiffOrbit` of a solution x (2c + 2,) with c contacts, the first of them at a time in [0, 1)."""
     c, p = itinerary.contacts, itinerary.softness
     speeds = -itinerary.signs * itinerary.flights(x, np.array([p])).w0
     more: dict[str, Any] = {"kappa": 0.5 / p**2, "durations": p * x[c : 2 * c]}
-    return StiffOrbit.of(itinerary, x, speeds, trace_of(itinerary, x), admissible(itinerary, x), **more)
+    return StiffOrbit.of(itinerary, x, speeds, trace_of(itinerary, x), is_admissible_solution(itinerary, x), **more)
 
 
 def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
-    """Return the motion of the stiff gear at κ that continues a motion of the impacting model.
+    """Return the motion of the stiff gear that a motion of the impacting model becomes at the stiffness κ.
 
-    The motion is followed in κ^(−1/2) from κ = ∞ at fixed δ, ε and β.
+    The motion is continued in κ^(−1/2) from κ = ∞, at fixed δ, ε and β.
 
     Returns
     -------
@@ -144,9 +145,9 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
         raise RattleError(f"the motion ends before kappa = {kappa:g}: its branch folds back at kappa = {fold:g}")
     itinerary = StiffItinerary(orbit.walls, orbit.m, orbit.beta, end)
     found = at_parameters(itinerary, np.concatenate([last[:n], plane]))
-    if found is None or not admissible(itinerary, found):
+    if found is None or not is_admissible_solution(itinerary, found):
         raise RattleError(
-            f"the motion is virtual at kappa = {kappa:g}: a contact is gained or lost on the way from infinity"
+            f"the motion is virtual at kappa = {kappa:g}: a contact is gained or lost on the way from kappa = infinity"
         )
     return orbit_of(itinerary, found)
 
@@ -158,35 +159,35 @@ def follow_from_limit(
     span: tuple[float, float],
     is_admissible: Callable[[Array], bool],
 ) -> Path:
-    """Follow solutions y (N + 1,) from `start` while they are admissible and their last unknown is in `span`."""
-    follower = Follower(problem, (Bound(-1, *span),), is_admissible, longest_step(span, STEPS_TO_LIMIT, LONGEST))
+    """Follow solutions from `start` (N + 1,) while they are admissible and the last unknown, 1/√(2κ), is in `span`."""
+    follower = Follower(problem, (Bound(-1, *span),), is_admissible, longest_step(span, STEPS_TO_LIMIT, LONGEST_STEP))
     return follower.follow(start, tangent_at(problem, start, direction), MOST_STEPS)
 
 
 def follow_contacts(
     delta: float, epsilon: float, beta: float, kappa: float, tau: float, v: float, n_plus: int
 ) -> tuple[StiffItinerary, Array]:
-    """Return the itinerary and the unknowns of the motion from a departure (τ, v) over n_plus contacts with Σ⁺.
+    """Follow a motion from a departure (τ, v) over n_plus contacts with Σ⁺, as a guess of a periodic motion.
 
     Returns
     -------
     tuple[StiffItinerary, Array]
-        The itinerary, and the unknowns (2c + 2,): times and durations of the contacts, δ and ε.
+        The itinerary, and the unknowns (2c + 2,): times of the c contacts, durations times √(2κ), δ and ε.
 
     Raises
     ------
     RattleError
-        If the motion becomes quiet or cannot be followed before.
+        If the motion becomes quiet first, or cannot be followed.
     """
     p = softness(kappa)
     wall, position, w, time = np.int64(1), 0.0, -v, tau
     walls, begins, durations = list[int](), list[float](), list[float]()
     while True:
         before, phase = wall, float(law.folded(time))
-        leaves = position == 0.0 and departs(wall, phase, position, w, delta, epsilon)
+        leaves = position == 0.0 and is_contact_over(wall, phase, position, w, delta, epsilon)
         if leaves and walls.count(1) == n_plus and before == 1:
             break
-        status, s, wall, position, w, *_ = piece(wall, phase, position, w, delta, epsilon, beta, kappa, np.inf)
+        status, s, wall, position, w, *_ = follow_piece(wall, phase, position, w, delta, epsilon, beta, kappa, np.inf)
         if status == QUIET:
             raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: the motion from this state becomes quiet")
         if status != OK or len(walls) > MOST_IMPACTS:
@@ -205,12 +206,12 @@ def follow_contacts(
     return itinerary, np.array([*times, durations[-1], *durations[:-1], delta, epsilon])
 
 
-def as_stiff(orbit: StiffOrbit | Orbit) -> StiffOrbit:
-    """Return a motion as a `StiffOrbit`; an `Orbit` is solved for. Raises ParameterError for another gear's orbit."""
+def as_stiff_orbit(orbit: StiffOrbit | Orbit) -> StiffOrbit:
+    """Return an orbit as a `StiffOrbit`, solving for it if it is an `Orbit`. Raises ParameterError for other gears."""
     if isinstance(orbit, StiffOrbit):
         return orbit
     require(isinstance(orbit, Orbit), f"orbit must be an Orbit or a StiffOrbit, got {type(orbit).__name__}")
-    require("kappa" in orbit.added, "this orbit is of the impacting gear: follow it with rattle.branch")
+    require("kappa" in orbit.added, "orbit is not of a stiff gear: follow it with rattle.branch")
     return stiff_orbit(orbit.delta, orbit.epsilon, orbit.added["kappa"], orbit.tau, orbit.v, orbit.n_plus, orbit.beta)
 
 
@@ -219,8 +220,8 @@ def stiff_orbit(
 ) -> StiffOrbit:
     """Return the periodic motion of the stiff gear near the departure (τ, v) from Σ⁺, with n_plus ≥ 1 contacts with Σ⁺.
 
-    Newton's method solves for the times and durations of the contacts. The motion has its least period: if it already
-    repeats after fewer than n_plus contacts, its n_plus is smaller. All numbers are dimensionless, time is in forcing
+    Newton's method solves for the times and durations of the contacts. If the motion already repeats after fewer than
+    n_plus contacts with Σ⁺, it is returned with its shortest period. All numbers are dimensionless, time is in forcing
     periods.
 
     Returns
@@ -241,6 +242,6 @@ def stiff_orbit(
     require_integer("n_plus", n_plus, 1, MOST_IMPACTS)
     itinerary, x = follow_contacts(delta, epsilon, beta, kappa, tau, v, n_plus)
     found = at_parameters(itinerary, x)
-    if found is None or not admissible(itinerary, found):
+    if found is None or not is_admissible_solution(itinerary, found):
         raise RattleError(f"no periodic motion with {n_plus} contacts with Σ⁺ near tau = {tau}, v = {v}: start closer")
     return orbit_of(*with_shortest_period(itinerary, found))

@@ -18,8 +18,8 @@ function lost() {
   said.id = "lost"
   said.setAttribute("role", "alert")
   said.textContent = again
-    ? "The connection to the service is lost: nothing here changes until it answers again. Then this view comes back by itself."
-    : "This page cannot be opened: its websocket (/ws) ends before the page is here. A proxy before the service must pass on "
+    ? "The connection to the service is lost: nothing here changes until the service answers again. Then this view comes back by itself."
+    : "This page cannot be opened: its websocket (/ws) ends before the page is loaded. A proxy before the service must pass on "
       + "websockets (nginx: proxy_http_version 1.1; proxy_set_header Upgrade $http_upgrade; proxy_set_header Connection upgrade) "
       + "and the Host header (proxy_set_header Host $http_host). Reload to try again."
   document.body.append(said)

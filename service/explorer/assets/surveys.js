@@ -144,7 +144,7 @@ export function render({model}) {
     const [key, falling] = ORDERS[order.value]
     if (key) rows.sort((one, other) => (falling ? -1 : 1) * compare(key(one), key(other)))
     finding.hidden = model.rows.length < FEW
-    none.textContent = model.rows.length && !rows.length ? "No survey has that in its name, notes or settings." : ""
+    none.textContent = model.rows.length && !rows.length ? "No survey has this text in its name, notes or settings." : ""
     none.hidden = !none.textContent
     const items = rows.map((row) => {
       if (!kept.has(row.id)) kept.set(row.id, row_of(row, (id) => { model.chosen = id }))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, TypeVar
 from urllib.parse import urlencode
 
-from gear_rattle.service.harmonics import read_harmonics, written_harmonics
+from gear_rattle.service.harmonics import harmonic_texts, read_harmonics
 from gear_rattle.workers.pictures.look import LINES, POINTS, USUAL_SHARE
 from rattle import Machine
 from rattle.curves import NAMES
@@ -25,7 +25,7 @@ DEFAULT_OVERLAYS = (*NAMES, POINTS)
 UNCHOSEN: Ranges = (0.4, 1.0), (0.0, 0.3)  # window of (δ, ε) if no survey is chosen
 THEMES = ("light", "dark")
 MOST_PINS = 8
-UNNAMED = next(iter(ADDED))  # additional parameter whose value an address has without the parameter's name
+UNNAMED = next(iter(ADDED))  # the additional parameter whose value an address has without the parameter's name
 HARMONIC = "harmonic:"  # prefix of a harmonic in the text of a pin
 LONGEST = 16_000  # longest value in characters: 2000 for each of MOST_PINS pins
 POINT_STATE = "p."
@@ -36,8 +36,11 @@ FURTHER = tuple(f"map{number}" for number in range(2, 2 + MOST_FURTHER))
 T = TypeVar("T")
 
 
-class Entered(NamedTuple):
-    """Numbers of a machine as a viewer entered them, in SI units, but rpm in 1/min. None: not entered."""
+class EnteredMachine(NamedTuple):
+    """Numbers of a machine that a viewer entered, in SI units except the speed `rpm` in revolutions per minute.
+
+    A number that was not entered is None.
+    """
 
     inertia: float
     drag: float
@@ -65,14 +68,14 @@ class Entered(NamedTuple):
         return Machine(**self._asdict())
 
     @property
-    def written(self) -> str:
-        """Text in an address: the fields of older addresses as plain values in order, other fields as name:value."""
+    def address_text(self) -> str:
+        """Text of the machine in an address: its first NUMBERED values in order, each other value as name:value."""
         plain = ["" if each is None else str(each) for each in self[:NUMBERED]]
         more = [f"{name}:{value}" for name, value in list(self._asdict().items())[NUMBERED:] if value is not None]
         return ",".join([*plain, *more])
 
 
-NUMBERED = Entered._fields.index("restitution")  # number of fields that an address has without their names
+NUMBERED = EnteredMachine._fields.index("restitution")  # number of fields that an address has without their names
 
 
 class Pin(NamedTuple):
@@ -94,51 +97,51 @@ class Pin(NamedTuple):
         return with_harmonics(model_of(self.beta, **dict(self.added)), self.harmonics)
 
     @property
-    def written(self) -> str:
-        """Text in an address. The parameter UNNAMED has no name there, as in older addresses."""
+    def address_text(self) -> str:
+        """Text of the pin in an address. The parameter UNNAMED is written without its name, as in older addresses."""
         more = [repr(value) if name == UNNAMED else f"{name}:{value!r}" for name, value in self.added]
-        harmonics = [HARMONIC + each for each in written_harmonics(self.harmonics)]
+        harmonics = [HARMONIC + each for each in harmonic_texts(self.harmonics)]
         return ",".join([*map(repr, self[:3]), *more, *harmonics])
 
     @property
     def label(self) -> str:
-        """Text on the map."""
+        """Text of the pin in the table of pinned points."""
         return f"δ {self.delta:.4g}, ε {self.epsilon:.4g}"
 
 
 def pin_of(delta: float, epsilon: float, model: Model) -> Pin:
     """Return a point of a model as a pin."""
     added = tuple((each.name, model.numbers[each.name]) for each in model.added)
-    return Pin(delta, epsilon, model.beta, added, model.at(delta, epsilon).harmonics)
+    return Pin(delta, epsilon, model.beta, added, model.parameters_at(delta, epsilon).harmonics)
 
 
-def numbered(pins: Sequence[Pin], model: Model) -> dict[str, Pair]:
-    """Return the points (δ, ε) of the pins of this model. Keys are the pins' numbers, counted from 1 over all pins."""
+def points_by_number(pins: Sequence[Pin], model: Model) -> dict[str, Pair]:
+    """Return {number of a pin: its point (δ, ε)} for the pins of this model. Pins of all models are numbered from 1."""
     return {str(i): (pin.delta, pin.epsilon) for i, pin in enumerate(pins, start=1) if pin.model == model}
 
 
 @dataclass(frozen=True)
-class Chosen:
+class MapChoice:
     """Map of a survey: the name of its variable, and an index if the variable has several maps."""
 
     variable: str
     index: int = 0
 
     @property
-    def written(self) -> str:
-        """Text in an address."""
+    def address_text(self) -> str:
+        """Text of the map in an address."""
         return f"{self.variable},{self.index}"
 
     @classmethod
-    def read(cls, text: str) -> Chosen:
+    def read(cls, text: str) -> MapChoice:
         """Return the map that a text in an address names. Raises ValueError if the text is not valid."""
         variable, _, index = text.partition(",")
-        return cls(_word(variable), _index(index or "0"))
+        return cls(_parse_word(variable), _parse_index(index or "0"))
 
 
 @dataclass(frozen=True)
-class Further:
-    """Comparison map, beside the first map of the page. minus: the map shows the first map less this survey."""
+class ComparisonChoice:
+    """Choice of a comparison map. minus: True if the map shows the first map of the page less this survey's map."""
 
     survey: str
     variable: str
@@ -147,16 +150,18 @@ class Further:
     minus: bool = False
 
     @property
-    def written(self) -> str:
-        """Text in an address."""
+    def address_text(self) -> str:
+        """Text of the comparison map in an address."""
         parts = (self.survey, self.variable, str(self.index), str(self.slice), "minus" if self.minus else "")
         return ",".join(parts).rstrip(",")
 
     @classmethod
-    def read(cls, text: str) -> Further:
+    def read(cls, text: str) -> ComparisonChoice:
         """Return the map that a text in an address names. Raises ValueError if the text is not valid."""
         survey, variable, index, number, *minus = text.split(",")
-        return cls(_word(survey), _word(variable), _index(index), _index(number), minus == ["minus"])
+        return cls(
+            _parse_word(survey), _parse_word(variable), _parse_index(index), _parse_index(number), minus == ["minus"]
+        )
 
 
 class Pointer(NamedTuple):
@@ -166,8 +171,8 @@ class Pointer(NamedTuple):
     source: str
 
 
-class AsSeen(NamedTuple):
-    """Settings of the drawn map that the view does not fix, so that the page chooses them.
+class DrawnSettings(NamedTuple):
+    """Settings of a drawn map that the page chose, because the view does not fix them.
 
     limits: range of the colours, None for a map of codes. log: True if the colours are on a log scale. pixels: size of
     the map on the screen, None if the whole survey is shown.
@@ -190,11 +195,11 @@ class View:
         Rule for the range of colours, or (low, high).
     delta, epsilon : Pair | None
         Window (low, high) along each axis, None for the whole survey.
-    machine : Entered | None
+    machine : EnteredMachine | None
         Machine that a viewer entered for the open point, None if the point is not of a machine.
     share : float
         Probability of quiet running that the design limit requires.
-    profile : Chosen | None
+    profile : MapChoice | None
         Map whose profile is drawn below the diagram, None for the map that is shown.
     theme : str
         Theme of the page, "light" or "dark"; empty for the theme of the viewer's system.
@@ -206,7 +211,7 @@ class View:
         True if a viewer chose the variable. This field and all fields below it are not in the address.
     pointer : Pointer | None
         Point that a viewer points at.
-    seen : AsSeen | None
+    seen : DrawnSettings | None
         Settings of the drawn map, None where nothing is drawn.
     before, after : tuple[Ranges | None, ...]
         Windows for Back and for Forward, the next window last; an entry None is the whole survey.
@@ -223,17 +228,17 @@ class View:
     delta: Pair | None = None
     epsilon: Pair | None = None
     point: Pair | None = None
-    machine: Entered | None = None
+    machine: EnteredMachine | None = None
     share: float = USUAL_SHARE
-    further: tuple[Further, ...] = ()
-    profile: Chosen | None = None
+    further: tuple[ComparisonChoice, ...] = ()
+    profile: MapChoice | None = None
     profile_limits: Pair | None = None
     theme: str = ""
     point_state: Mapping[str, str] = field(default_factory=dict)
     pins: tuple[Pin, ...] = ()
     is_variable_chosen: bool = field(default=False, compare=False)
     pointer: Pointer | None = field(default=None, compare=False)
-    seen: AsSeen | None = field(default=None, compare=False)
+    seen: DrawnSettings | None = field(default=None, compare=False)
     before: tuple[Ranges | None, ...] = field(default=(), compare=False)
     after: tuple[Ranges | None, ...] = field(default=(), compare=False)
 
@@ -254,32 +259,32 @@ class View:
             except ValueError:
                 return default
 
-        point = read("point", _point, None)
+        point = read("point", _parse_point, None)
         return cls(
-            survey=read("survey", _word, ""),
-            variable=read("variable", _word, ""),
-            index=read("index", _index, 0),
-            slice=read("slice", _index, 0),
-            family=read("family", _family, None),
-            limits=read("limits", _limits, "auto"),
+            survey=read("survey", _parse_word, ""),
+            variable=read("variable", _parse_word, ""),
+            index=read("index", _parse_index, 0),
+            slice=read("slice", _parse_index, 0),
+            family=read("family", _parse_family, None),
+            limits=read("limits", _parse_limits, "auto"),
             log=text.get("log") == "1",
-            overlays=read("overlays", _overlays, DEFAULT_OVERLAYS),
-            delta=read("delta", _positive_window, None),
-            epsilon=read("epsilon", _window, None),
+            overlays=read("overlays", _parse_overlays, DEFAULT_OVERLAYS),
+            delta=read("delta", _parse_positive_window, None),
+            epsilon=read("epsilon", _parse_window, None),
             point=point,
-            machine=read("machine", _machine, None) if point else None,
-            share=read("share", _share, USUAL_SHARE),
-            further=tuple(each for name in FURTHER if (each := read(name, Further.read, None)) is not None),
-            profile=read("profile", Chosen.read, None),
-            profile_limits=read("profile_limits", _window, None),
+            machine=read("machine", _parse_machine, None) if point else None,
+            share=read("share", _parse_share, USUAL_SHARE),
+            further=tuple(each for name in FURTHER if (each := read(name, ComparisonChoice.read, None)) is not None),
+            profile=read("profile", MapChoice.read, None),
+            profile_limits=read("profile_limits", _parse_window, None),
             theme=text["theme"] if text.get("theme") in THEMES else "",
             point_state={
                 name.removeprefix(POINT_STATE): value
                 for name, value in list(text.items())[:50]
                 if name.startswith(POINT_STATE) and value and point
             },
-            pins=read("pins", _pins, ()),
-            is_variable_chosen=bool(read("variable", _word, "")),
+            pins=read("pins", _parse_pins, ()),
+            is_variable_chosen=bool(read("variable", _parse_word, "")),
         )
 
     def query(self) -> str:
@@ -289,122 +294,123 @@ class View:
         pairs["slice"] = str(self.slice) if self.slice else ""
         pairs["family"] = "" if self.family is None else str(self.family)
         if self.limits != "auto":
-            pairs["limits"] = self.limits if isinstance(self.limits, str) else _written(self.limits)
+            pairs["limits"] = self.limits if isinstance(self.limits, str) else _pair_text(self.limits)
         pairs["log"] = "1" if self.log else ""
         if self.overlays != DEFAULT_OVERLAYS:
             pairs["overlays"] = ",".join(self.overlays) or "none"
         for name, pair in (("delta", self.delta), ("epsilon", self.epsilon), ("point", self.point)):
-            pairs[name] = _written(pair) if pair else ""
+            pairs[name] = _pair_text(pair) if pair else ""
         if self.point and self.machine:
-            pairs["machine"] = self.machine.written
+            pairs["machine"] = self.machine.address_text
         pairs["share"] = repr(self.share) if self.share != USUAL_SHARE else ""
-        pairs |= {name: each.written for name, each in zip(FURTHER, self.further, strict=False)}
-        pairs["profile"] = self.profile.written if self.profile else ""
-        pairs["profile_limits"] = _written(self.profile_limits) if self.profile_limits else ""
+        pairs |= {name: each.address_text for name, each in zip(FURTHER, self.further, strict=False)}
+        pairs["profile"] = self.profile.address_text if self.profile else ""
+        pairs["profile_limits"] = _pair_text(self.profile_limits) if self.profile_limits else ""
         pairs["theme"] = self.theme
-        pairs["pins"] = ";".join(pin.written for pin in self.pins)
+        pairs["pins"] = ";".join(pin.address_text for pin in self.pins)
         if self.point:
             pairs |= {POINT_STATE + name: str(value) for name, value in self.point_state.items()}
         said = {name: value for name, value in pairs.items() if value}
         return "?" + urlencode(said, safe=",;") if said else ""
 
 
-def _written(pair: Pair) -> str:
-    return ",".join(repr(float(value)) for value in pair)  # repr, which reads back as the same number
+def _pair_text(pair: Pair) -> str:
+    # `repr` writes all digits of a number, so that it is read back unchanged
+    return ",".join(repr(float(value)) for value in pair)
 
 
-def _word(text: str) -> str:
+def _parse_word(text: str) -> str:
     if not (text.isascii() and text.replace("_", "").isalnum()):
-        raise ValueError(text)
+        raise ValueError(f"A name has letters, digits and underscores only, not {text!r}.")
     return text
 
 
-def _index(text: str) -> int:
+def _parse_index(text: str) -> int:
     return min(max(int(text), 0), 64)
 
 
-def _family(text: str) -> int:
+def _parse_family(text: str) -> int:
     number = int(text)
     if not 0 <= number < 2**31:
-        raise ValueError(text)
+        raise ValueError(f"The number of a family is from 0 to 2,147,483,647, not {text!r}.")
     return number
 
 
-def _pair(text: str) -> Pair:
+def _parse_pair(text: str) -> Pair:
     first, second = (float(part) for part in text.split(","))
     if not (math.isfinite(first) and math.isfinite(second)):
-        raise ValueError(text)
+        raise ValueError(f"Two finite numbers with a comma between them are needed, not {text!r}.")
     return first, second
 
 
-def _window(text: str) -> Pair:
-    low, high = _pair(text)
+def _parse_window(text: str) -> Pair:
+    low, high = _parse_pair(text)
     if not low < high or not math.isfinite(high - low):
-        raise ValueError(text)
+        raise ValueError(f"A window needs a lower end below its upper end, not {text!r}.")
     return low, high
 
 
-def _positive_window(text: str) -> Pair:
-    low, high = _window(text)
+def _parse_positive_window(text: str) -> Pair:
+    low, high = _parse_window(text)
     if high <= 0:
-        raise ValueError(text)
+        raise ValueError(f"The upper end of a window of δ must be above 0, not {text!r}.")
     return low, high
 
 
-def _point(text: str) -> Pair:
-    delta, epsilon = _pair(text)
+def _parse_point(text: str) -> Pair:
+    delta, epsilon = _parse_pair(text)
     if delta <= 0 or epsilon < 0:
-        raise ValueError(text)
+        raise ValueError(f"A point needs a δ above 0 and an ε of at least 0, not {text!r}.")
     return delta, epsilon
 
 
-def _machine(text: str) -> Entered:
+def _parse_machine(text: str) -> EnteredMachine:
     parts = text.split(",")
     *numbers, drive, stiffness = parts[:NUMBERED]
     inertia, drag, backlash, eccentricity, radius, rpm = map(float, numbers)
     more = {name: float(value) for name, _, value in (each.partition(":") for each in parts[NUMBERED:])}
-    if not more.keys() <= set(Entered._fields[NUMBERED:]):
-        raise ValueError(text)
+    if not more.keys() <= set(EnteredMachine._fields[NUMBERED:]):
+        raise ValueError(f"A number of the machine has an unknown name: {text!r}.")
     rigid = float(stiffness) if stiffness else None
-    found = Entered(inertia, drag, backlash, eccentricity, radius, rpm, drive, rigid, **more)
-    found.machine.gear  # noqa: B018 - raises ParameterError, which is a ValueError
+    found = EnteredMachine(inertia, drag, backlash, eccentricity, radius, rpm, drive, rigid, **more)
+    found.machine.gear  # noqa: B018 - raises a ParameterError, which is a ValueError, if no gear is possible
     return found
 
 
-def _pins(text: str) -> tuple[Pin, ...]:
+def _parse_pins(text: str) -> tuple[Pin, ...]:
     found = []
     for each in text.split(";")[:MOST_PINS]:
         delta, epsilon, beta, *more = each.split(",")
         plain = [one for one in more if not one.startswith(HARMONIC)]
-        added = dict(_added(one) for one in plain)
+        added = dict(_parse_added_parameter(one) for one in plain)
         if len(added) < len(plain):
-            raise ValueError(text)
+            raise ValueError(f"A pin has two values of one parameter: {text!r}.")
         harmonics = read_harmonics(one.removeprefix(HARMONIC) for one in more if one.startswith(HARMONIC))
-        pin = Pin(*_point(f"{delta},{epsilon}"), float(beta), tuple(added.items()), harmonics)
-        pin.model.gear(pin.delta, pin.epsilon)  # raises ParameterError, which is a ValueError
+        pin = Pin(*_parse_point(f"{delta},{epsilon}"), float(beta), tuple(added.items()), harmonics)
+        pin.model.gear(pin.delta, pin.epsilon)  # raises a ParameterError, which is a ValueError, if no gear is possible
         found.append(pin)
     return tuple(dict.fromkeys(found))
 
 
-def _added(text: str) -> tuple[str, float]:
+def _parse_added_parameter(text: str) -> tuple[str, float]:
     name, _, value = text.rpartition(":")
     return name or UNNAMED, float(value)
 
 
-def _share(text: str) -> float:
+def _parse_share(text: str) -> float:
     share = float(text)
     if not 0.0 < share <= MOST_SHARE:
-        raise ValueError(text)
+        raise ValueError(f"The probability of quiet running must be above 0 and at most {MOST_SHARE}, not {text!r}.")
     return share
 
 
-def _limits(text: str) -> Limits | Pair:
+def _parse_limits(text: str) -> Limits | Pair:
     for rule in LIMITS:
         if text == rule:
             return rule
-    return _window(text)
+    return _parse_window(text)
 
 
-def _overlays(text: str) -> tuple[str, ...]:
+def _parse_overlays(text: str) -> tuple[str, ...]:
     chosen = text.split(",")
     return tuple(name for name in OVERLAYS if name in chosen)

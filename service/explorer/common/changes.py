@@ -17,7 +17,7 @@ import panel as pn
 from bokeh.document import Document
 from panel.io.state import set_curdoc
 
-Change = Callable[[], Any]  # returns a coroutine, although Bokeh's type hints do not say so
+Change = Callable[[], Any]  # a function that returns a coroutine, although Bokeh's type hints do not say so
 
 log = logging.getLogger(__name__)
 
@@ -34,12 +34,12 @@ def wait_for_browser(document: Document) -> None:
     loop = asyncio.get_running_loop()
     _waiting.setdefault(document, [])
 
-    def let_go() -> None:
+    def send_waiting_changes() -> None:
         for change in _waiting.pop(document, []):
             document.add_next_tick_callback(change)
 
     def on_load() -> None:
-        loop.call_soon_threadsafe(let_go)
+        loop.call_soon_threadsafe(send_waiting_changes)
 
     with set_curdoc(document):
         pn.state.onload(on_load)
@@ -48,21 +48,22 @@ def wait_for_browser(document: Document) -> None:
 def change_document(document: Document, change: Callable[[], object]) -> None:
     """Call `change` in the event loop, while no other change of the document is under way. For use in any thread."""
 
-    async def act() -> None:
+    async def apply() -> None:
         if document in _waiting:
-            _waiting[document].append(act)
+            _waiting[document].append(apply)
             return
         with set_curdoc(document):
             document.hold("combine")  # otherwise Panel sends its own changes separately, after later changes of Bokeh
             try:
                 change()
-            except Exception:  # Bokeh would not report it
+            except Exception:  # Bokeh would not report the error
                 log.exception("a page of the explorer could not be changed")
             finally:
                 document.unhold()
 
-    schedule: Any = document.add_next_tick_callback  # it takes coroutines too, although its type does not say so
-    schedule(act)
+    # Bokeh accepts coroutines here too, although its type hint does not say so
+    schedule: Any = document.add_next_tick_callback
+    schedule(apply)
 
 
 async def change_and_wait(document: Document, change: Callable[[], object]) -> None:
@@ -75,20 +76,20 @@ async def change_and_wait(document: Document, change: Callable[[], object]) -> N
     """
     done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
-    def act() -> None:
+    def apply() -> None:
         error: Exception | None = None
         try:
             change()
         except Exception as raised:
             error = raised
-        if done.done():  # the task that waits was cancelled
+        if done.done():  # the task that waited for the change was cancelled
             return
         if error is None:
             done.set_result(None)
         else:
             done.set_exception(error)
 
-    change_document(document, act)
+    change_document(document, apply)
     await done
 
 
@@ -101,7 +102,7 @@ def act_in_event_loop(act: Callable[[], object]) -> None:
         change_document(document, act)
 
 
-def in_event_loop(handle: Callable[..., object]) -> Callable[..., None]:
+def handler_in_event_loop(handle: Callable[..., object]) -> Callable[..., None]:
     """Return a handler of browser events that calls `handle` in the event loop."""
 
     @wraps(handle)

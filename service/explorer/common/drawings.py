@@ -14,7 +14,7 @@ PAUSE = 1.0  # seconds between two drawings of a running survey
 Show = Callable[[], object]
 
 
-class Drawings:
+class DrawingRunner:
     """Runs one drawing at a time, because the thread of a cancelled drawing would go on.
 
     If several drawings are requested meanwhile, only the newest follows. While a survey runs, PAUSE seconds pass
@@ -29,7 +29,7 @@ class Drawings:
         self._pause = 0.0
         self._task: asyncio.Task[None] | None = None
 
-    def want(self, what: Hashable, jobs: Sequence[JobRow], draw: Callable[[], AsyncGenerator[Show, None]]) -> None:
+    def request(self, what: Hashable, jobs: Sequence[JobRow], draw: Callable[[], AsyncGenerator[Show, None]]) -> None:
         """Request a drawing of surveys, unless the same drawing is finished or under way.
 
         Parameters
@@ -43,7 +43,7 @@ class Drawings:
             Yields functions that show the drawing so far. They are called only while `what` is the requested drawing.
         """
         self._wanted = what, tuple((job.id, job.state, job.cells_done) for job in jobs)
-        self._draw, self._pause = draw, 0.0 if all(State(job.state).final for job in jobs) else PAUSE
+        self._draw, self._pause = draw, 0.0 if all(State(job.state).is_final for job in jobs) else PAUSE
         if self._wanted != self._drawn and (self._task is None or self._task.done()):
             self._task = self._viewer.start(self._keep_drawing())
 

@@ -13,7 +13,7 @@ Limits = tuple[float, float]
 #: Style of a printed column: as a block it breaks between its parts at the end of a sheet of paper. Chromium does not
 #: break a flexible box there.
 PRINTED = "@media print { :host { display: block !important; } }"
-BESIDE = 62  # pixels left of the frames of figures that are stacked over one common axis
+BESIDE = 62  # pixels to the left of the frames of stacked figures, equal so that their axes are in line
 
 
 def themed_figure(

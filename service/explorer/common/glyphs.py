@@ -39,7 +39,7 @@ POINT = ("x", "y", "marker", "name", "dx", "dy", "to_x", "to_y")
 
 @dataclass(frozen=True)
 class Scale:
-    """Renderers of a map on a linear or on a logarithmic colour scale: Bokeh cannot replace a glyph's mapper later.
+    """Renderers of a map on one colour scale, linear or logarithmic. Bokeh cannot replace a glyph's mapper later.
 
     cells: renderer of the survey's cells. fine: renderer of finer cells in a window. bar: the colour bar.
     """
@@ -50,13 +50,13 @@ class Scale:
     bar: Any
 
 
-def source_of(columns: tuple[str, ...]) -> ColumnDataSource:
+def empty_source(columns: tuple[str, ...]) -> ColumnDataSource:
     """Return a data source with these columns and without rows."""
     return ColumnDataSource({name: [] for name in columns})
 
 
-def share(renderers: Sequence[Any]) -> None:
-    """Let renderers share the stateless models that Bokeh makes for each of them: a fifth of all models of a page."""
+def share_models(renderers: Sequence[Any]) -> None:
+    """Let renderers share stateless models. Bokeh would make them for each renderer: a fifth of a page's models."""
     every, policy = AllIndices(), UnionRenderers()
     for renderer in renderers:
         renderer.view = CDSView(filter=every)
@@ -76,30 +76,30 @@ def style_of(name: str) -> tuple[str, tuple[float, ...]]:
     return ("#000000" if colour == "black" else colour), tuple(2.0 * d for d in dashes[1]) if dashes != "-" else ()
 
 
-def image_glyph(source: ColumnDataSource, mapper: Any, **named: Any) -> Any:
+def image_renderer(source: ColumnDataSource, mapper: Any, **named: Any) -> Any:
     """Return a renderer of images that are drawn below all other glyphs."""
     glyph = Image(image="image", x="x", y="y", dw="dw", dh="dh", color_mapper=mapper)
-    return _rendered(source, glyph, level="image", **named)
+    return _renderer(source, glyph, level="image", **named)
 
 
-def clear_mapper() -> Any:
+def transparent_mapper() -> Any:
     """Return a colour mapper whose first colour is transparent."""
     return LinearColorMapper(palette=[CLEAR], low=0, high=1, nan_color=CLEAR)
 
 
-def veil(source: ColumnDataSource, paper: str) -> Any:
+def veil_renderer(source: ColumnDataSource, paper: str) -> Any:
     """Return an image renderer that covers pixels of value 1 with the translucent background colour `paper`."""
     mapper = LinearColorMapper(palette=[CLEAR, paper + VEIL], low=-0.5, high=1.5, nan_color=CLEAR)
-    return image_glyph(source, mapper, name="veil")
+    return image_renderer(source, mapper, name="veil")
 
 
-def scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict[bool, Scale]:
-    """Return the linear colour scale under the key False, the logarithmic under True. fine: source of finer cells."""
+def colour_scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict[bool, Scale]:
+    """Return {False: the linear colour scale, True: the logarithmic one}. fine: source of finer cells of a window."""
     found = {}
     for log, kind in ((False, LinearColorMapper), (True, LogColorMapper)):
         mapper = kind(palette=["#000000"], low=1, high=2, nan_color=CLEAR)
         cells, finer = (
-            image_glyph(source, mapper, visible=False, name=f"{name}{log:d}")
+            image_renderer(source, mapper, visible=False, name=f"{name}{log:d}")
             for name, source in (("cells", values), ("fine", fine))
         )
         numbers = CustomJSTickFormatter(code=asset("bar_ticks.js"))
@@ -110,7 +110,7 @@ def scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict
     return found
 
 
-def beyond_marks(ink: str) -> list[Any]:
+def range_arrows(ink: str) -> list[Any]:
     """Return two arrows for the ends of the colour bar, which say that values lie below or above its range."""
     style: dict[str, Any] = {"text_font_size": "11px", "text_align": "center", "text_color": ink}
     return [Label(x=0, y=0, text="", visible=False, **style) for _ in range(2)]
@@ -121,7 +121,7 @@ def place_bars(plot: Any, bars: Sequence[Any], is_below: bool) -> None:
     for bar in bars:
         bar.update(width="auto" if is_below else BAR_WIDTH, height=BAR_WIDTH if is_below else "auto")
     right, below = ([each for each in side if each not in bars] for side in (plot.right, plot.below))
-    if is_below:  # add before removing: a bar that is on neither side loses its view
+    if is_below:  # the bars are added before they are removed, because Bokeh drops the view of a bar on neither side
         plot.below = [*below, *bars]
         plot.right = right
     else:
@@ -140,20 +140,20 @@ def mark_ends(marks: Sequence[Any], bar: Any, is_below: bool) -> None:
         mark.update(x=x, y=y, text=ENDS[edge][0], text_baseline=ENDS[edge][1])
 
 
-def line(source: ColumnDataSource, name: str) -> list[Any]:
+def line_renderers(source: ColumnDataSource, name: str) -> list[Any]:
     """Return the renderers of a named line: a white edge, and over it the line in its own style."""
     colour, dash = style_of(name)
     dashes = " ".join(str(round(each)) for each in dash) or "solid"
     halo = MultiLine(xs="xs", ys="ys", line_color="white", line_width=3.6, line_alpha=0.75)
     own = MultiLine(xs="xs", ys="ys", line_color=colour, line_width=1.7, line_dash=dashes)
-    return [_rendered(source, halo), _rendered(source, own, name=name)]
+    return [_renderer(source, halo), _renderer(source, own, name=name)]
 
 
-def points(source: ColumnDataSource) -> list[Any]:
+def point_renderers(source: ColumnDataSource) -> list[Any]:
     """Return the renderers of marked points, of their names, and of leader lines to names away from their points."""
     marks = Scatter(x="x", y="y", marker="marker", size=9, fill_color="white", line_color="black")
     leaders = [
-        _rendered(source, Segment(x0="x", y0="y", x1="to_x", y1="to_y", line_color=colour, line_width=width))
+        _renderer(source, Segment(x0="x", y0="y", x1="to_x", y1="to_y", line_color=colour, line_width=width))
         for colour, width in (("white", 3.0), ("black", 1.0))
     ]
     box: dict[str, Any] = {"padding": 2, "border_radius": 3}
@@ -162,56 +162,56 @@ def points(source: ColumnDataSource) -> list[Any]:
         text_font_size="12px", text_color="black", background_fill_color="white", background_fill_alpha=0.8,
         **box,
     )  # fmt: skip
-    return [*leaders, _rendered(source, marks, name="points"), _rendered(source, names)]
+    return [*leaders, _renderer(source, marks, name="points"), _renderer(source, names)]
 
 
-def names(source: ColumnDataSource) -> Any:
+def name_renderer(source: ColumnDataSource) -> Any:
     """Return a renderer of the names of regions, with a white edge, each shifted to the right by `dx` pixels."""
     glyph = Text(
         x="x", y="y", x_offset="dx", text="name", text_align="center", text_baseline="middle", text_font_size="17px",
         text_font_style="bold", text_color="black", text_outline_color="white",
     )  # fmt: skip
-    return _rendered(source, glyph, name="names")
+    return _renderer(source, glyph, name="names")
 
 
-def band(source: ColumnDataSource) -> Any:
+def band_renderer(source: ColumnDataSource) -> Any:
     """Return the renderer of the band between the ends of the design limit's interval."""
     area = VArea(x="x", y1="low", y2="high", fill_color=OWN_STYLES[LIMIT][0], fill_alpha=OPACITY)
-    return _rendered(source, area, name=BAND_NAME)
+    return _renderer(source, area, name=BAND_NAME)
 
 
-def outline(source: ColumnDataSource) -> list[Any]:
+def outline_renderers(source: ColumnDataSource) -> list[Any]:
     """Return the renderers of a closed line with a white edge."""
     strokes = (("white", 4.0, 0.8), (ELLIPSE, 2.0, 1.0))
     return [
-        _rendered(source, Line(x="x", y="y", line_color=colour, line_width=width, line_alpha=alpha))
+        _renderer(source, Line(x="x", y="y", line_color=colour, line_width=width, line_alpha=alpha))
         for colour, width, alpha in strokes
     ]
 
 
-def cross(source: ColumnDataSource) -> list[Any]:
+def cross_renderers(source: ColumnDataSource) -> list[Any]:
     """Return the renderers of a cross with a white edge."""
-    return _edged(source, "cross", (26, "white", 5), (24, "#d40078", 2))
+    return _edged_markers(source, "cross", (26, "white", 5), (24, "#d40078", 2))
 
 
-def ring(source: ColumnDataSource) -> list[Any]:
+def ring_renderers(source: ColumnDataSource) -> list[Any]:
     """Return the renderers of a ring with a white edge."""
-    return _edged(source, "circle", (17, "white", 5), (17, "black", 2))
+    return _edged_markers(source, "circle", (17, "white", 5), (17, "black", 2))
 
 
-def pins(source: ColumnDataSource) -> list[Any]:
+def pin_renderers(source: ColumnDataSource) -> list[Any]:
     """Return the renderers of pins: each is a number in a disc."""
     disc = Scatter(x="x", y="y", marker="circle", size=20, fill_color="white", line_color="black", line_width=1.5)
     number = Text(
         x="x", y="y", text="name", text_align="center", text_baseline="middle", text_font_size="12px",
         text_font_style="bold", text_color="black",
     )  # fmt: skip
-    return [_rendered(source, disc, name="pins"), _rendered(source, number, name="names of pins")]
+    return [_renderer(source, disc, name="pins"), _renderer(source, number, name="names of pins")]
 
 
-def _edged(source: ColumnDataSource, marker: str, *strokes: tuple[int, str, int]) -> list[Any]:
+def _edged_markers(source: ColumnDataSource, marker: str, *strokes: tuple[int, str, int]) -> list[Any]:
     return [
-        _rendered(
+        _renderer(
             source,
             Scatter(x="x", y="y", marker=marker, size=size, line_color=colour, line_width=width, fill_color=None),
         )
@@ -219,5 +219,5 @@ def _edged(source: ColumnDataSource, marker: str, *strokes: tuple[int, str, int]
     ]
 
 
-def _rendered(source: ColumnDataSource, glyph: Any, **named: Any) -> Any:
+def _renderer(source: ColumnDataSource, glyph: Any, **named: Any) -> Any:
     return GlyphRenderer(data_source=source, glyph=glyph, nonselection_glyph=None, muted_glyph=None, **named)

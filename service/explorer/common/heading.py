@@ -8,7 +8,7 @@ from gear_rattle.service.explorer.common.text import Text
 
 
 class Heading(Text):
-    """Line that describes the shown map. A notice, or the reason why no map is shown, replaces the line."""
+    """Line that describes the shown map. The reason why no map is shown replaces the line."""
 
     def __init__(self, sheet: str) -> None:
         super().__init__("", sheet)
@@ -19,20 +19,16 @@ class Heading(Text):
         self._shown = what
         self._write()
 
-    def progress(self, text: str) -> None:
-        """Write after the description what is being computed. This text is hidden while no map is shown."""
+    def show_progress(self, text: str) -> None:
+        """Write after the description which computation runs. This text is hidden while no map is shown."""
         self._progress = text
         if self._shown:
             self._write()
 
-    def instead(self, html: str) -> None:
+    def show_reason(self, html: str) -> None:
         """Write why no map is shown (HTML), in place of the description."""
         self._shown = self._progress = ""
         self.html = html
-
-    def notice(self, text: str) -> None:
-        """Write an error message, which stays until the next text replaces it."""
-        self.html = f'<p class="notice" role="alert">{escape(text)}</p>'
 
     def _write(self) -> None:
         said = f' <span class="faint" role="status">{escape(self._progress)}</span>' if self._progress else ""

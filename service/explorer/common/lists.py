@@ -8,7 +8,7 @@ from typing import Any
 import param
 from panel.custom import JSComponent
 
-from gear_rattle.service.explorer.common.changes import in_event_loop
+from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.files import asset
 
 
@@ -25,20 +25,20 @@ class SurveyMenu(JSComponent):
     signed_in = param.Boolean(default=False)
 
     _esm = asset("component.js") + asset("surveys.js")
-    _stylesheets = [asset("surveys.css")]  # noqa: RUF012 - as Panel has it
+    _stylesheets = [asset("surveys.css")]  # noqa: RUF012 - Panel's own components declare this as a list
 
     def __init__(self, on_action: Callable[[str, str, Mapping[str, Any]], None], **values: Any) -> None:
         super().__init__(**values)
         self._on_action = on_action
-        self.on_msg(in_event_loop(lambda event: self.press(event.data)))
+        self.on_msg(handler_in_event_loop(lambda event: self.handle_message(event.data)))
 
-    def press(self, message: Any) -> None:
+    def handle_message(self, message: Any) -> None:
         """Call `on_action` for the message that a button of the list sends."""
         if isinstance(message, dict):
             self._on_action(str(message.get("action")), str(message.get("survey")), message)
 
 
-class Key(JSComponent):
+class MapKey(JSComponent):
     """Key of the map: meanings of its colours (`shades`) and lines (`overlays`). chosen: names of the drawn lines."""
 
     shades = param.List(default=[])
@@ -46,4 +46,4 @@ class Key(JSComponent):
     chosen = param.List(default=[])
 
     _esm = asset("key.js")
-    _stylesheets = [asset("key.css")]  # noqa: RUF012 - as Panel has it
+    _stylesheets = [asset("key.css")]  # noqa: RUF012 - Panel's own components declare this as a list

@@ -15,9 +15,10 @@ from starlette.concurrency import run_in_threadpool
 
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.errors import UnavailableError
+from gear_rattle.service.operations.surveys import list_jobs
 from gear_rattle.service.state import Front
 
-LISTED = 100  # most surveys that are read, the newest ones
+LISTED = 100  # most surveys that are listed: the newest ones
 PAUSE = 0.5  # seconds between two readings of the database
 WINDOW = 20.0  # seconds over which a speed is measured
 
@@ -35,8 +36,8 @@ Listener = Callable[[Sequence[JobStatus]], None]
 log = logging.getLogger(__name__)
 
 
-class News:
-    """Publish job status to listeners in the event loop: soon after a listener joins, and whenever it changes.
+class StatusPublisher:
+    """Publish job status to listeners in the event loop: soon after a listener joins, and after every change.
 
     A new listener gets no status that was read before it joined, because a page keeps the survey that it finds first.
     """
@@ -56,24 +57,24 @@ class News:
             if not loop.is_closed():
                 loop.call_soon_threadsafe(self._stale.set)
 
-        keeper = asyncio.create_task(self._keep_up())
+        keeper = asyncio.create_task(self._publish_changes())
         try:
             with self._front.broadcast.watch(on_change):
                 yield
         finally:
             keeper.cancel()
 
-    def listen(self, listener: Listener) -> None:
+    def add_listener(self, listener: Listener) -> None:
         """Add a listener, and publish the status soon."""
         self._listeners.add(listener)
         self._stale.set()
         self._arrived.set()
 
-    def leave(self, listener: Listener) -> None:
+    def remove_listener(self, listener: Listener) -> None:
         """Remove a listener."""
         self._listeners.discard(listener)
 
-    async def _keep_up(self) -> None:
+    async def _publish_changes(self) -> None:
         while True:
             await self._stale.wait()
             self._stale.clear()
@@ -81,18 +82,18 @@ class News:
             if not (listeners := tuple(self._listeners)):
                 continue
             try:
-                jobs, _ = await run_in_threadpool(self._front.database.jobs, LISTED)
+                jobs, _ = await run_in_threadpool(list_jobs, self._front, LISTED)
             except (SQLAlchemyError, UnavailableError) as error:
                 log.warning("the surveys cannot be listed for the explorer: %s", error)
                 self._stale.set()
             else:
-                standings = [self._standing(job, time.monotonic()) for job in jobs]
+                statuses = [self._status_of(job, time.monotonic()) for job in jobs]
                 for listener in self._listeners.intersection(listeners):
-                    listener(standings)
-            with suppress(TimeoutError):  # a new listener ends the pause
+                    listener(statuses)
+            with suppress(TimeoutError):  # a new listener ends the pause early
                 await asyncio.wait_for(self._arrived.wait(), PAUSE)
 
-    def _standing(self, job: JobRow, now: float) -> JobStatus:
+    def _status_of(self, job: JobRow, now: float) -> JobStatus:
         if job.state != State.RUNNING:
             self._past.pop(job.id, None)
             return JobStatus(job, overall_rate(job), None)

@@ -13,7 +13,8 @@ from starlette.concurrency import run_in_threadpool
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.database.tables import Scope
 from gear_rattle.service.errors import ForbiddenError, UnauthorizedError
-from gear_rattle.service.explorer.common.changes import change_and_wait, change_document
+from gear_rattle.service.explorer.common.changes import change_document
+from gear_rattle.service.operations.surveys import current_caller
 from gear_rattle.service.state import Front
 from rattle import RattleError
 
@@ -38,11 +39,12 @@ class Viewer:
         self._caller = caller
         self._tasks: set[asyncio.Task[Any]] = set()
         self._threads = asyncio.Semaphore(THREADS)
-        self.tell: Callable[[str], None] = log.warning  # a page replaces this by a message that is visible on it
+        # a page replaces this function by one that shows the message on the page
+        self.tell: Callable[[str], None] = log.warning
         self.ended = False
 
     def require(self, scope: Scope) -> Caller:
-        """Return the caller if it still has a scope. This method reads the database: call it in a thread.
+        """Return the caller if its API key still has a scope. This method reads the database: call it in a thread.
 
         Returns
         -------
@@ -58,14 +60,10 @@ class Viewer:
         """
         if self._caller is None:
             raise UnauthorizedError("Sign in to see this page.")
-        if self._caller.key is None:
-            return self._caller
-        database, session = self.front.database, self._caller.session
-        key = database.key_by_hash(self._caller.key.hash) if session is None else database.key_by_session(session)
-        if key is None:
+        caller = current_caller(self.front, self._caller)
+        if caller is None:
             raise UnauthorizedError("Your API key was revoked, or you have signed out. Sign in again.")
-        caller = Caller(key, session)
-        if not caller.may(scope):
+        if not caller.has_scope(scope):
             raise ForbiddenError(f"Your API key can only read. This action needs a key with the scope {scope}.")
         return caller
 
@@ -75,16 +73,16 @@ class Viewer:
         return self._caller or Caller()
 
     @property
-    def signed_in(self) -> bool:
+    def is_signed_in(self) -> bool:
         """True if the page was opened with an API key."""
         return self._caller is not None and self._caller.key is not None
 
     def may_submit(self) -> bool:
         """Return whether the caller may submit surveys."""
-        return self._caller is not None and self._caller.may(Scope.SUBMIT)
+        return self._caller is not None and self._caller.has_scope(Scope.SUBMIT)
 
-    async def read(self, work: Callable[[], Result], scope: Scope = Scope.READ) -> Result:
-        """Run `work` in a thread if the caller has a scope, and return the result.
+    async def run_in_thread(self, work: Callable[[], Result], scope: Scope = Scope.READ) -> Result:
+        """Run `work` in a thread if the caller's API key has a scope, and return the result.
 
         A running thread cannot be cancelled: it counts among THREADS until it ends. Work that is cancelled while it
         waits for a free thread never begins.
@@ -101,23 +99,24 @@ class Viewer:
 
         await self._threads.acquire()
         thread = asyncio.ensure_future(run_in_threadpool(run))
-        thread.add_done_callback(self._leave)
+        thread.add_done_callback(self._release_thread)
         return await asyncio.shield(thread)
 
-    def _leave(self, thread: asyncio.Future[Any]) -> None:
+    def _release_thread(self, thread: asyncio.Future[Any]) -> None:
         self._threads.release()
         if not thread.cancelled():
-            thread.exception()  # or asyncio warns that nobody retrieved the exception of cancelled work
+            thread.exception()  # otherwise asyncio warns that the exception of a cancelled task was never retrieved
 
     def start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         """Start a task that is cancelled when the page is closed. An error of the task is shown on the page."""
-        task = asyncio.get_running_loop().create_task(self._guarded(work))
+        task = asyncio.get_running_loop().create_task(self._run_and_report(work))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-        task.add_done_callback(lambda _task: work.close())  # or Python warns about work cancelled before it began
+        # otherwise Python warns that the coroutine was never awaited, if the task is cancelled before it starts
+        task.add_done_callback(lambda _task: work.close())
         return task
 
-    async def _guarded(self, work: Awaitable[None]) -> None:
+    async def _run_and_report(self, work: Awaitable[None]) -> None:
         try:
             await work
         except RattleError as error:
@@ -126,16 +125,12 @@ class Viewer:
             raise
         except Exception:
             log.exception("a page of the explorer failed")
-            self.tell("This could not be shown: an error of the service, which has been logged.")
+            self.tell("A part of this page could not be shown because of an error of the service, which is in its log.")
 
     def change(self, what: Callable[[], object]) -> None:
         """Call `what` while nothing else changes the document. Do nothing once the page is closed."""
         if not self.ended:
             change_document(self.document, what)
-
-    async def changed(self, what: Callable[[], object]) -> None:
-        """Call `what` while nothing else changes the document, and wait until it has returned."""
-        await change_and_wait(self.document, what)
 
     def end(self) -> None:
         """Release the page's resources once it is closed."""

@@ -11,28 +11,28 @@ import panel as pn
 from gear_rattle.service.explorer.common.changes import act_in_event_loop
 
 
-class Watch:
+class WidgetWatcher:
     """Watches widgets for changes that a viewer makes."""
 
     def __init__(self) -> None:
         self._is_paused = False
         self._newest: dict[Any, Any] = {}
 
-    def on(self, widget: Any, used: Callable[[], None], name: str = "value") -> None:
+    def call_on_change(self, widget: Any, used: Callable[[], None], name: str = "value") -> None:
         """Call `used` whenever a viewer has changed the parameter `name` of a widget."""
 
-        def changed(event: Any) -> None:
+        def on_change(event: Any) -> None:
             if not self._is_paused:
                 self._newest[widget] = event
-                act_in_event_loop(lambda: act(event))
+                act_in_event_loop(lambda: act_on_newest(event))
 
-        def act(event: Any) -> None:
-            if self._newest[widget] is event:  # otherwise a newer event follows
-                with self.paused():  # the page may have written another value meanwhile
+        def act_on_newest(event: Any) -> None:
+            if self._newest[widget] is event:  # otherwise a newer event of this widget follows
+                with self.paused():  # the page may have written another value of the widget meanwhile
                     setattr(widget, name, event.new)
                 used()
 
-        widget.param.watch(changed, name)
+        widget.param.watch(on_change, name)
 
     @contextmanager
     def paused(self) -> Iterator[None]:

@@ -18,14 +18,14 @@ from gear_rattle.workers.survey.machine import SurveyedMachine
 
 NAMES = ("damping δ", "eccentricity ε")
 ROUND = "return String(Number((inverse ? scale / tick : scale * tick).toPrecision(7)))"
-NARROW = 1e-5  # relative width; a narrower window has an offset in its labels
-NARROWEST = 1e-13
+NARROW = 1e-5  # width of a window relative to its coordinates; below it the tick labels are distances from an offset
+NARROWEST = 1e-13  # least width of a window
 
 
 class MapAxes:
-    """Axes of a map: δ and ε; for a machine speed and eccentricity, with δ and ε above and on the right.
+    """Axes of a map: δ and ε, or a machine's speed and eccentricity with δ and ε above and on the right.
 
-    Damping falls as speed rises, so for a machine δ rises to the left. is_follower: whether the map shares its ranges
+    Damping falls as speed rises, so for a machine δ rises to the left. is_follower: True if the map shares its ranges
     with another map, which sets this direction.
     """
 
@@ -74,20 +74,20 @@ class MapAxes:
         if not self._is_follower and (span.start > span.end) != (machine is not None):
             span.update(start=span.end, end=span.start)
 
-    def window(self, *window: Pair) -> None:
+    def show_window(self, *window: Pair) -> None:
         """Set the window, and the labels of δ and ε."""
         for pair, span, name, (low, high) in zip(
             zip(self._own, self._second, strict=True), self._spans, NAMES, window, strict=True
         ):
             start, end = (high, low) if span.start > span.end else (low, high)
             span.update(start=start, end=end)
-            offset = offset_of((low, high))
+            offset = label_offset((low, high))
             for axis in pair:
                 axis.axis_label = name if offset is None else f"{name} − {offset[0]!r}, in units of 1e{offset[1]}"
 
 
-def offset_of(window: Pair) -> tuple[float, int] | None:
-    """Return the offset and the power of ten of the tick labels of a narrow window; None for a wide window."""
+def label_offset(window: Pair) -> tuple[float, int] | None:
+    """Return the offset and the unit, as a power of ten, of a narrow window's tick labels; None for a wide window."""
     low, high = window
     span, scale = high - low, max(abs(low), abs(high))
     if span > NARROW * scale:
@@ -96,7 +96,7 @@ def offset_of(window: Pair) -> tuple[float, int] | None:
     return float(f"{(low + high) / 2:.{digits}g}"), math.floor(math.log10(span) + 0.01)
 
 
-def written(value: float, window: Pair) -> str:
+def coordinate_text(value: float, window: Pair) -> str:
     """Return a coordinate with enough digits to distinguish the points of this window on a screen."""
     span = max(window[1] - window[0], 1e-300)
     return f"{value:.{min(max(math.ceil(3 - math.log10(span)), 3), 17)}f}"

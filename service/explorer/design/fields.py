@@ -14,14 +14,15 @@ from rattle import Machine, RattleError
 from rattle.machine import DRIVES
 from rattle.models import Model
 
-DIGITS = 12  # significant digits of a number that was converted from SI units
+DIGITS = 12  # significant digits of a number that is converted from SI units
 
 
 class NumberEntry(NamedTuple):
     """A number of a machine, and the field in which it is entered.
 
-    name, unit: its label. per: how many of these units are one SI unit. first: the first value of the field; None if
-    the field may be empty. is_count: whether the number is a count, as of teeth. about: the tooltip, "" for none.
+    name, unit: the label of the field. per: the number of units that are one SI unit. first: the first value of the
+    field; None if the field may be empty. is_count: True for a count, such as the number of teeth. about: the tooltip,
+    "" for none.
     """
 
     name: str
@@ -36,18 +37,18 @@ class NumberEntry(NamedTuple):
         """Name and unit."""
         return f"{self.name}, {self.unit}" if self.unit else self.name
 
-    def entered(self, value: float) -> float:
+    def to_field_unit(self, value: float) -> float:
         """Return a value of the library (in SI units, speed in rpm) in the unit of the field."""
         return float(f"{value * self.per:.{DIGITS}g}")
 
-    def meant(self, value: float | None) -> float | None:
-        """Return an entered value in the library's unit; None for None. It divides, as 100 / 1e6 is exactly 100e-6."""
+    def to_library_unit(self, value: float | None) -> float | None:
+        """Return an entered value in the library's unit; None for None. 100 µm become exactly 100e-6 m."""
         if value is None:
             return None
         return int(value) if self.is_count and float(value).is_integer() else value / self.per
 
 
-LIKE_FIRST = "Of the second gear; where it is empty, that of the first gear."
+LIKE_FIRST = "A number of the second gear. If the field is empty, the number of the first gear is used."
 NUMBERS = {
     "inertia": NumberEntry("Inertia", "kg m²", 1.0, 0.003),
     "drag": NumberEntry("Drag", "N m s/rad", 1.0, 5e-4),
@@ -69,24 +70,24 @@ NUMBERS = {
     "driven_eccentricity": NumberEntry("Eccentricity 2", "µm", 1e6, None, about=LIKE_FIRST),
 }
 ABOUT = (
-    "<p class=faint>Inertia, drag and base radius are those of the first gear. Fields with a 2 are of the second gear, "
-    "which is like the first where they are empty.</p>"
+    "<p class=faint>Inertia, drag and base radius are numbers of the first gear. A field with a 2 is for the second "
+    "gear; if the field is empty, the number of the first gear is used.</p>"
 )
-BOTH = ("inertia", "drag", "backlash", "radius")  # numbers of every machine
+BOTH = ("inertia", "drag", "backlash", "radius")  # names of the numbers that every machine has
 SECOND = ("teeth", "driven_teeth", "driven_inertia", "driven_drag", "driven_radius")
-PAIR = (*BOTH, *SECOND)  # numbers of the machine of a survey
+PAIR = (*BOTH, *SECOND)  # names of the numbers of a survey's machine
 ERRORS = ("mesh_error", "mesh_error_2", "mesh_error_3")
 POINT = (
     *BOTH, "rpm", "eccentricity", "stiffness", "restitution", "load_torque", *ERRORS, *SECOND, "driven_eccentricity"
 )  # fmt: skip
 
 
-def in_unit(name: str, value: float) -> str:
+def text_in_unit(name: str, value: float) -> str:
     """Return a number of a machine in its unit, for people."""
-    return f"{NUMBERS[name].entered(value):.6g}"
+    return f"{NUMBERS[name].to_field_unit(value):.6g}"
 
 
-def spans_of(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict[str, Pair]:
+def machine_ranges(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict[str, Pair]:
     """Return the speeds and eccentricities of a window of the plane, each (low, high).
 
     Damping falls as speed rises, so the highest speed belongs to the lowest δ.
@@ -107,7 +108,7 @@ def machine_at(machine: SurveyedMachine | None, model: Model, delta: float, epsi
     if machine is None:
         return None
     eccentricity = float(machine.eccentricity(epsilon))
-    shape = model.at(delta, epsilon).harmonics
+    shape = model.parameters_at(delta, epsilon).harmonics
     errors = tuple((order, size * eccentricity, phase) for order, size, phase in shape)
     try:
         found = machine.at(float(machine.rpm(delta)), eccentricity)
@@ -116,7 +117,7 @@ def machine_at(machine: SurveyedMachine | None, model: Model, delta: float, epsi
         return None
 
 
-def machine_beside(machine: Machine | None, delta: float, epsilon: float) -> Machine | None:
+def machine_at_other_point(machine: Machine | None, delta: float, epsilon: float) -> Machine | None:
     """Return the machine of a point at another point: the same gears at another speed and eccentricity.
 
     The result is None if the point has no machine. It is also None if the machine has a mesh stiffness and δ differs:
@@ -133,7 +134,7 @@ def machine_beside(machine: Machine | None, delta: float, epsilon: float) -> Mac
     return replace(machine, speed=speed, eccentricity=eccentricity)
 
 
-def _in_rows(widgets: list[Any], *above: Any) -> pn.Column:
+def _rows_of_two(widgets: list[Any], *above: Any) -> pn.Column:
     rows = (pn.Row(*widgets[i : i + 2], sizing_mode="stretch_width") for i in range(0, len(widgets), 2))
     return pn.Column(*above, *rows, sizing_mode="stretch_width", margin=0)
 
@@ -154,13 +155,13 @@ class MachineFields:
         self._drive = pn.widgets.Select(label="Driven", options=options, value=next(iter(DRIVES)), **style)
         needed = [self._numbers[name] for name in self._numbers if NUMBERS[name].first is not None]
         about = pn.pane.HTML(ABOUT, stylesheets=[sheet], margin=(0, 4))
-        self.needed = _in_rows([*needed, self._drive])
-        self.optional = _in_rows([each for each in self._numbers.values() if each not in needed], about)
+        self.needed = _rows_of_two([*needed, self._drive])
+        self.optional = _rows_of_two([each for each in self._numbers.values() if each not in needed], about)
         self.panel = pn.Column(self.needed, self.optional, sizing_mode="stretch_width", margin=0)
 
-    def given(self) -> dict[str, Any]:
+    def entered_numbers(self) -> dict[str, Any]:
         """Return the entered numbers, as `rattle.Machine` and requests take them; empty optional fields are omitted."""
-        numbers = {name: NUMBERS[name].meant(widget.value) for name, widget in self._numbers.items()}
+        numbers = {name: NUMBERS[name].to_library_unit(widget.value) for name, widget in self._numbers.items()}
         needed = {name for name in numbers if NUMBERS[name].first is not None}
         given = {name: value for name, value in numbers.items() if name in needed or value is not None}
         return given | {"drive": self._drive.value}
@@ -169,5 +170,5 @@ class MachineFields:
         """Set the fields to the numbers of a machine, which are in SI units."""
         for name, widget in self._numbers.items():
             value = machine.get(name)
-            widget.value = None if value is None else NUMBERS[name].entered(value)
+            widget.value = None if value is None else NUMBERS[name].to_field_unit(value)
         self._drive.value = machine["drive"]

@@ -1,4 +1,4 @@
-"""Go to a place with a name, or to a point that is entered: its δ and ε, or a machine in SI units."""
+"""Panel to go to a bookmark, or to a point that a viewer enters as δ and ε or as a machine in SI units."""
 
 from __future__ import annotations
 
@@ -8,48 +8,48 @@ from typing import Any
 
 import panel as pn
 
-from gear_rattle.service.explorer.common.address import Entered
+from gear_rattle.service.explorer.common.address import EnteredMachine
 from gear_rattle.service.explorer.common.text import Text
-from gear_rattle.service.explorer.common.watch import Watch, on_press
+from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.design.fields import POINT, MachineFields
-from gear_rattle.service.explorer.design.places import Bookmark, places
-from gear_rattle.service.explorer.state.events import PlaceChosen, PointClosed, PointOpened
+from gear_rattle.service.explorer.design.places import Bookmark, bookmarks
+from gear_rattle.service.explorer.state.events import BookmarkChosen, PointClosed, PointOpened
 from gear_rattle.service.explorer.state.store import Store
 from rattle import RattleError
 from rattle.models import BETA, DEFAULT_MODEL, MODELS
 
 
-class GoTo:
+class GoToPanel:
     """A list of bookmarks, a button that opens the fields for a point, and a button that closes the open point."""
 
     def __init__(self, store: Store, sheet: str) -> None:
         self._store, self._sheet = store, sheet
-        options = {"choose one …": ""} | places()
+        options = {"choose one …": ""} | bookmarks()
         self.named = pn.widgets.Select(
             label="Named places", options=options, value="", stylesheets=[sheet], width=220, margin=(0, 8, 6, 0)
         )
-        self._watch = Watch()
-        self._watch.on(self.named, self._go)
+        self._watch = WidgetWatcher()
+        self._watch.call_on_change(self.named, self._go_to_bookmark)
         self.said = Text("", sheet)
         self._open = pn.widgets.Button(
             label="Go to a point", css_classes=["go-to"], stylesheets=[sheet], margin=(0, 8, 6, 0)
         )
-        on_press(self._open, self._toggle)
+        on_press(self._open, self._toggle_fields)
         self._fields: pn.Column | None = None
         self._close = pn.widgets.Button(
             label="Close the point", stylesheets=[sheet], visible=store.view.point is not None, margin=(0, 0, 6, 0)
         )
         on_press(self._close, partial(store.dispatch, PointClosed()))
-        store.subscribe(self._follow, "point")
+        store.subscribe(self._show_close_button, "point")
         row = pn.FlexBox(
             self.named, self._open, self._close, align_items="flex-end", sizing_mode="stretch_width", margin=0
         )
         self.panel = pn.Column(row, self.said.pane, css_classes=["go-to-place"], sizing_mode="stretch_width", margin=0)
 
-    def _follow(self) -> None:
+    def _show_close_button(self) -> None:
         self._close.visible = self._store.view.point is not None
 
-    def _go(self) -> None:
+    def _go_to_bookmark(self) -> None:
         """Go to the chosen bookmark, if the map is of the default model and its default β, as all bookmarks are."""
         place: Bookmark | str = self.named.value
         if isinstance(place, str):
@@ -58,20 +58,20 @@ class GoTo:
             self.named.value = ""  # so that the same bookmark can be chosen again
         if self._store.model != MODELS[DEFAULT_MODEL]():
             named = f"{DEFAULT_MODEL} gear at β = {BETA.default}"
-            self._wrong(f"The places that have names are of the {named}. Choose a survey of it.")
+            self._show_error(f"The named places are in the plane of the {named}. Choose a survey of this gear first.")
             return
         self.said.html = ""
-        self._store.dispatch(PlaceChosen(place.window, place.point, place.state))
+        self._store.dispatch(BookmarkChosen(place.window, place.point, place.state))
 
-    def _toggle(self) -> None:
+    def _toggle_fields(self) -> None:
         if self._fields is None:
-            self._fields = self._made()
+            self._fields = self._build_fields()
             self.panel.insert(1, self._fields)
         else:
             self._fields.visible = not self._fields.visible
         self._open.label = "Close" if self._fields.visible else "Go to a point"
 
-    def _made(self) -> pn.Column:
+    def _build_fields(self) -> pn.Column:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [self._sheet]}
         ways = {"damping δ, eccentricity ε": False, "a machine in SI units": True}
         self._in_si = pn.widgets.Select(label="Enter as", options=ways, **style)
@@ -81,34 +81,34 @@ class GoTo:
         self._machine = MachineFields(POINT, self._sheet)
         self._machine.panel.visible = False
         show = pn.widgets.Button(label="Show", css_classes=["show"], margin=(6, 4), stylesheets=[self._sheet])
-        on_press(show, self._show)
+        on_press(show, self._open_entered_point)
 
-        def on_way(event: Any) -> None:
+        def on_entry_mode(event: Any) -> None:
             plain.visible, self._machine.panel.visible = not event.new, event.new
 
-        self._in_si.param.watch(on_way, "value")
+        self._in_si.param.watch(on_entry_mode, "value")
         return pn.Column(self._in_si, plain, self._machine.panel, show, sizing_mode="stretch_width", margin=0)
 
-    def _show(self) -> None:
+    def _open_entered_point(self) -> None:
         self.said.html = ""
         if not self._in_si.value:
             if self._delta.value and self._epsilon.value is not None:
                 self._store.dispatch(PointOpened((self._delta.value, self._epsilon.value)))
             else:
-                self._wrong("Give a damping above 0, and an eccentricity.")
+                self._show_error("Enter a damping δ above 0, and an eccentricity ε.")
             return
-        given = self._machine.given()
+        given = self._machine.entered_numbers()
         empty = [name for name, value in given.items() if value is None]
         if empty:
-            self._wrong(f"A machine needs {' and '.join(empty)} too.")
+            self._show_error(f"The machine lacks numbers: enter {' and '.join(empty)} too.")
             return
-        entered = Entered(**given)
+        entered = EnteredMachine(**given)
         try:
             gear = entered.machine.gear
         except RattleError as error:
-            self._wrong(str(error))
+            self._show_error(str(error))
         else:
             self._store.dispatch(PointOpened((gear.delta, gear.epsilon), entered))
 
-    def _wrong(self, why: str) -> None:
+    def _show_error(self, why: str) -> None:
         self.said.html = f'<p class="wrong" role="alert">{escape(why)}</p>'

@@ -30,12 +30,12 @@ class Bookmark:
     state: Mapping[str, str] = field(default_factory=dict)
 
 
-def places() -> dict[str, Bookmark]:
+def bookmarks() -> dict[str, Bookmark]:
     """Return all bookmarks by name."""
-    return dict(_places())
+    return dict(_named_bookmarks())
 
 
-def _places() -> Iterator[tuple[str, Bookmark]]:
+def _named_bookmarks() -> Iterator[tuple[str, Bookmark]]:
     for name, (delta, epsilon) in CORNERS.items():
         wide, high = EITHER_WAY
         yield name, Bookmark(((delta - wide, delta + wide), (epsilon - high, epsilon + high)))

@@ -21,12 +21,23 @@ def motion_intensities(gear: AnyGear, attractors: Sequence[rattle.Attractor]) ->
 def _intensity(gear: AnyGear, attractor: rattle.Attractor) -> rattle.Intensity | None:
     try:
         return gear.intensity(attractor)
-    except rattle.RattleError:  # too close to grazing, or to rest
+    except rattle.RattleError:  # the motion is too close to grazing, or to rest
         return None
 
 
 def spectrum_lines(gear: AnyGear, attractor: rattle.Attractor) -> Lines | Density:
-    """Return the lines of a periodic or quiet motion, or a chaotic one's density. Raises RattleError if undecided."""
+    """Return the spectral lines of a periodic or quiet motion, or the spectral density of a chaotic motion.
+
+    Returns
+    -------
+    Lines | Density
+        Spectrum of the force between the teeth.
+
+    Raises
+    ------
+    RattleError
+        The attractor is undecided.
+    """
     return gear.spectrum(attractor, HIGHEST)
 
 

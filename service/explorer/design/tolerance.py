@@ -17,9 +17,9 @@ from rattle.models import AnyGear, model_at
 from rattle.parameters import Harmonic
 
 HELD = 0.95  # share of the gears inside the ellipse
-RADIUS = math.sqrt(-2.0 * math.log(1.0 - HELD))  # standard deviations
-SIDES = 96  # of the polygon that stands for the ellipse
-COUNT, JUDGED = 8, 256  # initial conditions per gear; gears that are checked for passing
+RADIUS = math.sqrt(-2.0 * math.log(1.0 - HELD))  # radius of the ellipse in standard deviations
+SIDES = 96  # number of sides of the polygon that is drawn for the ellipse
+COUNT, JUDGED = 8, 256  # initial conditions per gear; largest number of gears that are judged as passing or not
 # Fields of a machine that `rattle.population` does not get under these names.
 NOT_GIVEN = ("speed", "eccentricity", "errors", "driven_errors")
 LEAST = 0.1  # least speed and damping of a gear, relative to the mean
@@ -57,8 +57,19 @@ def tolerance_outline(delta: float, epsilon: float, machine: Machine | None, wid
     return np.column_stack([np.maximum(x, LEAST * delta), np.maximum(y, 0.0)])
 
 
-def given_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[str, Any]:
-    """Return the gears' numbers as `rattle.population` takes them. Raises ParameterError if a harmonic has a phase."""
+def population_numbers(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[str, Any]:
+    """Return the numbers of gears with tolerances, in the form that `rattle.population` takes.
+
+    Returns
+    -------
+    dict[str, Any]
+        Numbers by name; a number with a tolerance is a normal distribution.
+
+    Raises
+    ------
+    ParameterError
+        A harmonic has a phase other than 0.
+    """
     if machine is None:
         others: dict[str, Any] = {**model_at(gear).numbers, **_amplitudes("harmonic", gear.parameters.harmonics)}
         pair = {"delta": gear.delta, "epsilon": gear.epsilon}
@@ -67,26 +78,28 @@ def given_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[
         names = (each.name for each in fields(machine) if each.name not in NOT_GIVEN)
         others = {name: getattr(machine, name) for name in names} | _amplitudes("error", machine.errors)
     for name, width, low in zip(pair, widths, (LEAST, 0.0), strict=False):
-        pair[name] = _varying(pair[name], width, low)
+        pair[name] = _distribution(pair[name], width, low)
     return {**others, **pair}
 
 
 def _amplitudes(name: str, harmonics: Sequence[Harmonic]) -> dict[str, float]:
     """Return amplitudes by order as `rattle.population` takes them. Raises ParameterError if a phase is not 0."""
     for order, _, phase in harmonics:
-        require(phase == 0.0, f"tolerances are known of harmonics with phase 0, not of order {order} at {phase:g}")
+        require(
+            phase == 0.0, f"tolerances need harmonics of phase 0, but the harmonic of order {order} has phase {phase:g}"
+        )
     return {f"{name}_{order}": size for order, size, _ in harmonics}
 
 
-def _varying(mean: float, width: float, low: float) -> Any:
+def _distribution(mean: float, width: float, low: float) -> Any:
     return Normal(mean, width, low=low * mean) if width > 0.0 else mean
 
 
-def yield_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> Yield:
+def compute_yield(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> Yield:
     """Return the yield of gears that vary around a point. Raises ParameterError if a harmonic has a phase."""
     gears = model_at(gear).design_gears
     found = rattle.population(
-        given_of(gear, machine, widths),
+        population_numbers(gear, machine, widths),
         gears=gears,
         count=COUNT,
         share=widths.share,
@@ -98,13 +111,13 @@ def yield_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> Yield
 
 
 def yield_in_words(found: Yield, share: float) -> str:
-    """Return a yield in two sentences."""
+    """Return a yield in sentences. share: the required probability of quiet running."""
     return (
-        f"Of {found.gears} gears with these tolerances {_percent(found.quiet)} of all runs are quiet, and "
-        f"{_percent(found.passing)} of the gears pass: they run quietly with a probability of {share:g} at least "
-        "(in brackets 95 % intervals)."
+        f"Of {found.gears} gears with these tolerances {_percent_with_interval(found.quiet)} of all runs are quiet. "
+        f"{_percent_with_interval(found.passing)} of the gears pass: they run quietly with a probability of at least "
+        f"{share:g}. The brackets hold 95 % intervals."
     )
 
 
-def _percent(found: Estimate) -> str:
+def _percent_with_interval(found: Estimate) -> str:
     return f"{100 * found.value:.1f} % [{100 * found.low:.1f}, {100 * found.high:.1f}]"

@@ -19,17 +19,17 @@ TENTH = 0.1  # default standard deviations, relative to the point's numbers
 
 
 class ToleranceFields:
-    """Fields for two standard deviations and a probability; a button calls `on_asked` with the entered values."""
+    """Fields for two standard deviations and a probability; a button calls `on_request` with the entered values."""
 
     def __init__(self, sheets: list[str]) -> None:
-        self.on_asked: Callable[[Tolerance], None]
+        self.on_request: Callable[[Tolerance], None]
         style: dict[str, Any] = {"width": 150, "margin": (2, 4), "stylesheets": sheets}
         first, second, share = (pn.widgets.FloatInput(start=0.0, **style) for _ in range(3))
         share.label = "Passes: P(quiet) ≥"
         self.widgets = first, second, share
         self._per = 1.0, 1.0
         self._button = pn.widgets.Button(label="Compute yield", **style)
-        on_press(self._button, self.ask)
+        on_press(self._button, self.request_yield)
         self.said = Text("", *sheets, margin=(0, 4))
         heading = Text("<h2>Tolerances</h2>", *sheets, margin=(0, 4))
         self.panel = pn.Column(
@@ -37,7 +37,7 @@ class ToleranceFields:
             sizing_mode="stretch_width", margin=0,
         )  # fmt: skip
 
-    def offer(self, gear: AnyGear, machine: Machine | None, widths: Tolerance | None) -> None:
+    def fill(self, gear: AnyGear, machine: Machine | None, widths: Tolerance | None) -> None:
         """Set the fields for a point: tolerances of speed and eccentricity if it has a machine, else of δ and ε."""
         first, second, share = self.widgets
         if machine is None:
@@ -53,10 +53,10 @@ class ToleranceFields:
         share.value = given.share
         self.said.html = ""
 
-    def ask(self) -> None:
-        """Call `on_asked` with the entered tolerances, or say that a field is empty."""
+    def request_yield(self) -> None:
+        """Call `on_request` with the entered tolerances, or say that a field is empty."""
         first, second, share = (each.value for each in self.widgets)
         if first is None or second is None or share is None:
             self.said.html = '<p class="wrong" role="alert">A tolerance needs a number in each field.</p>'
         else:
-            self.on_asked(Tolerance(first / self._per[0], second / self._per[1], share))
+            self.on_request(Tolerance(first / self._per[0], second / self._per[1], share))

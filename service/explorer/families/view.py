@@ -13,11 +13,11 @@ import panel as pn
 from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.explorer.common.address import View
-from gear_rattle.service.explorer.common.drawings import Drawings, Show
+from gear_rattle.service.explorer.common.drawings import DrawingRunner, Show
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.viewer import Viewer
-from gear_rattle.service.explorer.common.watch import Watch, on_press
-from gear_rattle.service.explorer.families.told import (
+from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
+from gear_rattle.service.explorer.families.description import (
     Extent,
     FamilyDescription,
     family_description,
@@ -28,19 +28,19 @@ from gear_rattle.service.explorer.families.told import (
 )
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
-from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.state.events import FamilyChosen, PointOpened
 from gear_rattle.service.explorer.state.store import JOBS, Store
 from gear_rattle.workers import Group, SurveyError, SurveyRequest
 from gear_rattle.workers.pictures.look import SHARE
 from rattle import RattleError
 
-NOBODY = "all of them"
-NO_NUMBERS = "The families of this survey are known when it is computed."
+NO_FAMILY = "all of them"
+NO_NUMBERS = "The families of this survey are known once the survey is computed."
 ALONG = {"delta": "Its diagram along δ", "epsilon": "Its diagram along ε"}
 
 
-class FamilyMaps(NamedTuple):
+class FamilyData(NamedTuple):
     """Families read from a survey, the same for all windows.
 
     names: the names of the first families. family: the description of the chosen family, None without one. plane: the
@@ -54,7 +54,7 @@ class FamilyMaps(NamedTuple):
 
 
 class FamiliesView:
-    """Show a chosen family: `which` is the list to choose from, `panel` the description. The map shows its cells.
+    """Show a chosen family. which: the list of families. panel: the description of the chosen family, below the map.
 
     Parameters
     ----------
@@ -62,121 +62,123 @@ class FamiliesView:
         Figure of the map, on which the cells without the family are dimmed.
     """
 
-    def __init__(self, shared: Shared, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
+    def __init__(self, shared: SharedState, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
         self._shared, self._viewer, self._store, self._figure = shared, viewer, store, figure
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
-        self.which = pn.widgets.Select(label="Family", options={NOBODY: ""}, width=165, visible=False, **styled)
-        self._watch = Watch()
-        self._watch.on(self.which, self._on_chosen)
+        self.which = pn.widgets.Select(label="Family", options={NO_FAMILY: ""}, width=165, visible=False, **styled)
+        self._watch = WidgetWatcher()
+        self._watch.call_on_change(self.which, self._on_chosen)
         self._along = {name: pn.widgets.Button(label=label, visible=False, **styled) for name, label in ALONG.items()}
         for name, button in self._along.items():
-            on_press(button, partial(self.go_along, name))
+            on_press(button, partial(self.open_diagram, name))
         self.said = Text("", sheet)
         self.panel = pn.Column(
             self.said.pane, pn.FlexBox(*self._along.values(), margin=0), sizing_mode="stretch_width", margin=0,
             visible=False,
         )  # fmt: skip
         self._extents: dict[str, Extent] = {}
-        self.drawings = Drawings(viewer)
-        self._of: tuple[str, int, int | None] = ("", 0, None)  # survey, slice, family
-        self._known: tuple[tuple[Any, ...], FamilyMaps] | None = None
-        store.subscribe(self._follow, "survey", "slice", "family", "delta", "epsilon", "seen", JOBS)
+        self.drawings = DrawingRunner(viewer)
+        # id of the survey, number of the slice, number of the family
+        self._of: tuple[str, int, int | None] = ("", 0, None)
+        self._known: tuple[tuple[Any, ...], FamilyData] | None = None
+        store.subscribe(self._on_view_change, "survey", "slice", "family", "delta", "epsilon", "seen", JOBS)
 
-    def _follow(self) -> None:
+    def _on_view_change(self) -> None:
         view, job = self._store.view, self._store.job
         if job is None or not job.is_readable or not _has_families(job):
             self.drawings.stop()
-            self._hide()
+            self._hide_choices()
             self.panel.visible = False
             return
-        if self._of != (of := (view.survey, view.slice, view.family)):  # the shown family is another one
+        if self._of != (of := (view.survey, view.slice, view.family)):  # another family, slice or survey was chosen
             if self._of[:2] != of[:2]:
-                self._offer({}, None)
+                self._set_options({}, None)
             self._of = of
-            self._forget()
+            self._clear_description()
         wanted = (*of, view.window, self._figure.pixels if view.window else ())
-        self.drawings.want(wanted, [job], partial(self._draw, view, job))
+        self.drawings.request(wanted, [job], partial(self._draw, view, job))
 
     async def _draw(self, view: View, job: JobRow) -> AsyncGenerator[Show, None]:
         window, is_too_close, pixels = view.window, self._figure.is_too_close, self._figure.pixels
         key = view.slice, view.family, job.id, job.state, job.cells_done
         before = self._known[1] if self._known is not None and self._known[0] == key else None
 
-        def read() -> tuple[FamilyMaps, MapBlock | None]:
-            known = before or self._read(view, job)
+        def read() -> tuple[FamilyData, MapBlock | None]:
+            known = before or self._read_families(view, job)
             if known.plane is None:
                 return known, None
             if window and is_too_close:
-                return known, known.plane.enlarged(window)
+                return known, known.plane.enlarged_block(window)
             return known, known.plane.block(window, pixels, anywhere=True)
 
         try:
-            known, seen = await self._viewer.read(read)
+            known, seen = await self._viewer.run_in_thread(read)
         except RattleError as error:
-            yield partial(self._refuse, str(error))
+            yield partial(self._show_error, str(error))
             return
         self._known = key, known
-        yield partial(self._show, view.family, known, seen)
+        yield partial(self._show_family, view.family, known, seen)
 
-    def _read(self, view: View, job: JobRow) -> FamilyMaps:
+    def _read_families(self, view: View, job: JobRow) -> FamilyData:
         place = self._shared.front.directory.store(job.id)
         if not place.exists():
             raise MissingError(NO_NUMBERS)
         found = stored_families(place, SurveyRequest.model_validate(job.request), view.slice)
         names = first_family_names(found)
         if view.family is None:
-            return FamilyMaps(names)
+            return FamilyData(names)
         try:
             require_family(found, view.family)
         except SurveyError as error:
-            return FamilyMaps(names, why=str(error))
+            return FamilyData(names, why=str(error))
         plane = self._shared.plane(job, SHARE, view.family, view.slice)
-        return FamilyMaps(names, family_description(found, plane, view.family), plane)
+        return FamilyData(names, family_description(found, plane, view.family), plane)
 
-    def _show(self, number: int | None, known: FamilyMaps, seen: MapBlock | None) -> None:
+    def _show_family(self, number: int | None, known: FamilyData, seen: MapBlock | None) -> None:
         options = {name: str(i) for i, name in enumerate(known.names)}
         self.panel.visible = True
         if known.family is None or seen is None:
-            self._offer(options, None)
-            self._forget()
-            self._say(known.why)
+            self._set_options(options, None)
+            self._clear_description()
+            self._show_message(known.why)
             return
-        self._offer(options | {known.family.name: str(number)}, number)  # also a family that is not in the list
-        self._figure.veil(np.isnan(seen.values) | (seen.values <= 0), seen.box)
+        # the chosen family may be beyond the MOST_LISTED families
+        self._set_options(options | {known.family.name: str(number)}, number)
+        self._figure.dim_cells(np.isnan(seen.values) | (seen.values <= 0), seen.box)
         self._extents = {each.direction: each for each in known.family.extents}
         for name, button in self._along.items():
             button.visible = name in self._extents
         self.said.html = family_in_words(known.family, self._store.model)
 
-    def _offer(self, options: dict[str, str], number: int | None) -> None:
+    def _set_options(self, options: dict[str, str], number: int | None) -> None:
         value = "" if number is None else str(number)
         with self._watch.paused():
-            self.which.param.update(options={NOBODY: ""} | options, value=value, visible=True)
+            self.which.param.update(options={NO_FAMILY: ""} | options, value=value, visible=True)
 
-    def _refuse(self, why: str) -> None:
-        self._hide()
+    def _show_error(self, why: str) -> None:
+        self._hide_choices()
         self.panel.visible = True
-        self._say(why)
+        self._show_message(why)
 
-    def _hide(self) -> None:
-        self._forget()
+    def _hide_choices(self) -> None:
+        self._clear_description()
         self.which.visible = False
 
-    def _say(self, why: str) -> None:
+    def _show_message(self, why: str) -> None:
         self.said.html = f'<p class="faint" role="status">{escape(why)}</p>' if why else ""
 
-    def _forget(self) -> None:
+    def _clear_description(self) -> None:
         self._extents = {}
         self.said.html = ""
         for button in self._along.values():
             button.visible = False
-        self._figure.no_veil()
+        self._figure.undim_cells()
 
     def _on_chosen(self) -> None:
         chosen = str(self.which.value)
         self._store.dispatch(FamilyChosen(int(chosen) if chosen else None))
 
-    def go_along(self, direction: str) -> None:
+    def open_diagram(self, direction: str) -> None:
         """Open the point in the middle of the family's longest row ("delta") or column, with the diagram along it."""
         extent = self._extents.get(direction)
         if extent is not None:

@@ -1,4 +1,4 @@
-"""The difference of two surveys: one variable of both, on the cells of the first survey."""
+"""Compute the difference of two surveys: the same variable of both, on the cells of the first survey."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 import xarray as xr
 
-from gear_rattle.service.explorer.map.planes import MapPlane, cells_at
+from gear_rattle.service.explorer.map.planes import MapPlane, cell_indices
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.pictures.look import LARGEST
@@ -24,13 +24,13 @@ def require_small(request: SurveyRequest) -> None:
     """Raise SurveyError if a survey has too many cells for a difference, which is held in memory."""
     if (size := math.prod(request.shape)) > MOST_CELLS:
         raise SurveyError(
-            f"A difference needs surveys of at most {MOST_CELLS:,} cells, and this one has {size:,}: "
-            "save a window as a survey, or read both in Python."
+            f"A difference needs surveys of at most {MOST_CELLS:,} cells, and one of these surveys has {size:,} cells: "
+            "submit a survey of a smaller window, or compute the difference in Python."
         )
 
 
 class Difference(MapPlane):
-    """First map less another map, float32. For codes: 1 where they differ, else 0.
+    """Values of the first map less the values of another map, float32. For maps of codes: 1 where they differ, else 0.
 
     The value is NaN where either map has no value. The status is 0 where either map is not computed or the other map
     has no cell.
@@ -54,8 +54,8 @@ class Difference(MapPlane):
         self.delta, self.epsilon, self._levels = first.delta, first.epsilon, halvings(first.request.shape)
         axes = ((other.delta, first.delta), (other.epsilon, first.epsilon))
         self.is_same_grid = all(np.array_equal(*pair) for pair in axes)
-        column, row = (cells_at(*pair) for pair in axes)
-        (mine, status), (others, beside) = first.whole(), other.whole()
+        column, row = (cell_indices(*pair) for pair in axes)
+        (mine, status), (others, beside) = first.all_cells(), other.all_cells()
         others, beside = (each[np.ix_(row, column)] for each in (others, beside))
         reached = np.logical_and.outer(row >= 0, column >= 0)
         done = (status > 0) & (beside > 0) & reached
@@ -74,6 +74,6 @@ class Difference(MapPlane):
         attributes = {"long_name": f"difference: {title_of(variable)}", **meanings}
         self.plane = xr.DataArray(self.values, dims=CELL, name=f"{variable.name}_difference", attrs=attributes)
 
-    def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
+    def cell_at(self, delta: float, epsilon: float) -> xr.Dataset | None:
         """Return all variables of the first survey's cell at a point. It blocks: use a thread."""
-        return self._first.cell(delta, epsilon)
+        return self._first.cell_at(delta, epsilon)

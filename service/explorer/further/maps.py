@@ -6,14 +6,14 @@ from collections.abc import Mapping
 
 import panel as pn
 
-from gear_rattle.service.explorer.common.address import MOST_FURTHER, Further
+from gear_rattle.service.explorer.common.address import MOST_FURTHER, ComparisonChoice
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.further.one import ComparisonMap
-from gear_rattle.service.explorer.further.surveys import surveys_of
+from gear_rattle.service.explorer.further.surveys import survey_options
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.planes import map_names
-from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.state.events import MapAdded
 from gear_rattle.service.explorer.state.store import JOBS, Store
 
@@ -27,7 +27,9 @@ class ComparisonMaps:
         Figure of the first map, whose window all maps share.
     """
 
-    def __init__(self, shared: Shared, viewer: Viewer, store: Store, first: MapFigure, theme: str, sheet: str) -> None:
+    def __init__(
+        self, shared: SharedState, viewer: Viewer, store: Store, first: MapFigure, theme: str, sheet: str
+    ) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
         self._first, self._theme, self._sheet = first, theme, sheet
         self.maps: list[ComparisonMap] = []
@@ -36,11 +38,11 @@ class ComparisonMaps:
             label="Add a second map", css_classes=["beside-map"], stylesheets=[sheet], margin=(2, 8, 2, 0),
             visible=False,
         )  # fmt: skip
-        on_press(self.add, self._add)
+        on_press(self.add, self._add_map)
         self._named: tuple[tuple[str, str], ...] = ()
         self.surveys: Mapping[str, str] = {}
         store.subscribe(
-            self._follow,
+            self._on_view_change,
             "survey",
             "variable",
             "index",
@@ -52,13 +54,13 @@ class ComparisonMaps:
             "further",
             JOBS,
         )
-        store.subscribe(self._follow_pointer, "pointer")
+        store.subscribe(self._on_pointer_change, "pointer")
 
-    def _follow(self) -> None:
+    def _on_view_change(self) -> None:
         """Make as many maps as the view has, and let each show its part of the view."""
         view = self._store.view
         self.add.visible = bool(view.survey) and len(view.further) < MOST_FURTHER
-        if not self._store.is_told:
+        if not self._store.has_surveys:
             return
         while len(self.maps) > len(view.further):
             self.maps.pop().end()
@@ -72,15 +74,15 @@ class ComparisonMaps:
         jobs = [status.job for status in self._store.jobs.values()]
         named = tuple((each.id, each.name) for each in jobs if each.is_readable)
         if self.maps and named != self._named:
-            self._named, self.surveys = named, surveys_of(jobs)
+            self._named, self.surveys = named, survey_options(jobs)
         for each in self.maps:
-            each.follow(self.surveys)
+            each.show_view(self.surveys)
 
-    def _follow_pointer(self) -> None:
+    def _on_pointer_change(self) -> None:
         for each in self.maps:
-            each.follow_pointer()
+            each.show_pointer()
 
-    def _add(self) -> None:
+    def _add_map(self) -> None:
         """Add a comparison map of the first map's survey: the next of its maps that is not shown yet."""
         view, request = self._store.view, self._store.request
         if request is None or not view.survey:
@@ -88,7 +90,7 @@ class ComparisonMaps:
         names = list(map_names(request).values())
         shown = {(view.variable, view.index), *((each.variable, each.index) for each in view.further)}
         free = [each for each in names if (each.variable, each.index) not in shown] or names
-        self._store.dispatch(MapAdded(Further(view.survey, free[0].variable, free[0].index, view.slice)))
+        self._store.dispatch(MapAdded(ComparisonChoice(view.survey, free[0].variable, free[0].index, view.slice)))
 
     def end(self) -> None:
         """Release the resources of a closed page."""

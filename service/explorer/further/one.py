@@ -12,20 +12,27 @@ from typing import Any
 import panel as pn
 
 from gear_rattle.service.database.tables import JobRow
-from gear_rattle.service.explorer.common.address import Chosen, Further, Pair, Ranges, View, numbered
+from gear_rattle.service.explorer.common.address import (
+    ComparisonChoice,
+    MapChoice,
+    Pair,
+    Ranges,
+    View,
+    points_by_number,
+)
 from gear_rattle.service.explorer.common.drawings import Show
 from gear_rattle.service.explorer.common.heading import Heading
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.viewer import Viewer
-from gear_rattle.service.explorer.common.watch import Watch, on_press
+from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.further.difference import Difference, require_small
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import WHOLE, MapLines
-from gear_rattle.service.explorer.map.picture import as_seen, links, picture_query
+from gear_rattle.service.explorer.map.picture import drawn_settings, picture_links, picture_query
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, map_names
 from gear_rattle.service.explorer.map.readout import cell_in_words
-from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.map.survey_map import SurveyMap
 from gear_rattle.service.explorer.state.events import MapChanged, MapRemoved
 from gear_rattle.service.explorer.state.store import Store, request_of_job
@@ -33,7 +40,7 @@ from gear_rattle.workers import SurveyRequest
 from rattle import RattleError
 
 SHOWN = "shown"
-GONE = "This survey is no longer there."
+GONE = "This survey is no longer there. Choose another survey for this map."
 NO_FIRST = "Choose a survey for the first map."
 MINUS = "first map less this one"
 
@@ -41,18 +48,20 @@ MINUS = "first map less this one"
 class ComparisonMap(SurveyMap):
     """Comparison map with the index `place`. A viewer chooses its survey and variable in the widgets above it."""
 
-    def __init__(self, shared: Shared, viewer: Viewer, store: Store, figure: MapFigure, sheet: str, place: int) -> None:
+    def __init__(
+        self, shared: SharedState, viewer: Viewer, store: Store, figure: MapFigure, sheet: str, place: int
+    ) -> None:
         super().__init__(shared, viewer, store, figure, Heading(sheet), Text("", sheet))
         self._place = place
         self.lines = MapLines(viewer, figure)
         self.key, self.links = Text("", sheet), Text("", sheet)
-        self._watch = Watch()
+        self._watch = WidgetWatcher()
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self.survey = pn.widgets.Select(label=f"Survey of map {place + 2}", options={}, width=120, **styled)
         self.variable = pn.widgets.Select(label=f"Map {place + 2}", options={}, width=175, **styled)
         self.minus = pn.widgets.CheckBoxGroup(options=[MINUS], **{**styled, "margin": (2, 8, 8, 4)})
         for widget in (self.survey, self.variable, self.minus):
-            self._watch.on(widget, self._on_chosen)
+            self._watch.call_on_change(widget, self._on_chosen)
         remove = pn.widgets.Button(label=f"Remove map {place + 2}", **styled)
         on_press(remove, partial(store.dispatch, MapRemoved(place)))
         choices = pn.FlexBox(
@@ -64,50 +73,50 @@ class ComparisonMap(SurveyMap):
             choices, self.title.pane, plot, self.key.pane, self.links.pane, self.said.pane,
             sizing_mode="stretch_both", margin=0, css_classes=[SHOWN],
         )  # fmt: skip
-        self._further: Further | None = None  # the map that is drawn
+        self._further: ComparisonChoice | None = None  # choice of the map that is drawn
         self._window: Ranges | None = None
         self._reading: asyncio.Task[None] | None = None
 
-    def follow(self, surveys: Mapping[str, str]) -> None:
-        """Show the map that the view has at the index `place`. surveys: the choice of surveys, from `surveys_of`."""
+    def show_view(self, surveys: Mapping[str, str]) -> None:
+        """Show the map that the view has at the index `place`. surveys: options of the menu, from `survey_options`."""
         view, jobs = self._store.view, self._store.jobs
         further = view.further[self._place]
         job, first = (jobs[each].job if each in jobs else None for each in (further.survey, view.survey))
         if job is None or not job.is_readable:
-            self._miss(GONE)
+            self._show_no_map(GONE)
             return
-        further = self._offer(further, job, surveys)
+        further = self._show_choices(further, job, surveys)
         if further.minus and (first is None or not first.is_readable):
-            self._miss(NO_FIRST)
+            self._show_no_map(NO_FIRST)
             return
         of_first = (view.survey, view.variable, view.index, view.slice) if further.minus else ()
         of = (job, first) if first is not None and further.minus else (job,)
-        self.drawings.want((further, of_first), of, partial(self._draw, further, view, *of))
+        self.drawings.request((further, of_first), of, partial(self._draw, further, view, *of))
         if self.plane is not None:
-            self._follow_view(self.plane)
+            self._show_window_and_lines(self.plane)
 
-    def _offer(self, further: Further, job: JobRow, surveys: Mapping[str, str]) -> Further:
-        """Offer surveys and maps; return the chosen map, or the survey's first map if it has no such map."""
+    def _show_choices(self, further: ComparisonChoice, job: JobRow, surveys: Mapping[str, str]) -> ComparisonChoice:
+        """Set the menus of surveys and maps; return the chosen map, or the survey's first map if it lacks that map."""
         request = request_of_job(job)
         maps, number = map_names(request), sum(request.along(further.slice))
-        chosen = Chosen(further.variable, further.index)
+        chosen = MapChoice(further.variable, further.index)
         if chosen not in maps.values():
             chosen = next(iter(maps.values()))
-        options = {words: each.written for words, each in maps.items()}
+        options = {words: each.address_text for words, each in maps.items()}
         with self._watch.paused():
             self.survey.param.update(options=dict(surveys), value=f"{further.survey},{number}")
-            self.variable.param.update(options=options, value=chosen.written, visible=not further.minus)
+            self.variable.param.update(options=options, value=chosen.address_text, visible=not further.minus)
             self.minus.value = [MINUS] if further.minus else []
         return replace(further, variable=chosen.variable, index=chosen.index, slice=number)
 
     def _on_chosen(self) -> None:
         survey, _, number = str(self.survey.value).partition(",")
-        chosen = Chosen.read(str(self.variable.value))
-        further = Further(survey, chosen.variable, chosen.index, int(number), bool(self.minus.value))
+        chosen = MapChoice.read(str(self.variable.value))
+        further = ComparisonChoice(survey, chosen.variable, chosen.index, int(number), bool(self.minus.value))
         self._store.dispatch(MapChanged(self._place, further))
 
     async def _draw(
-        self, further: Further, view: View, job: JobRow, first: JobRow | None = None
+        self, further: ComparisonChoice, view: View, job: JobRow, first: JobRow | None = None
     ) -> AsyncGenerator[Show, None]:
         def read() -> tuple[MapPlane, MapBlock, Colouring]:
             if first is not None:
@@ -122,70 +131,70 @@ class ComparisonMap(SurveyMap):
             return plane, block, colouring(plane, block, "auto", False, self.figure.pixels)
 
         try:
-            plane, block, colours = await self._viewer.read(read)
+            plane, block, colours = await self._viewer.run_in_thread(read)
         except RattleError as error:
             yield partial(self.show_nothing, f'<p class="notice" role="alert">{escape(str(error))}</p>')
             return
 
         def show() -> None:
             self._further = further
-            self.figure.in_si(plane.request.machine)
-            self.title.show(escape(_titled(plane, colours, job, first, request_of_job(job))))
+            self.figure.show_axes_of(plane.request.machine)
+            self.title.show(escape(_title_of(plane, colours, job, first, request_of_job(job))))
             self._window = self._store.window
             self.figure.show_window(self._window)
             is_computed = not isinstance(plane, Difference)
-            self.draw_map(plane, block, colours, Chosen(further.variable, further.index) if is_computed else None)
-            self._follow_view(plane)
+            self.draw_map(plane, block, colours, MapChoice(further.variable, further.index) if is_computed else None)
+            self._show_window_and_lines(plane)
 
         yield show
 
-    def _miss(self, why: str) -> None:
+    def _show_no_map(self, why: str) -> None:
         self.drawings.stop()
         self.show_nothing(f"<p>{why}</p>")
 
     def show_nothing(self, why: str) -> None:
-        """Show why no cells are shown (HTML), and remove lines and pins too."""
+        """Remove all cells, lines and pins, and write why no map is shown. why: HTML."""
         self.plane = None
         super().show_nothing(why)
         self.lines.clear()
-        self.figure.pins({})
+        self.figure.mark_pins({})
         self.links.html = ""
 
-    def _follow_view(self, plane: MapPlane) -> None:
+    def _show_window_and_lines(self, plane: MapPlane) -> None:
         """Show the window, the lines and the pins of the view."""
         view, window, model = self._store.view, self._store.window, plane.request.gear_model
         if self._window != window:
             self._window = window
             self.figure.show_window(window)
             self.refine()
-        self.figure.pins(numbered(view.pins, model))
-        self.links.html = self._pictures(plane, view)
+        self.figure.mark_pins(points_by_number(view.pins, model))
+        self.links.html = self._picture_links(plane, view)
         self.lines.draw([name for name in view.overlays if name not in WHOLE], model, window)
 
-    def follow_pointer(self) -> None:
+    def show_pointer(self) -> None:
         """Mark the point that a viewer points at, and write the value of the cell there."""
         pointer = self._store.view.pointer
-        self.figure.cursor(None if pointer is None else pointer.at)
+        self.figure.mark_cursor(None if pointer is None else pointer.at)
         if self._reading is not None:
             self._reading.cancel()
         if pointer is not None and self.plane is not None:
-            self._reading = self._viewer.start(self._read(self.plane, pointer.at, self._store.window))
+            self._reading = self._viewer.start(self._show_cell_value(self.plane, pointer.at, self._store.window))
 
-    def _pictures(self, plane: MapPlane, first: View) -> str:
+    def _picture_links(self, plane: MapPlane, first: View) -> str:
         """Return links to pictures of this map, in HTML; "" for a difference, which has no pictures."""
         further, colours = self._further, self.colours
         if further is None or colours is None or isinstance(plane, Difference):
             return ""
-        seen = as_seen(colours, self.figure.pixels if first.window else None)
+        seen = drawn_settings(colours, self.figure.pixels if first.window else None)
         shown = replace(
             first, variable=further.variable, index=further.index, slice=further.slice, family=None,
             overlays=tuple(name for name in first.overlays if name not in WHOLE),
         )  # fmt: skip
         query = picture_query(self._store.jobs[further.survey].job.request, shown, seen)
-        return f"<p class=faint>Picture: {links(further.survey, further.variable, query)}</p>"
+        return f"<p class=faint>Picture: {picture_links(further.survey, further.variable, query)}</p>"
 
-    async def _read(self, plane: MapPlane, at: Pair, window: Ranges) -> None:
-        said = await self._viewer.read(lambda: cell_in_words(plane, *at, window, self.finer))
+    async def _show_cell_value(self, plane: MapPlane, at: Pair, window: Ranges) -> None:
+        said = await self._viewer.run_in_thread(lambda: cell_in_words(plane, *at, window, self.finer))
 
         def show() -> None:
             self.said.html = f"<p>{escape(said)}</p>"
@@ -194,20 +203,20 @@ class ComparisonMap(SurveyMap):
 
     def show_shades(self, shades: Sequence[Shade]) -> None:
         """Show the meanings and the shares of the colours in the key below the map."""
-        self.key.html = key_of(shades)
+        self.key.html = key_html(shades)
 
 
-def _titled(plane: MapPlane, colours: Colouring, job: JobRow, first: JobRow | None, request: SurveyRequest) -> str:
-    if not isinstance(plane, Difference) or first is None:  # the widgets above the map show the rest
+def _title_of(plane: MapPlane, colours: Colouring, job: JobRow, first: JobRow | None, request: SurveyRequest) -> str:
+    if not isinstance(plane, Difference) or first is None:  # the widgets above the map show its survey and its variable
         return f"{plane.request.gear_model}{f' ({colours.note})' if colours.note else ''}"
     cells = "the same cells"
     if not plane.is_same_grid:
         size = " × ".join(str(axis.num) for axis in (request.delta, request.epsilon))
-        cells = f"each cell of the first with the nearest of {size}, which has other ones"
-    return f"{first.called} less {job.called}, {cells}: {colours.title}"
+        cells = f"each cell of the first survey with the nearest cell of the second, which has {size} cells"
+    return f"{first.display_name} less {job.display_name}, {cells}: {colours.title}"
 
 
-def key_of(shades: Sequence[Shade]) -> str:
+def key_html(shades: Sequence[Shade]) -> str:
     """Return the key of a map, in HTML: its colours with their meanings and shares."""
     entries = "".join(
         f'<li><span style="display:inline-block;width:.8rem;height:.8rem;background:{each.colour};'

@@ -8,18 +8,18 @@ from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.explorer.state.store import request_of_job
 
 
-def surveys_of(jobs: Iterable[JobRow]) -> dict[str, str]:
-    """Return the choice of surveys and slices: the text "id,slice number" of each, by its name in words."""
+def survey_options(jobs: Iterable[JobRow]) -> dict[str, str]:
+    """Return the options of a menu of surveys and slices: {name in words: "survey id,number of the slice"}."""
     surveys: dict[str, str] = {}
     for each in jobs:
-        for name, number, words in _slices(each) if each.is_readable else []:
+        for name, number, words in _named_slices(each) if each.is_readable else []:
             key = f"{name}{words}"
             surveys[f"{key} ({each.id[:6]})" if key in surveys else key] = f"{each.id},{number}"
     return surveys
 
 
-def _slices(job: JobRow) -> list[tuple[str, int, str]]:
-    """Return the survey's name, and the number and the words of each slice; (0, "") without a third axis."""
+def _named_slices(job: JobRow) -> list[tuple[str, int, str]]:
+    """Return the survey's name with the number and the words of each slice; 0 and "" if it has no third axis."""
     thirds = request_of_job(job).third_axis
     slices = [(i, f", {name} = {value:g}") for name, axis in thirds.items() for i, value in enumerate(axis.values())]
-    return [(job.called, number, words) for number, words in slices or [(0, "")]]
+    return [(job.display_name, number, words) for number, words in slices or [(0, "")]]

@@ -11,21 +11,21 @@ from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.explorer.common.address import View
 from gear_rattle.service.explorer.common.figures import PRINTED
 from gear_rattle.service.explorer.common.viewer import Viewer
-from gear_rattle.service.explorer.map.shared import Shared
-from gear_rattle.service.explorer.point.panel import Below, PointPanel
-from gear_rattle.service.explorer.point.parts import Chances, chances_of_cell
-from gear_rattle.service.explorer.point.state import opened_gear
+from gear_rattle.service.explorer.map.shared import SharedState
+from gear_rattle.service.explorer.point.panel import FigurePlace, PointPanel
+from gear_rattle.service.explorer.point.parts import SampledAttractors, survey_attractors
+from gear_rattle.service.explorer.point.state import open_machine_and_model
 from gear_rattle.service.explorer.point.view import PointView
 from gear_rattle.service.explorer.state.store import JOBS, Store
 from rattle import Machine, RattleError
 from rattle.models import Model
 
-OPENED = "with-point"  # CSS class of the panel while a point is open: the page gives the panel more room
+OPENED = "with-point"  # CSS class of the panel while a point is open, which gives the panel more room on the page
 #: On a small screen the list of bookmarks moves below the open point, so that the point's answer is seen first.
 ANSWER_FIRST = f"@media (max-width: 1199px) {{ :host(.{OPENED}) > .go-to-place {{ order: 1; }} }}"
 
 
-class Beside:
+class RightSide:
     """Right side of the page: the panel `above`, the open point, and the pane `under`.
 
     Attributes
@@ -36,11 +36,11 @@ class Beside:
 
     def __init__(
         self,
-        shared: Shared,
+        shared: SharedState,
         viewer: Viewer,
         store: Store,
         theme: str,
-        below: Below,
+        below: FigurePlace,
         above: pn.Column,
         under: pn.pane.Bokeh,
     ) -> None:
@@ -54,19 +54,19 @@ class Beside:
         self.panel = pn.Column(
             above, self._column, under, sizing_mode="stretch_width", margin=0, stylesheets=[PRINTED, ANSWER_FIRST]
         )
-        store.subscribe(self._follow, "point", "machine", "point_state", "survey", "slice", JOBS)
+        store.subscribe(self._on_view_change, "point", "machine", "point_state", "survey", "slice", JOBS)
 
-    def _follow(self) -> None:
-        view, opened = self._store.view, opened_gear(self._store)
+    def _on_view_change(self) -> None:
+        view, opened = self._store.view, open_machine_and_model(self._store)
         if view.point is None:
-            self._close()
+            self._close_point()
         elif opened is not None and (of := (view.point, *opened)) != self._of:
             self._of = of
-            self._open(view, *opened)
+            self._open_point(view, *opened)
         elif self.point is not None:
-            self.point.follow()
+            self.point.show_state()
 
-    def _open(self, view: View, machine: Machine | None, model: Model) -> None:
+    def _open_point(self, view: View, machine: Machine | None, model: Model) -> None:
         assert view.point is not None
         self.end()
         points = self._points or PointPanel(self._theme, self._below)
@@ -76,28 +76,28 @@ class Beside:
         if self._points is None:
             self._points = points
             self._column.append(points.column)
-        self._answering = self._viewer.start(self._answer(point, view, self._store.job, model))
+        self._answering = self._viewer.start(self._show_survey_answer(point, view, self._store.job, model))
 
-    async def _answer(self, point: PointView, view: View, job: JobRow | None, model: Model) -> None:
+    async def _show_survey_answer(self, point: PointView, view: View, job: JobRow | None, model: Model) -> None:
         """Show the basin fractions of the survey's cell around the point, until the point itself is computed."""
         assert view.point is not None
         at = view.point
 
-        def read() -> Chances | None:
-            with suppress(RattleError):  # raised while the survey has no numbers
+        def read() -> SampledAttractors | None:
+            with suppress(RattleError):  # the error is raised while the survey has no numbers
                 plane = self._shared.plane(job, view.variable, view.index, view.slice)
-                sample, cell = plane.request.initial_conditions, plane.cell(*at)
-                # the survey samples the whole default box of (τ, v), as a point does
+                sample, cell = plane.request.initial_conditions, plane.cell_at(*at)
+                # True if the survey samples the whole default box of (τ, v), as a clicked point does
                 is_whole = (*sample.tau, sample.v_min, sample.v_max) == (0.0, 1.0, 0.0, None)
                 if cell is not None and is_whole and plane.request.gear_model == model:
-                    return chances_of_cell(cell, sample.count)
+                    return survey_attractors(cell, sample.count)
             return None
 
-        known = await self._viewer.read(read)
+        known = await self._viewer.run_in_thread(read)
         if known is not None:
-            self._viewer.change(lambda: point.tell_survey(known))
+            self._viewer.change(lambda: point.show_survey_answer(known))
 
-    def _close(self) -> None:
+    def _close_point(self) -> None:
         self.end()
         self._of = ()
         self._column.visible = False

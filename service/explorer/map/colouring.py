@@ -56,39 +56,40 @@ class Colouring:
     reasons: np.ndarray
     reason_colours: tuple[str, ...]
     note: str = ""
-    names: Mapping[str, Pair] = field(default_factory=dict)  # names of regions or families, each with its point (δ, ε)
+    # names of regions or families, each with the point (δ, ε) where it is written
+    names: Mapping[str, Pair] = field(default_factory=dict)
     beyond: Pair = (0.0, 0.0)  # shares of the values below `low` and above `high`
 
 
-def layers_of(plane: MapPlane, block: MapBlock) -> dict[str, tuple[np.ndarray, str]]:
-    """Return, for each reason why cells have no value, the mask of these cells and their colour."""
+def valueless_cells(plane: MapPlane, block: MapBlock) -> dict[str, tuple[np.ndarray, str]]:
+    """Return {reason why cells have no value: (mask of these cells, their colour)}."""
     variable = str(plane.plane.name)
     return valueless_layers(variable, block.values, block.status, words_without_value(plane.plane))
 
 
-def _share(block: MapBlock, code: int, shown: np.ndarray, computed: int) -> float:
+def _share_of_code(block: MapBlock, code: int, shown: np.ndarray, computed: int) -> float:
     """Return a code's share of the computed cells, also if one drawn cell stands for several computed cells."""
     if block.shares:
         return block.shares.get(code, 0.0)
     return float((shown == code).sum() / max(computed, 1))
 
 
-def values_shown(plane: MapPlane, block: MapBlock) -> np.ndarray:
+def shown_values(plane: MapPlane, block: MapBlock) -> np.ndarray:
     """Return the values of a block, NaN where a cell has no value."""
-    without = np.logical_or.reduce([mask for mask, _ in layers_of(plane, block).values()])
+    without = np.logical_or.reduce([mask for mask, _ in valueless_cells(plane, block).values()])
     return np.where(without, np.float32(np.nan), block.values)
 
 
-def window_shown(plane: MapPlane, window: Ranges, room: Room) -> tuple[np.ndarray, Ranges]:
+def shown_window(plane: MapPlane, window: Ranges, room: Room) -> tuple[np.ndarray, Ranges]:
     """Return the values of the cells in a window, and the box that they cover. It blocks: use a thread."""
     block = plane.block(window, room)
-    return values_shown(plane, block), block.box
+    return shown_values(plane, block), block.box
 
 
 def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool, room: Room = UNSEEN) -> Colouring:
     """Return the colours of a map whose drawn cells are `block`. room: pixels of the map. It blocks: use a thread."""
     values, variable = block.values, str(plane.plane.name)
-    layers = layers_of(plane, block)
+    layers = valueless_cells(plane, block)
     reasons = np.zeros(values.shape, np.uint8)
     for number, (mask, _) in enumerate(layers.values(), start=1):
         reasons[mask] = number
@@ -112,12 +113,12 @@ def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool
             colours = list(colours_of_codes(plane.plane))
             every = range(len(colours))
         named = tuple(
-            Shade(label, colours[every.index(int(code))], _share(block, int(code), shown, computed))
+            Shade(label, colours[every.index(int(code))], _share_of_code(block, int(code), shown, computed))
             for code, label in zip(codes, labels, strict=True)
         )
         return Colouring(
             title_of(plane.plane), colours, every[0] - 0.5, every[-1] + 0.5, False, True, named + shades, reasons,
-            reason_colours, names=_names(variable, block, dict(zip(codes, labels, strict=True)), room),
+            reason_colours, names=_placed_names(variable, block, dict(zip(codes, labels, strict=True)), room),
         )  # fmt: skip
     low, high, note = colour_limits(shown, (float(norm.vmin or 0.0), float(norm.vmax or 0.0)), limits)
     if log:
@@ -127,7 +128,7 @@ def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool
         reasons[hidden] = len(reason_colours)
         shades += (Shade("zero or below", reason_colours[-1], float(hidden.sum() / reasons.size)),)
     palette = [to_hex(cmap(shade)) for shade in np.linspace(0.0, 1.0, SHADES)]
-    beyond = _beyond(values[reasons == 0], low, high)
+    beyond = _shares_beyond_limits(values[reasons == 0], low, high)
     sides = zip(beyond, ("below", "above"), strict=True)
     notes = [note, *(f"{share:.2%} of the values are {side} the scale" for share, side in sides if share)]
     note = "; ".join(each for each in notes if each)
@@ -136,7 +137,7 @@ def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool
     )  # fmt: skip
 
 
-def _names(variable: str, block: MapBlock, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
+def _placed_names(variable: str, block: MapBlock, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
     """Return the names of regions or of families, each with the point (δ, ε) where it is written; {} on other maps."""
     if variable == "region":
         return region_places(block.values, block.delta, block.epsilon)
@@ -148,14 +149,14 @@ def family_places(block: MapBlock, labels: Mapping[float, str], room: Room) -> d
     rows, columns = block.values.shape
     least = max(WIDE * min(rows, columns), 1.5)
     large = [code for code in labels if 0 < code < OTHERS and (block.values == code).sum() > 3 * (least - 1) ** 2]
-    named = {int(code): _short(labels[code]) for code in large}
-    long, tall = (pixels / max(size, 1) for pixels, size in zip(NAME, room, strict=True))  # shares of the map
+    named = {int(code): _short_name(labels[code]) for code in large}
+    # size of a name as shares of the map's width and height
+    long, tall = (pixels / max(size, 1) for pixels, size in zip(NAME, room, strict=True))
     places: dict[str, Pair] = {}
     taken: list[Pair] = []
     for code, (i, j, wide) in sorted(widest_cells(block.values, named).items(), key=lambda each: -each[1][2]):
-        inside = int(
-            np.clip(j, long / 2 * columns, max(1 - long / 2, long / 2) * columns - 1)
-        )  # so that no letter is cut off
+        # the name is moved inwards, so that none of its letters is cut off
+        inside = int(np.clip(j, long / 2 * columns, max(1 - long / 2, long / 2) * columns - 1))
         at = i / rows, inside / columns
         is_free = all(abs(at[0] - y) > tall or abs(at[1] - x) > long for y, x in taken)
         if wide >= least and is_free and block.values[i, inside] == code:
@@ -164,13 +165,13 @@ def family_places(block: MapBlock, labels: Mapping[float, str], room: Room) -> d
     return places
 
 
-def _short(label: str) -> str:
+def _short_name(label: str) -> str:
     """Return the number of a family, with the letter of its motion if it has one: "6: P(1,1,1) = D" is "6: D"."""
     number, is_numbered, name = label.partition(": ")
     return f"{number}: {name.split(' = ')[-1]}" if is_numbered else label
 
 
-def _beyond(values: np.ndarray, low: float, high: float) -> Pair:
+def _shares_beyond_limits(values: np.ndarray, low: float, high: float) -> Pair:
     """Return the shares of values below and above the limits, which are first rounded to float32 like the values."""
     if not values.size:
         return 0.0, 0.0

@@ -10,8 +10,8 @@ import panel as pn
 
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.text import Text
-from gear_rattle.service.explorer.common.watch import Watch
-from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.common.watch import WidgetWatcher
+from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.state.events import IndexChosen, LimitsSet, SliceChosen, VariableChosen
 from gear_rattle.service.explorer.state.store import JOBS, Store
 from gear_rattle.workers.pictures.look import LARGEST, variable_words
@@ -59,8 +59,8 @@ FEATURED = (
 )
 
 
-def featured_in(names: Collection[str]) -> dict[str, str]:
-    """Return the variable of each featured map that a survey with these variables has, by the text of its button."""
+def featured_maps(names: Collection[str]) -> dict[str, str]:
+    """Return {text of the button: variable} for the featured maps that can be drawn from these variables."""
     found = {each.button: next((name for name in each.variables if name in names), None) for each in FEATURED}
     return {button: name for button, name in found.items() if name is not None}
 
@@ -70,10 +70,10 @@ def meaning_of(variable: str) -> str:
     return next((each.meaning for each in FEATURED if variable in each.variables), "")
 
 
-class Controls:
+class MapControls:
     """Widgets that choose a map. featured: the buttons. panel: all other widgets. The page may append to both."""
 
-    def __init__(self, shared: Shared, store: Store, sheet: str) -> None:
+    def __init__(self, shared: SharedState, store: Store, sheet: str) -> None:
         self._shared, self._store = shared, store
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self.buttons = pn.widgets.RadioButtonGroup(
@@ -91,13 +91,13 @@ class Controls:
         self.high = pn.widgets.FloatInput(label="to", width=110, **styled)
         self.log = pn.widgets.CheckBoxGroup(options=[LOG], **{**styled, "margin": (2, 8, 8, 4)})
         self.wrong = Text("", sheet)
-        self._watch = Watch()
+        self._watch = WidgetWatcher()
         for widget, used in (
             (self.buttons, self._on_button), (self.variable, self._on_variable), (self.index, self._on_index),
             (self.slice, self._on_slice), (self.rule, self._on_rule), (self.log, self._on_rule),
-            (self.low, self._on_own), (self.high, self._on_own),
+            (self.low, self._on_entered_limits), (self.high, self._on_entered_limits),
         ):  # fmt: skip
-            self._watch.on(widget, used)
+            self._watch.call_on_change(widget, used)
         self.featured = pn.Row(self.buttons, margin=0, stylesheets=[UNPRINTED])
         self.row = pn.FlexBox(
             self.variable, self.index, self.slice, self.rule, self.low, self.high, self.log,
@@ -110,11 +110,11 @@ class Controls:
 
     def _show_map(self) -> None:
         """Offer the maps of the survey, and select the chosen map."""
-        view, whole = self._store.view, self._store.whole
+        view, whole = self._store.view, self._store.whole_request
         maps = self._shared.maps(self._store)
         if whole is None or view.variable not in maps:
             return
-        featured, names = featured_in(maps), maps[view.variable]
+        featured, names = featured_maps(maps), maps[view.variable]
         with self._watch.paused():
             self.variable.options = {variable_words(name): name for name in maps}
             self.variable.value = view.variable
@@ -167,14 +167,14 @@ class Controls:
         if limits is not None:
             self._store.dispatch(LimitsSet(limits, bool(self.log.value)))
 
-    def _on_own(self) -> None:
-        own = own_limits(self.low.value, self.high.value, self._store.view.log)
+    def _on_entered_limits(self) -> None:
+        own = entered_limits(self.low.value, self.high.value, self._store.view.log)
         self.wrong.html = f'<p class="notice" role="alert">{escape(own)}</p>' if isinstance(own, str) else ""
         if isinstance(own, tuple):
             self._store.dispatch(LimitsSet(own, self._store.view.log))
 
 
-def own_limits(low: float | None, high: float | None, log: bool) -> Pair | str:
+def entered_limits(low: float | None, high: float | None, log: bool) -> Pair | str:
     """Return the limits that a viewer has entered, or a message that says why they are not valid."""
     if low is None or high is None:
         return "Enter two numbers as colour limits."

@@ -11,16 +11,16 @@ from bokeh.models import ColumnDataSource, CustomAction, CustomJS
 from bokeh.plotting import figure
 
 from gear_rattle.service.explorer.common.address import KEYBOARD, Pair, Ranges
-from gear_rattle.service.explorer.common.changes import in_event_loop
+from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.files import asset
-from gear_rattle.service.explorer.point.state import point_of_view
+from gear_rattle.service.explorer.point.state import parse_point
 from gear_rattle.service.explorer.state.events import (
+    BackChosen,
+    DiagramEndChosen,
+    ForwardChosen,
     PointClosed,
-    Pointed,
+    PointerMoved,
     PointOpened,
-    WayChosen,
-    WentBack,
-    WentForward,
     WindowMoved,
     WindowReset,
 )
@@ -28,13 +28,13 @@ from gear_rattle.service.explorer.state.store import Store, window_of
 
 FEWEST = 8  # least number of cells across a window for steps of one cell; a narrower window has STEPS steps
 STEPS = 40
-FAR = 0.1  # step with Shift, as a share of the window
-MOST = 1000  # most steps in one message of a key that is held down
-CLOSER = 0.5
+FAR = 0.1  # length of a step with Shift, as a share of the window
+MOST = 1000  # most steps in one message, which a key that is held down sends
+CLOSER = 0.5  # factor of the window's width when a viewer zooms in
 EDGE = 0.25  # distance from the window's edge to a cursor that was outside, as a share of the window
 WIDEST = 3.0  # greatest width of a window, in widths of the survey
 WINDOWS = {"back": "Back to the window before", "forward": "Forward to the window after"}
-GO = "point "  # prefix of a point that a link names
+GO = "point "  # prefix of the command that opens a point of a link
 
 
 class CursorKeys:
@@ -43,45 +43,45 @@ class CursorKeys:
     def __init__(self, document: Document, plot: figure, store: Store) -> None:
         self._store = store
         keys = ColumnDataSource({"steps": [], "word": [], "number": []})
-        keys.on_change("data", in_event_loop(self._pressed))
-        plot.tags = [keys]  # puts the source into the document, so that pressed keys are sent
+        keys.on_change("data", handler_in_event_loop(self._on_keys))
+        plot.tags = [keys]  # a tag puts the source into the document, so that a browser can send pressed keys
         for word, icon in (("back", "undo"), ("forward", "redo")):
             code = f"keys.data = {{steps: [0, 0, 0, 0], word: ['{word}'], number: [Date.now()]}}"
             act = CustomJS(args={"keys": keys}, code=code)
             plot.add_tools(CustomAction(icon=icon, description=WINDOWS[word], callback=act))
         document.js_on_event(DocumentReady, CustomJS(args={"keys": keys}, code=asset("keyboard.js")))
 
-    def _pressed(self, _attribute: str, _old: object, new: Any) -> None:
+    def _on_keys(self, _attribute: str, _old: object, new: Any) -> None:
         view, request = self._store.view, self._store.request
-        if request is None or view.seen is None:  # no map is shown
+        if request is None or view.seen is None:  # keys do nothing while no map is shown
             return
         steps, words = new["steps"], new["word"]
         if len(steps) == 4 and all(isinstance(each, int) and abs(each) <= MOST for each in steps) and any(steps):
-            if request.machine is not None:  # speeds grow to the right, and δ to the left
+            if request.machine is not None:  # a machine's speed grows to the right, and so δ grows to the left
                 steps = [-steps[0], steps[1], -steps[2], steps[3]]
             axes = request.delta.values(), request.epsilon.values()
-            at = cursor_after_steps(axes, self.at, self._store.window, steps)
-            self._go(following(self._store.window, at), at)
+            at = cursor_after_steps(axes, self.position, self._store.window, steps)
+            self._move_cursor(window_with_cursor(self._store.window, at), at)
         for word in words[:1]:
-            self.press(str(word))
+            self.execute(str(word))
 
     @property
-    def at(self) -> Pair:
+    def position(self) -> Pair:
         """Point (δ, ε) of the cursor: as moved by keys, else the open point, else the middle of the window."""
         view = self._store.view
         if view.pointer is not None and view.pointer.source == KEYBOARD:
             return view.pointer.at
         return view.point or window_middle(self._store.window)
 
-    def press(self, word: str) -> None:
+    def execute(self, word: str) -> None:
         """Carry out a command, which is a word of keyboard.js."""
-        at, dispatch = self.at, self._store.dispatch
+        at, dispatch = self.position, self._store.dispatch
         match word:
             case "closer" | "farther":
                 factor = CLOSER if word == "closer" else 1 / CLOSER
                 request = self._store.request
                 assert request is not None
-                self._go(zoomed(self._store.window, at, factor, window_of(request)), at)
+                self._move_cursor(zoomed_window(self._store.window, at, factor, window_of(request)), at)
             case "all":
                 dispatch(WindowReset())
             case "open":
@@ -89,18 +89,18 @@ class CursorKeys:
             case "close":
                 dispatch(PointClosed())
             case "through":
-                dispatch(WayChosen(at))
+                dispatch(DiagramEndChosen(at))
             case "back":
-                dispatch(WentBack())
+                dispatch(BackChosen())
             case "forward":
-                dispatch(WentForward())
-            case _ if word.startswith(GO) and (named := point_of_view(word[len(GO) :])) is not None:
+                dispatch(ForwardChosen())
+            case _ if word.startswith(GO) and (named := parse_point(word[len(GO) :])) is not None:
                 dispatch(PointOpened(named))
 
-    def _go(self, window: Ranges, at: Pair) -> None:
+    def _move_cursor(self, window: Ranges, at: Pair) -> None:
         if window != self._store.window:
             self._store.dispatch(WindowMoved(window))
-        self._store.dispatch(Pointed(at, KEYBOARD))
+        self._store.dispatch(PointerMoved(at, KEYBOARD))
 
 
 def window_middle(window: Ranges) -> Pair:
@@ -110,7 +110,7 @@ def window_middle(window: Ranges) -> Pair:
 
 
 def cursor_after_steps(axes: tuple[np.ndarray, np.ndarray], at: Pair, window: Ranges, steps: list[int]) -> Pair:
-    """Return the cursor after a number of steps to the right and up, and of far steps to the right and up.
+    """Return the cursor after `steps`: steps to the right and up, then far steps to the right and up.
 
     A step is one cell of the survey, or 1/STEPS of a window with fewer than FEWEST cells across. A far step is the
     share FAR of the window.
@@ -121,10 +121,10 @@ def cursor_after_steps(axes: tuple[np.ndarray, np.ndarray], at: Pair, window: Ra
         (δ, ε) of the cursor.
     """
     (delta, epsilon), (right, up, far_right, far_up) = axes, steps
-    return _along(delta, at[0], window[0], right, far_right), _along(epsilon, at[1], window[1], up, far_up)
+    return _after_steps(delta, at[0], window[0], right, far_right), _after_steps(epsilon, at[1], window[1], up, far_up)
 
 
-def _along(axis: np.ndarray, at: float, span: Pair, steps: int, far: int) -> float:
+def _after_steps(axis: np.ndarray, at: float, span: Pair, steps: int, far: int) -> float:
     cell, width = (axis[-1] - axis[0]) / (axis.size - 1), span[1] - span[0]
     if width < FEWEST * cell:
         found = at + (steps / STEPS + far * FAR) * width
@@ -133,13 +133,13 @@ def _along(axis: np.ndarray, at: float, span: Pair, steps: int, far: int) -> flo
     return float(axis[min(max(here + steps + far * max(1, round(FAR * width / cell)), 0), axis.size - 1)])
 
 
-def following(window: Ranges, at: Pair) -> Ranges:
+def window_with_cursor(window: Ranges, at: Pair) -> Ranges:
     """Return the window, moved to contain the cursor if the cursor is outside."""
-    delta, epsilon = (_following(span, value) for span, value in zip(window, at, strict=True))
+    delta, epsilon = (_span_containing(span, value) for span, value in zip(window, at, strict=True))
     return delta, epsilon
 
 
-def _following(span: Pair, value: float) -> Pair:
+def _span_containing(span: Pair, value: float) -> Pair:
     low, high = span
     edge = EDGE * (high - low)
     if value < low:
@@ -149,7 +149,7 @@ def _following(span: Pair, value: float) -> Pair:
     return span
 
 
-def zoomed(window: Ranges, at: Pair, factor: float, box: Ranges) -> Ranges:
+def zoomed_window(window: Ranges, at: Pair, factor: float, box: Ranges) -> Ranges:
     """Return the window, scaled by a factor about the cursor to at most WIDEST times the survey."""
     delta, epsilon = (
         (value - (value - low) * least, value + (high - value) * least)

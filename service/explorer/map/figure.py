@@ -19,12 +19,19 @@ from bokeh.plotting import figure
 
 from gear_rattle.service.explorer.common import glyphs
 from gear_rattle.service.explorer.common.address import Pair, Ranges
-from gear_rattle.service.explorer.common.changes import in_event_loop
+from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.theme import INK
 from gear_rattle.service.explorer.design import axes
 from gear_rattle.service.explorer.map.colouring import Colouring
 from gear_rattle.service.explorer.map.planes import UNSEEN, MapBlock
-from gear_rattle.service.explorer.state.events import Event, Pointed, PointOpened, WayChosen, WindowMoved, WindowReset
+from gear_rattle.service.explorer.state.events import (
+    DiagramEndChosen,
+    Event,
+    PointerMoved,
+    PointOpened,
+    WindowMoved,
+    WindowReset,
+)
 from gear_rattle.workers.pictures.look import LIMIT, OWN_STYLES
 from gear_rattle.workers.pictures.names import Box, box_about, place_names
 from gear_rattle.workers.survey.machine import SurveyedMachine
@@ -54,7 +61,7 @@ class MapFigure:
     ) -> None:
         self._dispatch = dispatch
         self._leader, self._window = leader or self, ((nan, nan), (nan, nan))
-        spans = (leader.figure.x_range, leader.figure.y_range) if leader else _spans()
+        spans = (leader.figure.x_range, leader.figure.y_range) if leader else _default_ranges()
         plot: Any = figure(
             x_range=spans[0],
             y_range=spans[1],
@@ -70,52 +77,52 @@ class MapFigure:
         self.figure: Any = plot
         plot.name = name
         self._axes = axes.MapAxes(plot, is_follower=leader is not None)
-        self._dress(theme)
-        self._values, self._fine, self._reasons = (glyphs.source_of(glyphs.IMAGE) for _ in range(3))
-        self._others = glyphs.source_of(glyphs.IMAGE)
-        self._why_mapper = glyphs.clear_mapper()
-        self._why = glyphs.image_glyph(self._reasons, self._why_mapper)
-        self._scales = glyphs.scales(self._values, self._fine, **_ink_of_bar(theme))
+        self._apply_theme(theme)
+        self._values, self._fine, self._reasons = (glyphs.empty_source(glyphs.IMAGE) for _ in range(3))
+        self._others = glyphs.empty_source(glyphs.IMAGE)
+        self._why_mapper = glyphs.transparent_mapper()
+        self._why = glyphs.image_renderer(self._reasons, self._why_mapper)
+        self._scales = glyphs.colour_scales(self._values, self._fine, **_bar_style(theme))
         self._log, self._fits = False, True
         self._lines: dict[str, tuple[ColumnDataSource, list[Any]]] = {}
         for line in (*STYLES, *OWN_STYLES):
-            source = glyphs.source_of(glyphs.LINE)
-            self._lines[line] = source, glyphs.line(source, line)
-        self._points, self._sure = glyphs.source_of(glyphs.POINT), glyphs.source_of(glyphs.BAND)
-        self._names = glyphs.source_of(("x", "y", "name", "dx"))
-        self.cross_at, self.cursor_at, self.ellipse_at = (glyphs.source_of(("x", "y")) for _ in range(3))
-        self.pins_at = glyphs.source_of(("x", "y", "name"))
-        self._marks, self._band = glyphs.points(self._points), glyphs.band(self._sure)
+            source = glyphs.empty_source(glyphs.LINE)
+            self._lines[line] = source, glyphs.line_renderers(source, line)
+        self._points, self._sure = glyphs.empty_source(glyphs.POINT), glyphs.empty_source(glyphs.BAND)
+        self._names = glyphs.empty_source(("x", "y", "name", "dx"))
+        self.cross_at, self.cursor_at, self.ellipse_at = (glyphs.empty_source(("x", "y")) for _ in range(3))
+        self.pins_at = glyphs.empty_source(("x", "y", "name"))
+        self._marks, self._band = glyphs.point_renderers(self._points), glyphs.band_renderer(self._sure)
         images = (each for scale in self._scales.values() for each in (scale.cells, scale.fine))
         lines = (each for _, pair in self._lines.values() for each in pair)
         plot.renderers = [
             self._why,
             *images,
-            glyphs.veil(self._others, INK[theme][1]),
+            glyphs.veil_renderer(self._others, INK[theme][1]),
             self._band,
             *lines,
-            *glyphs.outline(self.ellipse_at),
-            glyphs.names(self._names),
+            *glyphs.outline_renderers(self.ellipse_at),
+            glyphs.name_renderer(self._names),
             *self._marks,
-            *glyphs.cross(self.cross_at),
-            *glyphs.ring(self.cursor_at),
-            *glyphs.pins(self.pins_at),
+            *glyphs.cross_renderers(self.cross_at),
+            *glyphs.ring_renderers(self.cursor_at),
+            *glyphs.pin_renderers(self.pins_at),
         ]
-        glyphs.share(plot.renderers)
-        self._beyond = glyphs.beyond_marks(INK[theme][0])
+        glyphs.share_models(plot.renderers)
+        self._beyond = glyphs.range_arrows(INK[theme][0])
         for mark in self._beyond:
-            plot.add_layout(mark, "right")  # in the centre it would be cut off at the frame
+            plot.add_layout(mark, "right")  # in the centre the arrow would be cut off at the frame
         self._is_narrow, self._is_categorical = False, True
         self._place_bars()
-        plot.on_change("outer_width", in_event_loop(self._on_width))
+        plot.on_change("outer_width", handler_in_event_loop(self._on_width))
         for side in ("inner_width", "inner_height"):
-            plot.on_change(side, in_event_loop(lambda _attribute, _old, _new: self._place_names()))
+            plot.on_change(side, handler_in_event_loop(lambda _attribute, _old, _new: self._place_names()))
         self._corners: list[tuple[str, float, float]] = []
         self._box: Ranges | None = None
         self._frame: tuple[np.ndarray, Ranges] | None = None
-        self._listen(name)
+        self._listen_to_browser(name)
 
-    def _dress(self, theme: str) -> None:
+    def _apply_theme(self, theme: str) -> None:
         ink, paper, line = INK[theme]
         plot = self.figure
         plot.update(background_fill_color=paper, border_fill_color=paper, outline_line_color=line)
@@ -129,12 +136,12 @@ class MapFigure:
 
     def tap(self, event: Any) -> None:
         """Open the clicked point or, with Shift held, draw the diagram from the open point to the clicked point."""
-        if _finite([event.x, event.y]) and self._is_inside(event.x, event.y):
+        if _are_finite([event.x, event.y]) and self._is_inside(event.x, event.y):
             held = event.modifiers is not None and event.modifiers["shift"]
             at = float(event.x), float(event.y)
-            self._dispatch(WayChosen(at) if held else PointOpened(at))
+            self._dispatch(DiagramEndChosen(at) if held else PointOpened(at))
 
-    def _listen(self, name: str) -> None:
+    def _listen_to_browser(self, name: str) -> None:
         pointer, window = ColumnDataSource({"x": [], "y": []}), ColumnDataSource({"x": [], "y": []})
         for source, event, data, wait in (
             (pointer, MouseMove, "{x: [cb_obj.x], y: [cb_obj.y]}", POINTER_MS),
@@ -145,19 +152,19 @@ class MapFigure:
                 source.waiting = setTimeout(() => {{ source.data = at }}, {wait})"""
             self.figure.js_on_event(event, CustomJS(args={"source": source}, code=code))
 
-        def pointed(_attribute: str, _old: object, new: Any) -> None:
-            if new["x"] and _finite(new["x"] + new["y"]):
-                self._dispatch(Pointed((float(new["x"][0]), float(new["y"][0])), name))
+        def on_pointer(_attribute: str, _old: object, new: Any) -> None:
+            if new["x"] and _are_finite(new["x"] + new["y"]):
+                self._dispatch(PointerMoved((float(new["x"][0]), float(new["y"][0])), name))
 
-        def moved(_attribute: str, _old: object, new: Any) -> None:
-            if len(new["x"]) == 2 and _finite(new["x"] + new["y"]):
+        def on_window(_attribute: str, _old: object, new: Any) -> None:
+            if len(new["x"]) == 2 and _are_finite(new["x"] + new["y"]):
                 (left, right), (bottom, top) = (sorted(map(float, new[axis])) for axis in "xy")
-                self._tell_window(((left, right), (bottom, top)))
+                self._report_window(((left, right), (bottom, top)))
 
-        pointer.on_change("data", in_event_loop(pointed))
-        window.on_change("data", in_event_loop(moved))
-        self.figure.on_event(Tap, in_event_loop(self.tap))
-        self.figure.on_event(Reset, in_event_loop(lambda _event: self._dispatch(WindowReset())))
+        pointer.on_change("data", handler_in_event_loop(on_pointer))
+        window.on_change("data", handler_in_event_loop(on_window))
+        self.figure.on_event(Tap, handler_in_event_loop(self.tap))
+        self.figure.on_event(Reset, handler_in_event_loop(lambda _event: self._dispatch(WindowReset())))
 
     def _on_width(self, _attribute: str, _old: object, width: int) -> None:
         if (width < NARROW) != self._is_narrow:
@@ -167,9 +174,9 @@ class MapFigure:
     def _place_bars(self) -> None:
         glyphs.place_bars(self.figure, [scale.bar for scale in self._scales.values()], self._is_narrow)
         glyphs.mark_ends(self._beyond, self._scales[self._log].bar, self._is_narrow)
-        self._keep_room()
+        self._reserve_bar_width()
 
-    def _keep_room(self) -> None:
+    def _reserve_bar_width(self) -> None:
         """Keep room for a colour bar at the right of the map, and for its numbers."""
         self.figure.min_border_right = None if self._is_narrow or self._is_categorical else BAR_ROOM
 
@@ -180,7 +187,7 @@ class MapFigure:
             min(span.start, span.end) <= at <= max(span.start, span.end) for span, at in ((x, delta), (y, epsilon))
         )
 
-    def _tell_window(self, window: Ranges) -> None:
+    def _report_window(self, window: Ranges) -> None:
         """Dispatch the window that the browser shows, only once if several maps share and report this window."""
         if window != self._leader._window:
             self._leader._window = window
@@ -190,11 +197,11 @@ class MapFigure:
         """Show a window, unless the browser reported it: then the browser shows it, or already a newer window."""
         if self._leader is self and window != self._window:
             self._window = window
-            self._axes.window(*window)
-        self._hide_what_is_too_large(window[0])
+            self._axes.show_window(*window)
+        self._hide_enlarged_cells(window[0])
         self._place_names()
 
-    def _hide_what_is_too_large(self, delta: Pair) -> None:
+    def _hide_enlarged_cells(self, delta: Pair) -> None:
         self._fits = self._box is None or (self._box[0][1] - self._box[0][0]) < LARGEST_ZOOM * (delta[1] - delta[0])
         self._show_scale()
 
@@ -217,10 +224,10 @@ class MapFigure:
         except UnsetValueError:
             return UNSEEN
 
-    def cells(self, block: MapBlock, colours: Colouring) -> None:
+    def draw_cells(self, block: MapBlock, colours: Colouring) -> None:
         """Draw the cells of a survey."""
-        self._box, where = block.box, image_at(block.box)
-        self._colour(colours)
+        self._box, where = block.box, image_position(block.box)
+        self._apply_colours(colours)
         shown = np.where(colours.reasons == 0, block.values, np.float32(np.nan))
         places = list(colours.names.values())
         self._names.data = {
@@ -233,35 +240,35 @@ class MapFigure:
         self._values.data = {"image": [shown], **where}
         self._reasons.data = {"image": [colours.reasons], **where}
 
-    def frame(self, values: np.ndarray, box: Ranges) -> None:
+    def draw_finer_cells(self, values: np.ndarray, box: Ranges) -> None:
         """Draw finer cells over the cells of the survey. values: (epsilon, delta). box: the box that they cover."""
         self._frame = np.asarray(values, np.float32), box
-        self._show_frame()
+        self._show_finer_cells()
 
-    def _show_frame(self) -> None:
+    def _show_finer_cells(self) -> None:
         if self._frame is None:
             glyphs.clear(self._fine)
             return
         values, box = self._frame
         shown = np.where(values > 0, values, np.float32(np.nan)) if self._log else values
-        self._fine.data = {"image": [shown], **image_at(box)}
+        self._fine.data = {"image": [shown], **image_position(box)}
 
-    def veil(self, others: np.ndarray, box: Ranges) -> None:
+    def dim_cells(self, others: np.ndarray, box: Ranges) -> None:
         """Dim cells. others: (epsilon, delta), 1 for a dimmed cell. box: the box that all these cells cover."""
-        self._others.data = {"image": [others.astype(np.uint8)], **image_at(box)}
+        self._others.data = {"image": [others.astype(np.uint8)], **image_position(box)}
 
-    def no_veil(self) -> None:
-        """Dim no cells."""
+    def undim_cells(self) -> None:
+        """Remove the veil from dimmed cells."""
         glyphs.clear(self._others)
 
-    def no_frame(self) -> None:
+    def remove_finer_cells(self) -> None:
         """Remove the finer cells."""
         self._frame = None
-        self._show_frame()
+        self._show_finer_cells()
 
-    def no_cells(self) -> None:
+    def remove_cells(self) -> None:
         """Remove the survey's cells, the finer cells and the colour bar."""
-        self.no_frame()
+        self.remove_finer_cells()
         for source in (self._values, self._reasons, self._names):
             glyphs.clear(source)
         for scale in self._scales.values():
@@ -269,13 +276,13 @@ class MapFigure:
         for mark in self._beyond:
             mark.visible = False
         self._is_categorical = True
-        self._keep_room()
+        self._reserve_bar_width()
 
-    def _colour(self, colours: Colouring) -> None:
+    def _apply_colours(self, colours: Colouring) -> None:
         if self._log != colours.log:
             self._log = colours.log
             glyphs.mark_ends(self._beyond, self._scales[self._log].bar, self._is_narrow)
-            self._show_frame()
+            self._show_finer_cells()
         palette = list(colours.palette)
         self._scales[colours.log].mapper.update(palette=palette, low=colours.low, high=colours.high)
         for log, scale in self._scales.items():
@@ -283,22 +290,22 @@ class MapFigure:
         for mark, share in zip(self._beyond, colours.beyond, strict=True):
             mark.visible = share > 0
         self._is_categorical = colours.categorical
-        self._keep_room()
+        self._reserve_bar_width()
         reasons = [glyphs.CLEAR, *colours.reason_colours]
         self._why_mapper.update(palette=reasons, low=-0.5, high=len(reasons) - 0.5)
         self._show_scale()
 
-    def line(self, name: str, pieces: Sequence[np.ndarray]) -> None:
-        """Draw a curve: pieces (k, 2) of (δ, ε)."""
+    def draw_line(self, name: str, pieces: Sequence[np.ndarray]) -> None:
+        """Draw a named curve. pieces: arrays (k, 2) of its points (δ, ε)."""
         source, _ = self._lines[name]
         source.data = {"xs": [piece[:, 0] for piece in pieces], "ys": [piece[:, 1] for piece in pieces]}
 
-    def band(self, x: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
+    def draw_limit_band(self, x: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
         """Draw the interval of the design limit, from low (k,) to high (k,) in ε, at the dampings x (k,)."""
         self._sure.data = {"x": x, "low": low, "high": high}
 
-    def points(self, points: Sequence[tuple[str, float, float]]) -> None:
-        """Mark the codimension-two points: name, δ, ε."""
+    def mark_points(self, points: Sequence[tuple[str, float, float]]) -> None:
+        """Mark codimension-two points, each given as (name, δ, ε)."""
         self._corners = list(points)
         self._place_names()
 
@@ -310,16 +317,16 @@ class MapFigure:
             return
         names, x, y = (list(column) for column in zip(*self._corners, strict=True))
         placed = place_names(
-            [self._on_screen(*at) for at in zip(x, y, strict=True)],
+            [self._screen_position(*at) for at in zip(x, y, strict=True)],
             [(LETTER * len(name) + 4, ROW) for name in names],
             self.pixels,
-            self._taken(),
+            self._taken_boxes(),
         )
         rows = []
         for name, at_x, at_y, found in zip(names, x, y, placed, strict=True):
-            left, bottom = self._on_screen(at_x, at_y)
+            left, bottom = self._screen_position(at_x, at_y)
             shown = (name, found.centre[0] - left, bottom - found.centre[1]) if found else ("", 0.0, 0.0)
-            end = self._in_plane(*found.leader) if found and found.leader else (at_x, at_y)
+            end = self._plane_position(*found.leader) if found and found.leader else (at_x, at_y)
             rows.append((at_x, at_y, SHAPES[MARKERS[name]], *shown, *end))
         self._points.data = {
             key: list(column) for key, column in zip(glyphs.POINT, zip(*rows, strict=True), strict=True)
@@ -329,29 +336,29 @@ class MapFigure:
         data, width = self._names.data, self.pixels[0]
         moved = []
         for x, y, name in zip(data["x"], data["y"], data["name"], strict=True):
-            at, half = self._on_screen(x, y)[0], REGION_LETTER * len(name) / 2 + 3
+            at, half = self._screen_position(x, y)[0], REGION_LETTER * len(name) / 2 + 3
             moved.append(min(max(at, half), width - half) - at if 0 <= at <= width else 0.0)
         if moved != data["dx"]:
             self._names.data = {**data, "dx": moved}
 
-    def _taken(self) -> list[Box]:
+    def _taken_boxes(self) -> list[Box]:
         """Return the boxes of the names of regions and of the pins, in pixels."""
         regions, pins = self._names.data, self.pins_at.data
         return [
             *(
                 box_about(
-                    (self._on_screen(x, y)[0] + dx, self._on_screen(x, y)[1]),
+                    (self._screen_position(x, y)[0] + dx, self._screen_position(x, y)[1]),
                     (REGION_LETTER * len(name) + 6, REGION_ROW),
                 )
                 for x, y, name, dx in zip(*(regions[key] for key in ("x", "y", "name", "dx")), strict=True)
             ),
             *(
-                box_about(self._on_screen(x, y), (2 * DISC, 2 * DISC))
+                box_about(self._screen_position(x, y), (2 * DISC, 2 * DISC))
                 for x, y in zip(pins["x"], pins["y"], strict=True)
             ),
         ]
 
-    def _on_screen(self, delta: float, epsilon: float) -> tuple[float, float]:
+    def _screen_position(self, delta: float, epsilon: float) -> tuple[float, float]:
         """Return the position of a point on the screen, in pixels from the lower left corner of the frame."""
         x, y = (
             side * (at - span.start) / (span.end - span.start)
@@ -359,7 +366,7 @@ class MapFigure:
         )
         return x, y
 
-    def _in_plane(self, x: float, y: float) -> tuple[float, float]:
+    def _plane_position(self, x: float, y: float) -> tuple[float, float]:
         delta, epsilon = (
             span.start + at / side * (span.end - span.start)
             for side, at, span in zip(self.pixels, (x, y), self._ranges, strict=True)
@@ -370,13 +377,13 @@ class MapFigure:
     def _ranges(self) -> tuple[Any, Any]:
         return self.figure.x_range, self.figure.y_range
 
-    def no_lines(self) -> None:
+    def remove_lines(self) -> None:
         """Remove all curves and points."""
         self._corners = []
         for source in (self._points, self._sure, *(source for source, _ in self._lines.values())):
             glyphs.clear(source)
 
-    def choose(self, names: Sequence[str]) -> None:
+    def show_overlays(self, names: Sequence[str]) -> None:
         """Show these overlays and no others."""
         for name, (_, renderers) in self._lines.items():
             for renderer in renderers:
@@ -385,11 +392,11 @@ class MapFigure:
             renderer.visible = "points" in names
         self._band.visible = LIMIT in names
 
-    def cross(self, point: Pair | None) -> None:
+    def mark_point(self, point: Pair | None) -> None:
         """Mark the open point; None removes the mark."""
-        _put(self.cross_at, point)
+        _set_marker(self.cross_at, point)
 
-    def pins(self, points: Mapping[str, Pair]) -> None:
+    def mark_pins(self, points: Mapping[str, Pair]) -> None:
         """Mark the pinned points, each with its number, which is its key in `points`."""
         found = {
             "x": [x for x, _ in points.values()],
@@ -400,23 +407,23 @@ class MapFigure:
             self.pins_at.data = found
             self._place_names()
 
-    def ellipse(self, points: np.ndarray | None) -> None:
+    def draw_tolerances(self, points: np.ndarray | None) -> None:
         """Draw the tolerances about the open point as a line (k, 2) of (δ, ε); None removes the line."""
         if points is None:
             glyphs.clear(self.ellipse_at)
         else:
             self.ellipse_at.data = {"x": points[:, 0], "y": points[:, 1]}
 
-    def in_si(self, machine: SurveyedMachine | None) -> None:
-        """Show the speeds and eccentricities of a machine along the axes; with None, δ and ε."""
+    def show_axes_of(self, machine: SurveyedMachine | None) -> None:
+        """Show the speeds and eccentricities of a machine along the axes; show δ and ε if it is None."""
         self._axes.show(machine)
 
-    def cursor(self, point: Pair | None) -> None:
-        """Mark the point of the keyboard's cursor, or that of the mouse in another map; None removes the mark."""
-        _put(self.cursor_at, point)
+    def mark_cursor(self, point: Pair | None) -> None:
+        """Mark the position of the keyboard's cursor, or of the mouse in another map; None removes the mark."""
+        _set_marker(self.cursor_at, point)
 
 
-def _spans() -> tuple[Range1d, Range1d]:
+def _default_ranges() -> tuple[Range1d, Range1d]:
     """Return the ranges of δ and of ε in the paper's plane."""
     delta, epsilon = (
         Range1d(start=low, end=high, min_interval=axes.NARROWEST) for low, high in ((0.4, 1.0), (0.0, 0.3))
@@ -424,24 +431,24 @@ def _spans() -> tuple[Range1d, Range1d]:
     return delta, epsilon
 
 
-def _put(source: ColumnDataSource, point: Pair | None) -> None:
+def _set_marker(source: ColumnDataSource, point: Pair | None) -> None:
     if point is None:
         glyphs.clear(source)
     else:
         source.data = {"x": [point[0]], "y": [point[1]]}
 
 
-def image_at(box: Ranges) -> dict[str, list[float]]:
+def image_position(box: Ranges) -> dict[str, list[float]]:
     """Return the position of an image that covers this box, in Bokeh's terms."""
     (left, right), (bottom, top) = box
     return {"x": [left], "y": [bottom], "dw": [right - left], "dh": [top - bottom]}
 
 
-def _finite(values: Sequence[Any]) -> bool:
+def _are_finite(values: Sequence[Any]) -> bool:
     return all(isinstance(value, int | float) and np.isfinite(value) for value in values)
 
 
-def _ink_of_bar(theme: str) -> dict[str, Any]:
+def _bar_style(theme: str) -> dict[str, Any]:
     ink, paper, line = INK[theme]
     return {
         "major_label_text_color": ink,

@@ -1,4 +1,4 @@
-"""Draw lines over a map, and list them in a key that says which are missing and why."""
+"""Draw lines over a map, and list the lines in a key, which also says why a line is missing."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ import numpy as np
 import panel as pn
 
 from gear_rattle.service.explorer.common.address import DEFAULT_OVERLAYS, OVERLAYS, UNCHOSEN, Pair, Ranges
-from gear_rattle.service.explorer.common.changes import in_event_loop
+from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.glyphs import style_of
-from gear_rattle.service.explorer.common.lists import Key
+from gear_rattle.service.explorer.common.lists import MapKey
 from gear_rattle.service.explorer.common.viewer import Viewer
-from gear_rattle.service.explorer.common.watch import Watch
+from gear_rattle.service.explorer.common.watch import WidgetWatcher
 from gear_rattle.service.explorer.map.colouring import Shade
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.state.events import OverlaysChosen, ShareSet
 from gear_rattle.service.explorer.state.store import JOBS, Store, window_of
-from gear_rattle.service.operations.overlaid import Overlaid, limit_band, limit_line
+from gear_rattle.service.operations.overlaid import Overlays, limit_band, limit_line
 from gear_rattle.workers.pictures.look import CRISIS, LIMIT, POINTS, USUAL_SHARE
 from gear_rattle.workers.survey.axes import Window
 from gear_rattle.workers.survey.curves import LOWEST_DELTA, Missing, traced_curve
@@ -32,8 +32,8 @@ from rattle.populations import MOST_SHARE
 
 MEANINGS = {
     CRISIS: "boundary crisis: the chaotic attractor ends where it touches the stable manifold of the saddle A",
-    LIMIT: "design limit: up to there, and at every smaller eccentricity, a gear started at any phase and natural "
-    "speed runs quietly often enough; its 95 % interval is shaded",
+    LIMIT: "design limit: up to this eccentricity, a gear that starts at any phase and any speed up to the natural "
+    "speed runs quietly with the required probability; the 95 % interval of the limit is shaded",
     POINTS: "codimension-two points, where curves meet",
 }
 LABELS = {"quiet_limit": "quiet limit", LIMIT: "design limit", POINTS: "COD20–23"}
@@ -45,7 +45,7 @@ class MapLines:
 
     def __init__(self, viewer: Viewer, figure: MapFigure) -> None:
         self._viewer, self._figure = viewer, figure
-        self._of: tuple[Hashable, ...] = ()  # survey and model
+        self._of: tuple[Hashable, ...] = ()  # model, and the other values on which all lines depend
         self._tasks: dict[str, tuple[Hashable, asyncio.Task[None]]] = {}
 
     def draw(self, names: Sequence[str], model: Model, window: Ranges, *of: Hashable) -> None:
@@ -59,18 +59,18 @@ class MapLines:
         if self._of != (model, *of):
             self.clear()
             self._of = model, *of
-        self._figure.choose(names)
+        self._figure.show_overlays(names)
         for name in names:
             if _is_offered(name, model):
-                asked = self._asked(name, window)
+                asked = self._dependencies_of(name, window)
                 if name in self._tasks:
                     known, task = self._tasks[name]
                     if known == asked:
                         continue
                     task.cancel()
-                self._tasks[name] = asked, self._viewer.start(self._line(name, model, window))
+                self._tasks[name] = asked, self._viewer.start(self._compute_line(name, model, window))
 
-    def _asked(self, name: str, window: Ranges) -> Hashable:  # noqa: ARG002 - a line may depend on more
+    def _dependencies_of(self, name: str, window: Ranges) -> Hashable:  # noqa: ARG002 - in a subclass it decides
         """Return the values, besides the model, on which a line depends."""
         return window
 
@@ -79,46 +79,46 @@ class MapLines:
         while self._tasks:
             self._tasks.popitem()[1][1].cancel()
         self._of = ()
-        self._figure.no_lines()
+        self._figure.remove_lines()
 
-    async def _line(self, name: str, model: Model, window: Ranges) -> None:
-        await self._viewer.front.kernels.require(model.name, patience=math.inf)
+    async def _compute_line(self, name: str, model: Model, window: Ranges) -> None:
+        await self._viewer.front.kernels.wait_until_compiled(model.name, patience=math.inf)
         if name == POINTS:
-            points = await self._viewer.read(lambda: points_in(model, window))
-            self._viewer.change(lambda: self._figure.points(points))
+            points = await self._viewer.run_in_thread(lambda: points_in_window(model, window))
+            self._viewer.change(lambda: self._figure.mark_points(points))
         elif name in model.curve_names:
-            pieces, missing = await self._viewer.read(lambda: pieces_of(name, model, *window))
-            self._viewer.change(lambda: self._figure.line(name, pieces))
-            self._note(name, "", missing)
+            pieces, missing = await self._viewer.run_in_thread(lambda: curve_pieces(name, model, *window))
+            self._viewer.change(lambda: self._figure.draw_line(name, pieces))
+            self._note_in_key(name, "", missing)
         else:
-            self._note(name, "", _not_of(model))
+            self._note_in_key(name, "", _missing_capability(model))
 
-    def _note(self, name: str, note: str, missing: str = "") -> None:
-        """Write in the key the progress of a line (`note`), or why the line is missing. Here there is no key."""
+    def _note_in_key(self, name: str, note: str, missing: str = "") -> None:
+        """Write in the key the progress of a line (`note`), or why the line is missing. Without a key, do nothing."""
 
 
 class KeyedLines(MapLines):
     """Lines over the first map. panel: the key, in which a viewer chooses lines."""
 
-    def __init__(self, overlaid: Overlaid, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
+    def __init__(self, overlaid: Overlays, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
         super().__init__(viewer, figure)
         self._overlaid, self._store = overlaid, store
         self._listed: tuple[Hashable, ...] = ()
         self._listing: asyncio.Task[None] | None = None
         self._entries: list[dict[str, Any]] = []
         view = store.view
-        self.key = Key(overlays=[], chosen=list(view.overlays), margin=0, sizing_mode="stretch_width")
-        self.key.param.watch(in_event_loop(self._on_chosen), "chosen")
+        self.key = MapKey(overlays=[], chosen=list(view.overlays), margin=0, sizing_mode="stretch_width")
+        self.key.param.watch(handler_in_event_loop(self._on_chosen), "chosen")
         self.share = pn.widgets.FloatInput(
             label="Design limit: P(quiet) ≥", value=view.share, start=0.01, end=MOST_SHARE, step=0.05, width=180,
             visible=LIMIT in view.overlays, stylesheets=[sheet], margin=(4, 0),
         )  # fmt: skip
-        Watch().on(self.share, self._on_share)
+        WidgetWatcher().call_on_change(self.share, self._on_share)
         self.panel = pn.Column(self.key, self.share, sizing_mode="stretch_width", margin=0)
-        self._list()
-        figure.choose(view.overlays)
-        store.subscribe(self._list, "survey", "slice", JOBS)
-        store.subscribe(self._follow, "survey", "slice", JOBS, "overlays", "share", "delta", "epsilon", "seen")
+        self._list_lines()
+        figure.show_overlays(view.overlays)
+        store.subscribe(self._list_lines, "survey", "slice", JOBS)
+        store.subscribe(self._on_view_change, "survey", "slice", JOBS, "overlays", "share", "delta", "epsilon", "seen")
 
     def _on_chosen(self, _event: object) -> None:
         self._store.dispatch(OverlaysChosen(tuple(name for name in OVERLAYS if name in self.key.chosen)))
@@ -126,29 +126,29 @@ class KeyedLines(MapLines):
     def _on_share(self) -> None:
         self._store.dispatch(ShareSet(float(self.share.value or USUAL_SHARE)))
 
-    def show(self, shades: Sequence[Shade]) -> None:
+    def show_shades(self, shades: Sequence[Shade]) -> None:
         """Show in the key the meanings and the shares of colours."""
         self.key.shades = [{"label": each.label, "colour": each.colour, "share": each.share} for each in shades]
 
-    def _list(self) -> None:
+    def _list_lines(self) -> None:
         """List the lines of the survey's model in the key. In a machine's survey, only lines in its plane are kept."""
         request, model = self._store.request, self._store.model
         window = None if request is None or request.machine is None else window_of(request)
         if (listed := (model, window)) == self._listed:
             return
-        self._listed, self._entries = listed, entries(model)
+        self._listed, self._entries = listed, key_entries(model)
         self.key.overlays = self._entries
         if self._listing is not None:
             self._listing.cancel()
-        self._listing = None if window is None else self._viewer.start(self._list_present(model, window))
+        self._listing = None if window is None else self._viewer.start(self._list_present_lines(model, window))
 
-    async def _list_present(self, model: Model, window: Ranges) -> None:
-        await self._viewer.front.kernels.require(model.name, patience=math.inf)
-        absent = await self._viewer.read(lambda: absent_lines(model, window))
+    async def _list_present_lines(self, model: Model, window: Ranges) -> None:
+        await self._viewer.front.kernels.wait_until_compiled(model.name, patience=math.inf)
+        absent = await self._viewer.run_in_thread(lambda: absent_lines(model, window))
         self._entries = found = [each for each in self._entries if each["name"] not in absent]
         self._viewer.change(lambda: self.key.param.update(overlays=found))
 
-    def _follow(self) -> None:
+    def _on_view_change(self) -> None:
         view = self._store.view
         self.share.visible = LIMIT in view.overlays
         if self._store.request is None or view.seen is None:
@@ -156,40 +156,42 @@ class KeyedLines(MapLines):
         else:
             self.draw(view.overlays, self._store.model, self._store.window, view.survey)
 
-    def _asked(self, name: str, window: Ranges) -> Hashable:
+    def _dependencies_of(self, name: str, window: Ranges) -> Hashable:
         if name == LIMIT:
-            return self._span, self._store.view.share
+            return self._delta_range, self._store.view.share
         return None if name in WHOLE else window
 
     @property
-    def _span(self) -> Pair:
+    def _delta_range(self) -> Pair:
         """Range of damping of the survey, over which the design limit is computed."""
-        whole = self._store.whole
+        whole = self._store.whole_request
         return UNCHOSEN[0] if whole is None else (whole.delta.start, whole.delta.stop)
 
-    async def _line(self, name: str, model: Model, window: Ranges) -> None:
+    async def _compute_line(self, name: str, model: Model, window: Ranges) -> None:
         if name not in WHOLE:
-            await super()._line(name, model, window)
+            await super()._compute_line(name, model, window)
             return
-        await self._viewer.front.kernels.require(model.name, patience=math.inf)
-        self._note(name, "is being computed …")
+        await self._viewer.front.kernels.wait_until_compiled(model.name, patience=math.inf)
+        self._note_in_key(name, "is being computed …")
         try:
             if name == CRISIS:
-                pieces = [await self._overlaid.crises.of(model)]
-                self._viewer.change(lambda: self._figure.line(name, pieces))
+                pieces = [await self._overlaid.crises.crisis_of(model)]
+                self._viewer.change(lambda: self._figure.draw_line(name, pieces))
             else:
-                async for delta, limits in self._overlaid.limits.along(model, self._span, self._store.view.share):
+                async for delta, limits in self._overlaid.limits.limits_over(
+                    model, self._delta_range, self._store.view.share
+                ):
                     self._viewer.change(partial(self._show_limit, delta, limits))
         except RattleError as error:
-            self._note(name, "", str(error))
+            self._note_in_key(name, "", str(error))
         else:
-            self._note(name, "")
+            self._note_in_key(name, "")
 
     def _show_limit(self, delta: np.ndarray, limits: np.ndarray) -> None:
-        self._figure.line(LIMIT, split(limit_line(delta, limits)))
-        self._figure.band(*limit_band(delta, limits))
+        self._figure.draw_line(LIMIT, split_at_nan(limit_line(delta, limits)))
+        self._figure.draw_limit_band(*limit_band(delta, limits))
 
-    def _note(self, name: str, note: str, missing: str = "") -> None:
+    def _note_in_key(self, name: str, note: str, missing: str = "") -> None:
         entries = [
             each | {"note": note, "missing": bool(missing), "meaning": missing or each["meaning"]}
             if each["name"] == name
@@ -201,13 +203,13 @@ class KeyedLines(MapLines):
             self._viewer.change(lambda: self.key.param.update(overlays=entries))
 
 
-def entries(model: Model) -> list[dict[str, Any]]:
+def key_entries(model: Model) -> list[dict[str, Any]]:
     """Return the entries of the key: the lines and the marks that a map of a model can show."""
     return [
         {
             "name": name,
             "label": LABELS.get(name, name),
-            "meaning": _meaning(name, model),
+            "meaning": _line_meaning(name, model),
             "colour": style_of(name)[0] if name != POINTS else "",
             "dash": list(style_of(name)[1]) if name != POINTS else [],
             "note": "",
@@ -226,17 +228,17 @@ def _is_offered(name: str, model: Model) -> bool:
     return name not in NEEDS or NEEDS[name] in model.has
 
 
-def _meaning(name: str, model: Model) -> str:
+def _line_meaning(name: str, model: Model) -> str:
     if name in MEANINGS:
         return MEANINGS[name]
-    return model.describe(name) if name in model.curve_names else _not_of(model)
+    return model.describe(name) if name in model.curve_names else _missing_capability(model)
 
 
-def _not_of(model: Model) -> str:
+def _missing_capability(model: Model) -> str:
     return str(lacking(Capability.CORNERS, model))
 
 
-def pieces_of(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[list[np.ndarray], str]:
+def curve_pieces(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[list[np.ndarray], str]:
     """Return the pieces (k, 2) of a curve inside a window, and why there are none if it cannot be traced.
 
     It blocks: use a thread.
@@ -247,39 +249,39 @@ def pieces_of(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[list
         Pieces, and the reason; an empty reason if the curve could be traced.
     """
     if name not in model.curve_names:
-        return [], _not_of(model)
+        return [], _missing_capability(model)
     window = Window((max(delta[0], LOWEST_DELTA * delta[1]), delta[1]), (max(epsilon[0], 0.0), max(epsilon[1], 0.0)))
     if window.epsilon[0] >= window.epsilon[1]:
         return [], ""
     curve = traced_curve(name, model, window)
     if isinstance(curve, Missing):
         return [], curve.reason
-    return split(polyline(curve)) if len(curve) else [], ""
+    return split_at_nan(polyline(curve)) if len(curve) else [], ""
 
 
 def absent_lines(model: Model, window: Ranges) -> set[str]:
     """Return the names of a model's lines and points that are nowhere inside a window. It blocks: use a thread."""
-    curves = {name for name in OVERLAYS if name in model.curve_names and pieces_of(name, model, *window) == ([], "")}
-    return curves if not _is_offered(POINTS, model) or points_in(model, window) else curves | {POINTS}
+    curves = {name for name in OVERLAYS if name in model.curve_names and curve_pieces(name, model, *window) == ([], "")}
+    return curves if not _is_offered(POINTS, model) or points_in_window(model, window) else curves | {POINTS}
 
 
-def usual_lines(model: Model, window: Ranges) -> None:
+def cache_default_lines(model: Model, window: Ranges) -> None:
     """Compute the default lines of a page, so that they are in the cache. It blocks: use a thread."""
     for name in DEFAULT_OVERLAYS:
         if name != POINTS:
-            pieces_of(name, model, *window)
+            curve_pieces(name, model, *window)
         elif _is_offered(name, model):
-            points_in(model, window)
+            points_in_window(model, window)
 
 
-def split(line: np.ndarray) -> list[np.ndarray]:
+def split_at_nan(line: np.ndarray) -> list[np.ndarray]:
     """Return a line (k, 2) with NaN between its pieces, as a list of the pieces."""
     gaps = np.flatnonzero(np.isnan(line[:, 0]))
     return [piece[~np.isnan(piece[:, 0])] for piece in np.split(line, gaps)]
 
 
-def points_in(model: Model, window: Ranges) -> list[tuple[str, float, float]]:
-    """Return the codimension-two points in a window: name, δ, ε.
+def points_in_window(model: Model, window: Ranges) -> list[tuple[str, float, float]]:
+    """Return (name, δ, ε) of each codimension-two point in a window.
 
     It blocks: use a thread. Points outside are left out, because their names would reach into the window.
 
@@ -291,12 +293,12 @@ def points_in(model: Model, window: Ranges) -> list[tuple[str, float, float]]:
     (left, right), (bottom, top) = window
     return [
         (point.name, point.delta, point.epsilon)
-        for point in _points(model)
+        for point in _codimension_two_points(model)
         if left <= point.delta <= right and bottom <= point.epsilon <= top
     ]
 
 
 @lru_cache(maxsize=64)
-def _points(model: Model) -> Sequence[Any]:
+def _codimension_two_points(model: Model) -> Sequence[Any]:
     with np.errstate(all="ignore"):
         return model.codimension_two()

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 from urllib.parse import urlencode
 
-from gear_rattle.service.explorer.common.address import AsSeen, View
+from gear_rattle.service.explorer.common.address import DrawnSettings, View
 from gear_rattle.service.explorer.map.colouring import Colouring
 from gear_rattle.service.explorer.map.planes import Room
 from gear_rattle.workers.pictures.look import LIMIT
@@ -15,15 +15,15 @@ from gear_rattle.workers.survey.values.schema import FIXED
 FORMS = ("png", "svg", "pdf")
 
 
-def as_seen(colours: Colouring, pixels: Room | None) -> AsSeen:
+def drawn_settings(colours: Colouring, pixels: Room | None) -> DrawnSettings:
     """Return the settings of a map that is drawn in these colours. pixels: its size, None for the whole survey."""
-    return AsSeen(None if colours.categorical else (colours.low, colours.high), colours.log, pixels)
+    return DrawnSettings(None if colours.categorical else (colours.low, colours.high), colours.log, pixels)
 
 
-def picture_query(request: dict[str, Any], view: View, seen: AsSeen | None = None) -> str:
+def picture_query(request: dict[str, Any], view: View, seen: DrawnSettings | None = None) -> str:
     """Return the query of a picture. seen: settings of the drawn map, None if no map is drawn yet."""
     asked: dict[str, Any] = {"variable": view.variable, "index": view.index or None}
-    asked["slice"] = view.slice if any(thirds(request)) else None
+    asked["slice"] = view.slice if any(third_axis_names(request)) else None
     for name, window in {"delta": view.delta, "epsilon": view.epsilon}.items():
         asked |= {f"{name}_min": window[0], f"{name}_max": window[1]} if window else {}
     limits = view.limits if seen is None else seen.limits
@@ -39,7 +39,7 @@ def picture_query(request: dict[str, Any], view: View, seen: AsSeen | None = Non
     return urlencode({name: value for name, value in asked.items() if value is not None} | {"caption": "true"})
 
 
-def links(survey: str, variable: str, query: str) -> str:
+def picture_links(survey: str, variable: str, query: str) -> str:
     """Return links to the pictures of a map, in HTML, with "&" escaped in the query."""
     here, query = f"v1/surveys/{survey}/map", query.replace("&", "&amp;")
     return " ".join(
@@ -47,6 +47,6 @@ def links(survey: str, variable: str, query: str) -> str:
     )
 
 
-def thirds(request: dict[str, Any]) -> Iterator[str]:
+def third_axis_names(request: dict[str, Any]) -> Iterator[str]:
     """Return the names of a request's third axes: one name, or none."""
     return (name for name in FIXED if isinstance(request.get(name), dict))

@@ -14,8 +14,9 @@ import numpy as np
 import xarray as xr
 
 from gear_rattle.service.database.tables import JobRow, State
-from gear_rattle.service.explorer.common.address import Chosen, Pair, Ranges
+from gear_rattle.service.explorer.common.address import MapChoice, Pair, Ranges
 from gear_rattle.service.explorer.state.store import box_of_cells
+from gear_rattle.service.operations.surveys import written_tiles
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest, open_survey
 from gear_rattle.workers.errors import reading
@@ -33,8 +34,8 @@ from gear_rattle.workers.survey.values.schema import CELL, Group
 KEPT, KEPT_CELLS = 24, 24_000_000  # most maps in memory, and most cells of all maps together, at 5 bytes a cell
 ENLARGED = 200  # points along an axis of an enlarged window
 SIDE = 512  # most cells that are drawn along an axis, unless the screen is known to have more pixels
-BAND = 1 << 20  # most cells in a reading of several rows of tiles
-SLICE_SECONDS = 1.0  # seconds of reading, after which the cells read so far are drawn
+BAND = 1 << 20  # most cells that are read at once from several rows of tiles
+SLICE_SECONDS = 1.0  # seconds after which reading pauses, so that the cells read so far are drawn
 Key = tuple[str, str, int, int, bool]
 Room = tuple[int, int]  # pixels along (delta, epsilon)
 UNSEEN: Room = (700, 550)  # assumed pixels of a map until the browser has reported them
@@ -44,8 +45,8 @@ UNSEEN: Room = (700, 550)  # assumed pixels of a map until the browser has repor
 class MapBlock:
     """Drawn cells of a map: values, float32, and status (epsilon, delta), and the box that the cells cover.
 
-    If a map has more cells than pixels, a drawn cell stands for several cells and shows rare values among them. For
-    shares and without see `gear_rattle.workers.pictures.levels.DisplayedCells`.
+    If a map has more cells than pixels, a drawn cell stands for several cells and shows rare values among them. The
+    fields `shares` and `without` are explained in `gear_rattle.workers.pictures.levels.DisplayedCells`.
     """
 
     delta: np.ndarray
@@ -56,19 +57,19 @@ class MapBlock:
     shares: Mapping[int, float] = field(default_factory=dict)
     without: float | None = None
 
-    def at(self, delta: float, epsilon: float) -> float | None:
+    def value_at(self, delta: float, epsilon: float) -> float | None:
         """Return the value at a point; None outside of the cells."""
-        j, i = (_nearest(axis, value) for axis, value in ((self.delta, delta), (self.epsilon, epsilon)))
+        j, i = (_cell_index(axis, value) for axis, value in ((self.delta, delta), (self.epsilon, epsilon)))
         return None if j is None or i is None else float(self.values[i, j])
 
 
 class MapPlane:
     """Map of a survey: `values`, float32 (epsilon, delta), and `status` of each cell."""
 
-    is_kept = True  # all cells are kept in memory
+    is_kept = True  # True if all cells are kept in memory
 
     def __init__(self, front: Front, job: JobRow, variable: str, index: int, number: int = 0) -> None:
-        _, place = front.with_numbers(job.id)
+        _, place = front.job_with_results(job.id)
         self.id, self.number = job.id, job.number
         self._front = front
         request = SurveyRequest.model_validate(job.request)
@@ -89,16 +90,16 @@ class MapPlane:
         with self._lock:
             deadline = time.monotonic() + SLICE_SECONDS
             whole = job.state == State.SUCCESSFUL
-            done = set(self._tiles) if whole else self._front.database.tiles_done(self.id)
+            done = set(self._tiles) if whole else written_tiles(self._front, self.id)
             fresh = (done - self._known).intersection(self._tiles)
-            for indices in self._bands(fresh):
+            for indices in self._readings(fresh):
                 if time.monotonic() > deadline:
                     return False
-                self._read(indices)
+                self._read_tiles(indices)
                 self._known.update(fresh.intersection(indices))
             return True
 
-    def _bands(self, fresh: set[int]) -> Iterator[list[int]]:
+    def _readings(self, fresh: set[int]) -> Iterator[list[int]]:
         """Yield new tiles one by one, or rows with all their tiles if most are new: fewer and larger readings."""
         _, across = self.request.tile_grid
         together = across * max(1, BAND // (self.delta.size * self.request.tile_shape[0]))
@@ -111,7 +112,7 @@ class MapPlane:
             else:
                 yield from ([index] for index in new)
 
-    def _read(self, indices: Sequence[int]) -> None:
+    def _read_tiles(self, indices: Sequence[int]) -> None:
         first, last = self._tiles[indices[0]], self._tiles[indices[-1]]
         where = (slice(first.epsilon.start, last.epsilon.stop), slice(first.delta.start, last.delta.stop))
         self.values[where] = drawn_numbers(mask_nonperiodic(self._dataset, self.plane[where], self._index))
@@ -141,37 +142,37 @@ class MapPlane:
             The block.
         """
         (j, end_j), (i, end_i) = (
-            _within(axis, span) for axis, span in zip((self.delta, self.epsilon), window or self.box, strict=True)
+            _cell_range(axis, span) for axis, span in zip((self.delta, self.epsilon), window or self.box, strict=True)
         )
         part = level_part_for(self._levels, (i, j), (end_i, end_j), room[::-1])
-        seen, (rows, columns) = self._largest(part) if anywhere else self._seen(part), part.at
+        seen, (rows, columns) = self._largest_to_display(part) if anywhere else self._cells_to_display(part), part.at
         across, along = (part.level.cells if part.level else (1, 1))[::-1]
         delta, epsilon = centres(self.delta, across)[columns], centres(self.epsilon, along)[rows]
-        box = _covered(self.delta, across, columns), _covered(self.epsilon, along, rows)
+        box = _covered_range(self.delta, across, columns), _covered_range(self.epsilon, along, rows)
         return MapBlock(delta, epsilon, seen.values, seen.status, box, seen.shares, seen.without)
 
-    def _seen(self, part: LevelPart) -> DisplayedCells:
+    def _cells_to_display(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
-            return DisplayedCells(*self._cells(*part.at))
-        return reduce_cells(self.plane, *self._cells(*_cells_of(part)), part.level)
+            return DisplayedCells(*self._values_and_status(*part.at))
+        return reduce_cells(self.plane, *self._values_and_status(*_covered_cells(part)), part.level)
 
-    def _largest(self, part: LevelPart) -> DisplayedCells:
+    def _largest_to_display(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
-            return DisplayedCells(*self._cells(*part.at))
-        values, status = self._cells(*_cells_of(part))
+            return DisplayedCells(*self._values_and_status(*part.at))
+        values, status = self._values_and_status(*_covered_cells(part))
         return DisplayedCells(
             pooled_cells(values, part.level.cells, np.fmax, np.nan), pooled_cells(status, part.level.cells, np.maximum)
         )
 
-    def _cells(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
+    def _values_and_status(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
         """Return the values and the status of some cells."""
         return self.values[rows, columns], self.status[rows, columns]
 
-    def whole(self) -> tuple[np.ndarray, np.ndarray]:
+    def all_cells(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the values and the status of all cells. It blocks: use a thread."""
-        return self._cells(slice(None), slice(None))
+        return self._values_and_status(slice(None), slice(None))
 
-    def enlarged(self, window: Ranges) -> MapBlock:
+    def enlarged_block(self, window: Ranges) -> MapBlock:
         """Return a window far narrower than the survey as ENLARGED² points, each with the value of its cell."""
         (left, right), (bottom, top) = window
         delta, epsilon = (
@@ -179,31 +180,32 @@ class MapPlane:
         )
         values = np.full((ENLARGED, ENLARGED), np.nan, np.float32)
         status = np.zeros(values.shape, np.int8)
-        j, i = (cells_at(axis, points) for axis, points in ((self.delta, delta), (self.epsilon, epsilon)))
+        j, i = (cell_indices(axis, points) for axis, points in ((self.delta, delta), (self.epsilon, epsilon)))
         inside = np.ix_(i >= 0, j >= 0)
         if inside[0].size and inside[1].size:
             i, j = i[i >= 0], j[j >= 0]
-            found = self._cells(slice(i[0], i[-1] + 1), slice(j[0], j[-1] + 1))
+            found = self._values_and_status(slice(i[0], i[-1] + 1), slice(j[0], j[-1] + 1))
             values[inside], status[inside] = (each[np.ix_(i - i[0], j - j[0])] for each in found)
         return MapBlock(delta, epsilon, values, status, window)
 
-    def at(self, delta: float, epsilon: float) -> tuple[float, int] | None:
+    def value_and_status(self, delta: float, epsilon: float) -> tuple[float, int] | None:
         """Return the value and the status of the cell at a point; None outside of the survey."""
-        j, i = (_nearest(axis, value) for axis, value in ((self.delta, delta), (self.epsilon, epsilon)))
+        j, i = (_cell_index(axis, value) for axis, value in ((self.delta, delta), (self.epsilon, epsilon)))
         if j is None or i is None:
             return None
-        value, status = self._cells(slice(i, i + 1), slice(j, j + 1))
+        value, status = self._values_and_status(slice(i, i + 1), slice(j, j + 1))
         return float(value[0, 0]), int(status[0, 0])
 
-    def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
+    def cell_at(self, delta: float, epsilon: float) -> xr.Dataset | None:
         """Return all variables of the cell at a point; None outside of the survey. It blocks: use a thread."""
-        j, i = (_nearest(axis, value) for axis, value in ((self.delta, delta), (self.epsilon, epsilon)))
+        j, i = (_cell_index(axis, value) for axis, value in ((self.delta, delta), (self.epsilon, epsilon)))
         if j is None or i is None:
             return None
         names = [
             name
             for name, values in self._dataset.data_vars.items()
-            if values.dims[-2:] == CELL and name not in (LARGEST, SHARE)  # these two follow from the other variables
+            # these two maps are computed from the other variables
+            if values.dims[-2:] == CELL and name not in (LARGEST, SHARE)
         ]
         return self._dataset[names].isel(epsilon=i, delta=j).load()
 
@@ -222,31 +224,31 @@ class LeveledPlane(MapPlane):
         """Return True: a completed survey has no new tiles."""
         return True
 
-    def _seen(self, part: LevelPart) -> DisplayedCells:
+    def _cells_to_display(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
-            return super()._seen(part)
-        return read_level(self.plane, self._level(part.level.path), self._index, part.level, part.at)
+            return super()._cells_to_display(part)
+        return read_level(self.plane, self._open_level(part.level.path), self._index, part.level, part.at)
 
-    def _level(self, path: str) -> xr.Dataset:
+    def _open_level(self, path: str) -> xr.Dataset:
         with self._lock:
             if path not in self._opened:
                 self._opened[path] = slice_of(open_survey(self._place, path), *self._along)
             return self._opened[path]
 
-    def _cells(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
+    def _values_and_status(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
         with reading(f"the map of {self.plane.name}"):
             cells = drawn_numbers(mask_nonperiodic(self._dataset, self.plane[rows, columns], self._index))
             return cells.astype(np.float32), np.asarray(self._dataset["status"][rows, columns])
 
 
-def _cells_of(part: LevelPart) -> tuple[slice, slice]:
+def _covered_cells(part: LevelPart) -> tuple[slice, slice]:
     """Return the rows and the columns of the survey's cells that a part of a level covers."""
     spans = zip(part.at, part.level.cells if part.level else (1, 1), strict=True)
     rows, columns = (slice(span.start * cells, span.stop * cells) for span, cells in spans)
     return rows, columns
 
 
-def _within(axis: np.ndarray, span: Pair) -> tuple[int, int]:
+def _cell_range(axis: np.ndarray, span: Pair) -> tuple[int, int]:
     """Return the index of the first cell along an axis that meets a span, and the last such index plus one.
 
     If the span meets no cell, the result is the nearest cell.
@@ -262,22 +264,22 @@ def _within(axis: np.ndarray, span: Pair) -> tuple[int, int]:
     return first, max(end, first + 1)
 
 
-def _covered(axis: np.ndarray, cells: int, span: slice) -> Pair:
-    """Return the range that a span of a level's cells covers. cells: survey cells along an axis in one of them."""
+def _covered_range(axis: np.ndarray, cells: int, span: slice) -> Pair:
+    """Return the range that a span of a level's cells covers. cells: survey cells along the axis in a level's cell."""
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     begin = axis[0] - step / 2
     return float(begin + span.start * cells * step), float(begin + span.stop * cells * step)
 
 
-def _nearest(axis: np.ndarray, value: float) -> int | None:
-    """Return the index of the cell along an axis that contains a value; None outside of all cells."""
+def _cell_index(axis: np.ndarray, value: float) -> int | None:
+    """Return the index of the cell along an axis that contains a value, None if no cell contains the value."""
     half = (axis[-1] - axis[0]) / (2 * (axis.size - 1))
     if not axis[0] - half <= value <= axis[-1] + half:
         return None
     return int(np.abs(axis - value).argmin())
 
 
-def cells_at(axis: np.ndarray, values: np.ndarray) -> np.ndarray:
+def cell_indices(axis: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return for each value the index of the cell along an axis that contains it, −1 outside of all cells."""
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     found = np.floor((values - axis[0]) / step + 0.5).astype(int)
@@ -316,27 +318,27 @@ class Atlas:
             if plane is not None:
                 self._planes.move_to_end(key)
         if plane is None:
-            plane = self._new(job, variable)(self._front, job, variable, index, number)
+            plane = self._plane_class(job, variable)(self._front, job, variable, index, number)
             with self._lock:
                 plane = self._planes.setdefault(key, plane)
-                while len(self._planes) > 1 and (len(self._planes) > KEPT or self._cells > KEPT_CELLS):
+                while len(self._planes) > 1 and (len(self._planes) > KEPT or self._n_cells > KEPT_CELLS):
                     self._planes.popitem(last=False)
         return plane, plane.update(job)
 
-    def _new(self, job: JobRow, variable: str) -> type[MapPlane]:
+    def _plane_class(self, job: JobRow, variable: str) -> type[MapPlane]:
         """Return the class that reads a map of a survey."""
-        if variable in (LARGEST, SHARE):  # levels lack these two variables
+        if variable in (LARGEST, SHARE):  # the pyramid levels lack these two variables
             return MapPlane
         is_large = levels_of(SurveyRequest.model_validate(job.request).shape)
         ended = is_large and job.state == State.SUCCESSFUL
         return LeveledPlane if ended and has_added(self._front.directory.store(job.id), GROUP) else MapPlane
 
     @property
-    def _cells(self) -> int:
+    def _n_cells(self) -> int:
         return sum(plane.values.size for plane in self._planes.values())
 
     def forget(self, kept: Callable[[str], bool]) -> None:
-        """Remove the maps of surveys that are gone. kept: returns from a survey's id whether its maps stay."""
+        """Remove maps from memory. kept: returns from a survey's id whether the survey's maps stay."""
         with self._lock:
             for key in [key for key in self._planes if not kept(key[0])]:
                 del self._planes[key]
@@ -360,11 +362,11 @@ def maps_of(request: SurveyRequest) -> dict[str, Any]:
     } | joined
 
 
-def map_names(request: SurveyRequest) -> dict[str, Chosen]:
+def map_names(request: SurveyRequest) -> dict[str, MapChoice]:
     """Return all maps of a survey, each under its name in words."""
     named = {}
     for name, labels in maps_of(request).items():
         words = variable_words(name)
         for index, label in enumerate(labels or ("",)):
-            named[f"{words}, {label}" if labels else words] = Chosen(name, index)
+            named[f"{words}, {label}" if labels else words] = MapChoice(name, index)
     return named

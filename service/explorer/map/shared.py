@@ -14,12 +14,13 @@ from starlette.concurrency import run_in_threadpool
 
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common.address import UNCHOSEN, Limits, Pair, Ranges, View
-from gear_rattle.service.explorer.common.news import LISTED, News
+from gear_rattle.service.explorer.common.news import LISTED, StatusPublisher
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
-from gear_rattle.service.explorer.map.overlays import usual_lines
+from gear_rattle.service.explorer.map.overlays import cache_default_lines
 from gear_rattle.service.explorer.map.planes import UNSEEN, Atlas, MapBlock, MapPlane, Room, maps_of
 from gear_rattle.service.explorer.state.store import Store, window_of
-from gear_rattle.service.operations.overlaid import Overlaid
+from gear_rattle.service.operations.overlaid import Overlays
+from gear_rattle.service.operations.surveys import list_jobs
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest, map_quantity
 from gear_rattle.workers.cluster.window import CLOSED_FORM
@@ -27,18 +28,18 @@ from gear_rattle.workers.pictures.look import LARGEST
 from rattle import RattleError
 from rattle.models import DEFAULT_MODEL, MODELS, Model
 
-KEPT = 4  # most drawings of completed maps in memory, of a few MiB each: most pages open with one of few
+KEPT = 4  # most drawings of completed maps in memory, a few MiB each; most pages open with one of a few maps
 
 EXAMPLE = "example at β = 0.6, which comes with the explorer"
 
 USUAL = "quiet_fraction"  # variable that a survey shows first, if it has this variable
-BEFOREHAND = "exact, before the survey has come to it"
-WAITING = "exact; the survey waits for its turn"
+BEFOREHAND = "exact values, shown before the survey has computed them"
+WAITING = "exact values; the survey waits for its turn"
 
 log = logging.getLogger(__name__)
 
 
-def in_closed_form(request: SurveyRequest, variable: str) -> bool:
+def is_closed_form(request: SurveyRequest, variable: str) -> bool:
     """Return whether a map of a survey is a closed form, which is known before the survey is computed."""
     if variable == LARGEST:
         return False
@@ -46,7 +47,7 @@ def in_closed_form(request: SurveyRequest, variable: str) -> bool:
     return request.in_closed_form and found.group in CLOSED_FORM
 
 
-def usual_variable(request: SurveyRequest, is_waiting: bool) -> str:
+def default_variable(request: SurveyRequest, is_waiting: bool) -> str:
     """Return the variable that a survey shows unless a viewer chooses another variable.
 
     A survey that waits for its turn shows its first map, if that map is a closed form. Every other survey shows its
@@ -58,13 +59,13 @@ def usual_variable(request: SurveyRequest, is_waiting: bool) -> str:
         Name of the variable.
     """
     maps = [name for name in maps_of(request) if name not in ("status", LARGEST)] or ["status"]
-    if is_waiting and in_closed_form(request, maps[0]):
+    if is_waiting and is_closed_form(request, maps[0]):
         return maps[0]
-    filling = [name for name in maps if not in_closed_form(request, name)]
+    filling = [name for name in maps if not is_closed_form(request, name)]
     return USUAL if USUAL in maps else next(iter(filling), maps[0])
 
 
-class WithoutSurvey(Protocol):
+class UncomputedMaps(Protocol):
     """Interface of maps that need no computed survey: maps of the example, and closed forms of unfinished surveys."""
 
     request: SurveyRequest
@@ -76,7 +77,7 @@ class WithoutSurvey(Protocol):
     def plane(self, variable: str, index: int) -> MapPlane:
         """Return a map of the example. It blocks: use a thread."""
 
-    def beforehand(
+    def unfinished_map(
         self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], MapPlane]
     ) -> MapPlane:
         """Return a closed-form map of an unfinished survey. It blocks: use a thread.
@@ -93,7 +94,7 @@ class WithoutSurvey(Protocol):
         """
 
 
-def shown_first(jobs: Iterable[JobRow]) -> JobRow | None:
+def default_survey(jobs: Iterable[JobRow]) -> JobRow | None:
     """Return the survey that a page shows if none is chosen: the newest with computed cells, else the newest."""
     readable = [job for job in jobs if job.is_readable]
     shown = (job for job in readable if job.cells_done or job.state == State.SUCCESSFUL)
@@ -101,53 +102,58 @@ def shown_first(jobs: Iterable[JobRow]) -> JobRow | None:
 
 
 @lru_cache(maxsize=KEPT)
-def drawn(plane: ReferenceType[MapPlane], limits: Limits | Pair, log: bool, room: Room) -> tuple[MapBlock, Colouring]:
+def cached_drawing(
+    plane: ReferenceType[MapPlane], limits: Limits | Pair, log: bool, room: Room
+) -> tuple[MapBlock, Colouring]:
     """Return the drawn cells and the colours of a map that does not change. This cache does not keep the map alive."""
     there = plane()
-    assert there is not None  # the caller holds the map
-    return _drawn(there, limits, log, room)
+    assert there is not None  # the caller holds a reference to the map, so the map still exists
+    return _draw_map(there, limits, log, room)
 
 
-def _drawn(plane: MapPlane, limits: Limits | Pair, log: bool, room: Room) -> tuple[MapBlock, Colouring]:
+def _draw_map(plane: MapPlane, limits: Limits | Pair, log: bool, room: Room) -> tuple[MapBlock, Colouring]:
     block = plane.block(room=room)
     return block, colouring(plane, block, limits, log, room)
 
 
 @dataclass(frozen=True)
-class Shared:
-    """State that all pages of an application share. looked: called in the event loop when a page has drawn a map."""
+class SharedState:
+    """State that all pages of an application share.
+
+    on_map_drawn: function that is called in the event loop whenever a page has drawn a map.
+    """
 
     front: Front
-    news: News
+    news: StatusPublisher
     atlas: Atlas
-    overlaid: Overlaid
-    exact: WithoutSurvey
-    looked: Callable[[], None] = lambda: None
+    overlaid: Overlays
+    exact: UncomputedMaps
+    on_map_drawn: Callable[[], None] = lambda: None
 
     async def prepare(self) -> None:
         """Compute the default map and its lines in advance, because the first page would have to wait for them."""
         try:
-            model, window = await run_in_threadpool(self._first)
-            await self.front.kernels.require(model.name, patience=math.inf)
-            await run_in_threadpool(usual_lines, model, window)
-        except (RattleError, ValueError, OSError) as error:  # a page that is opened shows the error
+            model, window = await run_in_threadpool(self._draw_default_map)
+            await self.front.kernels.wait_until_compiled(model.name, patience=math.inf)
+            await run_in_threadpool(cache_default_lines, model, window)
+        except (RattleError, ValueError, OSError) as error:  # a page that is opened later shows the error
             log.info("the first map cannot be drawn beforehand: %s", error)
 
-    def _first(self) -> tuple[Model, Ranges]:
+    def _draw_default_map(self) -> tuple[Model, Ranges]:
         """Draw the default map of a page, if this map does not change any more; return its model and its window."""
-        jobs, _ = self.front.database.jobs(LISTED)
-        job = shown_first(jobs)
+        jobs, _ = list_jobs(self.front, LISTED)
+        job = default_survey(jobs)
         if job is None:
-            self.exact_map(View(variable=usual_variable(self.exact.request, False)))
+            self.exact_map(View(variable=default_variable(self.exact.request, False)))
             return MODELS[DEFAULT_MODEL](), UNCHOSEN
         whole = SurveyRequest.model_validate(job.request)
         if job.state == State.SUCCESSFUL:
-            self.map_of(job, View(survey=job.id, variable=usual_variable(whole, False)), UNSEEN)
+            self.map_of(job, View(survey=job.id, variable=default_variable(whole, False)), UNSEEN)
         request = whole.at(whole.along(0))
         return request.gear_model, window_of(request)
 
     def map_of(self, job: JobRow, view: View, room: Room) -> tuple[MapPlane, bool, MapBlock, Colouring]:
-        """Return the map of a survey, whether all tiles computed so far have been read, and the drawn cells.
+        """Return the view's map of a survey, whether all computed tiles have been read, and the drawn cells.
 
         It blocks: use a thread.
 
@@ -157,28 +163,28 @@ class Shared:
             The map, whether all tiles computed so far have been read, its drawn cells and their colours.
         """
         key, how = (view.variable, view.index, view.slice), (view.limits, view.log, room)
-        if not State(job.state).final and in_closed_form(SurveyRequest.model_validate(job.request), view.variable):
-            plane = self.exact.beforehand(job, *key, lambda: self.atlas.plane(job, *key)[0])
-            block, colours = _drawn(plane, *how)
+        if not State(job.state).is_final and is_closed_form(SurveyRequest.model_validate(job.request), view.variable):
+            plane = self.exact.unfinished_map(job, *key, lambda: self.atlas.plane(job, *key)[0])
+            block, colours = _draw_map(plane, *how)
             note = WAITING if job.state == State.ACCEPTED else BEFOREHAND
             return plane, True, block, replace(colours, note=note)
         plane, is_whole = self.atlas.plane(job, *key)
-        if not is_whole or job.state != State.SUCCESSFUL:  # more tiles may come
-            return plane, is_whole, *_drawn(plane, *how)
-        return plane, True, *drawn(ref(plane), *how)
+        if not is_whole or job.state != State.SUCCESSFUL:  # the map may still change, so its drawing is not cached
+            return plane, is_whole, *_draw_map(plane, *how)
+        return plane, True, *cached_drawing(ref(plane), *how)
 
     def maps(self, store: Store) -> dict[str, Any]:
         """Return the maps of the chosen survey, or of the example if none is chosen, in the form of `maps_of`."""
         if not store.view.survey:
             return self.exact.maps
-        return {} if store.whole is None else maps_of(store.whole)
+        return {} if store.whole_request is None else maps_of(store.whole_request)
 
     def plane(self, job: JobRow | None, variable: str, index: int, number: int) -> MapPlane:
-        """Return a map of a survey, or of the example (job None). It blocks: use a thread. Raises as `Atlas.plane`."""
+        """Return a map of a survey, or of the example if `job` is None. It blocks, and raises, like `Atlas.plane`."""
         if job is None:
             return self.exact.plane(variable, index)
         is_whole = False
-        while not is_whole:  # each call reads for a limited time
+        while not is_whole:  # each call reads for a limited time only
             plane, is_whole = self.atlas.plane(job, variable, index, number)
         return plane
 

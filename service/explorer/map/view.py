@@ -11,8 +11,8 @@ import panel as pn
 
 from gear_rattle.service.database.tables import UNREADABLE, JobRow, State
 from gear_rattle.service.errors import MissingError
-from gear_rattle.service.explorer.common.address import KEYBOARD, Chosen, Pair, View, numbered
-from gear_rattle.service.explorer.common.changes import in_event_loop
+from gear_rattle.service.explorer.common.address import KEYBOARD, MapChoice, Pair, View, points_by_number
+from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.drawings import Show
 from gear_rattle.service.explorer.common.heading import Heading
 from gear_rattle.service.explorer.common.text import Text
@@ -22,13 +22,13 @@ from gear_rattle.service.explorer.map.controls import meaning_of
 from gear_rattle.service.explorer.map.cursor import CursorKeys
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import KeyedLines
-from gear_rattle.service.explorer.map.picture import as_seen
+from gear_rattle.service.explorer.map.picture import drawn_settings
 from gear_rattle.service.explorer.map.planes import SIDE, MapBlock, MapPlane
 from gear_rattle.service.explorer.map.readout import cell_in_words, finer_value, readout
-from gear_rattle.service.explorer.map.shared import Shared, in_closed_form, usual_variable
+from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form
 from gear_rattle.service.explorer.map.survey_map import SurveyMap
-from gear_rattle.service.explorer.point.state import marks_of
-from gear_rattle.service.explorer.state.events import MapDrawn, MapOffered
+from gear_rattle.service.explorer.point.state import point_marks
+from gear_rattle.service.explorer.state.events import DefaultMapChosen, MapDrawn
 from gear_rattle.service.explorer.state.store import JOBS, Store
 from gear_rattle.workers.pictures.look import LARGEST, in_revolutions
 from rattle import RattleError
@@ -42,38 +42,38 @@ HINT = "<p class=faint>Point at the map to read a cell; click or tap it to look 
 class MapView(SurveyMap):
     """First map of a page. parts: its panels, by their names in the page's document."""
 
-    def __init__(self, shared: Shared, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
+    def __init__(self, shared: SharedState, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
         super().__init__(shared, viewer, store, figure, Heading(sheet), Text("", sheet, is_spoken=True))
         self.lines = KeyedLines(shared.overlaid, viewer, store, figure, sheet)
         self.keys = CursorKeys(viewer.document, figure.figure, store)
         self.readout = Text(HINT, sheet)
         self._reading: asyncio.Task[None] | None = None
-        self._settled: tuple[str, str] | None = None  # id and state of the survey
+        self._settled: tuple[str, str] | None = None  # id and state of the survey when its map was last chosen
         self._marked: tuple[object, ...] = ()
-        self._of: tuple[str, int] | None = None  # the survey and the slice that are drawn
-        for size in ("inner_width", "inner_height"):  # a browser reports them after the first drawing
-            figure.figure.on_change(size, in_event_loop(self._on_size))
+        self._of: tuple[str, int] | None = None  # id of the survey and number of the slice that are drawn
+        for size in ("inner_width", "inner_height"):  # a browser reports the size after the first drawing
+            figure.figure.on_change(size, handler_in_event_loop(self._on_size))
         self.parts = {
             "title": self.title.pane,
             "plot": pn.pane.Bokeh(figure.figure, sizing_mode="stretch_both", margin=0),
             "said": self.said.pane,
             "key": self.lines.panel,
         }
-        store.subscribe(self._settle, "survey", JOBS)
-        store.subscribe(self._follow, "survey", JOBS, "variable", "index", "slice", "limits", "log")
-        store.subscribe(self._follow_window, "delta", "epsilon")
-        store.subscribe(self._follow_pointer, "pointer")
-        store.subscribe(self._read_point, "point")
-        store.subscribe(self._mark, "point", "machine", "point_state", "pins", "survey", "slice", JOBS)
+        store.subscribe(self._choose_map, "survey", JOBS)
+        store.subscribe(self._on_view_change, "survey", JOBS, "variable", "index", "slice", "limits", "log")
+        store.subscribe(self._on_window_change, "delta", "epsilon")
+        store.subscribe(self._on_pointer_change, "pointer")
+        store.subscribe(self._read_open_point, "point")
+        store.subscribe(self._mark_point_and_pins, "point", "machine", "point_state", "pins", "survey", "slice", JOBS)
 
     def show_shades(self, shades: Sequence[Shade]) -> None:
         """Show the meanings and the shares of the colours in the key."""
-        self.lines.show(shades)
+        self.lines.show_shades(shades)
 
-    def _settle(self) -> None:
+    def _choose_map(self) -> None:
         """Choose a map that the survey has: the viewer's choice, if there is one, else the survey's default map."""
-        store, view, whole, job = self._store, self._store.view, self._store.whole, self._store.job
-        if whole is None or not store.is_told:
+        store, view, whole, job = self._store, self._store.view, self._store.whole_request, self._store.job
+        if whole is None or not store.has_surveys:
             self._settled = None
             return
         now = view.survey, "" if job is None else job.state
@@ -84,17 +84,17 @@ class MapView(SurveyMap):
             maps = self._shared.maps(store)
             stays = view.is_variable_chosen and view.variable in maps
             is_waiting = now[1] == State.ACCEPTED
-            variable = view.variable if stays else usual_variable(whole, is_waiting)
+            variable = view.variable if stays else default_variable(whole, is_waiting)
             index = view.index if view.index < len(maps[variable]) else 0
-            store.dispatch(MapOffered(variable, index, sum(whole.along(view.slice))))
-            self.figure.in_si(whole.machine)
+            store.dispatch(DefaultMapChosen(variable, index, sum(whole.along(view.slice))))
+            self.figure.show_axes_of(whole.machine)
 
-    def _follow(self) -> None:
+    def _on_view_change(self) -> None:
         """Request a drawing of the view's map, unless the same drawing is finished or under way."""
         store, view, job = self._store, self._store.view, self._store.job
         if self._of != (view.survey, view.slice):
             self._of, self.plane = (view.survey, view.slice), None
-        if not store.is_told:
+        if not store.has_surveys:
             return
         if view.survey and (job is None or not job.is_readable):
             self.drawings.stop()
@@ -103,28 +103,29 @@ class MapView(SurveyMap):
             if job is None:
                 self._shared.atlas.forget(lambda survey_id: survey_id != view.survey)
             return
-        chosen = Chosen(view.variable, view.index)
+        chosen = MapChoice(view.variable, view.index)
         if self._chosen not in (None, chosen) or self.plane is None:
-            self.forget_window()  # the window's cells are of another map
+            self.forget_window()  # the finer cells of the window belong to another map
         request = store.request
         is_large = request is not None and max(request.shape) > SIDE
-        room = self.figure.pixels if is_large or view.variable == LARGEST else ()  # the drawing depends on it
+        # such a drawing depends on the pixels
+        room = self.figure.pixels if is_large or view.variable == LARGEST else ()
         what = view.survey, view.slice, chosen, view.limits, view.log, room
-        self.drawings.want(what, [] if job is None else [job], partial(self._draw, view, job))
+        self.drawings.request(what, [] if job is None else [job], partial(self._draw, view, job))
 
     async def _draw(self, view: View, job: JobRow | None) -> AsyncGenerator[Show, None]:
         if job is None:
-            yield partial(self._show, view, *await self._viewer.read(partial(self._shared.exact_map, view)))
+            yield partial(self._show, view, *await self._viewer.run_in_thread(partial(self._shared.exact_map, view)))
             return
-        whole = self._store.whole
-        is_known = whole is not None and in_closed_form(whole, view.variable)
+        whole = self._store.whole_request
+        is_known = whole is not None and is_closed_form(whole, view.variable)
         if job.state == State.ACCEPTED and not job.started and not is_known:
             yield partial(self.show_nothing, WAITS)
             return
         is_whole = False
         while not is_whole:  # each call reads for a limited time, and the cells read so far are drawn
             try:
-                plane, is_whole, block, colours = await self._viewer.read(
+                plane, is_whole, block, colours = await self._viewer.run_in_thread(
                     partial(self._shared.map_of, job, view, self.figure.pixels)
                 )
             except RattleError as error:
@@ -135,7 +136,7 @@ class MapView(SurveyMap):
             yield partial(self._show, view, plane, block, colours)
 
     def show_nothing(self, why: str) -> None:
-        """Show why no cells are shown (HTML), and remove all text about earlier cells."""
+        """Remove all cells and all text about them, and write why no map is shown. why: HTML."""
         super().show_nothing(why)
         self._store.dispatch(MapDrawn(None))
         self._stop_reading()
@@ -151,43 +152,43 @@ class MapView(SurveyMap):
         self.title.show(title if plane.request.machine is None else in_revolutions(title))
         if is_first:
             self.figure.show_window(self._store.window)
-        self.draw_map(plane, block, colours, Chosen(view.variable, view.index), view.limits, view.log)
-        self._tell_seen()
+        self.draw_map(plane, block, colours, MapChoice(view.variable, view.index), view.limits, view.log)
+        self._dispatch_drawn()
         if is_first:
-            self._read_point()
-        self._shared.looked()
+            self._read_open_point()
+        self._shared.on_map_drawn()
 
-    def _tell_seen(self) -> None:
+    def _dispatch_drawn(self) -> None:
         """Dispatch the settings of the drawn map, which links to its pictures use."""
         if self.colours is not None:
             pixels = self.figure.pixels if self._store.view.window else None
-            self._store.dispatch(MapDrawn(as_seen(self.colours, pixels), self._how[0]))
+            self._store.dispatch(MapDrawn(drawn_settings(self.colours, pixels), self._how[0]))
 
     def _on_size(self, _attribute: str, _old: object, _new: object) -> None:
-        self._tell_seen()
-        self._follow()
+        self._dispatch_drawn()
+        self._on_view_change()
 
-    def _follow_window(self) -> None:
+    def _on_window_change(self) -> None:
         self.figure.show_window(self._store.window)
         self.refine()
-        self._tell_seen()
+        self._dispatch_drawn()
 
-    def _follow_pointer(self) -> None:
+    def _on_pointer_change(self) -> None:
         pointer = self._store.view.pointer
         is_here = pointer is None or pointer.source == self.figure.figure.name
-        self.figure.cursor(None if pointer is None or is_here else pointer.at)
+        self.figure.mark_cursor(None if pointer is None or is_here else pointer.at)
         self.said.html = ""
         if pointer is not None and self.plane is not None:
             if pointer.source == KEYBOARD:
                 said = cell_in_words(self.plane, *pointer.at, self._store.window, self.finer)
                 self.said.html = f"<p>{escape(said)}</p>"
-            self._read(pointer.at)
+            self._read_numbers(pointer.at)
 
-    def _read_point(self) -> None:
+    def _read_open_point(self) -> None:
         if self._store.view.point is not None:
-            self._read(self._store.view.point)
+            self._read_numbers(self._store.view.point)
 
-    def _read(self, at: Pair) -> None:
+    def _read_numbers(self, at: Pair) -> None:
         """Show the numbers of the cell at a point, and cancel an earlier reading."""
         self._stop_reading()
         if self.plane is not None:
@@ -201,21 +202,21 @@ class MapView(SurveyMap):
         request, window, here = plane.request, self._store.window, finer_value(plane, self.finer, *at)
 
         def read() -> str:
-            return readout(plane.cell(*at), *at, request.gear_model, window, here, request.machine)
+            return readout(plane.cell_at(*at), *at, request.gear_model, window, here, request.machine)
 
-        found = await self._viewer.read(read)
+        found = await self._viewer.run_in_thread(read)
 
         def show() -> None:
             self.readout.html = found
 
         self._viewer.change(show)
 
-    def _mark(self) -> None:
+    def _mark_point_and_pins(self) -> None:
         """Mark the open point with its tolerances, and the pins, if their model is the model of the map."""
         view, model, machine = self._store.view, self._store.model, self._store.machine
-        self.figure.pins(numbered(view.pins, model))
+        self.figure.mark_pins(points_by_number(view.pins, model))
         if (marked := (view.point, view.machine, view.point_state, model, machine)) != self._marked:
             self._marked = marked
-            at, lines = marks_of(view, model, machine)
-            self.figure.cross(at)
-            self.figure.ellipse(lines)
+            at, lines = point_marks(view, model, machine)
+            self.figure.mark_point(at)
+            self.figure.draw_tolerances(lines)

@@ -1,4 +1,4 @@
-"""The form for a new survey: its plane, model and number of cells. It shows the cost before a viewer submits."""
+"""Form for a new survey: its plane, its model and its number of cells. It shows the cost before submission."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from pydantic import ValidationError
 
 from gear_rattle.service.database.tables import Scope
 from gear_rattle.service.explorer.common.address import Ranges
-from gear_rattle.service.explorer.common.changes import in_event_loop
+from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.page.machine_axes import MachineAxes
 from gear_rattle.service.explorer.page.sample_fields import SampleFields
-from gear_rattle.service.harmonics import EXAMPLE, SHAPE, read_harmonics, written_harmonics
+from gear_rattle.service.harmonics import EXAMPLE, SHAPE, harmonic_texts, read_harmonics
 from gear_rattle.service.operations.estimate import CostEstimate, estimate
 from gear_rattle.service.operations.limits import check_limits
 from gear_rattle.service.operations.surveys import submit_survey
@@ -29,7 +29,7 @@ from rattle import RattleError
 from rattle.models import ADDED, BETA, DEFAULT_MODEL, MODELS, Model
 from rattle.plot import FIGURE_8
 
-PATIENCE = 0.4  # seconds; the cost is estimated when no field has changed for so long
+PATIENCE = 0.4  # seconds without a change of a field, after which the cost is estimated
 OWN, MACHINE = "own", "machine"
 #: Ranges of δ and ε that have a name; the first is the plane of the paper's Figure 7, without its edge ε = 0.
 NAMED: dict[str, Ranges] = {
@@ -37,13 +37,14 @@ NAMED: dict[str, Ranges] = {
     "Figure 8: where curves meet": FIGURE_8,
 }
 PLANES = {name: name for name in NAMED} | {"own ranges of δ and ε": OWN, "a machine: rpm, µm": MACHINE}
-FINENESS = {"coarse": (31, 30), "medium": (61, 60), "fine": (121, 120)}  # values along the first and the second axis
+# numbers of values along the first and the second axis
+FINENESS = {"coarse": (31, 30), "medium": (61, 60), "fine": (121, 120)}
 FINE = {f"{name}: {across} × {up}, {across * up:,} cells": name for name, (across, up) in FINENESS.items()}
-CELLS = FINENESS["medium"]  # values along the axes of a new survey of the visible window
+CELLS = FINENESS["medium"]  # numbers of values along both axes of a new survey of the visible window
 ADVANCED = "Advanced settings"
 
 
-class Form:
+class SurveyForm:
     """The form for a new survey; `on_submitted` is called with the id of each submitted survey."""
 
     def __init__(self, viewer: Viewer, on_submitted: Callable[[str], None], sheet: str) -> None:
@@ -101,7 +102,7 @@ class Form:
         )  # fmt: skip
         self.harmonics = pn.widgets.TextInput(
             label=f"Harmonics, {SHAPE}", placeholder=f"none; several with spaces, such as {EXAMPLE}", visible=False,
-            description="Of the transmission error: amplitude over that of the first harmonic, phase in turns.",
+            description="Harmonics of the transmission error: amplitude relative to the first, phase in turns.",
             **style,
         )  # fmt: skip
         self._advanced = pn.Column(
@@ -117,14 +118,14 @@ class Form:
         )  # fmt: skip
         for widget, used in (
             (self.plane, self._on_plane), (self.model, self._on_model), (self.harmonics, self._on_model),
-            (self.fine, self._on_fine), *((count, self._on_count) for count in self.counts),
+            (self.fine, self._on_fineness), *((count, self._on_count) for count in self.counts),
         ):  # fmt: skip
-            widget.param.watch(in_event_loop(used), "value")
+            widget.param.watch(handler_in_event_loop(used), "value")
         for widget in self.panel.select(pn.widgets.WidgetBase):
             if not isinstance(widget, pn.widgets.Button):
-                widget.param.watch(in_event_loop(self._changed), "value")
+                widget.param.watch(handler_in_event_loop(self._on_change), "value")
         self._on_plane()
-        self._changed()
+        self._on_change()
 
     def fill(self, request: SurveyRequest) -> None:
         """Set the fields to the settings of a survey."""
@@ -152,7 +153,7 @@ class Form:
         self.beta.value, self.model.value = model.beta, model.name
         for each in model.added:
             self.added[each.name].value = model.numbers[each.name]
-        self.harmonics.value = " ".join(written_harmonics(model.at(1.0, 0.0).harmonics))
+        self.harmonics.value = " ".join(harmonic_texts(model.parameters_at(1.0, 0.0).harmonics))
 
     @property
     def _is_machine(self) -> bool:
@@ -161,7 +162,7 @@ class Form:
     def fields(self) -> dict[str, Any]:
         """Return the settings as the body of `POST /v1/surveys`. Raises ParameterError if harmonics cannot be read."""
         counts = [widget.value for widget in self.counts]
-        own = self._own
+        own = self._entered_parameters
         return {
             "name": self.name.value,
             **(self.machine.fields(counts) if self._is_machine else self._plain_fields(counts)),
@@ -184,7 +185,7 @@ class Form:
         return (self.harmonics.value or "").split() if MODELS[self.model.value].takes_harmonics else []
 
     @property
-    def _own(self) -> set[str]:
+    def _entered_parameters(self) -> set[str]:
         """Names of the model's additional parameters that the form asks for; a machine determines some by itself."""
         added = MODELS[self.model.value].added
         return {each.name for each in added if not (self._is_machine and each.machine_number)}
@@ -198,7 +199,9 @@ class Form:
         self.beta.visible = not self._is_machine
         for count, letter in zip(self.counts, ("rpm", "µm") if self._is_machine else "δε", strict=True):
             count.label = f"{letter} values"
-        options = {each.title: name for name, each in MODELS.items() if not (self._is_machine and is_stiff(each))}
+        options = {
+            each.title: name for name, each in MODELS.items() if not (self._is_machine and has_machine_parameter(each))
+        }
         value = self.model.value if self.model.value in options.values() else DEFAULT_MODEL
         self.model.param.update(options=options, value=value)
         self._on_model()
@@ -207,10 +210,10 @@ class Form:
         """Show the fields of the chosen model's parameters, and offer its quantities."""
         self.harmonics.visible = MODELS[self.model.value].takes_harmonics
         for name, widget in self.added.items():
-            widget.visible = name in self._own
-        self.sample.offer([str(group) for group in groups_of(self.model.value, bool(self._harmonic_texts))])
+            widget.visible = name in self._entered_parameters
+        self.sample.offer_groups([str(group) for group in groups_of(self.model.value, bool(self._harmonic_texts))])
 
-    def _on_fine(self, *_: Any) -> None:
+    def _on_fineness(self, *_: Any) -> None:
         for widget, count in zip(self.counts, FINENESS.get(self.fine.value, ()), strict=False):
             widget.value = count
 
@@ -227,7 +230,7 @@ class Form:
     def _press_submit(self) -> None:
         self._viewer.start(self._submit())
 
-    def _changed(self, *_: Any) -> None:
+    def _on_change(self, *_: Any) -> None:
         if self._estimating is not None:
             self._estimating.cancel()
         self._estimating = self._viewer.start(self._estimate())
@@ -238,16 +241,16 @@ class Form:
             request = SurveyRequest.model_validate(self.fields())
             check_limits(request, self._viewer.front.settings)
         except (ValidationError, RattleError) as error:
-            self._say(what_is_wrong(error), wrong=True)
+            self._show_cost(error_message(error), wrong=True)
             return
         size = f"{request.n_cells:,} cells"
-        self._say(f"{size}: the cost is being estimated …")
+        self._show_cost(f"{size}: the cost is being estimated …")
         try:
             found = await estimate(self._viewer.front, request)
         except RattleError as error:
-            self._say(f"{size}; {error}")
+            self._show_cost(f"{size}; {error}")
         else:
-            self._say(f"{size}, {cost_in_words(found)}")
+            self._show_cost(f"{size}, {cost_in_words(found)}")
 
     async def _submit(self) -> None:
         def submit() -> str:
@@ -255,13 +258,13 @@ class Form:
             return submit_survey(self._viewer.front, self._viewer.require(Scope.SUBMIT), request).id
 
         try:
-            survey_id = await self._viewer.read(submit, Scope.SUBMIT)
+            survey_id = await self._viewer.run_in_thread(submit, Scope.SUBMIT)
         except (ValidationError, RattleError) as error:
-            self._say(what_is_wrong(error), wrong=True)
+            self._show_cost(error_message(error), wrong=True)
         else:
             self._viewer.change(lambda: self._on_submitted(survey_id))
 
-    def _say(self, text: str, wrong: bool = False) -> None:
+    def _show_cost(self, text: str, wrong: bool = False) -> None:
         said = f'<p role="{"alert" if wrong else "status"}" class="{"wrong" if wrong else ""}">{escape(text)}</p>'
 
         def write() -> None:
@@ -271,12 +274,12 @@ class Form:
         self._viewer.change(write)
 
 
-def is_stiff(model: type[Model]) -> bool:
+def has_machine_parameter(model: type[Model]) -> bool:
     """Return whether a model has a parameter without default that a machine determines, as κ of the stiff gear."""
     return any(each.machine_number and each.default is None for each in model.added)
 
 
-def what_is_wrong(error: Exception) -> str:
+def error_message(error: Exception) -> str:
     """Return the message of an error; if several fields of a request are invalid, the message of the first one."""
     if isinstance(error, ValidationError):
         first = field_errors_of(error.errors())[0]
@@ -287,10 +290,11 @@ def what_is_wrong(error: Exception) -> str:
 def cost_in_words(found: CostEstimate) -> str:
     """Return an estimated cost in words: the duration, the number of workers and the basis of the estimate."""
     about = "at most about" if found.is_most else "about"
-    return f"{about} {lasting(found.seconds)} on {found.workers} worker{'s' * (found.workers != 1)} ({found.basis})"
+    workers = f"{found.workers} worker{'s' * (found.workers != 1)}"
+    return f"{about} {duration_in_words(found.seconds)} on {workers} ({found.basis})"
 
 
-def lasting(seconds: float) -> str:
+def duration_in_words(seconds: float) -> str:
     """Return a duration in words, in seconds, minutes, hours or days."""
     for unit, size in (("days", 172_800.0), ("hours", 7200.0), ("min", 120.0)):
         if seconds >= size:

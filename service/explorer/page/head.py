@@ -1,4 +1,4 @@
-"""The first document that a browser gets. It is the same for all viewers, and its scripts request the page itself."""
+"""Write the first document that a browser gets. It is the same for all viewers; its scripts request the page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gear_rattle.service.explorer.files import asset
 if TYPE_CHECKING:
     from gear_rattle.service.explorer.page.pages import Pages
 
-UNUSED = ("bokeh-gl",)  # scripts of Bokeh to leave out: the page has no WebGL. Panel's script needs the others
+UNUSED = ("bokeh-gl",)  # scripts of Bokeh that are left out, because no figure of the page uses WebGL
 #: Styles that parts of the page load late, when a browser draws them; the head lets the browser fetch them early.
 STYLES = ("css/loading", "css/listpanel", "bundled/theme/native", "css/button", "css/select")
 
@@ -25,8 +25,8 @@ def theme_of(view: View, scheme: str) -> str:
     return view.theme or (scheme if scheme in THEMES else THEMES[0])
 
 
-def head_of(pages: Pages) -> str:
-    """Return the first document, with all scripts and styles of a page; it is the same for all viewers."""
+def head_html(pages: Pages) -> str:
+    """Return the HTML that a browser receives first: scripts and styles, of which one script requests the page."""
     from panel.io.resources import JS_VERSION, bundle_resources
 
     resources: Any = pages.resources()
@@ -43,6 +43,6 @@ def head_of(pages: Pages) -> str:
     return head
 
 
-def body_of(page: str) -> str:
-    """Return the part after the head of an HTML page that Bokeh has written."""
+def html_after_head(page: str) -> str:
+    """Return the part of an HTML page that follows its head. page: a page that Bokeh has written."""
     return page.partition("</head>")[2]

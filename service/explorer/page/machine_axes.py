@@ -8,10 +8,10 @@ from typing import Any
 import panel as pn
 
 from gear_rattle.service.explorer.common.address import Pair
-from gear_rattle.service.explorer.design.fields import NUMBERS, PAIR, MachineFields, spans_of
+from gear_rattle.service.explorer.design.fields import NUMBERS, PAIR, MachineFields, machine_ranges
 from gear_rattle.workers.survey.machine import SurveyedMachine
 
-LEAST_DELTA = 0.1  # least lower end of δ, relative to its upper end
+LEAST_DELTA = 0.1  # least lower end of the range of δ, relative to its upper end
 FIRST = {"rpm": (1000.0, 3000.0), "eccentricity": (1.0, 60.0)}
 
 
@@ -38,15 +38,19 @@ class MachineAxes:
     def fields(self, counts: Sequence[int | None]) -> dict[str, Any]:
         """Return the machine of a request. counts: the numbers of speeds and of eccentricities."""
         axes = {
-            name: {"start": NUMBERS[name].meant(start.value), "stop": NUMBERS[name].meant(stop.value), "num": num}
+            name: {
+                "start": NUMBERS[name].to_library_unit(start.value),
+                "stop": NUMBERS[name].to_library_unit(stop.value),
+                "num": num,
+            }
             for (name, (start, stop)), num in zip(self._axes.items(), counts, strict=True)
         }
-        return {"machine": self._machine.given() | axes}
+        return {"machine": self._machine.entered_numbers() | axes}
 
     def fill(self, delta: Pair, epsilon: Pair, machine: SurveyedMachine) -> None:
         """Set the fields to a machine, and to its speeds and eccentricities in a window of the plane."""
         self._machine.show(machine.model_dump())
         delta = max(delta[0], LEAST_DELTA * delta[1]), delta[1]  # a window may reach to δ ≤ 0, where no speed exists
-        for name, span in spans_of(machine, delta, epsilon).items():
+        for name, span in machine_ranges(machine, delta, epsilon).items():
             for widget, value in zip(self._axes[name], span, strict=True):
-                widget.value = NUMBERS[name].entered(value)
+                widget.value = NUMBERS[name].to_field_unit(value)

@@ -16,20 +16,20 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import Message, Receive, Scope, Send
 
 from gear_rattle.service.access import login
-from gear_rattle.service.access.origins import require_root
+from gear_rattle.service.access.origins import require_browser_address
 from gear_rattle.service.errors import UnavailableError
-from gear_rattle.service.explorer.common.news import News
+from gear_rattle.service.explorer.common.news import StatusPublisher
 from gear_rattle.service.explorer.page.assets_route import Assets
-from gear_rattle.service.explorer.page.head import SCHEME, body_of, head_of
+from gear_rattle.service.explorer.page.head import SCHEME, head_html, html_after_head
 from gear_rattle.service.jobs.manager import STARTING
 from gear_rattle.service.observability.logs import adopt_handlers
-from gear_rattle.service.operations.overlaid import Overlaid
+from gear_rattle.service.operations.overlaid import Overlays
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
 from gear_rattle.service.web.prefix import public_path
 
 if TYPE_CHECKING:
-    from gear_rattle.service.explorer.map.shared import Shared
+    from gear_rattle.service.explorer.map.shared import SharedState
     from gear_rattle.service.explorer.page.pages import Pages
 
 TITLE = "gear rattle"
@@ -44,7 +44,7 @@ CONTENT_SECURITY = "; ".join(
         "style-src 'self' 'unsafe-inline'",
         "connect-src 'self' blob:",
         "img-src 'self' data: blob:",
-        "media-src data:",  # sounds of motions
+        "media-src data:",  # the sounds of motions are data URLs
         "font-src 'self' data:",
         "worker-src 'self' blob:",
         "form-action 'self'",
@@ -64,28 +64,28 @@ class Explorer:
     def __init__(self, app: FastAPI, settings: Settings) -> None:
         self._settings = settings
         self._front: Front | None = None
-        self.news: News | None = None
-        self._overlaid: Overlaid | None = None
-        self._shared: Shared | None = None
+        self.news: StatusPublisher | None = None
+        self._overlaid: Overlays | None = None
+        self._shared: SharedState | None = None
         self._loading: asyncio.Future[Pages] | None = None
         self._running = AsyncExitStack()
         self._head = ""
         self._warming: asyncio.Task[None] | None = None
         self._assets, self._socket = Assets(self.load), _Socket(self.load)
         app.router.routes += [
-            Route("/", self._first, methods=["GET"], include_in_schema=False),
+            Route("/", self._serve_head, methods=["GET"], include_in_schema=False),
             WebSocketRoute("/ws", self._socket),
-            Route("/page", self._page, methods=["GET"], include_in_schema=False),
+            Route("/page", self._serve_page, methods=["GET"], include_in_schema=False),
             Route("/static/{path:path}", self._assets, methods=["GET"], include_in_schema=False),
             Route("/components/{path:path}", self._assets, methods=["GET"], include_in_schema=False),
             *login.ROUTES,
         ]
 
     @asynccontextmanager
-    async def running(self, front: Front, overlaid: Overlaid) -> AsyncIterator[None]:
+    async def running(self, front: Front, overlaid: Overlays) -> AsyncIterator[None]:
         """Return the context in which the application runs: open pages get job status, and closed pages are dropped."""
         self._front, self._overlaid = front, overlaid
-        self.news = News(front)
+        self.news = StatusPublisher(front)
         async with self._running, self.news.running():
             yield
 
@@ -98,7 +98,7 @@ class Explorer:
             await self.load()
             if self._front.settings.preload and self._shared is not None:
                 await self._shared.prepare()
-        except Exception:  # a request of a page loads again, and answers with the error if it lasts
+        except Exception:  # the next request of a page tries to load it again
             log.exception("the explorer cannot be loaded")
 
     async def load(self) -> Pages:
@@ -109,43 +109,46 @@ class Explorer:
         return await asyncio.shield(self._loading)
 
     async def _load(self) -> Pages:
-        pages = await run_in_threadpool(self._build)  # imports take more than a second
+        pages = await run_in_threadpool(self._build_pages)  # in a thread, because the imports take more than a second
         await self._running.enter_async_context(pages.running())
         return pages
 
-    def _build(self) -> Pages:
+    def _build_pages(self) -> Pages:
         from bokeh.settings import settings
 
         from gear_rattle.service.explorer.map.planes import Atlas
-        from gear_rattle.service.explorer.map.shared import Shared
+        from gear_rattle.service.explorer.map.shared import SharedState
         from gear_rattle.service.explorer.page.page import open_page
         from gear_rattle.service.explorer.page.pages import Pages
-        from gear_rattle.service.explorer.places.exact import Exact
+        from gear_rattle.service.explorer.places.exact import ExactMaps
 
         assert self._front is not None
         assert self.news is not None
         assert self._overlaid is not None
-        settings.perform_document_validation.set_value(False)  # it takes a quarter of a page's time, for nobody
+        # Bokeh's validation takes a quarter of the time to build a page, and nobody sees its warnings.
+        settings.perform_document_validation.set_value(False)
         front = self._front
-        shared = self._shared = Shared(front, self.news, Atlas(front), self._overlaid, Exact(), self._looked)
+        shared = self._shared = SharedState(
+            front, self.news, Atlas(front), self._overlaid, ExactMaps(), self._on_map_drawn
+        )
         found = Pages(lambda: open_page(shared), TITLE)
-        self._head = head_of(found)
-        adopt_handlers()  # the log handlers of Panel
-        gc.freeze()  # as in service.web.server, for the modules that have just been loaded
+        self._head = head_html(found)
+        adopt_handlers()  # the service formats the log records of Panel's handlers too
+        gc.freeze()  # the modules that have just been loaded stay for ever, as in service.web.server
         return found
 
-    def _looked(self) -> None:
+    def _on_map_drawn(self) -> None:
         """Start the processes that compute clicked points, when the first page shows a map.
 
-        Without a page they are not needed, and earlier they would slow down the first page.
+        The processes are not needed without a page. Started earlier, they would slow down the first page.
         """
         assert self._front is not None
         if self._front.settings.preload and self._warming is None:
-            from gear_rattle.service.explorer.point.work import prepare
+            from gear_rattle.service.explorer.point.work import prepare_processes
 
-            self._warming = asyncio.create_task(prepare(self._front))
+            self._warming = asyncio.create_task(prepare_processes(self._front))
 
-    async def _first(self, _request: Request) -> Response:
+    async def _serve_head(self, _request: Request) -> Response:
         """Return the first document, whose scripts request the page itself.
 
         A page takes memory until its browser leaves, so a client that runs no scripts gets none.
@@ -158,17 +161,17 @@ class Explorer:
         await self.load()
         return HTMLResponse(self._head, headers=PAGE_HEADERS)
 
-    async def _page(self, request: Request) -> Response:
+    async def _serve_page(self, request: Request) -> Response:
         from gear_rattle.service.explorer.common.viewer import CALLER
 
-        require_root(request.headers, public_path("/"))
+        require_browser_address(request.headers, public_path("/"))
         pages = await self.load()
         if len(pages.sessions()) >= self._settings.max_pages:
             raise UnavailableError("Too many pages of the explorer are open. Close some, and try again in a minute.")
         CALLER.set(request.state.caller)
         SCHEME.set(request.headers.get("rattle-theme", ""))
-        # A page that is begun is finished even if the browser leaves; then it expires by itself.
-        body = body_of(await asyncio.shield(pages.document(request)))
+        # A page is built to its end even if the browser leaves meanwhile; then the page expires by itself.
+        body = html_after_head(await asyncio.shield(pages.new_page_html(request)))
         return HTMLResponse(body, headers=PAGE_HEADERS)
 
 
@@ -190,18 +193,18 @@ class _Socket:
         code = 0
         session = pages.session_of(scope)
         if session is None:  # Bokeh would make a new page, whose parts the browser does not know
-            log.info("a page was refused: it is not there, or no longer")
+            log.info("a websocket was refused: its page does not exist, or no longer exists")
             await send({"type": "websocket.close", "code": 1008, "reason": GONE})
             return
 
-        async def noted() -> Message:
+        async def receive_noting_code() -> Message:
             nonlocal code
             message = await receive()
             code = message.get("code", 0)
             return message
 
-        with scope["app"].state.front.revocations.ending(caller) as visit:
-            await pages.socket(session, scope, noted, send)
+        with scope["app"].state.front.revocations.cancel_when_revoked(caller) as visit:
+            await pages.serve_websocket(session, scope, receive_noting_code, send)
             if code in LEFT:
                 session.request_expiration()  # otherwise the computations of the closed page would go on
         if visit.cancelled_caught:

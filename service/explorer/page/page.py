@@ -18,34 +18,34 @@ from gear_rattle.service.explorer.common.address import FURTHER, View
 from gear_rattle.service.explorer.common.lists import SurveyMenu
 from gear_rattle.service.explorer.common.news import JobStatus, overall_rate
 from gear_rattle.service.explorer.common.viewer import CALLER, Viewer
-from gear_rattle.service.explorer.common.watch import Watch, on_press
-from gear_rattle.service.explorer.design.go_to import GoTo
+from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
+from gear_rattle.service.explorer.design.go_to import GoToPanel
 from gear_rattle.service.explorer.families.view import FamiliesView
-from gear_rattle.service.explorer.files import asset, tour
+from gear_rattle.service.explorer.files import asset, tour_html
 from gear_rattle.service.explorer.further.maps import ComparisonMaps
-from gear_rattle.service.explorer.map.beside import Beside
-from gear_rattle.service.explorer.map.controls import Controls
+from gear_rattle.service.explorer.map.beside import RightSide
+from gear_rattle.service.explorer.map.controls import MapControls
 from gear_rattle.service.explorer.map.figure import MapFigure
-from gear_rattle.service.explorer.map.shared import Shared, shown_first
+from gear_rattle.service.explorer.map.shared import SharedState, default_survey
 from gear_rattle.service.explorer.map.view import MapView
-from gear_rattle.service.explorer.page.form import Form, what_is_wrong
+from gear_rattle.service.explorer.page.form import SurveyForm, error_message
 from gear_rattle.service.explorer.page.head import SCHEME, theme_of
-from gear_rattle.service.explorer.page.rows import row_of
+from gear_rattle.service.explorer.page.rows import survey_row
 from gear_rattle.service.explorer.pins.view import Pins
-from gear_rattle.service.explorer.section.section import Section
+from gear_rattle.service.explorer.section.section import ProfileSection
 from gear_rattle.service.explorer.state.events import SurveyChosen
 from gear_rattle.service.explorer.state.store import JOBS, Store, request_of_job
-from gear_rattle.service.operations.surveys import Description, describe_survey, remove_survey, verify_survey
+from gear_rattle.service.operations.surveys import Description, describe_survey, find_job, remove_survey, verify_survey
 
 
 class _Template(pn.Template):
     """Panel's template with a short `repr`."""
 
     def __repr__(self) -> str:
-        return type(self).__name__  # Panel's own lists all parts, and is built once for each part
+        return type(self).__name__  # Panel's own repr lists all parts, and is built once for each part
 
 
-def open_page(shared: Shared) -> pn.Template:
+def open_page(shared: SharedState) -> pn.Template:
     """Return a new page for the caller of the current request, with the view that the URL describes."""
     document = pn.state.curdoc
     assert document is not None  # Panel sets it while it makes a page
@@ -53,7 +53,7 @@ def open_page(shared: Shared) -> pn.Template:
     view = View.parse(pn.state.session_args)
     theme = theme_of(view, SCHEME.get())
     config: Any = pn.config
-    config.theme = "dark" if theme == "dark" else "default"  # for this page only
+    config.theme = "dark" if theme == "dark" else "default"  # Panel keeps this setting for the current page only
     page = Page(shared, viewer, view, theme)
     document.js_on_event(DocumentReady, CustomJS(code="arrived()"))
     document.js_on_event(ConnectionLost, CustomJS(code="lost()"))
@@ -64,22 +64,26 @@ def open_page(shared: Shared) -> pn.Template:
 class Page:
     """One open page: its parts, which share a store, and the place of each part in the document."""
 
-    def __init__(self, shared: Shared, viewer: Viewer, view: View, theme: str) -> None:
+    def __init__(self, shared: SharedState, viewer: Viewer, view: View, theme: str) -> None:
         self._shared, self._viewer = shared, viewer
         self.store = store = Store(view, shared.exact.request)
         location: Any = pn.state.location
         self._location = location
         self._location.param.watch(lambda _event: viewer.change(self._show_address), "search")
-        self._unasked = ""  # id of the survey that is shown because the viewer chose none
-        self._form: Form | None = None
-        viewer.tell = self._tell
+        self._default_survey = ""  # id of the survey that is shown because the viewer chose none
+        self._form: SurveyForm | None = None
+        viewer.tell = self._show_notice
         sheet = asset("widgets.css")
         self._notice = pn.pane.HTML("", stylesheets=[sheet], margin=(0, 10), sizing_mode="stretch_width")
         self._list = SurveyMenu(
-            self._act, chosen=view.survey, signed_in=viewer.signed_in, margin=0, sizing_mode="stretch_width"
+            self._on_list_action,
+            chosen=view.survey,
+            signed_in=viewer.is_signed_in,
+            margin=0,
+            sizing_mode="stretch_width",
         )
-        self._watch = Watch()
-        self._watch.on(self._list, self._choose, "chosen")
+        self._watch = WidgetWatcher()
+        self._watch.call_on_change(self._list, self._on_survey_chosen, "chosen")
         self._new = pn.widgets.Button(
             label="New survey", color="primary", css_classes=["new"], stylesheets=[sheet], margin=8
         )
@@ -87,24 +91,24 @@ class Page:
         save = pn.widgets.Button(
             label="New survey from this view", stylesheets=[sheet], margin=(2, 8, 2, 0), css_classes=["save"]
         )
-        on_press(save, self._save_window)
+        on_press(save, self._open_form_for_view)
         # The form has a column of its own, because Panel sets all children of a column anew when one is inserted.
         self._entering = pn.Column(sizing_mode="stretch_width", margin=0)
         self._side = pn.Column(
             self._new, self._entering, self._notice, self._list, sizing_mode="stretch_width", margin=0
         )
-        store.subscribe(self._choose_first, JOBS)
+        store.subscribe(self._choose_default, JOBS)
         figure = MapFigure(theme, store.dispatch)
         self._map = MapView(shared, viewer, store, figure, sheet)
-        controls = Controls(shared, store, sheet)
-        self._section = Section(shared, viewer, store, theme, sheet)
-        go_to = GoTo(store, sheet)
-        self._beside = Beside(shared, viewer, store, theme, self._section.below, go_to.panel, self._map.readout.pane)
+        controls = MapControls(shared, store, sheet)
+        self._section = ProfileSection(shared, viewer, store, theme, sheet)
+        go_to = GoToPanel(store, sheet)
+        self._beside = RightSide(shared, viewer, store, theme, self._section.below, go_to.panel, self._map.readout.pane)
         self._families = FamiliesView(shared, viewer, store, figure, sheet)
         self._further = ComparisonMaps(shared, viewer, store, figure, theme, sheet)
         self._pins = Pins(viewer, store)
         controls.row.extend([save, self._families.which, self._further.add])
-        self.template = self._laid_out(
+        self.template = self._build_template(
             theme,
             side=self._side,
             pins=self._pins.table,
@@ -117,60 +121,62 @@ class Page:
         )
         store.subscribe(self._show_address)
         store.subscribe(self._show_rows)
-        shared.news.listen(self._on_news)
+        shared.news.add_listener(self._on_statuses)
 
-    def _laid_out(self, theme: str, **parts: Any) -> pn.Template:
+    def _build_template(self, theme: str, **parts: Any) -> pn.Template:
         template = _Template(asset("page.html"), location=True)
         for name, value in {
             "theme": theme,
             "other_theme": "Light" if theme == "dark" else "Dark",
-            "signed_in": self._viewer.signed_in,
-            "tour": tour(),
+            "signed_in": self._viewer.is_signed_in,
+            "tour": tour_html(),
         }.items():
             template.add_variable(name, value)
         for name, part in parts.items():
             template.add_panel(name, part)
         return template
 
-    def _on_news(self, standings: Sequence[JobStatus]) -> None:
-        self._viewer.start(self._take(standings))
+    def _on_statuses(self, statuses: Sequence[JobStatus]) -> None:
+        self._viewer.start(self._learn_statuses(statuses))
 
-    async def _take(self, standings: Sequence[JobStatus]) -> None:
-        standings = await self._viewer.read(lambda: self._with_asked(standings))  # fails if the key was revoked
-        self._viewer.change(lambda: self.store.learn({each.job.id: each for each in standings}))
+    async def _learn_statuses(self, statuses: Sequence[JobStatus]) -> None:
+        # raises an error if the API key was revoked
+        statuses = await self._viewer.run_in_thread(lambda: self._add_chosen_survey(statuses))
+        self._viewer.change(lambda: self.store.update_surveys({each.job.id: each for each in statuses}))
 
-    def _with_asked(self, standings: Sequence[JobStatus]) -> Sequence[JobStatus]:
+    def _add_chosen_survey(self, statuses: Sequence[JobStatus]) -> Sequence[JobStatus]:
         """Return the statuses, and also the status of the survey in the address if the newest surveys lack it."""
         asked = self.store.view.survey
-        if asked and all(each.job.id != asked for each in standings):
+        if asked and all(each.job.id != asked for each in statuses):
             with suppress(UnknownSurveyError):
-                job = self._shared.front.database.job(asked, JobKind.SURVEY)
-                return [*standings, JobStatus(job, overall_rate(job), None)]
-        return standings
+                job = find_job(self._shared.front, asked, JobKind.SURVEY)
+                return [*statuses, JobStatus(job, overall_rate(job), None)]
+        return statuses
 
-    def _choose_first(self) -> None:
-        """Show a survey if the viewer has chosen none, or if the one shown by default was deleted."""
+    def _choose_default(self) -> None:
+        """Show the default survey if the viewer has chosen none, or if the survey shown by default was deleted."""
         shown, jobs = self.store.view.survey, self.store.jobs
-        gone = shown == self._unasked and shown not in jobs  # a job status may be older than the deletion
-        if (not shown or gone) and (first := shown_first(each.job for each in jobs.values())):
-            self._unasked = first.id
+        # a job status that was read before the deletion may still come
+        gone = shown == self._default_survey and shown not in jobs
+        if (not shown or gone) and (first := default_survey(each.job for each in jobs.values())):
+            self._default_survey = first.id
             self.store.dispatch(SurveyChosen(first.id))
 
-    def _choose(self) -> None:
+    def _on_survey_chosen(self) -> None:
         """Show the survey that is chosen in the list."""
         if self._list.chosen in self.store.jobs:
             self.store.dispatch(SurveyChosen(self._list.chosen))
 
     def _show_rows(self) -> None:
         """Show the surveys in the list."""
-        view, jobs, owns = self.store.view, self.store.jobs, self._viewer.caller.owns
-        if self.store.is_told:
-            rows = [row_of(each, view, owns(each.job)) for each in jobs.values()]
+        view, jobs, owns = self.store.view, self.store.jobs, self._viewer.caller.is_owner_of
+        if self.store.has_surveys:
+            rows = [survey_row(each, view, owns(each.job)) for each in jobs.values()]
             with self._watch.paused():
                 self._list.param.update(rows=rows, chosen=view.survey, ready=True)
 
     def _show_address(self) -> None:
-        """Write the view to the address, also after the browser has sent its own, which replaces the written one."""
+        """Write the view to the address. It is written again when the browser has replaced the address by its own."""
         self._location.search = self.store.view.query()
 
     def _toggle_form(self) -> None:
@@ -179,46 +185,46 @@ class Page:
             self._side.css_classes = []
             self._new.param.update(label="New survey", color="primary")
         else:
-            self._opened_form()
+            self._open_form()
 
-    def _opened_form(self) -> Form:
+    def _open_form(self) -> SurveyForm:
         if self._form is None:
-            self._form = Form(self._viewer, self._submitted, asset("widgets.css"))
+            self._form = SurveyForm(self._viewer, self._on_submitted, asset("widgets.css"))
         if self._form.panel not in self._entering:
             self._entering.append(self._form.panel)
             self._side.css_classes = ["with-form"]
             self._new.param.update(label="Close the form", color="default")
         return self._form
 
-    def _submitted(self, survey_id: str) -> None:
+    def _on_submitted(self, survey_id: str) -> None:
         self._toggle_form()
 
         async def show() -> None:
-            job = await self._viewer.read(lambda: self._shared.front.database.job(survey_id))
+            job = await self._viewer.run_in_thread(lambda: find_job(self._shared.front, survey_id))
 
             def choose() -> None:
-                self.store.learn({**self.store.jobs, survey_id: JobStatus(job, None, None)})
+                self.store.update_surveys({**self.store.jobs, survey_id: JobStatus(job, None, None)})
                 self.store.dispatch(SurveyChosen(survey_id, is_new=True))
 
             self._viewer.change(choose)
 
         self._viewer.start(show())
 
-    def _save_window(self) -> None:
+    def _open_form_for_view(self) -> None:
         store = self.store
-        form = self._opened_form()
+        form = self._open_form()
         form.fill_window(store.window, store.model, store.machine)
         if store.view.survey and store.request is not None:
             form.sample.fill(store.request)
 
-    def _act(self, action: str, survey_id: str, entered: Mapping[str, Any]) -> None:
+    def _on_list_action(self, action: str, survey_id: str, entered: Mapping[str, Any]) -> None:
         if survey_id not in self.store.jobs:
             return
         job = self.store.jobs[survey_id].job
         if action == "again" and job.is_readable:
             request, view = request_of_job(job), self.store.view
             slice_ = request.along(view.slice if survey_id == view.survey else 0)
-            self._opened_form().fill(request.at(slice_))
+            self._open_form().fill(request.at(slice_))
         elif action in ("cancel", "delete"):
             self._viewer.start(self._remove(action, survey_id))
         elif action == "resume":
@@ -230,29 +236,29 @@ class Page:
         def resume() -> None:
             verify_survey(self._shared.front, self._viewer.require(Scope.SUBMIT), survey_id)
 
-        await self._viewer.read(resume, Scope.SUBMIT)
+        await self._viewer.run_in_thread(resume, Scope.SUBMIT)
 
     async def _describe(self, survey_id: str, entered: Mapping[str, Any]) -> None:
         def describe() -> None:
             try:
                 given = Description(name=entered.get("name"), notes=entered.get("notes"))
             except ValidationError as error:
-                raise ServiceError(what_is_wrong(error)) from error
+                raise ServiceError(error_message(error)) from error
             caller = self._viewer.require(Scope.SUBMIT)
             describe_survey(self._shared.front, caller, survey_id, given)
 
-        await self._viewer.read(describe, Scope.SUBMIT)
+        await self._viewer.run_in_thread(describe, Scope.SUBMIT)
 
     async def _remove(self, action: str, survey_id: str) -> None:
         def remove() -> None:
             front = self._shared.front
-            ended = front.database.job(survey_id).shown[0].final
+            ended = find_job(front, survey_id).shown_status[0].is_final
             if ended == (action == "delete"):  # "cancel" must not delete a survey that has just ended
                 remove_survey(front, self._viewer.require(Scope.SUBMIT), survey_id)
 
-        await self._viewer.read(remove, Scope.SUBMIT)
+        await self._viewer.run_in_thread(remove, Scope.SUBMIT)
 
-    def _tell(self, text: str) -> None:
+    def _show_notice(self, text: str) -> None:
         def write() -> None:
             self._notice.object = f'<p class="notice" role="alert">{escape(text)}</p>'
 
@@ -260,7 +266,7 @@ class Page:
 
     def end(self) -> None:
         """Release the resources after the browser has left."""
-        self._shared.news.leave(self._on_news)
+        self._shared.news.remove_listener(self._on_statuses)
         self._map.end()
         self._beside.end()
         self._further.end()

@@ -67,7 +67,7 @@ class _PageHandler(Handler):
             with set_curdoc(document):
                 try:
                     self._made[document] = self._open_page()
-                except Exception as error:  # Bokeh would only log it
+                except Exception as error:  # Bokeh would only log the error
                     self._made[document] = error
 
         await session_context.with_locked_document(make)
@@ -105,7 +105,7 @@ class Pages:
         await self._app(dict(scope), receive, send)
 
     def running(self) -> AbstractAsyncContextManager[Any]:
-        """Return a context that ends unused pages for as long as it is open."""
+        """Return a context in which unused pages are ended."""
         return self._app.router.lifespan_context(self._app)
 
     def resources(self) -> Any:
@@ -123,12 +123,12 @@ class Pages:
 
     def session_of(self, scope: Scope) -> ServerSession | None:
         """Return the session of the page that a websocket names; None if there is no such page."""
-        with suppress(ProtocolError, LookupError, ValueError):  # not a token of this service
+        with suppress(ProtocolError, LookupError, ValueError):  # the text is not a token of this service
             asked = get_session_id("".join(scope["subprotocols"][-1:]))
             return next((session for session in self.sessions() if session.id == asked), None)
         return None
 
-    async def document(self, request: Request) -> str:
+    async def new_page_html(self, request: Request) -> str:
         """Return a new page as HTML."""
         body = b""
 
@@ -142,7 +142,7 @@ class Pages:
         await self({**request.scope, **changed}, request.receive, keep)
         return body.decode()
 
-    async def socket(self, session: ServerSession, scope: Scope, receive: Receive, send: Send) -> None:
+    async def serve_websocket(self, session: ServerSession, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve the websocket of a page until the browser or the service ends it."""
         wait_for_browser(session.document)
         if sys.version_info < (3, 12):

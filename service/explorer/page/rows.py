@@ -6,27 +6,27 @@ from typing import Any
 
 from gear_rattle.service.explorer.common.address import View
 from gear_rattle.service.explorer.common.news import JobStatus
-from gear_rattle.service.explorer.design.fields import NUMBERS, PAIR, in_unit, spans_of
-from gear_rattle.service.explorer.map.picture import picture_query, thirds
-from gear_rattle.service.harmonics import written_harmonics
+from gear_rattle.service.explorer.design.fields import NUMBERS, PAIR, machine_ranges, text_in_unit
+from gear_rattle.service.explorer.map.picture import picture_query, third_axis_names
+from gear_rattle.service.harmonics import harmonic_texts
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.pictures.look import LARGEST
 from gear_rattle.workers.survey.families import FAMILY
 from rattle.models import ADDED
 
-STORED = {LARGEST: FAMILY}  # maps that are not stored: the stored variable from which each is made
+STORED = {LARGEST: FAMILY}  # {map that is not stored: the stored variable from which it is made}
 
 
-def row_of(standing: JobStatus, view: View, owned: bool) -> dict[str, Any]:
+def survey_row(status: JobStatus, view: View, owned: bool) -> dict[str, Any]:
     """Return a survey's row of the list, for this view. owned: whether the survey belongs to the caller."""
-    job = standing.job
-    state, message = job.shown
+    job = status.job
+    state, message = job.shown_status
     submitted = ["submitted", job.created[:16].replace("T", " ") + " UTC"]
-    size, facts = _asked(job.request) if job.is_readable else ("", [])
+    size, facts = _size_and_facts(job.request) if job.is_readable else ("", [])
     chosen = job.id == view.survey and job.is_readable
     return {
         "id": job.id,
-        "name": job.called,
+        "name": job.display_name,
         "title": job.name,
         "notes": job.notes,
         "size": size,
@@ -34,34 +34,34 @@ def row_of(standing: JobStatus, view: View, owned: bool) -> dict[str, Any]:
         "progress": job.progress,
         "message": message,
         "failed": job.cells_failed,
-        "rate": standing.rate,
-        "left": standing.left,
+        "rate": status.rate,
+        "left": status.left,
         "mine": owned,
         "facts": [*facts, submitted],
         "variable": STORED.get(view.variable, view.variable) if chosen else "",
         "picture": picture_query(job.request, view, view.seen) if chosen else "",
-        "slice": [next(thirds(job.request), ""), view.slice] if chosen else ["", 0],
+        "slice": [next(third_axis_names(job.request), ""), view.slice] if chosen else ["", 0],
     }
 
 
-def _asked(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
+def _size_and_facts(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
     """Return the size of a survey, such as "61 × 60", and rows (name, value) of its requested values."""
     delta, epsilon = request["delta"], request["epsilon"]
     facts = [
         *(machine_facts(SurveyRequest.model_validate(request)) if request.get("machine") else []),
-        ["δ", _values(delta)],
-        ["ε", _values(epsilon)],
-        ["β", _values(request["beta"])],
-        *([each.symbol, _values(request[name])] for name, each in ADDED.items() if request.get(name)),
-        *([["harmonics", " ".join(written_harmonics(request["harmonics"]))]] if request.get("harmonics") else []),
+        ["δ", _value_text(delta)],
+        ["ε", _value_text(epsilon)],
+        ["β", _value_text(request["beta"])],
+        *([each.symbol, _value_text(request[name])] for name, each in ADDED.items() if request.get(name)),
+        *([["harmonics", " ".join(harmonic_texts(request["harmonics"]))]] if request.get("harmonics") else []),
         ["computes", ", ".join(request["quantities"])],
         ["sample", f"{request['initial_conditions']['count']} initial conditions"],
     ]
-    slices = [request[name]["num"] for name in thirds(request)]
+    slices = [request[name]["num"] for name in third_axis_names(request)]
     return " × ".join(map(str, (delta["num"], epsilon["num"], *slices))), facts
 
 
-def _values(given: Any) -> str:
+def _value_text(given: Any) -> str:
     """Return a parameter in words: its value, or the range and the number of values of an axis."""
     return f"{given['start']:g} … {given['stop']:g}, {given['num']} values" if isinstance(given, dict) else f"{given:g}"
 
@@ -79,14 +79,14 @@ def machine_facts(request: SurveyRequest) -> list[list[str]]:
     machine, delta, epsilon = request.machine, request.delta, request.epsilon
     if machine is None:
         return []
-    spans = spans_of(machine, (delta.start, delta.stop), (epsilon.start, epsilon.stop))
+    spans = machine_ranges(machine, (delta.start, delta.stop), (epsilon.start, epsilon.stop))
     facts = [
-        [NUMBERS[name].name.lower(), f"{in_unit(name, low)} … {in_unit(name, high)} {NUMBERS[name].unit}"]
+        [NUMBERS[name].name.lower(), f"{text_in_unit(name, low)} … {text_in_unit(name, high)} {NUMBERS[name].unit}"]
         for name, (low, high) in spans.items()
     ]
     numbers = machine.model_dump()
     constant = [
-        [NUMBERS[name].name.lower(), f"{in_unit(name, numbers[name])} {NUMBERS[name].unit}".rstrip()]
+        [NUMBERS[name].name.lower(), f"{text_in_unit(name, numbers[name])} {NUMBERS[name].unit}".rstrip()]
         for name in PAIR
         if name in numbers
     ]

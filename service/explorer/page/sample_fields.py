@@ -35,24 +35,25 @@ class SampleFields:
         )  # fmt: skip
         self._v_max = pn.widgets.TextInput(
             label="Highest speed", placeholder="7, or natural", **style,
-            description="Samples start at speeds up to this one; natural is the speed scale of each cell.",
+            description="Samples start at speeds up to this value, or up to the natural speed of each cell.",
         )  # fmt: skip
         phase: dict[str, Any] = {"start": 0.0, "end": 1.0, "step": 0.05} | style
-        about = "Samples start at phases of the forcing period between these two, of 0 to 1."
+        about = "Samples start at phases between these two values; 0 to 1 is a whole forcing period."
         self._tau_min = pn.widgets.FloatInput(label="Phases from", value=0.0, description=about, **phase)
         self._tau_max = pn.widgets.FloatInput(label="Phases to", value=1.0, description=about, **phase)
         self._v_min = pn.widgets.FloatInput(
             label="Least speed", value=0.0, start=0.0, step=0.5, **style,
-            description="Samples start at speeds from this one on.",
+            description="Samples start at speeds of at least this value.",
         )  # fmt: skip
         self._slots = pn.widgets.IntInput(
             label="Attractors listed", value=None, start=1, end=MAX_SLOTS, placeholder="8 or 24", **style,
-            description="The most attractors stored for a cell: 8, or 24 with families.",
+            description="Largest number of attractors stored for a cell; by default 8, or 24 with families.",
         )  # fmt: skip
         self._by = pn.widgets.Select(
             label="Order attractors by", **style,
             options={"default": UNSAID, "by share": BY_FRACTION, "by family": BY_FAMILY},
-            description="The first is the one that most samples reach, or each family has a number of its own.",
+            description="By share, the first attractor is the one that most samples reach; by family, each family has "
+            "a place of its own.",
         )  # fmt: skip
         self._budget = pn.widgets.IntInput(
             label="Max. impacts", value=BUDGET, start=1, step=BUDGET, **style,
@@ -60,7 +61,7 @@ class SampleFields:
         )  # fmt: skip
         self._seed = pn.widgets.IntInput(
             label="Seed", value=0, start=0, **style,
-            description="The same seed draws the same samples; another one shows how far results depend on them.",
+            description="The same seed draws the same samples; other seeds show how results depend on the samples.",
         )  # fmt: skip
         self._refined = pn.widgets.Select(
             label="Cells", options={"all of them": False, "adaptive refinement": True}, **style,
@@ -68,7 +69,8 @@ class SampleFields:
         )  # fmt: skip
         self._audit = pn.widgets.FloatInput(
             label="Share of filled cells that is checked", value=AUDIT, start=0.0, end=1.0, step=0.01, visible=False,
-            description="These filled cells are computed all the same, which bounds how many are wrong.", **style,
+            description="This share of filled cells is computed all the same, to bound how many of them are wrong.",
+            **style,
         )  # fmt: skip
         self._refined.param.watch(lambda event: self._audit.param.update(visible=bool(event.new)), "value")
         row: dict[str, Any] = {"sizing_mode": "stretch_width"}
@@ -89,7 +91,7 @@ class SampleFields:
             **row,
         )
 
-    def offer(self, groups: list[str]) -> None:
+    def offer_groups(self, groups: list[str]) -> None:
         """Offer these groups of quantities; the chosen ones among them stay chosen."""
         self.quantities.param.update(options=groups, value=[each for each in self.quantities.value if each in groups])
 

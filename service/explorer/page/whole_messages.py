@@ -1,7 +1,8 @@
 """Work around defects of websockets on Python 3.11, where Panel's newest version uses bokeh_fastapi.
 
 bokeh_fastapi sends a message in parts, and may send another message between two parts if a part has to wait. It
-notices that a browser has left only when `receive` raises. For a token from elsewhere it may raise any exception.
+notices that a browser has left only when `receive` raises. For a token that this service did not issue it may raise
+any exception.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send)
     left: list[Message] = []
     is_told = False
 
-    async def enter(message: Message) -> None:
+    async def enqueue(message: Message) -> None:
         if not left:
             outbox.put_nowait(message)
 
@@ -35,7 +36,7 @@ async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send)
                 log.debug("a message to a page is lost: %s", error)
             outbox.task_done()
 
-    async def take() -> Message:
+    async def receive_until_left() -> Message:
         nonlocal is_told
         if not left:
             message = await receive()
@@ -50,7 +51,7 @@ async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send)
 
     sender = asyncio.create_task(deliver())
     try:
-        await app(scope, take, enter)
+        await app(scope, receive_until_left, enqueue)
         if not left:
             await outbox.join()
     except Exception as error:

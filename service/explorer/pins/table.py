@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import rattle
 from gear_rattle.service.explorer.common.address import Pin
-from gear_rattle.service.explorer.point.parts import Chances, chances, lettered
-from gear_rattle.service.explorer.point.words import harmonics_in_words, number, percent
-from gear_rattle.service.harmonics import written_harmonics
+from gear_rattle.service.explorer.point.parts import SampledAttractors, add_letters, sampled_attractors
+from gear_rattle.service.explorer.point.words import harmonics_in_words, number_text, percent_text
+from gear_rattle.service.harmonics import harmonic_texts
 from rattle.models import ADDED, model_at
 from rattle.orbits import region_in_words
 from rattle.plot import legend_name
@@ -34,26 +34,26 @@ class PinResults(NamedTuple):
 
     region: int | None
     quiet_limit: float
-    chances: Chances
+    chances: SampledAttractors
 
 
 def results_of_point(pin: Pin, count: int) -> PinResults:
     """Return the results of a pinned point from `count` initial conditions. It is slow: use another process."""
     gear = pin.model.gear(pin.delta, pin.epsilon)
-    found = chances(gear, count)
+    found = sampled_attractors(gear, count)
     if gear.parameters.harmonics:
         return PinResults(None, gear.quiet_limit, found)
     if not model_at(gear).in_closed_form:
-        found = lettered(found, gear.orbits())
+        found = add_letters(found, gear.orbits())
     return PinResults(gear.region(), gear.quiet_limit, found)
 
 
-def lines_of(pins: Sequence[Pin], told: Mapping[Pin, PinResults | str]) -> list[list[str]]:
+def table_lines(pins: Sequence[Pin], results: Mapping[Pin, PinResults | str]) -> list[list[str]]:
     """Return the lines of the table, each with its head and a cell for each pin.
 
     Parameters
     ----------
-    told : Mapping[Pin, PinResults | str]
+    results : Mapping[Pin, PinResults | str]
         Results of the pins, or the message of the error; a pin that is not in it is still being computed.
 
     Returns
@@ -62,33 +62,33 @@ def lines_of(pins: Sequence[Pin], told: Mapping[Pin, PinResults | str]) -> list[
         Texts of the cells, line by line.
     """
     lines = [
-        ["Damping δ", *(number(each.delta, 6) for each in pins)],
-        ["Eccentricity ε", *(number(each.epsilon, 6) for each in pins)],
-        ["Half-backlash β", *(number(each.beta, 6) for each in pins)],
+        ["Damping δ", *(number_text(each.delta, 6) for each in pins)],
+        ["Eccentricity ε", *(number_text(each.epsilon, 6) for each in pins)],
+        ["Half-backlash β", *(number_text(each.beta, 6) for each in pins)],
     ]
     for name, parameter in ADDED.items():
         values = [dict(each.added).get(name) for each in pins]
         if any(value is not None for value in values):
             head = f"{parameter.label.capitalize()} {parameter.symbol}"
-            lines.append([head, *("–" if value is None else number(value, 6) for value in values)])
+            lines.append([head, *("–" if value is None else number_text(value, 6) for value in values)])
     if any(each.harmonics for each in pins):
         lines.append(["Forcing", *(harmonics_in_words(each.harmonics) if each.harmonics else "–" for each in pins)])
-    of_pins = [told.get(each, COMPUTED) for each in pins]
-    lines.append(["Region", *(each if isinstance(each, str) else _region(each) or "–" for each in of_pins)])
+    of_pins = [results.get(each, COMPUTED) for each in pins]
+    lines.append(["Region", *(each if isinstance(each, str) else _region_name(each) or "–" for each in of_pins)])
     all_known = [each if isinstance(each, PinResults) else None for each in of_pins]
-    lines.append(["Quiet up to ε", *(number(each.quiet_limit) if each else "" for each in all_known)])
+    lines.append(["Quiet up to ε", *(number_text(each.quiet_limit) if each else "" for each in all_known)])
     lines.append(["Largest λ₁ of rattling", *(_largest_exponent(each) if each else "" for each in all_known)])
-    names = dict.fromkeys(name for each in all_known if each for name, _ in _motions(each))
-    return lines + [[name, *(_cell(each, name) for each in all_known)] for name in names]
+    names = dict.fromkeys(name for each in all_known if each for name, _ in _named_motions(each))
+    return lines + [[name, *(_cell_text(each, name) for each in all_known)] for name in names]
 
 
-def _region(known: PinResults) -> str:
+def _region_name(known: PinResults) -> str:
     """Return the region in words; empty if it is None."""
     return "" if known.region is None else region_in_words(known.region)
 
 
-def _motions(known: PinResults) -> list[tuple[str, rattle.Attractor]]:
-    """Return the attractors with their names; the name of one of the motions A to D includes this letter."""
+def _named_motions(known: PinResults) -> list[tuple[str, rattle.Attractor]]:
+    """Return (name, attractor) of each attractor; the name of one of the motions A to D includes this letter."""
     pairs = zip(known.chances.attractors, known.chances.letters, strict=True)
     return [(f"{legend_name(each)} = {letter}" if letter else legend_name(each), each) for each, letter in pairs]
 
@@ -96,23 +96,23 @@ def _motions(known: PinResults) -> list[tuple[str, rattle.Attractor]]:
 def _largest_exponent(known: PinResults) -> str:
     """Return the largest Lyapunov exponent of the periodic and chaotic attractors; a dash if there are none."""
     rattling = (each.lyapunov[0] for each in known.chances.attractors if each.kind in RATTLING)
-    return number(max(rattling, default=math.nan))
+    return number_text(max(rattling, default=math.nan))
 
 
-def _cell(known: PinResults | None, name: str) -> str:
+def _cell_text(known: PinResults | None, name: str) -> str:
     """Return the basin fractions and largest exponents of a point's attractors of one name; a dash for none."""
     if known is None:
         return ""
-    return "; ".join(_share(each) for called, each in _motions(known) if called == name) or "–"
+    return "; ".join(_share_text(each) for called, each in _named_motions(known) if called == name) or "–"
 
 
-def _share(each: rattle.Attractor) -> str:
+def _share_text(each: rattle.Attractor) -> str:
     low, high = each.fraction_interval
-    exponent = f", λ₁ {number(each.lyapunov[0])}" if each.kind in RATTLING else ""
-    return f"{percent(each.fraction)} ({percent(low)}–{percent(high)}){exponent}"
+    exponent = f", λ₁ {number_text(each.lyapunov[0])}" if each.kind in RATTLING else ""
+    return f"{percent_text(each.fraction)} ({percent_text(low)}–{percent_text(high)}){exponent}"
 
 
-def csv_of(pins: Sequence[Pin], told: Mapping[Pin, PinResults | str]) -> str:
+def csv_text(pins: Sequence[Pin], results: Mapping[Pin, PinResults | str]) -> str:
     """Return CSV with a line for each attractor of each pin whose results are known.
 
     Numbers have all their digits, so that they are read back to the same bits.
@@ -126,10 +126,10 @@ def csv_of(pins: Sequence[Pin], told: Mapping[Pin, PinResults | str]) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(HEADER)
     for pin in pins:
-        if not isinstance(found := told.get(pin), PinResults):
+        if not isinstance(found := results.get(pin), PinResults):
             continue
         added = (dict(pin.added).get(name, "") for name in ADDED)
-        here = *pin[:3], *added, " ".join(written_harmonics(pin.harmonics)), _region(found), found.quiet_limit
+        here = *pin[:3], *added, " ".join(harmonic_texts(pin.harmonics)), _region_name(found), found.quiet_limit
         for each, letter in zip(found.chances.attractors, found.chances.letters, strict=True):
             writer.writerow(
                 (

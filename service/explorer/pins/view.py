@@ -11,20 +11,20 @@ import param
 from panel.custom import JSComponent
 
 from gear_rattle.service.explorer.common.address import MOST_PINS, Pin
-from gear_rattle.service.explorer.common.changes import in_event_loop
+from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.files import asset
-from gear_rattle.service.explorer.pins.table import PinResults, csv_of, lines_of, results_of_point
-from gear_rattle.service.explorer.point.state import opened_pin
-from gear_rattle.service.explorer.point.work import Work
+from gear_rattle.service.explorer.pins.table import PinResults, csv_text, results_of_point, table_lines
+from gear_rattle.service.explorer.point.state import open_point_as_pin
+from gear_rattle.service.explorer.point.work import PointTasks
 from gear_rattle.service.explorer.state.events import PinAdded, PinRemoved, PointOpened
 from gear_rattle.service.explorer.state.store import JOBS, Store
 from rattle import RattleError
 
 COUNT = 1024  # initial conditions of each pinned point
-FULL = f"{MOST_PINS} points are pinned, which is as many as there is room for. Take one away first."
-OTHER = "This point is of another model than the map, or of other numbers of it: choose a survey of it."
-FAILED = "This could not be computed: an error of the service, which has been logged."
+FULL = f"{MOST_PINS} points are pinned already, and no more can be pinned. Remove a pinned point first."
+OTHER = "The map is not of the model of this pinned point. To go to the point, choose a survey of its model."
+FAILED = "The point could not be computed because of an error of the service, which is in its log."
 log = logging.getLogger(__name__)
 
 
@@ -37,14 +37,14 @@ class PinTable(JSComponent):
     csv = param.String(default="")
 
     _esm = asset("component.js") + asset("pins.js")
-    _stylesheets = [asset("pins.css")]  # noqa: RUF012 - as Panel has it
+    _stylesheets = [asset("pins.css")]  # noqa: RUF012 - Panel's own components declare this as a list
 
     def __init__(self, on_action: Callable[[str, int], None], **values: Any) -> None:
         super().__init__(**values)
         self._on_action = on_action
-        self.on_msg(in_event_loop(lambda event: self.press(event.data)))
+        self.on_msg(handler_in_event_loop(lambda event: self.handle_message(event.data)))
 
-    def press(self, message: Any) -> None:
+    def handle_message(self, message: Any) -> None:
         """Carry out the action that a button of the table sends."""
         if isinstance(message, Mapping) and isinstance(number := message.get("pin", 0), int):
             self._on_action(str(message.get("action")), number)
@@ -55,28 +55,28 @@ class Pins:
 
     def __init__(self, viewer: Viewer, store: Store) -> None:
         self._viewer, self._store = viewer, store
-        self._told: dict[Pin, PinResults | str] = {}
-        self._work: dict[Pin, Work] = {}
-        self.table = PinTable(self._act, margin=0, sizing_mode="stretch_width")
+        self._results: dict[Pin, PinResults | str] = {}
+        self._work: dict[Pin, PointTasks] = {}
+        self.table = PinTable(self._on_table_action, margin=0, sizing_mode="stretch_width")
         self._task: asyncio.Task[None] | None = None
         self._show()
-        store.subscribe(self._follow, "pins", "point", "machine", "survey", "slice", JOBS)
+        store.subscribe(self._on_view_change, "pins", "point", "machine", "survey", "slice", JOBS)
 
-    def _follow(self) -> None:
+    def _on_view_change(self) -> None:
         pins = self._store.view.pins
         for pin in [each for each in self._work if each not in pins]:
             self._work.pop(pin).stop()
-            self._told.pop(pin, None)
+            self._results.pop(pin, None)
         self._show()
-        self._compute()
+        self._start_computing()
 
     def end(self) -> None:
         """Give up all computations, because the page was closed."""
         for work in self._work.values():
             work.stop()
 
-    def _act(self, action: str, number: int) -> None:
-        pins, opened = self._store.view.pins, opened_pin(self._store)
+    def _on_table_action(self, action: str, number: int) -> None:
+        pins, opened = self._store.view.pins, open_point_as_pin(self._store)
         if action == "pin" and opened is not None and opened not in pins:
             if len(pins) == MOST_PINS:
                 self._viewer.tell(FULL)
@@ -91,40 +91,43 @@ class Pins:
             else:
                 self._viewer.tell(OTHER)
 
-    def _compute(self) -> None:
-        if self._next() is not None and (self._task is None or self._task.done()):
+    def _start_computing(self) -> None:
+        if self._next_pin() is not None and (self._task is None or self._task.done()):
             self._task = self._viewer.start(self._compute_all())
 
-    def _next(self) -> Pin | None:
+    def _next_pin(self) -> Pin | None:
         return next((each for each in self._store.view.pins if each not in self._work), None)
 
     async def _compute_all(self) -> None:
-        while (pin := self._next()) is not None:
-            self._work[pin] = work = Work(self._viewer.front, self._viewer.document, pin.model.name)
-            await asyncio.wait([work.start(self._tell(pin, work))])  # also if the pin is removed meanwhile
+        while (pin := self._next_pin()) is not None:
+            self._work[pin] = work = PointTasks(self._viewer.front, self._viewer.document, pin.model.name)
+            # `wait` raises no error if the pin is removed meanwhile
+            await asyncio.wait([work.start(self._compute_pin(pin, work))])
 
-    async def _tell(self, pin: Pin, work: Work) -> None:
+    async def _compute_pin(self, pin: Pin, work: PointTasks) -> None:
         count = min(COUNT, self._viewer.front.settings.max_point_count)
-        told: PinResults | str
+        result: PinResults | str
         try:
-            told = await work.compute(results_of_point, pin, count, what="The attractors of a pinned point", slow=True)
+            result = await work.compute(
+                results_of_point, pin, count, what="The attractors of a pinned point", slow=True
+            )
         except RattleError as error:
-            told = str(error)
+            result = str(error)
         except Exception:
             log.exception("a pinned point could not be computed")
-            told = FAILED
+            result = FAILED
 
         def show() -> None:
-            self._told[pin] = told
+            self._results[pin] = result
             self._show()
 
         await work.change(show)
 
     def _show(self) -> None:
-        pins, opened = self._store.view.pins, opened_pin(self._store)
+        pins, opened = self._store.view.pins, open_point_as_pin(self._store)
         self.table.param.update(
             offered=opened.label if opened is not None and opened not in pins else "",
             heads=[f"{i}: {each.label}" for i, each in enumerate(pins, start=1)],
-            lines=lines_of(pins, self._told),
-            csv=csv_of(pins, self._told),
+            lines=table_lines(pins, self._results),
+            csv=csv_text(pins, self._results),
         )

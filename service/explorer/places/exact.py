@@ -19,7 +19,7 @@ import xarray as xr
 from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.explorer.map.planes import SIDE, MapPlane, maps_of
-from gear_rattle.service.explorer.places.example import CLOSED_FORMS, MAPS, REQUEST, sampled
+from gear_rattle.service.explorer.places.example import CLOSED_FORMS, MAPS, REQUEST, load_sampled
 from gear_rattle.service.explorer.places.example import KEPT as SAMPLED
 from gear_rattle.workers import Axis, SurveyRequest
 from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of
@@ -32,7 +32,7 @@ KEPT = 8  # most maps of unfinished surveys in memory
 
 
 class ExactPlane(MapPlane):
-    """Map in closed form. `cell` computes the closed forms at the point itself. It blocks: use a thread."""
+    """Map in closed form. `cell_at` computes the closed forms at the point itself. It blocks: use a thread."""
 
     def __init__(self, cells: Cells, found: xr.Dataset, variable: str, index: int) -> None:
         self.id, self.number, self.request, self._evaluated = "", 0, REQUEST, cells
@@ -41,12 +41,12 @@ class ExactPlane(MapPlane):
         self.values = drawn_numbers(self.plane).astype(np.float32)
         self.status = np.ones(self.values.shape, np.int8)
 
-    def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
+    def cell_at(self, delta: float, epsilon: float) -> xr.Dataset | None:
         """Return the region and the motions A to D at a point; None unless δ > 0 and ε ≥ 0."""
         if delta <= 0 or epsilon < 0:
             return None
         here = replace(self._evaluated, delta=np.array([delta]), epsilon=np.array([epsilon]))
-        return _dataset(here).isel(delta=0, epsilon=0)
+        return _closed_form_dataset(here).isel(delta=0, epsilon=0)
 
 
 class ExamplePlane(ExactPlane):
@@ -56,7 +56,7 @@ class ExamplePlane(ExactPlane):
         super().__init__(cells, found, variable, index)
         self._sampled = found[list(SAMPLED)]
 
-    def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
+    def cell_at(self, delta: float, epsilon: float) -> xr.Dataset | None:
         """Return the closed forms at a point, with the stored variables of its cell; None unless δ > 0 and ε ≥ 0.
 
         Outside of the example's cells, the result has the closed forms alone.
@@ -66,51 +66,51 @@ class ExamplePlane(ExactPlane):
         xr.Dataset | None
             Variables at the point.
         """
-        here = super().cell(delta, epsilon)
-        if here is None or self.at(delta, epsilon) is None:
+        here = super().cell_at(delta, epsilon)
+        if here is None or self.value_and_status(delta, epsilon) is None:
             return here
         around = self._sampled.sel(delta=delta, epsilon=epsilon, method="nearest")
         return here.merge(around.drop_vars(["delta", "epsilon"]))
 
 
-class Beforehand(ExactPlane):
-    """Closed-form map of an unfinished survey, of at most SIDE cells along an axis. `cell` reads computed cells."""
+class UnfinishedPlane(ExactPlane):
+    """Closed-form map of an unfinished survey, at most SIDE cells along an axis. `cell_at` reads computed cells."""
 
     def __init__(
         self, request: SurveyRequest, survey_id: str, variable: str, index: int, computed: Callable[[], MapPlane]
     ) -> None:
-        cells = cells_of_tile(_thinned(request))
-        super().__init__(cells, _dataset(cells, {variable}), variable, index)
+        cells = cells_of_tile(_thinned_request(request))
+        super().__init__(cells, _closed_form_dataset(cells, {variable}), variable, index)
         self.id, self.request, self._computed = survey_id, request, computed
         self._levels = halvings(cells.shape)
-        # copies, which do not keep all that was evaluated
+        # copies, so that the memory of all other evaluated quantities is released
         self.plane, self._evaluated = self.plane.copy(), replace(cells)
 
-    def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
+    def cell_at(self, delta: float, epsilon: float) -> xr.Dataset | None:
         """Return the survey's variables at a point, or closed forms if not computed; None outside of the survey."""
-        if self.at(delta, epsilon) is None:
+        if self.value_and_status(delta, epsilon) is None:
             return None
-        with suppress(MissingError):  # raised while the survey waits
-            found = self._computed().cell(delta, epsilon)
+        with suppress(MissingError):  # the error is raised while the survey waits for its turn
+            found = self._computed().cell_at(delta, epsilon)
             if found is not None and found["status"]:
                 return found
-        return super().cell(delta, epsilon)
+        return super().cell_at(delta, epsilon)
 
 
-def _closed_forms(request: SurveyRequest) -> SurveyRequest:
+def _closed_form_request(request: SurveyRequest) -> SurveyRequest:
     """Return the request of a survey that has only the closed forms of another survey."""
     return SurveyRequest(beta=request.beta, delta=request.delta, epsilon=request.epsilon, quantities=CLOSED_FORMS)
 
 
-def _thinned(request: SurveyRequest) -> SurveyRequest:
+def _thinned_request(request: SurveyRequest) -> SurveyRequest:
     """Return the request of a survey's closed forms on at most SIDE cells along each axis."""
     delta, epsilon = (
         Axis(start=axis.start, stop=axis.stop, num=min(axis.num, SIDE)) for axis in (request.delta, request.epsilon)
     )
-    return _closed_forms(request.model_copy(update={"delta": delta, "epsilon": epsilon}))
+    return _closed_form_request(request.model_copy(update={"delta": delta, "epsilon": epsilon}))
 
 
-class Exact:
+class ExactMaps:
     """Maps that need no computed survey. They are computed once for all pages, at the first request for one of them."""
 
     request = REQUEST
@@ -118,48 +118,48 @@ class Exact:
     @property
     def maps(self) -> dict[str, Any]:
         """Maps of the example, in the form that `maps_of` returns."""
-        exact = maps_of(_closed_forms(REQUEST))
+        exact = maps_of(_closed_form_request(REQUEST))
         return {name: names for name, names in maps_of(REQUEST).items() if name in {*MAPS, *exact}}
 
     def __init__(self) -> None:
-        self._beforehand: OrderedDict[tuple[str, str, int, int], MapPlane] = OrderedDict()
+        self._unfinished: OrderedDict[tuple[str, str, int, int], MapPlane] = OrderedDict()
         self._lock = Lock()
 
-    def beforehand(
+    def unfinished_map(
         self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], MapPlane]
     ) -> MapPlane:
-        """See `WithoutSurvey`."""
+        """See `UncomputedMaps`."""
         key = job.id, variable, index, number
         with self._lock:
-            if key not in self._beforehand:
+            if key not in self._unfinished:
                 request = SurveyRequest.model_validate(job.request)
                 slice_ = request.at(request.along(number))
-                self._beforehand[key] = Beforehand(slice_, job.id, variable, index, computed)
-            self._beforehand.move_to_end(key)
-            while len(self._beforehand) > KEPT:
-                self._beforehand.popitem(last=False)
-            return self._beforehand[key]
+                self._unfinished[key] = UnfinishedPlane(slice_, job.id, variable, index, computed)
+            self._unfinished.move_to_end(key)
+            while len(self._unfinished) > KEPT:
+                self._unfinished.popitem(last=False)
+            return self._unfinished[key]
 
     def plane(self, variable: str, index: int) -> MapPlane:
-        """See `WithoutSurvey`."""
+        """See `UncomputedMaps`."""
         return ExamplePlane(self._cells, self._found, variable, index)
 
     @cached_property
     def _cells(self) -> Cells:
-        return cells_of_tile(_closed_forms(REQUEST))
+        return cells_of_tile(_closed_form_request(REQUEST))
 
     @cached_property
     def _found(self) -> xr.Dataset:
-        return _dataset(self._cells).merge(sampled(), join="exact")
+        return _closed_form_dataset(self._cells).merge(load_sampled(), join="exact")
 
 
-def _dataset(cells: Cells, names: Collection[str] = ()) -> xr.Dataset:
+def _closed_form_dataset(cells: Cells, names: Collection[str] = ()) -> xr.Dataset:
     """Return the closed forms of cells as a dataset like an open survey. names: variables, () for all variables."""
     every = [each for each in held(CLOSED_FORMS, REQUEST.model) if each.per_cell]
     quantities = [each for each in every if not names or each.name in names]
     dims = {dim for each in quantities for dim in each.dims[:-2]}
     labels = {dim: list(labels_of(dim, 1)) for dim in dims}
-    done = np.ones(cells.shape, np.int8)  # the status, which alone has no group
+    done = np.ones(cells.shape, np.int8)  # values of the status, which is the only quantity without a group
     values = {
         each.name: (each.dims, np.asarray(each.evaluate(cells)) if each.group else done, each.attributes)
         for each in quantities

@@ -11,7 +11,7 @@ from gear_rattle.workers.survey.values.schema import Group
 
 EXAMPLE = ASSETS / "example.zip"
 
-#: Regions and motions of period one are closed forms, and not in the file.
+#: Groups of variables that are closed forms, and so are computed instead of stored in the file.
 CLOSED_FORMS = (Group.REGION, Group.ORBITS)
 #: The cells reach half a step beyond either end of the axes, so that the map is the paper's δ 0.4 … 1, ε 0 … 0.3.
 REQUEST = SurveyRequest(
@@ -24,7 +24,7 @@ MAPS = ("quiet_fraction", "n_attractors", "lyapunov_max", "worst_level", "chaoti
 KEPT = (*MAPS, "attractor_fraction", "attractor_m", "attractor_n_plus", "attractor_n_minus")
 
 
-def sampled() -> xr.Dataset:
-    """Return the variables in the file, loaded. It blocks: use a thread."""
+def load_sampled() -> xr.Dataset:
+    """Return the variables that the file of the example holds. It blocks: use a thread."""
     with ZipStore(EXAMPLE, mode="r") as store:
         return xr.open_zarr(store, consolidated=False).load()

@@ -10,15 +10,15 @@ from bokeh.events import Tap
 from bokeh.models import ColumnDataSource, CustomJSHover, HoverTool, LinearColorMapper
 
 import rattle
-from gear_rattle.service.explorer.common.changes import in_event_loop
+from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.figures import themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.point.parts import PlaneLine
-from gear_rattle.service.explorer.point.words import percent
+from gear_rattle.service.explorer.point.words import percent_text
 from rattle.attractors import PAPER_SPEED
 from rattle.plot import MANIFOLDS, Palette, legend_name
 
-MOST_NAMED = 24  # basins in the legend
+MOST_NAMED = 24  # most basins that the legend names
 GAMMA = "Γ"
 #: Colour and dashes of each line; both manifolds of a saddle have one colour.
 STYLES = {
@@ -88,7 +88,7 @@ class BasinsPicture:
                 "tau", "v", source=self._chosen, marker="circle", size=size, fill_alpha=0, line_color=shade,
                 line_width=width,
             )  # fmt: skip
-        self.figure.on_event(Tap, in_event_loop(self.tap))
+        self.figure.on_event(Tap, handler_in_event_loop(self.tap))
 
     def tap(self, event: Any) -> None:
         """Choose the motion that begins where the picture was clicked."""
@@ -126,7 +126,7 @@ class BasinsPicture:
         for line in lines:
             self._lines[line.name].data = {"tau": line.points[:, 0], "v": line.points[:, 1]}
 
-    def no_lines(self) -> None:
+    def remove_lines(self) -> None:
         """Remove Γ and the manifolds."""
         for source in self._lines.values():
             clear(source)
@@ -136,7 +136,7 @@ class BasinsPicture:
         for source in (self._cells, self._orbits, self._chosen, *self._lines.values()):
             clear(source)
 
-    def show_chosen(self, tau: float, v: float) -> None:
+    def mark_initial_state(self, tau: float, v: float) -> None:
         """Draw a ring around the initial state of the motion that is shown, if it is inside the picture."""
         self._chosen.data = {"tau": [tau], "v": [v]} if v < self._v_max else {"tau": [], "v": []}
 
@@ -147,9 +147,9 @@ def basins_legend(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: 
     shares = np.bincount(basins.labels.ravel(), minlength=len(basins.attractors)) / basins.labels.size
     for each, share in zip(basins.attractors[:MOST_NAMED], shares, strict=False):
         swatch = f'<span class="swatch" style="background:{palette.colour(each)}"></span>'
-        parts.append(f"<li>{swatch}{legend_name(each)} {percent(share)}</li>")
+        parts.append(f"<li>{swatch}{legend_name(each)} {percent_text(share)}</li>")
     if len(shares) > MOST_NAMED:
-        parts.append(f"<li>and {len(shares) - MOST_NAMED} more, {percent(shares[MOST_NAMED:].sum())} in all</li>")
+        parts.append(f"<li>and {len(shares) - MOST_NAMED} more, {percent_text(shares[MOST_NAMED:].sum())} in all</li>")
     for line in lines:
         shade, dash = STYLES[line.name]
         parts.append(f'<li><span class="stroke" style="border-top:3px {dash} {shade}"></span>{line.name}</li>')

@@ -1,4 +1,4 @@
-"""The picture of a one-parameter diagram through the point."""
+"""Draw the one-parameter diagram through a point, and list its events."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from bokeh.models import ColumnDataSource, HoverTool, Range1d
 from bokeh.models.annotations import Span
 
 from gear_rattle.service.explorer.common.address import Pair
-from gear_rattle.service.explorer.common.changes import in_event_loop
+from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.figures import BESIDE, ink_of, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
-from gear_rattle.service.explorer.common.watch import Watch
+from gear_rattle.service.explorer.common.watch import WidgetWatcher
 from gear_rattle.service.explorer.files import asset
-from gear_rattle.service.explorer.point.parts import DiagramLines, Marks
-from gear_rattle.service.explorer.point.words import counted, number, pair, table
+from gear_rattle.service.explorer.point.parts import DiagramLines, EventImpacts
+from gear_rattle.service.explorer.point.words import count_in_words, html_table, multipliers_text, number_text
 
 MARKERS = {"SN": "circle", "PD": "diamond", "GR": "square"}
 SIGNS = {"SN": "●", "PD": "◆", "GR": "■"}
@@ -25,11 +25,12 @@ HERE = "#d7191c"
 MEANINGS = {"SN": "saddle-node", "PD": "period doubling", "GR": "grazing"}
 INFINITE = 1e12  # multipliers larger than this are written as ∞; they occur at grazes
 NAMES = {"epsilon": "eccentricity ε", "delta": "damping δ"}
-UPWARD, DOWNWARD = {"light": "#4a90d9", "dark": "#7fb3e0"}, "#e8862e"  # colours of states found by sweeps
+# colours of the states that upward and downward sweeps found
+UPWARD, DOWNWARD = {"light": "#4a90d9", "dark": "#7fb3e0"}, "#e8862e"
 DOTS = 3.6, 1.8  # diameters in pixels: where both sweeps find one state, the small dot lies on the large one
-ROOM = 0.04  # margin above and below, relative to the range of speeds
-DENSE, ALL = "dense", "all"  # the speeds that the axis shows
-MOST_THIN = 0.5  # least excess (share of the states less share of the axis) of a range of dense speeds
+ROOM = 0.04  # margin above and below the speeds, relative to their range
+DENSE, ALL = "dense", "all"  # choices of the speeds that the axis shows
+MOST_THIN = 0.5  # least excess of a dense range of speeds: its share of all states less its share of the axis
 PLACES = 1e-7, 1e-3  # steps of the parameter and the speed: states that round to one step count once
 HEIGHT, INNER, NARROW = 360, 270, 300  # pixels: height, height of the speed axis, width until a browser sends it
 NAME_ROWS, ROW, LETTER, MOST_NAMES = 4, 15, 6.2, 12  # event names: rows, pixels of a row and a letter, most names
@@ -78,10 +79,10 @@ class DiagramPicture:
             label="Speeds of the diagram", options={"Dense speeds": DENSE, "All speeds": ALL}, visible=False,
             color="primary", variant="outline", stylesheets=[asset("widgets.css")],
         )  # fmt: skip
-        Watch().on(self.speeds, self._fit)
+        WidgetWatcher().call_on_change(self.speeds, self._fit_speed_axis)
         self._found: DiagramLines | None = None
         self._across: float = NARROW
-        self.figure.on_change("inner_width", in_event_loop(self._on_width))  # sent by a browser
+        self.figure.on_change("inner_width", handler_in_event_loop(self._on_width))  # a browser sends the width
 
     def clear(self) -> None:
         """Show nothing."""
@@ -94,13 +95,14 @@ class DiagramPicture:
         """Draw a diagram. at: the position of the point on the axis of the diagram."""
         self._found = found
         self.figure.x_range.update(start=found.span[0], end=found.span[1])
-        self.figure.xaxis.axis_label = along(found)
-        self._fit()
-        self.mark(at)
+        self.figure.xaxis.axis_label = axis_name(found)
+        self._fit_speed_axis()
+        self.mark_position(at)
         for upward, source in self._seen.items():
             which = found.upward == upward
             source.data = {"x": found.x[which], "v": found.v[which]}
-        strokes = sorted(found.strokes, key=lambda each: each.stable)  # stable ones last, so above
+        # stable branches are drawn last, over unstable ones
+        strokes = sorted(found.strokes, key=lambda each: each.stable)
         self._strokes.data = {
             "x": [each.x for each in strokes],
             "v": [each.v for each in strokes],
@@ -116,24 +118,24 @@ class DiagramPicture:
             "tau": marks.tau,
             "marker": [MARKERS[kind] for kind in marks.kind],
             "size": [9 if name else 5 for name in marks.name],
-            "what": [_what(marks, i) for i in range(len(marks.kind))],
+            "what": [_event_in_words(marks, i) for i in range(len(marks.kind))],
         }
 
     def _on_width(self, _attribute: str, _old: object, new: Any) -> None:
         self._across = float(new)
-        self._fit()
+        self._fit_speed_axis()
 
-    def _fit(self) -> None:
+    def _fit_speed_axis(self) -> None:
         """Fit the speed axis to the dense speeds or to all speeds, with room above for the names of events."""
         found = self._found
         if found is None:
             return
-        dense = dense_speeds(found)
+        dense = dense_speed_range(found)
         self.speeds.visible = dense is not None
-        low, high = speeds_of(found) if dense is None or self.speeds.value == ALL else dense
-        names = named_events(found, self._across, (low, high))
+        low, high = speed_range(found) if dense is None or self.speeds.value == ALL else dense
+        names = placed_event_names(found, self._across, (low, high))
         rows = 1 + max((each.row for each in names), default=-1)
-        unit = (high - low) / (INNER - rows * ROW)  # speed per pixel
+        unit = (high - low) / (INNER - rows * ROW)  # height of a pixel, as a difference of speed
         self.figure.y_range.update(start=low, end=high + rows * ROW * unit)
         self._names.data = {
             "x": [each.x for each in names],
@@ -144,8 +146,8 @@ class DiagramPicture:
             "aside": [3 if each.align == "left" else -3 for each in names],
         }
 
-    def mark(self, at: float) -> None:
-        """Mark the position on the axis of the place that is shown."""
+    def mark_position(self, at: float) -> None:
+        """Mark the parameter of the point whose basins and motion are shown. at: position on the axis."""
         self._here.location = at
 
 
@@ -157,11 +159,11 @@ class EventName(NamedTuple):
     text: str
     row: int
     align: str
-    left: float  # pixels from the left edge of the picture: beginning of the text
-    line: float  # position of the event, in these pixels
-    right: float  # end of the text, in these pixels
+    left: float  # where the text begins, in pixels from the left edge of the picture
+    line: float  # where the event is, in pixels from the left edge of the picture
+    right: float  # where the text ends, in pixels from the left edge of the picture
 
-    def meets(self, other: EventName) -> bool:
+    def collides_with(self, other: EventName) -> bool:
         """Return whether the texts overlap, or the line down to one event crosses the text of the other."""
         if self.row == other.row:
             return self.left < other.right and other.left < self.right
@@ -169,15 +171,15 @@ class EventName(NamedTuple):
         return lower.left <= upper.line <= lower.right
 
 
-def speeds_of(found: DiagramLines) -> Pair:
+def speed_range(found: DiagramLines) -> Pair:
     """Return the range of all speeds in a diagram, with some room."""
     speeds = [each for each in (found.v, found.marks.v, *(one.v for one in found.strokes)) if each.size]
     if not speeds:
         return 0.0, 7.0
-    return _with_room(min(float(each.min()) for each in speeds), max(float(each.max()) for each in speeds))
+    return _add_margin(min(float(each.min()) for each in speeds), max(float(each.max()) for each in speeds))
 
 
-def dense_speeds(found: DiagramLines) -> Pair | None:
+def dense_speed_range(found: DiagramLines) -> Pair | None:
     """Return the range of speeds where attractors have most states, with some room; None where no range stands out.
 
     A chaotic attractor or a cascade has many states at each parameter, and a periodic motion few. The range is the one
@@ -188,7 +190,7 @@ def dense_speeds(found: DiagramLines) -> Pair | None:
     tuple[float, float] | None
         Lowest and highest speed; None if the excess is below MOST_THIN.
     """
-    low, high = speeds_of(found)
+    low, high = speed_range(found)
     distinct = np.unique(np.round(np.column_stack([found.x, found.v]) / PLACES), axis=0)
     v = np.sort(distinct[:, 1]) * PLACES[1]
     if not v.size:
@@ -198,15 +200,15 @@ def dense_speeds(found: DiagramLines) -> Pair | None:
     excess = np.maximum.accumulate(below) + ranks + 1 / v.size - share
     end = int(excess.argmax())
     start = int(below[: end + 1].argmax())
-    return _with_room(float(v[start]), float(v[end])) if excess[end] > MOST_THIN and end > start else None
+    return _add_margin(float(v[start]), float(v[end])) if excess[end] > MOST_THIN and end > start else None
 
 
-def _with_room(low: float, high: float) -> Pair:
+def _add_margin(low: float, high: float) -> Pair:
     room = ROOM * (high - low or high or 1.0)
     return low - room, high + room
 
 
-def named_events(found: DiagramLines, across: float, shown: Pair = (-np.inf, np.inf)) -> list[EventName]:
+def placed_event_names(found: DiagramLines, across: float, shown: Pair = (-np.inf, np.inf)) -> list[EventName]:
     """Return the event names that fit above a picture. Names of events on curves of the map are placed first.
 
     Parameters
@@ -236,19 +238,19 @@ def named_events(found: DiagramLines, across: float, shown: Pair = (-np.inf, np.
         tried = (
             EventName(x, max(speeds), text, row, align, left, line, left + width + ROW / 2) for row in range(NAME_ROWS)
         )
-        free = next((each for each in tried if not any(each.meets(other) for other in placed)), None)
+        free = next((each for each in tried if not any(each.collides_with(other) for other in placed)), None)
         if free is not None and left >= 0 and len(placed) < MOST_NAMES:
             placed.append(free)
     return placed
 
 
-def _what(marks: Marks, i: int) -> str:
+def _event_in_words(marks: EventImpacts, i: int) -> str:
     """Return an event in words: its kind, its motion, and the curve of the plane that it is on."""
     name = f"{marks.name[i]}, " if marks.name[i] else ""
     return f"{name}{MEANINGS[marks.kind[i]]} of {marks.motion[i]}"
 
 
-def along(found: DiagramLines) -> str:
+def axis_name(found: DiagramLines) -> str:
     """Return the name of a diagram's axis."""
     if found.to is None:
         return NAMES[found.direction]
@@ -258,30 +260,31 @@ def along(found: DiagramLines) -> str:
 def diagram_table(found: DiagramLines) -> str:
     """Return a table of events in HTML, first the events on curves of the map; a click on one opens its point."""
     if not found.events:
-        return f"<p>The diagram along the {along(found)} has no events.</p>"
+        return f"<p>The diagram along the {axis_name(found)} has no events.</p>"
     rows = []
     for each in sorted(found.events, key=lambda each: (not each.name, each.delta, each.epsilon)):
         at = f"{each.delta!r},{each.epsilon!r}"
         numbers = f"δ {each.delta:.10g}, ε {each.epsilon:.10g}"
-        multipliers = pair(each.multipliers) if abs(each.multipliers[0]) < INFINITE else "∞, 0"
+        multipliers = multipliers_text(each.multipliers) if abs(each.multipliers[0]) < INFINITE else "∞, 0"
         what = f"{MEANINGS[each.kind]} {each.name}".rstrip()
         rows.append((what, each.motion, f'<a href="?point={at}" data-point="{at}">{numbers}</a>', multipliers))
-    return table("Events of the diagram", ("Event", "Motion", "Where", "Multipliers"), rows)
+    return html_table("Events of the diagram", ("Event", "Motion", "Where", "Multipliers"), rows)
 
 
 def diagram_caption(found: DiagramLines) -> str:
     """Return a sentence on what the picture shows."""
     named = sorted({name for name in found.marks.name if name})
-    motions = counted(len({each.motion for each in found.strokes}), "periodic motion")
+    motions = count_in_words(len({each.motion for each in found.strokes}), "periodic motion")
     curves = f", among them {', '.join(named)}" if named else ""
-    events = counted(len(found.events), "event")
+    events = count_in_words(len(found.events), "event")
+    span = f"{number_text(found.span[0])} to {number_text(found.span[1])}"
     return (
-        f"Impact speed against the {along(found)}, {number(found.span[0])} to {number(found.span[1])}: {motions}, "
-        f"{events}{curves}. The tab Numbers lists the events."
+        f"Impact speed against the {axis_name(found)}, {span}: {motions}, {events}{curves}. "
+        "The tab Numbers lists the events."
     )
 
 
-def legend(found: DiagramLines, theme: str) -> str:
+def diagram_legend(found: DiagramLines, theme: str) -> str:
     """Return the key of lines, dots and markers, in HTML."""
     there = {each.stable for each in found.strokes}
     lines = [

@@ -14,7 +14,7 @@ import rattle
 from gear_rattle.service.explorer.common.figures import themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.design.rattling import HIGHEST
-from gear_rattle.service.explorer.point.words import number, table
+from gear_rattle.service.explorer.point.words import html_table, number_text
 from rattle import Density, Lines, Machine
 from rattle.intensity import natural_energy
 from rattle.plot import Palette, legend_name
@@ -36,12 +36,12 @@ def intensity_table(
         swatch = f'<span class="swatch" style="background:{palette.colour(attractor)}"></span>'
         cells = ["–"] * len(IN_SI if machine else PLAIN)
         if each is not None:
-            cells = _in_si(each, machine) if machine else _plain(each, delta)
+            cells = _si_texts(each, machine) if machine else _dimensionless_texts(each, delta)
         rows.append((f"{swatch}{escape(legend_name(attractor))}", *cells))
-    return table("How hard each rattles", ("Motion", *(IN_SI if machine else PLAIN)), rows)
+    return html_table("How hard each rattles", ("Motion", *(IN_SI if machine else PLAIN)), rows)
 
 
-def loudest(
+def loudest_in_words(
     attractors: Sequence[rattle.Attractor],
     found: Sequence[rattle.Intensity | None],
     delta: float,
@@ -55,31 +55,31 @@ def loudest(
     name = f"{'The loudest motion' if len(known) > 1 else 'Its rattle'}, {legend_name(attractor)},"
     if machine is not None:
         si = machine.in_si(one)
-        level, speed = f"{_decibels(si.level)} dB re 1 pW", f"{number(si.mean_velocity)} m/s"
+        level, speed = f"{_decibels(si.level)} dB re 1 pW", f"{number_text(si.mean_velocity)} m/s"
     else:
-        level, speed = f"{_decibels(one.level(natural_energy(delta)))} dB re 2π²δ²", number(one.mean_speed)
+        level, speed = f"{_decibels(one.level(natural_energy(delta)))} dB re 2π²δ²", number_text(one.mean_speed)
     return f"{name} has {level}, and impacts of a mean speed of {speed}."
 
 
-def _plain(found: rattle.Intensity, delta: float) -> list[str]:
+def _dimensionless_texts(found: rattle.Intensity, delta: float) -> list[str]:
     level = _decibels(found.level(natural_energy(delta)))
-    energy = _with_error(found.energy, found.errors.energy)
-    return [number(found.impacts), number(found.mean_speed), number(found.largest_speed), energy, level]
+    energy = _value_with_error(found.energy, found.errors.energy)
+    return [number_text(found.impacts), number_text(found.mean_speed), number_text(found.largest_speed), energy, level]
 
 
-def _in_si(found: rattle.Intensity, machine: Machine) -> list[str]:
+def _si_texts(found: rattle.Intensity, machine: Machine) -> list[str]:
     si = machine.in_si(found)
-    numbers = [number(each) for each in (si.impacts, si.mean_velocity, si.largest_velocity, si.energy)]
-    return [*numbers, _with_error(si.power, si.power_error), _decibels(si.level)]
+    numbers = [number_text(each) for each in (si.impacts, si.mean_velocity, si.largest_velocity, si.energy)]
+    return [*numbers, _value_with_error(si.power, si.power_error), _decibels(si.level)]
 
 
 def _decibels(level: float) -> str:
     """Return a level to 0.01 dB: smaller differences are not heard, and rounding errors may make 1e-15 dB of 0 dB."""
-    return number(round(level, 2) + 0.0)
+    return number_text(round(level, 2) + 0.0)
 
 
-def _with_error(value: float, error: float) -> str:
-    return number(value) + (f" ± {number(error, 2)}" if error > 0 else "")
+def _value_with_error(value: float, error: float) -> str:
+    return number_text(value) + (f" ± {number_text(error, 2)}" if error > 0 else "")
 
 
 class SpectrumPicture:
@@ -129,10 +129,10 @@ def spectrum_caption(found: Lines | Density, what: str) -> str:
     """Return a sentence on what the picture shows."""
     if isinstance(found, Density):
         return f"Order spectrum of the force between the teeth, {what}: its density, with the 95 % interval."
-    return f"Order spectrum of the force between the teeth, {what}: its lines, of orders of either sign, exact."
+    return f"Order spectrum of the force between the teeth, {what}: exact lines, at positive and negative orders."
 
 
-def player(file: bytes) -> str:
+def audio_html(file: bytes) -> str:
     """Return an audio element in HTML that has the WAV file in it, and plays it at once."""
     data = b64encode(file).decode("ascii")
     return f'<audio controls autoplay src="data:audio/wav;base64,{data}"></audio>'

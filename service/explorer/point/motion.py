@@ -11,9 +11,9 @@ from bokeh.models.annotations import Span
 import rattle
 from gear_rattle.service.explorer.common.figures import ink_of, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
-from gear_rattle.service.explorer.point.words import PERIOD, counted, every
+from gear_rattle.service.explorer.point.words import PERIOD, count_in_words, recurrence_in_words
 
-ROOM = 1.12  # extent of the pictures, relative to the walls
+ROOM = 1.12  # extent of the pictures, relative to the distance of the walls from the middle
 
 
 class MotionPictures:
@@ -85,17 +85,17 @@ def motion_caption(
     upper = int(np.count_nonzero(found.impact_wall == 1))
     lower = found.impact_wall.size - upper
     if found.rest < np.inf:
-        return f"{what}: at rest against the wall Φ = β after {_so_many(found.rest, period)}."
+        return f"{what}: at rest against the wall Φ = β after {_periods_in_words(found.rest, period)}."
     speeds = found.impact_speed
     fastest = f", the fastest at a speed of {speeds.max():.4g}" if speeds.size else ""
-    how_long = f"in {_so_many(found.time[-1], period)}"
+    how_long = f"in {_periods_in_words(found.time[-1], period)}"
     if attractor is not None and attractor.kind == "periodic":
         upper, lower = attractor.n_plus, attractor.n_minus
-        how_long = every(attractor.m, period)
-    return f"{what}: {counted(upper, 'impact')} on the wall Φ = β and {lower} on Φ = −β {how_long}{fastest}."
+        how_long = recurrence_in_words(attractor.m, period)
+    return f"{what}: {count_in_words(upper, 'impact')} on the wall Φ = β and {lower} on Φ = −β {how_long}{fastest}."
 
 
-def _so_many(number: float, period: str) -> str:
+def _periods_in_words(number: float, period: str) -> str:
     """Return a number of periods, which need not be whole: 1 revolution, 2.5 revolutions."""
     shown = f"{number:.3g}"
     return f"{shown} {period}{'' if shown == '1' else 's'}"

@@ -13,7 +13,7 @@ from bokeh.models import Range1d
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.figures import PRINTED
 from gear_rattle.service.explorer.common.text import Text
-from gear_rattle.service.explorer.common.watch import Watch, on_press
+from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.design.tolerance_fields import ToleranceFields
 from gear_rattle.service.explorer.files import asset
 from gear_rattle.service.explorer.point import basins, diagram, loudness, motion
@@ -23,13 +23,13 @@ MARGIN = (0, 4)
 #: Styles with which two pictures stand side by side only if both fit. Panel would always keep room for both.
 NARROW, WRAPPED = ":host { min-width: 0 !important; }", ":host { flex-wrap: wrap; min-width: 0 !important; }"
 WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": MARGIN}
-PLACES = 100  # steps of the slider along the way of the diagram
+PLACES = 100  # steps of the slider along the line of the diagram
 DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
 ALONG = (BASINS, MOTION, DIAGRAM)  # tabs that follow the slider
 
 
 @dataclass(frozen=True)
-class Below:
+class FigurePlace:
     """Place for a figure below the diagram with the same parameter axis; empty and hidden at first."""
 
     panel: pn.Column = field(default_factory=lambda: pn.Column(sizing_mode="stretch_width", margin=0, visible=False))
@@ -43,19 +43,21 @@ class PointPanel:
     which are called when a viewer clicks or chooses.
     """
 
-    def __init__(self, theme: str, below: Below | None = None) -> None:
-        self.theme, self._below = theme, below or Below()
+    def __init__(self, theme: str, below: FigurePlace | None = None) -> None:
+        self.theme, self._below = theme, below or FigurePlace()
         self.on_tab: Callable[[str], None]
         self.on_tap: Callable[[float, float], None]
         self.on_motion: Callable[[int | None], None]
         self.on_direction: Callable[[str], None]
         self.on_place: Callable[[int], None]
         self.on_play: Callable[[float | None], None]
-        self._watch = Watch()
-        self.likely, self.shares, self.where, self.loudest, self.safe = (self._text() for _ in range(5))
-        self.under_basins, self.about_lines, self.under_motion, self.under_diagram = (self._text() for _ in range(4))
-        self.under_spectrum, self.heard, self.take = self._text(), self._text(), self._text()
-        self.table, self.loud, self.orbits, self.events = (self._text() for _ in range(4))
+        self._watch = WidgetWatcher()
+        self.likely, self.shares, self.where, self.loudest, self.safe = (self._new_text() for _ in range(5))
+        self.under_basins, self.about_lines, self.under_motion, self.under_diagram = (
+            self._new_text() for _ in range(4)
+        )
+        self.under_spectrum, self.heard, self.take = self._new_text(), self._new_text(), self._new_text()
+        self.table, self.loud, self.orbits, self.events = (self._new_text() for _ in range(4))
         self._tolerance = pn.Column(sizing_mode="stretch_width", margin=0)
         texts = {
             ANSWER: (self.shares, self.loudest, self.safe, self.where),
@@ -77,29 +79,29 @@ class PointPanel:
             color="primary", variant="outline", css_classes=["tabs"], margin=(6, 4, 2, 4),
             sizing_mode="stretch_width", stylesheets=self._sheets,
         )  # fmt: skip
-        self._watch.on(self._tabs, lambda: self.on_tab(str(self._tabs.value)))
+        self._watch.call_on_change(self._tabs, lambda: self.on_tab(str(self._tabs.value)))
         self.column = pn.Column(
-            self.likely.pane, self._tabs, self.place, *self._bodies.values(), self.take.pane,
+            self.likely.pane, self._tabs, self.place_slider, *self._bodies.values(), self.take.pane,
             css_classes=["point"], sizing_mode="stretch_width", margin=0, stylesheets=[PRINTED],
         )  # fmt: skip
 
-    def open(self, tab: str) -> None:
+    def show_tab(self, tab: str) -> None:
         """Show this tab, and no other."""
         with self._watch.paused():
             self._tabs.param.update(value=tab, visible=True)
         for name, body in self._bodies.items():
             body.visible = name == tab
-        self.place.visible = tab in ALONG
+        self.place_slider.visible = tab in ALONG
 
     def clear(self) -> None:
         """Remove all that is shown of a point."""
         self.where.html = ""
-        self._tabs.visible = self.place.visible = False
+        self._tabs.visible = self.place_slider.visible = False
         for body in self._bodies.values():
             body.visible = False
-        self.clear_found()
+        self.clear_results()
 
-    def clear_found(self) -> None:
+    def clear_results(self) -> None:
         """Remove all results of a point, but not the text with its position, which may be the next point's already."""
         for text in (
             self.take, self.likely, self.shares, self.loudest, self.safe,
@@ -109,10 +111,10 @@ class PointPanel:
             text.html = ""
         self._tolerance.visible = False
         for name in ("picture", "motions", "spectrum", "diagram"):
-            if name in self.__dict__:  # the picture has been made
+            if name in self.__dict__:  # only pictures that have been made already
                 getattr(self, name).clear()
 
-    def _text(self, html: str = "") -> Text:
+    def _new_text(self, html: str = "") -> Text:
         return Text(html, *self._sheets, margin=MARGIN)
 
     @property
@@ -124,7 +126,7 @@ class PointPanel:
         """Picture of the basins; it and its tab are made at first use."""
         found = basins.BasinsPicture(self.theme, lambda tau, v: self.on_tap(tau, v))
         self._bodies[BASINS][:] = [
-            self._text("<h2 class=tab>Basins of attraction</h2>").pane,
+            self._new_text("<h2 class=tab>Basins of attraction</h2>").pane,
             pn.pane.Bokeh(found.figure, **WIDE),
             self.under_basins.pane,
             self.about_lines.pane,
@@ -132,38 +134,38 @@ class PointPanel:
         return found
 
     @cached_property
-    def place(self) -> pn.widgets.IntSlider:
+    def place_slider(self) -> pn.widgets.IntSlider:
         """Slider for the place on the line of the diagram whose basins and motion are shown."""
         found = pn.widgets.IntSlider(
             label="", start=0, end=PLACES, show_value=False, stylesheets=self._sheets, max_width=420, margin=(2, 16),
             sizing_mode="stretch_width", visible=False,
         )  # fmt: skip
-        self._watch.on(found, lambda: self.on_place(int(found.value or 0)))
+        self._watch.call_on_change(found, lambda: self.on_place(int(found.value or 0)))
         return found
 
     def show_place(self, stop: int, at: Pair) -> None:
         """Set the slider to a position, and its label to the point (δ, ε) there."""
         with self._watch.paused():
-            self.place.param.update(value=stop, label=f"Along the diagram, at δ {at[0]:.5g}, ε {at[1]:.5g}")
+            self.place_slider.param.update(value=stop, label=f"Along the diagram, at δ {at[0]:.5g}, ε {at[1]:.5g}")
 
     @cached_property
-    def choice(self) -> pn.widgets.Select:
+    def motion_choice(self) -> pn.widgets.Select:
         """Choice of the motion that is shown."""
         found = pn.widgets.Select(
             label="Motion shown (or click in the basins)", options={}, stylesheets=self._sheets, width=330
         )
-        self._watch.on(found, lambda: self.on_motion(found.value))
+        self._watch.call_on_change(found, lambda: self.on_motion(found.value))
         return found
 
-    def ring(self, tau: float, v: float) -> None:
+    def mark_initial_state(self, tau: float, v: float) -> None:
         """Mark the initial state of the motion in the basins, if their picture has been made."""
         if "picture" in self.__dict__:
-            self.picture.show_chosen(tau, v)
+            self.picture.mark_initial_state(tau, v)
 
     def offer_motions(self, options: Mapping[str, int], chosen: int | None) -> None:
         """Offer motions to choose from, as numbers by name. chosen: the number of the selected motion, or None."""
         with self._watch.paused():
-            self.choice.param.update(options=dict(options), value=chosen)
+            self.motion_choice.param.update(options=dict(options), value=chosen)
 
     @cached_property
     def motions(self) -> motion.MotionPictures:
@@ -171,9 +173,10 @@ class PointPanel:
         found = motion.MotionPictures(self.theme)
         panes = [pn.pane.Bokeh(each, margin=0, sizing_mode="stretch_width") for each in (found.trace, found.portrait)]
         self._bodies[MOTION][:] = [
-            self._text("<h2 class=tab>Motion</h2>").pane, self.choice, pn.Row(*panes, **WIDE, stylesheets=[WRAPPED]),
+            self._new_text("<h2 class=tab>Motion</h2>").pane, self.motion_choice,
+            pn.Row(*panes, **WIDE, stylesheets=[WRAPPED]),
             self.under_motion.pane,
-            pn.Row(self.rpm, self._play, self.heard.pane, **WIDE), pn.pane.Bokeh(self.spectrum.figure, **WIDE),
+            pn.Row(self.rpm, self._play_button, self.heard.pane, **WIDE), pn.pane.Bokeh(self.spectrum.figure, **WIDE),
             self.under_spectrum.pane,
         ]  # fmt: skip
         return found
@@ -190,7 +193,7 @@ class PointPanel:
         return pn.widgets.FloatInput(label="Speed, rpm", value=3000.0, start=0.0, **style)
 
     @cached_property
-    def _play(self) -> pn.widgets.Button:
+    def _play_button(self) -> pn.widgets.Button:
         found = pn.widgets.Button(
             label="Play", css_classes=["play"], margin=(2, 4), align="end", stylesheets=self._sheets
         )
@@ -198,7 +201,7 @@ class PointPanel:
         return found
 
     @cached_property
-    def _fields(self) -> ToleranceFields:
+    def _tolerance_fields(self) -> ToleranceFields:
         found = ToleranceFields(self._sheets)
         self._tolerance[:] = [found.panel]
         return found
@@ -207,7 +210,7 @@ class PointPanel:
     def tolerance(self) -> ToleranceFields:
         """Fields of the tolerances."""
         self._tolerance.visible = True
-        return self._fields
+        return self._tolerance_fields
 
     @cached_property
     def direction(self) -> pn.widgets.RadioButtonGroup:
@@ -219,7 +222,7 @@ class PointPanel:
             variant="outline",
             stylesheets=self._sheets,
         )
-        self._watch.on(found, lambda: self.on_direction(found.value))
+        self._watch.call_on_change(found, lambda: self.on_direction(found.value))
         return found
 
     def show_direction(self, chosen: str) -> None:
@@ -232,7 +235,7 @@ class PointPanel:
         """Picture of the one-parameter diagram; it and its tab are made at first use."""
         found = diagram.DiagramPicture(self.theme, self._below.x_range)
         self._bodies[DIAGRAM][:] = [
-            self._text("<h2 class=tab>One-parameter diagram</h2>").pane, self.direction, found.speeds,
+            self._new_text("<h2 class=tab>One-parameter diagram</h2>").pane, self.direction, found.speeds,
             pn.pane.Bokeh(found.figure, **WIDE), self.under_diagram.pane, self._below.panel,
         ]  # fmt: skip
         return found

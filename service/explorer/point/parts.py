@@ -1,4 +1,4 @@
-"""Compute the parts of the view of one parameter point: functions of a gear, which other processes run."""
+"""Compute the parts of the view of one parameter point. Other processes run these functions of a gear."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def largest_sampled_speed(delta: float, epsilon: float, beta: float) -> float:
     return sampled_speed(None, delta, epsilon, beta)
 
 
-class Chances(NamedTuple):
-    """Attractors that were reached from so many initial conditions (`starts`).
+class SampledAttractors(NamedTuple):
+    """Attractors that samples reached. starts: the number of samples, each with its own initial condition.
 
     Each attractor has its two Floquet multipliers, or None, and a letter: A to D, or "" if it is none of these motions.
     """
@@ -63,7 +63,7 @@ class Margin(NamedTuple):
     v_max: float
 
 
-class Elsewhere(NamedTuple):
+class BasinsAndOrbits(NamedTuple):
     """Basins at another point than the clicked one, and the motions A to D there, if they have a closed form."""
 
     basins: rattle.Basins
@@ -77,7 +77,7 @@ class PlaneLine(NamedTuple):
     points: Array
 
 
-class SpectrumLines(NamedTuple):
+class PlaneLines(NamedTuple):
     """Γ and the manifolds of the saddles A and B, and a sentence for each missing line."""
 
     lines: tuple[PlaneLine, ...]
@@ -97,7 +97,7 @@ class Stroke(NamedTuple):
     stable: bool
 
 
-class Marks(NamedTuple):
+class EventImpacts(NamedTuple):
     """Impacts (n,) on Σ⁺ of all events of a diagram.
 
     x: the parameter. v, tau: speed and phase of the impact. kind: SN (saddle-node), PD (period doubling) or GR
@@ -112,8 +112,8 @@ class Marks(NamedTuple):
     motion: tuple[str, ...]
 
 
-class Happening(NamedTuple):
-    """An event of a diagram, named as in `Marks`, and the point (δ, ε) and the multipliers at the event."""
+class DiagramEvent(NamedTuple):
+    """Event of a diagram: kind, name of its curve and motion as in `EventImpacts`, its (δ, ε), its multipliers."""
 
     kind: str
     name: str
@@ -134,15 +134,15 @@ class DiagramLines(NamedTuple):
     to: tuple[float, float] | None
     span: tuple[float, float]
     strokes: tuple[Stroke, ...]
-    marks: Marks
-    events: tuple[Happening, ...]
+    marks: EventImpacts
+    events: tuple[DiagramEvent, ...]
     x: Array
     v: Array
     tau: Array
     upward: NDArray[np.bool_]
 
 
-def listed_in(cell: xr.Dataset) -> Iterator[tuple[xr.Dataset, str, tuple[int, int, int], int]]:
+def listed_attractors(cell: xr.Dataset) -> Iterator[tuple[xr.Dataset, str, tuple[int, int, int], int]]:
     """Yield each attractor of a survey's cell: its variables, its kind, its label (m, n₊, n₋), its contact phases."""
     for slot in range(cell.sizes["attractor"]):
         one = cell.isel(attractor=slot)
@@ -152,12 +152,12 @@ def listed_in(cell: xr.Dataset) -> Iterator[tuple[xr.Dataset, str, tuple[int, in
             yield one, kind, label, int(one["attractor_contacts"]) if "attractor_contacts" in one else 0
 
 
-def chances_of_cell(cell: xr.Dataset, starts: int) -> Chances | None:
+def survey_attractors(cell: xr.Dataset, starts: int) -> SampledAttractors | None:
     """Return the attractors of a survey's cell; None if variables are missing, or if its fractions do not add to 1."""
     if not set(cell.data_vars) >= CELL_NAMES:
         return None
     found, nan = [], float("nan")
-    for one, kind, label, contacts in listed_in(cell):
+    for one, kind, label, contacts in listed_attractors(cell):
         share = float(one["attractor_fraction"])
         low, high = rattle.wilson_interval(share * starts, starts)
         interval = float(low), float(high)
@@ -165,15 +165,15 @@ def chances_of_cell(cell: xr.Dataset, starts: int) -> Chances | None:
     if not abs(sum(each.fraction for each in found) - 1.0) < 0.5 / starts:
         return None
     found.sort(key=lambda each: -each.fraction)
-    return Chances(starts, tuple(found), (None,) * len(found), ("",) * len(found))
+    return SampledAttractors(starts, tuple(found), (None,) * len(found), ("",) * len(found))
 
 
-def chances(gear: AnyGear, count: int) -> Chances:
+def sampled_attractors(gear: AnyGear, count: int) -> SampledAttractors:
     """Return the attractors reached from `count` initial conditions, with letters if A to D have a closed form."""
     found = gear.attractors(count)
     multipliers = tuple(_multipliers(gear, each) for each in found)
     orbits = gear.orbits() if model_at(gear).in_closed_form else ()
-    return Chances(count, found, multipliers, tuple(_letter(orbits, each) for each in found))
+    return SampledAttractors(count, found, multipliers, tuple(_letter(orbits, each) for each in found))
 
 
 def period_one(gear: AnyGear) -> PeriodOneOrbits:
@@ -193,7 +193,7 @@ def _multipliers(gear: AnyGear, attractor: rattle.Attractor) -> tuple[complex, c
     return complex(first), complex(second)
 
 
-def lettered(found: Chances, orbits: Iterable[rattle.Orbit]) -> Chances:
+def add_letters(found: SampledAttractors, orbits: Iterable[rattle.Orbit]) -> SampledAttractors:
     """Return `found`, with the letter of each attractor that is one of these period-one orbits."""
     return found._replace(letters=tuple(_letter(orbits, each) for each in found.attractors))
 
@@ -215,8 +215,8 @@ def margin(gear: Any) -> Margin:
     return Margin(v, tau, undecided, leads_to, largest_sampled_speed(gear.delta, gear.epsilon, gear.beta))
 
 
-def lines(gear: AnyGear, arclength: float = ARCLENGTH) -> SpectrumLines:
-    """Return Γ, if the model has one, W^s of A and B, and W^u of A. The default arclength suffices for a screen."""
+def plane_lines(gear: AnyGear, arclength: float = ARCLENGTH) -> PlaneLines:
+    """Return Γ if the model has one, the stable manifolds of the saddles A and B, and the unstable manifold of A."""
     require_capability(Capability.MANIFOLDS, model_at(gear))
     from rattle.plot import gamma_line, manifold_line
 
@@ -232,7 +232,7 @@ def lines(gear: AnyGear, arclength: float = ARCLENGTH) -> SpectrumLines:
         found.append(PlaneLine(f"W{'ˢ' if kind == 'stable' else 'ᵘ'}({name})", line))
         if why:
             missing.append(why)
-    return SpectrumLines(tuple(line for line in found if len(line.points)), tuple(missing))
+    return PlaneLines(tuple(line for line in found if len(line.points)), tuple(missing))
 
 
 def diagram(
@@ -283,11 +283,11 @@ def diagram(
         for tau, v in zip(*impacts_at(event), strict=True)
     ]
     x, v, tau, kind, name, motions = zip(*rows, strict=True) if rows else ((), (), (), (), (), ())
-    marks = Marks(
+    marks = EventImpacts(
         np.array(x, float), np.array(v, float), np.array(tau, float), tuple(kind), tuple(name), tuple(motions)
     )
     events = tuple(
-        Happening(
+        DiagramEvent(
             event.kind.value, found.curve_of(event) or "", name_of_type(event.itinerary.label),
             float(event.parameters[0]), float(event.parameters[1]), event.orbit.multipliers,
         )
@@ -310,14 +310,14 @@ def diagram(
 
 
 def basins(gear: AnyGear, side: int, method: str) -> rattle.Basins:
-    """Return the basins on side × side cells."""
+    """Return the basins of attraction on side × side cells of the (τ, v) plane. method: see `rattle.Gear.basins`."""
     return gear.basins(side, None, method)
 
 
-def elsewhere(gear: AnyGear, side: int, method: str) -> Elsewhere:
-    """Return the basins and the motions A to D of a gear at another point than the clicked one."""
+def basins_at_other_point(gear: AnyGear, side: int, method: str) -> BasinsAndOrbits:
+    """Return the basins of attraction, and the motions A to D, of a gear at another point than the clicked one."""
     orbits = gear.orbits() if model_at(gear).in_closed_form else ()
-    return Elsewhere(basins(gear, side, method), orbits)
+    return BasinsAndOrbits(basins(gear, side, method), orbits)
 
 
 def motion_from(gear: AnyGear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:
@@ -327,14 +327,14 @@ def motion_from(gear: AnyGear, tau: float, v: float, periods: float, points: int
 
 def warm_up(gear: AnyGear) -> None:
     """Load all kernels that a point of this model needs, by running each part at its smallest size."""
-    chances(gear, 16)
+    sampled_attractors(gear, 16)
     for method in ("cells", "refined", "direct"):
         basins(gear, 20, method)
     motion_from(gear, 0.3, 4.0, 1.0, 2)
     rattling.warm_up_sounds(gear)
     has = model_at(gear).has
     if Capability.MANIFOLDS in has:
-        lines(gear, arclength=1.0)
+        plane_lines(gear, arclength=1.0)
     if Capability.MARGIN in has:
         margin(gear)
     if Capability.DIAGRAMS in has:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gear_rattle.service.explorer.common.address import Entered, Pair, Pin, View, pin_of
+from gear_rattle.service.explorer.common.address import EnteredMachine, Pair, Pin, View, pin_of
 from gear_rattle.service.explorer.design.fields import machine_at
 from gear_rattle.service.explorer.design.tolerance import Tolerance, tolerance_outline
 from gear_rattle.service.explorer.state.reducer import TAB
@@ -44,7 +44,7 @@ class PointState:
     at : float | None
         Place whose basins and motion are shown, from 0 to 1 on the line of the diagram; None for the point itself.
     tab : str | None
-        Open tab; None for the tab that the other values need.
+        Open tab; None if the other values decide which tab is open, see `shown_tab`.
     """
 
     attractor: int | None = None
@@ -58,12 +58,12 @@ class PointState:
 
     @property
     def way(self) -> tuple[str, float | None, Pair | None]:
-        """Direction, span and end of the diagram."""
+        """Choice of the diagram: its direction, its span and its other end, in this order."""
         return self.direction, self.span, self.to
 
     @property
-    def open_tab(self) -> str:
-        """The open tab; if `tab` is None, as in older addresses, the tab that shows the other values."""
+    def shown_tab(self) -> str:
+        """The open tab. Older addresses have no `tab`; then it is the tab that shows what their other fields choose."""
         if self.tab is not None:
             return self.tab
         if self.to is not None or self.span is not None or self.direction != "epsilon":
@@ -77,13 +77,13 @@ class PointState:
         """Return the state that these texts describe. An unreadable value, or a v above v_max, gets its default."""
         direction = str(text.get("direction", ""))
         return cls(
-            _attractor(text.get("attractor")),
-            _start(text.get("tau"), text.get("v"), v_max),
+            _parse_attractor(text.get("attractor")),
+            _parse_start(text.get("tau"), text.get("v"), v_max),
             direction if direction in SPANS else "epsilon",
-            span_of_view(text.get("span")),
-            point_of_view(text.get("to")),
-            tolerance_of(text.get("tolerance")),
-            share_of(text.get("at")),
+            parse_span(text.get("span")),
+            parse_point(text.get("to")),
+            parse_tolerance(text.get("tolerance")),
+            parse_share(text.get("at")),
             tab if (tab := str(text.get(TAB))) in TABS else None,
         )
 
@@ -91,7 +91,8 @@ class PointState:
         """Return the texts that describe the state, by name; values that are the defaults have no text."""
         said = {"attractor": str(self.attractor)} if self.attractor is not None and self.start is None else {}
         if self.start is not None:
-            said |= {"tau": repr(self.start[0]), "v": repr(self.start[1])}  # read back, they are the same numbers
+            # `repr` writes all digits, so that both numbers are read back unchanged
+            said |= {"tau": repr(self.start[0]), "v": repr(self.start[1])}
         if self.span is not None:
             said["span"] = repr(self.span)
         if self.to is not None:
@@ -100,12 +101,12 @@ class PointState:
             said["tolerance"] = ",".join(map(repr, self.tolerance))
         if self.at is not None:
             said["at"] = repr(self.at)
-        if self.tab is not None and (self.tab != ANSWER or replace(self, tab=None).open_tab != ANSWER):
+        if self.tab is not None and (self.tab != ANSWER or replace(self, tab=None).shown_tab != ANSWER):
             said[TAB] = self.tab
         return said | ({"direction": self.direction} if self.direction != "epsilon" else {})
 
 
-def _attractor(given: object) -> int | None:
+def _parse_attractor(given: object) -> int | None:
     try:
         number = int(str(given))
     except ValueError:
@@ -113,7 +114,7 @@ def _attractor(given: object) -> int | None:
     return number if 0 <= number < MOST_ATTRACTORS else None
 
 
-def _start(tau: object, v: object, v_max: float) -> tuple[float, float] | None:
+def _parse_start(tau: object, v: object, v_max: float) -> tuple[float, float] | None:
     try:
         start = float(str(tau)), float(str(v))
     except ValueError:
@@ -123,7 +124,7 @@ def _start(tau: object, v: object, v_max: float) -> tuple[float, float] | None:
     return None
 
 
-def span_of_view(given: object) -> float | None:
+def parse_span(given: object) -> float | None:
     """Return the extent of a diagram on either side; None, for the default, if the value is not an allowed number."""
     try:
         span = float(str(given))
@@ -132,7 +133,7 @@ def span_of_view(given: object) -> float | None:
     return span if LEAST_SPAN <= span <= MOST_SPAN else None
 
 
-def share_of(given: object) -> float | None:
+def parse_share(given: object) -> float | None:
     """Return a value as a number from 0 to 1; None if it is no such number."""
     try:
         share = float(str(given))
@@ -141,19 +142,19 @@ def share_of(given: object) -> float | None:
     return share if 0.0 <= share <= 1.0 else None
 
 
-def way_of(gear: AnyGear, state: PointState) -> tuple[Pair, Pair]:
+def diagram_line(gear: AnyGear, state: PointState) -> tuple[Pair, Pair]:
     """Return the points (δ, ε) at which the diagram of a point begins and ends."""
     return diagram_ends(gear, state.direction, state.span, state.to)
 
 
-def place_on(way: tuple[Pair, Pair], share: float) -> Pair:
+def point_on_line(way: tuple[Pair, Pair], share: float) -> Pair:
     """Return the point (δ, ε) at a fraction `share` of the line between the two ends of `way`."""
     (delta, epsilon), (to_delta, to_epsilon) = way
-    left = 1.0 - share  # so that the ends are exact
+    left = 1.0 - share  # with this form the ends of the line are exact
     return left * delta + share * to_delta, left * epsilon + share * to_epsilon
 
 
-def point_of_view(given: object) -> Pair | None:
+def parse_point(given: object) -> Pair | None:
     """Return the point (δ, ε) that a text describes; None if it describes no point with δ > 0 and ε ≥ 0."""
     try:
         delta, epsilon = map(float, str(given).split(","))
@@ -162,7 +163,7 @@ def point_of_view(given: object) -> Pair | None:
     return (delta, epsilon) if 0 < delta < math.inf and 0 <= epsilon < math.inf else None
 
 
-def tolerance_of(given: object) -> Tolerance | None:
+def parse_tolerance(given: object) -> Tolerance | None:
     """Return the tolerance that a text describes, None if it cannot be read."""
     try:
         found = Tolerance(*map(float, str(given).split(",")))
@@ -171,31 +172,31 @@ def tolerance_of(given: object) -> Tolerance | None:
     return found if all(math.isfinite(each) and each >= 0.0 for each in found) else None
 
 
-def stands_for(
-    point: Pair, entered: Entered | None, machine: SurveyedMachine | None, model: Model
+def machine_and_model(
+    point: Pair, entered: EnteredMachine | None, machine: SurveyedMachine | None, model: Model
 ) -> tuple[Machine | None, Model]:
-    """Return the machine and the model of a point: of the entered machine, or if there is none, of the survey."""
+    """Return the machine and the model of a point: those of the entered machine, else those of the survey."""
     if entered is None:
         return machine_at(machine, model, *point), model
     found = entered.machine
     return found, model_at(found.gear)
 
 
-def opened_gear(store: Store) -> tuple[Machine | None, Model] | None:
-    """Return the machine and the model of the open point; None without one, or if its survey is not known yet."""
+def open_machine_and_model(store: Store) -> tuple[Machine | None, Model] | None:
+    """Return the machine and the model of the open point; None if no point is open or its survey is not known yet."""
     view = store.view
-    if view.point is None or not store.is_told or (view.survey and store.request is None):
+    if view.point is None or not store.has_surveys or (view.survey and store.request is None):
         return None
-    return stands_for(view.point, view.machine, store.machine, store.model)
+    return machine_and_model(view.point, view.machine, store.machine, store.model)
 
 
-def opened_pin(store: Store) -> Pin | None:
+def open_point_as_pin(store: Store) -> Pin | None:
     """Return the open point as a pin; None if no point is open, or if its survey is not known yet."""
-    opened, point = opened_gear(store), store.view.point
+    opened, point = open_machine_and_model(store), store.view.point
     return None if opened is None or point is None else pin_of(*point, opened[1])
 
 
-def marks_of(view: View, model: Model, machine: SurveyedMachine | None) -> tuple[Pair | None, np.ndarray | None]:
+def point_marks(view: View, model: Model, machine: SurveyedMachine | None) -> tuple[Pair | None, np.ndarray | None]:
     """Return the marks of the open point on the map of a survey.
 
     Returns
@@ -207,15 +208,15 @@ def marks_of(view: View, model: Model, machine: SurveyedMachine | None) -> tuple
     """
     if view.point is None:
         return None, None
-    made, of_point = stands_for(view.point, view.machine, machine, model)
+    made, of_point = machine_and_model(view.point, view.machine, machine, model)
     if of_point != model:
         return None, None
-    widths, to = tolerance_of(view.point_state.get("tolerance")), point_of_view(view.point_state.get("to"))
+    widths, to = parse_tolerance(view.point_state.get("tolerance")), parse_point(view.point_state.get("to"))
     lines = [] if widths is None else [tolerance_outline(*view.point, made, widths)]
     if to is not None:
         lines += [np.full((1, 2), np.nan), np.array([view.point, to])]
     here, state = view.point, PointState.read(view.point_state, 0.0)
     if state.at is not None:
-        with suppress(RattleError):  # no gear is possible here: the panel of the point says so
-            here = place_on(way_of(model.gear(*view.point), state), state.at)
+        with suppress(RattleError):  # no gear is possible at this point; the panel of the point says so
+            here = point_on_line(diagram_line(model.gear(*view.point), state), state.at)
     return here, np.concatenate(lines) if lines else None

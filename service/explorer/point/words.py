@@ -1,4 +1,4 @@
-"""The view of one parameter point in words and tables."""
+"""Describe one parameter point in words and tables."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from urllib.parse import urlencode
 import rattle
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.design.fields import ERRORS
-from gear_rattle.service.explorer.point.parts import Chances, Margin, PeriodOneOrbits
-from gear_rattle.service.harmonics import written_harmonics
+from gear_rattle.service.explorer.point.parts import Margin, PeriodOneOrbits, SampledAttractors
+from gear_rattle.service.harmonics import harmonic_texts
 from rattle import Machine
 from rattle.models import AnyGear, model_at
 from rattle.orbits import region_in_words
@@ -20,13 +20,13 @@ from rattle.plot import Palette, legend_name
 
 MINUS = "\N{MINUS SIGN}"
 ENOUGH = 5e-4  # a positive share below it is written as "less than 0.05 %"
-MOST_HARMONICS = 6  # harmonics that a sentence lists
-MOST_NAMED = 6  # attractors below the bar of shares
+MOST_HARMONICS = 6  # most harmonics that a sentence lists
+MOST_NAMED = 6  # most attractors that are named below the bar of basin fractions
 ROWS = 6  # rows of a table that are shown before a viewer unfolds it
 PERIOD, REVOLUTION = "forcing period", "revolution"
 
 
-def number(value: float, digits: int = 4) -> str:
+def number_text(value: float, digits: int = 4) -> str:
     """Return a number for people, with `digits` significant digits and a true minus sign; a dash for NaN."""
     if math.isnan(value):
         return "–"
@@ -35,22 +35,22 @@ def number(value: float, digits: int = 4) -> str:
     return f"{value:.{digits}g}".replace("-", MINUS)
 
 
-def counted(count: int, noun: str) -> str:
+def count_in_words(count: int, noun: str) -> str:
     """Return a count with its noun: 1 event, 2 events."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
-def period_of(machine: Machine | None) -> str:
+def period_name(machine: Machine | None) -> str:
     """Return the name of the forcing period: "revolution" if it is one revolution of the machine."""
     return REVOLUTION if machine is not None and machine.revolutions == 1 else PERIOD
 
 
-def every(count: int, period: str) -> str:
+def recurrence_in_words(count: int, period: str) -> str:
     """Return "every revolution", or "every 3 revolutions" for a count of 3."""
-    return f"every {period}" if count == 1 else f"every {counted(count, period)}"
+    return f"every {period}" if count == 1 else f"every {count_in_words(count, period)}"
 
 
-def percent(share: float) -> str:
+def percent_text(share: float) -> str:
     """Return a share in per cent, with three digits; only exactly 0 and 1 are written as 0 % and 100 %."""
     if 0 < share < ENOUGH:
         return "less than 0.05 %"
@@ -59,134 +59,142 @@ def percent(share: float) -> str:
     return f"{100 * share:.3g} %"
 
 
-def complex_number(value: complex) -> str:
-    """Return a complex number as text, without an imaginary part that is a rounding error."""
+def complex_text(value: complex) -> str:
+    """Return a complex number as text. An imaginary part below 1e-12, which is a rounding error, is left out."""
     if abs(value.imag) < 1e-12 * max(1.0, abs(value.real)):
-        return number(value.real)
-    return f"{number(value.real)} {'+' if value.imag > 0 else MINUS} {number(abs(value.imag))}i"
+        return number_text(value.real)
+    return f"{number_text(value.real)} {'+' if value.imag > 0 else MINUS} {number_text(abs(value.imag))}i"
 
 
-def pair(values: tuple[complex, complex] | None) -> str:
+def multipliers_text(values: tuple[complex, complex] | None) -> str:
     """Return both multipliers as text, as a ± bi if they are conjugate; a dash for None."""
     if values is None:
         return "–"
     first, second = values
     if first.imag and abs(first - second.conjugate()) < 1e-9:
-        return f"{number(first.real)} ± {number(abs(first.imag))}i"
-    return f"{complex_number(first)}, {complex_number(second)}"
+        return f"{number_text(first.real)} ± {number_text(abs(first.imag))}i"
+    return f"{complex_text(first)}, {complex_text(second)}"
 
 
-def motion(attractor: rattle.Attractor, letter: str = "", period: str = PERIOD) -> str:
+def motion_in_words(attractor: rattle.Attractor, letter: str = "", period: str = PERIOD) -> str:
     """Return a phrase for a motion that is not quiet, such as "1 impact every revolution, P(1,1,0)"."""
     if attractor.kind == "chaotic":
         return "chaotic, without a period"
     if attractor.kind == "undecided":
         return "undecided"
     impacts = attractor.n_plus + attractor.n_minus
-    held = f" and {counted(attractor.contacts, 'contact phase')}" if attractor.contacts else ""
-    return f"{counted(impacts, 'impact')}{held} {every(attractor.m, period)}, {_named(attractor, letter)}"
+    held = f" and {count_in_words(attractor.contacts, 'contact phase')}" if attractor.contacts else ""
+    often = recurrence_in_words(attractor.m, period)
+    return f"{count_in_words(impacts, 'impact')}{held} {often}, {_name_with_letter(attractor, letter)}"
 
 
-def _named(attractor: rattle.Attractor, letter: str) -> str:
+def _name_with_letter(attractor: rattle.Attractor, letter: str) -> str:
     """Return the label or the kind of an attractor, and its letter among A to D."""
     return f"{legend_name(attractor)} = {letter}" if letter else legend_name(attractor)
 
 
-def where(gear: AnyGear, period: str = PERIOD) -> str:
+def point_in_words(gear: AnyGear, period: str = PERIOD) -> str:
     """Return the point in words: its parameters, its region, and whether quiet running is possible."""
-    at = f"Damping δ = {number(gear.delta, 6)}, eccentricity ε = {number(gear.epsilon, 6)}"
-    backlash = f", half-backlash β = {number(gear.beta, 6)}"
+    at = f"Damping δ = {number_text(gear.delta, 6)}, eccentricity ε = {number_text(gear.epsilon, 6)}"
+    backlash = f", half-backlash β = {number_text(gear.beta, 6)}"
     model = model_at(gear)
     for each in model.added:
-        backlash += f", {each.in_words} = {number(model.numbers[each.name], 6)}"
+        backlash += f", {each.in_words} = {number_text(model.numbers[each.name], 6)}"
     if harmonics := gear.parameters.harmonics:
         backlash += f", {harmonics_in_words(harmonics)}"
     backlash += f": {region_in_words(gear.region())}." if model.in_closed_form else "."
     if gear.epsilon >= gear.quiet_limit:
         quiet = (
-            f" The gear cannot run quietly here: the eccentricity is above {number(gear.quiet_limit)}, "
-            "from where on the teeth must separate."
+            f" The gear cannot run quietly here: above an eccentricity of {number_text(gear.quiet_limit)} the teeth "
+            "must separate."
         )
     else:
-        quiet = f" Quiet running is possible, as it is up to an eccentricity of {number(gear.quiet_limit)}."
+        quiet = f" Quiet running is possible here, and up to an eccentricity of {number_text(gear.quiet_limit)}."
     born = gear.sn1 if model.in_closed_form else None
     if born is not None and gear.epsilon < born:
-        return f"{at}{backlash}{quiet} Rattle with one impact every {period}, P(1,1,0), begins at ε = {number(born)}."
+        return (
+            f"{at}{backlash}{quiet} Rattle with one impact every {period}, P(1,1,0), begins at ε = {number_text(born)}."
+        )
     return f"{at}{backlash}{quiet}"
 
 
 def harmonics_in_words(harmonics: Sequence[Harmonic]) -> str:
     """Return harmonics in words: the order of each, its amplitude over the first harmonic's, its phase in turns."""
-    few = [f"{order}: {number(size)} at {number(phase)}" for order, size, phase in harmonics[:MOST_HARMONICS]]
+    few = [f"{order}: {number_text(size)} at {number_text(phase)}" for order, size, phase in harmonics[:MOST_HARMONICS]]
     more = len(harmonics) - len(few)
     return f"harmonic{'s' * (len(harmonics) > 1)} {'; '.join(few)}{f'; and {more} more' if more else ''}"
 
 
-def in_si_words(machine: Machine, gear: AnyGear) -> str:
+def machine_in_words(machine: Machine, gear: AnyGear) -> str:
     """Return a machine in words, with the model's units of speed and energy in SI units."""
     units = machine.units
     quiet = gear.quiet_limit * units.length
-    more = "" if machine.stiffness is None else f", a mesh stiffness of {number(machine.stiffness)} N/m"
-    more += "" if machine.load_torque is None else f", a load of {number(machine.load_torque)} N m"
-    errors = [number(1e6 * size) for size in (getattr(machine, name) for name in ERRORS) if size]
+    more = "" if machine.stiffness is None else f", a mesh stiffness of {number_text(machine.stiffness)} N/m"
+    more += "" if machine.load_torque is None else f", a load of {number_text(machine.load_torque)} N m"
+    errors = [number_text(1e6 * size) for size in (getattr(machine, name) for name in ERRORS) if size]
     more += f", mesh errors of {', '.join(errors)} µm" if errors else ""
-    alike = ", if all errors grow alike" if gear.parameters.harmonics else ""
+    alike = ", if all errors grow in proportion" if gear.parameters.harmonics else ""
+    eccentricity = number_text(1e6 * machine.eccentricity)
     return (
-        f"A machine at {number(machine.rpm, 6)} rpm with an eccentricity of {number(1e6 * machine.eccentricity)} µm"
-        f"{more}: quiet running is possible up to {number(1e6 * quiet)} µm{alike}. A speed of 1 is "
-        f"{number(units.velocity)} m/s along the line of action, an energy v²/2 of 1 is {number(units.energy)} J."
+        f"A machine at {number_text(machine.rpm, 6)} rpm with an eccentricity of {eccentricity} µm"
+        f"{more}: quiet running is possible up to {number_text(1e6 * quiet)} µm{alike}. A speed of 1 is "
+        f"{number_text(units.velocity)} m/s along the line of action, an energy v²/2 of 1 is "
+        f"{number_text(units.energy)} J."
     )
 
 
-def how_likely(gear: AnyGear, found: Chances, period: str = PERIOD) -> str:
+def likelihood_in_words(gear: AnyGear, found: SampledAttractors, period: str = PERIOD) -> str:
     """Return how likely the gear is to run quietly, and what it does otherwise."""
     pairs = list(zip(found.attractors, found.letters, strict=True))
     quiet, undecided = (next((x for x, _ in pairs if x.kind == kind), None) for kind in ("quiet", "undecided"))
     rattling = [(each, letter) for each, letter in pairs if each.kind in ("periodic", "chaotic")]
-    below = percent(float(rattle.wilson_interval(0, found.starts)[1]))  # upper bound for a motion that no start reached
+    # upper bound of the basin fraction of a motion that no start reached
+    below = percent_text(float(rattle.wilson_interval(0, found.starts)[1]))
     sentences = []
     if quiet:
-        low, high = (percent(x) for x in quiet.fraction_interval)
-        likely = f"From a random start the gear runs quietly in {percent(quiet.fraction)} of cases"
-        sentences.append(f"{likely} (95 % interval {low} to {high}, from {counted(found.starts, 'start')}).")
+        low, high = (percent_text(x) for x in quiet.fraction_interval)
+        likely = f"From a random start the gear runs quietly in {percent_text(quiet.fraction)} of cases"
+        sentences.append(f"{likely} (95 % interval {low} to {high}, from {count_in_words(found.starts, 'start')}).")
     elif gear.epsilon >= gear.quiet_limit:
         sentences.append("From every start the gear rattles: it never comes to rest against the teeth.")
     else:
         none = f"None of {found.starts:,} random starts came to run quietly"
         sentences.append(f"{none}: the probability is below {below}.")
     if rattling:
-        said = "; ".join(f"{motion(each, letter, period)} ({percent(each.fraction)})" for each, letter in rattling[:4])
+        said = "; ".join(
+            f"{motion_in_words(each, letter, period)} ({percent_text(each.fraction)})" for each, letter in rattling[:4]
+        )
         more = f"; and {len(rattling) - 4} more" if len(rattling) > 4 else ""
         sentences.append(f"{'Otherwise it' if quiet else 'It'} rattles: {said}{more}.")
     elif quiet and not undecided:
         sentences.append(f"No start came to rattle: the probability of rattle is below {below}.")
     if undecided:
-        sentences.append(f"Where {percent(undecided.fraction)} of the starts end is not decided.")
+        sentences.append(f"The outcome of {percent_text(undecided.fraction)} of the starts is undecided.")
     return " ".join(sentences)
 
 
-def how_safe(gear: AnyGear, found: Margin, period: str = PERIOD) -> str:
+def margin_in_words(gear: AnyGear, found: Margin, period: str = PERIOD) -> str:
     """Return in words the least impact that ends quiet running, and the motion that follows."""
     if gear.epsilon >= gear.quiet_limit:
         return "There is no quiet running that an impact could end: the margin is 0."
     if math.isnan(found.v):
-        return "So near the quiet limit it cannot be told which impacts end quiet running."
+        return "This close to the quiet limit it cannot be computed which impacts end quiet running."
     if math.isinf(found.v):
-        return f"No impact slower than {number(found.v_max)} was found that ends quiet running."
-    leads = motion(found.leads_to, period=period) if found.leads_to is not None else "rattle"
+        return f"No impact slower than {number_text(found.v_max)} was found that ends quiet running."
+    leads = motion_in_words(found.leads_to, period=period) if found.leads_to is not None else "rattle"
     sentence = (
-        f"The margin of quiet running is an impact of speed {number(found.v)}: weaker ones die out, and such a one at "
-        f"phase {number(found.tau, 3)} sets off the nearest rattle ({leads})."
+        f"The margin of quiet running is an impact of speed {number_text(found.v)}: weaker impacts die out, and an "
+        f"impact of this speed at phase {number_text(found.tau, 3)} sets off the nearest rattle ({leads})."
     )
     if found.undecided < found.v:
-        sentence += f" From speed {number(found.undecided)} on there are impacts whose end is not decided."
+        sentence += f" From speed {number_text(found.undecided)} on the outcome of some impacts is undecided."
     return sentence
 
 
-def shares_bar(found: Chances, palette: Palette) -> str:
+def shares_bar(found: SampledAttractors, palette: Palette) -> str:
     """Return the basin fractions as one bar in HTML, with the names of the largest below it."""
     named = [
-        (palette.colour(each), f"{_named(each, letter)} {percent(each.fraction)}", each.fraction)
+        (palette.colour(each), f"{_name_with_letter(each, letter)} {percent_text(each.fraction)}", each.fraction)
         for each, letter in zip(found.attractors, found.letters, strict=True)
     ]
     pieces = "".join(f'<span style="flex-grow:{share:.6f};background:{shade}"></span>' for shade, _, share in named)
@@ -196,7 +204,7 @@ def shares_bar(found: Chances, palette: Palette) -> str:
     ]
     if len(named) > MOST_NAMED:
         left = sum(share for _, _, share in named[MOST_NAMED:])
-        names.append(f"<li>and {len(named) - MOST_NAMED} more, {percent(left)} in all</li>")
+        names.append(f"<li>and {len(named) - MOST_NAMED} more, {percent_text(left)} in all</li>")
     said = escape("; ".join(said for _, said, _ in named))
     return (
         f'<div class="shares" role="img" aria-label="Shares of starts: {said}">{pieces}</div>'
@@ -204,7 +212,7 @@ def shares_bar(found: Chances, palette: Palette) -> str:
     )
 
 
-def table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+def html_table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     """Return a table in HTML, rows after the first six folded; the first cell of a row is its head. Cells are HTML."""
     head = "".join(f'<th scope="col">{each}</th>' for each in heads)
     lines = []
@@ -226,13 +234,13 @@ def orbits_table(found: PeriodOneOrbits) -> str:
             orbit.name,
             legend_name((orbit.m, orbit.n_plus, orbit.n_minus)),
             "stable" if orbit.stable else "unstable",
-            number(orbit.tau),
-            number(orbit.v),
-            pair(orbit.multipliers),
+            number_text(orbit.tau),
+            number_text(orbit.v),
+            multipliers_text(orbit.multipliers),
         )
         for orbit in found.orbits
     )
-    return table(
+    return html_table(
         f"Period-one orbits: {region_in_words(found.region)}",
         ("Orbit", "Type", "Stability", "Phase τ", "Speed v", "Multipliers"),
         rows,
@@ -243,28 +251,28 @@ def notebook_link(gear: AnyGear, direction: str, span: float | None, to: Pair | 
     """Return the link to this point as a notebook, with the diagram that is shown."""
     at = gear.parameters.point()
     along = {"direction": direction, "span": span} if to is None else {"to_delta": to[0], "to_epsilon": to[1]}
-    harmonics = [("harmonic", each) for each in written_harmonics(gear.parameters.harmonics)]
+    harmonics = [("harmonic", each) for each in harmonic_texts(gear.parameters.harmonics)]
     asked = (*at.items(), *along.items(), *harmonics)
     query = urlencode([(name, value) for name, value in asked if value is not None])
     link = f'<a href="v1/notebook?{escape(query)}" download>A notebook</a>'
     return f'<p class="faint">{link} computes what is shown here.</p>'
 
 
-def attractors_table(found: Chances, palette: Palette) -> str:
+def attractors_table(found: SampledAttractors, palette: Palette) -> str:
     """Return the attractors, with fractions, exponents and multipliers."""
     rows = []
     for each, letter, multipliers in zip(found.attractors, found.letters, found.multipliers, strict=True):
         swatch = f'<span class="swatch" style="background:{palette.colour(each)}"></span>'
         low, high = each.fraction_interval
-        error = f" ± {number(each.lyapunov_error, 2)}" if each.lyapunov_error > 0 else ""
+        error = f" ± {number_text(each.lyapunov_error, 2)}" if each.lyapunov_error > 0 else ""
         rows.append(
             (
-                f"{swatch}{escape(_named(each, letter))}",
-                f"{percent(each.fraction)} <small>({percent(low)} to {percent(high)})</small>",
-                f"{number(each.lyapunov[0])}{error}",
-                number(each.lyapunov[1]),
-                pair(multipliers),
+                f"{swatch}{escape(_name_with_letter(each, letter))}",
+                f"{percent_text(each.fraction)} <small>({percent_text(low)} to {percent_text(high)})</small>",
+                f"{number_text(each.lyapunov[0])}{error}",
+                number_text(each.lyapunov[1]),
+                multipliers_text(multipliers),
             )
         )
     heads = ("Motion", "Share of starts (95 %)", "Exponent λ₁", "λ₂", "Multipliers")
-    return table(f"Attractors from {counted(found.starts, 'start')}", heads, rows)
+    return html_table(f"Attractors from {count_in_words(found.starts, 'start')}", heads, rows)

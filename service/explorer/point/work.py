@@ -1,4 +1,4 @@
-"""Tasks of the view of one point: other processes compute its parts, its document shows them, all end together."""
+"""Run the tasks of the view of one point: other processes compute its parts, and all tasks end with the view."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import rattle
 from gear_rattle.service.explorer.common.changes import change_and_wait
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.point import parts
-from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.state import Front
 from rattle import RattleError
 from rattle.models import DEFAULT_MODEL
@@ -24,14 +24,14 @@ from rattle.models import DEFAULT_MODEL
 if TYPE_CHECKING:
     from bokeh.document import Document
 
-GRACE_SECONDS = 15.0  # a running task may end by itself after its view has ended, which keeps its process
+GRACE_SECONDS = 15.0  # seconds for a running task to end by itself; cancelling the task would end its process
 
 Result = TypeVar("Result")
 Arguments = TypeVarTuple("Arguments")
 log = logging.getLogger(__name__)
 
 
-async def prepare(front: Front) -> None:
+async def prepare_processes(front: Front) -> None:
     """Start the processes that compute points, and load their kernels, so that the first click is as fast as others."""
     async with anyio.create_task_group() as tasks:
         for _ in range(front.settings.max_points):
@@ -40,7 +40,7 @@ async def prepare(front: Front) -> None:
 
 async def _prepare_one(front: Front) -> None:
     try:
-        await in_turn(
+        await compute_in_process(
             front,
             parts.warm_up,
             rattle.Gear(0.6, 0.1),
@@ -48,16 +48,16 @@ async def _prepare_one(front: Front) -> None:
             what="The kernels",
             advice="",
         )
-    except RattleError as error:  # the first click will load the kernels
+    except RattleError as error:  # the first clicked point will load the kernels itself
         log.info("no process is ready for points yet: %s", error)
 
 
-def waiting(what: str) -> str:
+def waiting_html(what: str) -> str:
     """Return the HTML that is shown while `what` is being computed."""
     return f'<p class="faint" role="status">computing {escape(what)} …</p>'
 
 
-class Work:
+class PointTasks:
     """Tasks, in the event loop, of the view of one point. document: None if no page shows the view, as in tests."""
 
     def __init__(self, front: Front, document: Document | None, model: str) -> None:
@@ -71,7 +71,7 @@ class Work:
     ) -> asyncio.Task[None]:
         """Start a task, and give up the task that it replaces, if there is one."""
         if instead_of is not None:
-            self._give_up(instead_of)
+            self._cancel_later(instead_of)
         task = asyncio.get_running_loop().create_task(work)
         self.tasks.add(task)
         task.add_done_callback(self.tasks.discard)
@@ -81,15 +81,15 @@ class Work:
         """Give up all tasks: no new computation begins, and running ones are cancelled after GRACE_SECONDS."""
         self.stopped = True
         for task in tuple(self.tasks):
-            self._give_up(task)
+            self._cancel_later(task)
 
-    def _give_up(self, task: asyncio.Task[None]) -> None:
+    def _cancel_later(self, task: asyncio.Task[None]) -> None:
         task.get_loop().call_later(GRACE_SECONDS, task.cancel)
 
-    async def kernels(self) -> None:
+    async def wait_for_kernels(self) -> None:
         """Wait, as long as it takes, until the kernels of the model are compiled."""
-        await self._front.kernels.require(self._model, patience=math.inf)
-        self._require()
+        await self._front.kernels.wait_until_compiled(self._model, patience=math.inf)
+        self._require_open()
 
     async def compute(
         self, compute: Callable[[*Arguments], Result], *arguments: *Arguments, what: str, slow: bool = False
@@ -103,10 +103,10 @@ class Work:
         Result
             The return value of the function.
         """
-        await self.kernels()
-        async with self._front.slow_points.one() if slow else nullcontext():
-            self._require()
-            found = await in_turn(
+        await self.wait_for_kernels()
+        async with self._front.slow_point_limiter.foreground_slot() if slow else nullcontext():
+            self._require_open()
+            found = await compute_in_process(
                 self._front,
                 compute,
                 *arguments,
@@ -114,28 +114,30 @@ class Work:
                 what=what,
                 advice="Choose another point, or try again later.",
             )
-        self._require()
+        self._require_open()
         return found
 
-    def _require(self) -> None:
+    def _require_open(self) -> None:
         """Raise CancelledError, which ends the calling task, if the view has ended."""
         if self.stopped:
             raise asyncio.CancelledError
 
-    async def part(self, text: Text, work: Callable[[], Awaitable[None]]) -> None:
+    async def run_part(self, text: Text, work: Callable[[], Awaitable[None]]) -> None:
         """Do one part of a view. If it fails, `text` shows the reason, and the other parts go on."""
         try:
             await work()
         except RattleError as error:
-            await self._refuse(text, str(error))
+            await self._show_error(text, str(error))
         except Exception:
             log.exception("a part of the view of a point failed")
-            await self._refuse(text, "This could not be shown: an error of the service, which has been logged.")
+            await self._show_error(
+                text, "This part could not be shown because of an error of the service, which is in its log."
+            )
 
-    async def _refuse(self, text: Text, message: str) -> None:
-        await self.tell(text, f'<p class="wrong" role="alert">{escape(message)}</p>')
+    async def _show_error(self, text: Text, message: str) -> None:
+        await self.set_text(text, f'<p class="wrong" role="alert">{escape(message)}</p>')
 
-    async def tell(self, text: Text, html: str) -> None:
+    async def set_text(self, text: Text, html: str) -> None:
         """Set the HTML of a text."""
 
         def change() -> None:
@@ -145,7 +147,7 @@ class Work:
 
     async def change(self, what: Callable[[], object]) -> None:
         """Change the document when nothing else does, and wait for it. Raises CancelledError if the view has ended."""
-        self._require()
+        self._require_open()
         if self._document is None or self._document.session_context is None:
             what()
             return

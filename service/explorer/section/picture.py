@@ -43,7 +43,7 @@ class ProfilePicture:
         span : Pair
             Parameter at the two ends of the line.
         limits : Pair | None
-            Range of the axis of values, None for the default of `spanned`.
+            Range of the axis of values, None for the default of `value_range`.
 
         Returns
         -------
@@ -52,23 +52,23 @@ class ProfilePicture:
         """
         x = np.repeat(span[0] + found.at * (span[1] - span[0]), 2)[1:-1]
         values = np.repeat(found.values.astype(float), 2)
-        texts = [_told(found, each) for each in found.values.tolist() for _ in range(2)]
+        texts = [_value_text(found, each) for each in found.values.tolist() for _ in range(2)]
         self.steps.data = {"x": x, "value": values, "what": texts}
         axis = self.figure.yaxis
         axis.ticker = FixedTicker(ticks=list(found.names)) if found.names else BasicTicker()
         axis.major_label_overrides = dict(found.names)
-        low, high = limits or spanned(found)
+        low, high = limits or value_range(found)
         self.figure.y_range.update(start=low, end=high)
         return low, high
 
 
-def _told(found: Profile, value: float) -> str:
+def _value_text(found: Profile, value: float) -> str:
     if not np.isfinite(value):
         return ""
     return found.names[int(value)] if found.names else f"{value:.6g}"
 
 
-def spanned(found: Profile) -> Pair:
+def value_range(found: Profile) -> Pair:
     """Return the default range of the axis of values: all codes, or all values."""
     if found.names:
         return min(found.names) - 0.5, max(found.names) + 0.5

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gear_rattle.service.explorer.common.address import Pair, Ranges
-from gear_rattle.service.explorer.map.colouring import layers_of, values_shown
+from gear_rattle.service.explorer.map.colouring import shown_values, valueless_cells
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.workers.pictures.maps import scale_of, title_of
 
@@ -22,7 +22,7 @@ Ends = tuple[Pair, Pair]
 class Profile:
     """Values (k,) of the cells along a line, NaN where a cell has no value.
 
-    at: positions (k + 1,) from 0 to 1 along the line, between which it crosses these cells.
+    at: positions (k + 1,) from 0 to 1 along the line, at which the line enters or leaves a cell.
 
     names: meaning of each code, empty if values are no codes. gaps: share of the line without values, by reason.
     together: numbers of the survey's cells, along δ and along ε, that were read as one cell.
@@ -80,18 +80,18 @@ def profile_of(plane: MapPlane, ends: Ends) -> Profile:
     shape = block.values.shape
     at, row, column = crossed_cells(block.box, (shape[0], shape[1]), ends)
     is_there = row >= 0
-    values = np.where(is_there, values_shown(plane, block)[row, column], np.float32(np.nan))
+    values = np.where(is_there, shown_values(plane, block)[row, column], np.float32(np.nan))
     lengths = np.diff(at)
-    without = {why: mask for why, (mask, _) in layers_of(plane, block).items()}
+    without = {why: mask for why, (mask, _) in valueless_cells(plane, block).items()}
     gaps = {why: float(lengths[is_there & mask[row, column]].sum()) for why, mask in without.items()}
     gaps[OUTSIDE] = float(lengths[~is_there].sum())
     _, _, codes, labels = scale_of(plane.plane, values[np.isfinite(values)])
     names = {int(code): label for code, label in zip(codes, labels, strict=True)} if codes is not None else {}
     reasons = {why: share for why, share in gaps.items() if share > 0}
-    return Profile(title_of(plane.plane), at, values, names, reasons, _together(plane, block))
+    return Profile(title_of(plane.plane), at, values, names, reasons, _cells_per_value(plane, block))
 
 
-def _together(plane: MapPlane, block: MapBlock) -> tuple[int, int]:
+def _cells_per_value(plane: MapPlane, block: MapBlock) -> tuple[int, int]:
     """Return how many cells of a survey each cell of a block stands for, along δ and along ε."""
     across, along = (
         round((high - low) / cells.size * (axis.size - 1) / (axis[-1] - axis[0]))

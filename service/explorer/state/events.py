@@ -5,7 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from gear_rattle.service.explorer.common.address import AsSeen, Chosen, Entered, Further, Limits, Pair, Pin, Ranges
+from gear_rattle.service.explorer.common.address import (
+    ComparisonChoice,
+    DrawnSettings,
+    EnteredMachine,
+    Limits,
+    MapChoice,
+    Pair,
+    Pin,
+    Ranges,
+)
 
 
 @dataclass(frozen=True)
@@ -24,7 +33,7 @@ class VariableChosen:
 
 
 @dataclass(frozen=True)
-class MapOffered:
+class DefaultMapChosen:
     """The page itself chose a map, because no viewer chose one or because the survey lacks the chosen map."""
 
     variable: str
@@ -58,7 +67,7 @@ class LimitsSet:
 class MapDrawn:
     """A map was drawn. seen: its settings, None if nothing is shown. limits: limits of the view that was drawn."""
 
-    seen: AsSeen | None
+    seen: DrawnSettings | None
     limits: Limits | Pair = "auto"
 
 
@@ -96,17 +105,17 @@ class WindowReset:
 
 
 @dataclass(frozen=True)
-class WentBack:
+class BackChosen:
     """The map went back to the window before."""
 
 
 @dataclass(frozen=True)
-class WentForward:
+class ForwardChosen:
     """The map went forward to the window from which it had gone back."""
 
 
 @dataclass(frozen=True)
-class Pointed:
+class PointerMoved:
     """A viewer points at (δ, ε). source: name of the figure under the mouse, or KEYBOARD."""
 
     at: Pair
@@ -121,7 +130,7 @@ class PointOpened:
     """
 
     point: Pair
-    machine: Entered | None = None
+    machine: EnteredMachine | None = None
     state: Mapping[str, str] | None = None
 
 
@@ -133,7 +142,7 @@ class PointChanged:
 
 
 @dataclass(frozen=True)
-class WayChosen:
+class DiagramEndChosen:
     """A diagram from the open point to the point `to` (δ, ε) was requested. If no point is open, `to` is opened."""
 
     to: Pair
@@ -145,7 +154,7 @@ class PointClosed:
 
 
 @dataclass(frozen=True)
-class PlaceChosen:
+class BookmarkChosen:
     """A bookmark was chosen: a window, the point that is opened (None for no point), and the state of its tabs."""
 
     window: Ranges
@@ -157,7 +166,7 @@ class PlaceChosen:
 class ProfileChosen:
     """A map was chosen for the profile below the diagram. limits: range of the profile's axis, None for the default."""
 
-    profile: Chosen
+    profile: MapChoice
     limits: Pair | None = None
 
 
@@ -165,7 +174,7 @@ class ProfileChosen:
 class MapAdded:
     """A comparison map was added."""
 
-    further: Further
+    further: ComparisonChoice
 
 
 @dataclass(frozen=True)
@@ -173,7 +182,7 @@ class MapChanged:
     """The comparison map with the index `place` shows another map."""
 
     place: int
-    further: Further
+    further: ComparisonChoice
 
 
 @dataclass(frozen=True)
@@ -198,8 +207,8 @@ class PinRemoved:
 
 
 Event = (
-    SurveyChosen | VariableChosen | MapOffered | IndexChosen | SliceChosen | LimitsSet | MapDrawn | OverlaysChosen
-    | ShareSet | FamilyChosen | WindowMoved | WindowReset | WentBack | WentForward | Pointed | PointOpened
-    | PointChanged | WayChosen | PointClosed | PlaceChosen | ProfileChosen | MapAdded | MapChanged | MapRemoved
-    | PinAdded | PinRemoved
+    SurveyChosen | VariableChosen | DefaultMapChosen | IndexChosen | SliceChosen | LimitsSet | MapDrawn | OverlaysChosen
+    | ShareSet | FamilyChosen | WindowMoved | WindowReset | BackChosen | ForwardChosen | PointerMoved | PointOpened
+    | PointChanged | DiagramEndChosen | PointClosed | BookmarkChosen | ProfileChosen | MapAdded | MapChanged
+    | MapRemoved | PinAdded | PinRemoved
 )  # fmt: skip

@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from gear_rattle.service.explorer.common.address import MOST_FURTHER, MOST_PINS, Entered, Pair, Pointer, Ranges, View
+from gear_rattle.service.explorer.common.address import (
+    MOST_FURTHER,
+    MOST_PINS,
+    EnteredMachine,
+    Pair,
+    Pointer,
+    Ranges,
+    View,
+)
 from gear_rattle.service.explorer.state import events
 from gear_rattle.service.explorer.state.events import Event
 
@@ -30,10 +38,10 @@ def reduce(view: View, event: Event) -> View:
     """
     match event:
         case events.SurveyChosen(survey, is_new):
-            return _with_survey(replace(view, is_variable_chosen=view.is_variable_chosen and not is_new), survey)
+            return _show_survey(replace(view, is_variable_chosen=view.is_variable_chosen and not is_new), survey)
         case events.VariableChosen(variable):
             return replace(view, variable=variable, index=0, limits="auto", is_variable_chosen=True)
-        case events.MapOffered(variable, index, number):
+        case events.DefaultMapChosen(variable, index, number):
             return replace(view, variable=variable, index=index, slice=number)
         case events.IndexChosen(index):
             return replace(view, index=index)
@@ -54,32 +62,32 @@ def reduce(view: View, event: Event) -> View:
             return replace(view, family=family)
         case events.WindowMoved(window):
             (left, right), (bottom, top) = window
-            return _with_window(view, window) if left < right and bottom < top and right > 0 else view
+            return _show_window(view, window) if left < right and bottom < top and right > 0 else view
         case events.WindowReset():
-            return _with_window(view, None)
-        case events.WentBack():
+            return _show_window(view, None)
+        case events.BackChosen():
             if not view.before:
                 return view
             turned = replace(view, before=view.before[:-1], after=(*view.after, view.window))
-            return _showing(turned, view.before[-1])
-        case events.WentForward():
+            return _set_window(turned, view.before[-1])
+        case events.ForwardChosen():
             if not view.after:
                 return view
             turned = replace(view, after=view.after[:-1], before=(*view.before, view.window))
-            return _showing(turned, view.after[-1])
-        case events.Pointed(at, source):
+            return _set_window(turned, view.after[-1])
+        case events.PointerMoved(at, source):
             return replace(view, pointer=Pointer(at, source))
         case events.PointOpened(point, machine, state):
-            return _with_point(view, point, machine, state)
+            return _open_point(view, point, machine, state)
         case events.PointChanged(state):
             return replace(view, point_state=dict(state)) if view.point is not None else view
-        case events.WayChosen(to):
-            return _with_way(view, to)
+        case events.DiagramEndChosen(to):
+            return _draw_diagram_to(view, to)
         case events.PointClosed():
-            return _without_point(view)
-        case events.PlaceChosen(window, point, state):
-            moved = _with_window(view, window)
-            return _without_point(moved) if point is None else _with_point(moved, point, None, state or None)
+            return _close_point(view)
+        case events.BookmarkChosen(window, point, state):
+            moved = _show_window(view, window)
+            return _close_point(moved) if point is None else _open_point(moved, point, None, state or None)
         case events.ProfileChosen(profile, limits):
             return replace(view, profile=profile, profile_limits=limits)
         case events.MapAdded(further):
@@ -94,29 +102,29 @@ def reduce(view: View, event: Event) -> View:
             return replace(view, pins=tuple(each for each in view.pins if each != pin))
 
 
-def _with_survey(view: View, survey: str) -> View:
+def _show_survey(view: View, survey: str) -> View:
     """Show another survey. The window and the open point are dropped, unless no survey was shown before."""
     if survey == view.survey:
         return view
     if not view.survey:
         return replace(view, survey=survey, pointer=None)
-    left = replace(_without_point(view), delta=None, epsilon=None, slice=0, family=None)
+    left = replace(_close_point(view), delta=None, epsilon=None, slice=0, family=None)
     return replace(left, survey=survey, pointer=None)
 
 
-def _with_window(view: View, window: Ranges | None) -> View:
+def _show_window(view: View, window: Ranges | None) -> View:
     """Show a window, or the whole survey (None), and remember the previous window for Back."""
     if window == view.window:
         return view
-    return _showing(replace(view, before=(*view.before, view.window)[-MOST_WINDOWS:], after=()), window)
+    return _set_window(replace(view, before=(*view.before, view.window)[-MOST_WINDOWS:], after=()), window)
 
 
-def _showing(view: View, window: Ranges | None) -> View:
+def _set_window(view: View, window: Ranges | None) -> View:
     delta, epsilon = window or (None, None)
     return replace(view, delta=delta, epsilon=epsilon)
 
 
-def _with_point(view: View, point: Pair, machine: Entered | None, state: Mapping[str, str] | None) -> View:
+def _open_point(view: View, point: Pair, machine: EnteredMachine | None, state: Mapping[str, str] | None) -> View:
     """Open a point. state: state of its tabs; None keeps all tabs of the same point, or the open tab of another one."""
     if point[0] <= 0 or point[1] < 0:
         return view
@@ -126,15 +134,15 @@ def _with_point(view: View, point: Pair, machine: Entered | None, state: Mapping
     return replace(view, point=point, machine=machine, point_state=dict(state))
 
 
-def _without_point(view: View) -> View:
+def _close_point(view: View) -> View:
     """Close the open point."""
     return replace(view, point=None, point_state={}, machine=None)
 
 
-def _with_way(view: View, to: Pair) -> View:
+def _draw_diagram_to(view: View, to: Pair) -> View:
     """Draw and show the diagram from the open point to another point. If no point is open, open the other point."""
     if view.point is None:
-        return _with_point(view, to, None, None)
+        return _open_point(view, to, None, None)
     if to[0] <= 0 or to[1] < 0:
         return view
     kept = {name: value for name, value in view.point_state.items() if name != "at"}

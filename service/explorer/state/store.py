@@ -34,7 +34,7 @@ class Store:
     def __init__(self, view: View, example: SurveyRequest) -> None:
         self.view = view
         self.jobs: Mapping[str, JobStatus] = {}
-        self.is_told = False  # True once the list of surveys has arrived
+        self.has_surveys = False  # True once the list of surveys has arrived
         self._example = example
         self._listeners: list[tuple[Callable[[], object], frozenset[str]]] = []
         self._changed: set[str] = set()
@@ -48,14 +48,14 @@ class Store:
     def dispatch(self, event: Event) -> None:
         """Change the view by an event, and call the listeners of the changed fields."""
         before, self.view = self.view, reduce(self.view, event)
-        self._tell({name for name in NAMES if getattr(before, name) != getattr(self.view, name)})
+        self._call_listeners({name for name in NAMES if getattr(before, name) != getattr(self.view, name)})
 
-    def learn(self, jobs: Mapping[str, JobStatus]) -> None:
+    def update_surveys(self, jobs: Mapping[str, JobStatus]) -> None:
         """Replace the list of surveys by the current one, and call its listeners."""
-        self.jobs, self.is_told = jobs, True
-        self._tell({JOBS})
+        self.jobs, self.has_surveys = jobs, True
+        self._call_listeners({JOBS})
 
-    def _tell(self, changed: set[str]) -> None:
+    def _call_listeners(self, changed: set[str]) -> None:
         """Call the listeners of changed fields. Changes that a listener itself dispatches follow in another round."""
         self._changed |= changed
         if self._is_telling:
@@ -77,7 +77,7 @@ class Store:
         return None if status is None else status.job
 
     @property
-    def whole(self) -> SurveyRequest | None:
+    def whole_request(self) -> SurveyRequest | None:
         """Request of the chosen survey, of the example if none is chosen; None if the survey cannot be read."""
         if not self.view.survey:
             return self._example
@@ -90,8 +90,8 @@ class Store:
 
     @property
     def request(self) -> SurveyRequest | None:
-        """Request `whole`, reduced to the chosen slice if the survey has a third axis; None if `whole` is None."""
-        whole = self.whole
+        """Request of the chosen slice; without a third axis the same as `whole_request`. None if that is None."""
+        whole = self.whole_request
         return whole if whole is None else whole.at(whole.along(self.view.slice))
 
     @property

@@ -1,1 +1,1 @@
-"""The routes that need no survey: parameter points, curves, basins, machines."""
+"""The routes that need no survey: they compute parameter points, curves, basins and machines."""

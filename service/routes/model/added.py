@@ -16,7 +16,7 @@ Route = TypeVar("Route", bound=Callable[..., Any])
 
 
 def query_of(name: str, otherwise: str = DEFAULT_MODEL, example: float | None = None) -> Any:
-    """Return the type of the query parameter for a number that a model adds. otherwise: model if it is left out."""
+    """Return the type of a query parameter that a model adds. otherwise: model that is used if it is left out."""
     each = ADDED[name]
     upper = each.greatest if math.isfinite(each.greatest) else None
     words = f"of {each.of}" if each.of else each.label
@@ -28,7 +28,7 @@ def query_of(name: str, otherwise: str = DEFAULT_MODEL, example: float | None = 
 
 
 def machine_texts() -> dict[str, str]:
-    """Return descriptions of the numbers of a machine that select a model, by name."""
+    """Return descriptions of the numbers of a machine that select a model, by the name of the number."""
     return {
         each.machine_number: f"{each.machine_text}: the {owner_of(name).name} model"
         for name, each in ADDED.items()
@@ -42,7 +42,7 @@ def with_queries(after: dict[str, dict[str, Any]]) -> Callable[[Route], Route]:
     Parameters
     ----------
     after : dict of str to dict
-        For some of the route's own parameters, by name: the types of the parameters to add after it, by name.
+        The parameters to add, as {own parameter of the route: {name of a parameter to add after it: its type}}.
 
     Returns
     -------
@@ -50,7 +50,7 @@ def with_queries(after: dict[str, dict[str, Any]]) -> Callable[[Route], Route]:
         A decorator of the route.
     """
 
-    def change(route: Route) -> Route:
+    def add_queries(route: Route) -> Route:
         signature = inspect.signature(route, eval_str=True)
         taken = []
         for own in signature.parameters.values():
@@ -62,7 +62,7 @@ def with_queries(after: dict[str, dict[str, Any]]) -> Callable[[Route], Route]:
         route.__signature__ = signature.replace(parameters=taken)  # type: ignore[attr-defined]
         return route
 
-    return change
+    return add_queries
 
 
 def with_fields(base: type[BaseModel]) -> Any:

@@ -8,12 +8,12 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query, Response
 
 from gear_rattle.service.errors import LimitError
-from gear_rattle.service.operations.turns import in_turn
-from gear_rattle.service.routes.model.machine import PlaceQuery
+from gear_rattle.service.operations.processes import compute_in_process
+from gear_rattle.service.routes.model.machine import PointQuery
 from gear_rattle.service.routes.picture import PNG
 from gear_rattle.service.state import FrontState
-from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
+from gear_rattle.service.web.problems import declare_problems
 from rattle.attractors import sampled_speed
 from rattle.models import AnyGear, model_at
 
@@ -23,17 +23,17 @@ router = APIRouter(prefix="/v1", tags=["points"])
 @router.get(
     "/basins.png",
     summary="Basins of attraction of one parameter point, over phase and impact speed",
-    dependencies=[Depends(function_of_query)],
+    dependencies=[Depends(set_query_etag)],
     response_class=Response,
     responses={
         200: {"content": {PNG: {"schema": {"type": "string", "format": "binary"}}}},
         **NOT_MODIFIED,
-        **declared(422),
+        **declare_problems(422),
     },
 )
 async def basins(
     front: FrontState,
-    place: PlaceQuery,
+    point: PointQuery,
     response: Response,
     resolution: Annotated[int, Query(ge=1, description="cells a side", examples=[50])] = 300,
     tau_min: Annotated[float, Query(ge=0, lt=1, description="least phase")] = 0.0,
@@ -48,7 +48,7 @@ async def basins(
     Each point of the picture is followed as an initial condition, as in Figure 4 of the paper. The white line is the
     grazing curve Γ (impacting model).
     """
-    speeds = v_min, highest_speed(place.gear) if v_max is None else v_max
+    speeds = v_min, highest_speed(point.gear) if v_max is None else v_max
     for name, low, high in (("tau", tau_min, tau_max), ("v", *speeds)):
         if not low < high:
             raise LimitError(f"query.{name}_min", f"{name}_min must be less than {name}_max, which is {high:g}.")
@@ -57,14 +57,14 @@ async def basins(
         raise LimitError(
             "query.resolution", f"resolution may be at most {limit:,}. For more, use the command rattle figure."
         )
-    png = await in_turn(
+    png = await compute_in_process(
         front,
         _draw,
-        place.gear,
+        point.gear,
         resolution,
         (tau_min, tau_max),
         speeds,
-        model=model_at(place.gear).name,
+        model=model_at(point.gear).name,
         what="The basins",
         advice="Request a lower resolution, or a larger δ: transients last for some 1/δ forcing periods.",
     )
@@ -72,7 +72,7 @@ async def basins(
 
 
 def highest_speed(gear: AnyGear) -> float:
-    """Return the largest speed that is shown by default."""
+    """Return the largest speed that a picture of basins shows by default."""
     return sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
 
 

@@ -9,8 +9,8 @@ from fastapi import APIRouter, Depends
 from pydantic import BaseModel, Field
 
 from gear_rattle.service.operations.points import intensities, json_number
-from gear_rattle.service.operations.turns import in_turn
-from gear_rattle.service.routes.model.machine import Place, PlaceQuery
+from gear_rattle.service.operations.processes import compute_in_process
+from gear_rattle.service.routes.model.machine import PointQuery, RequestedPoint
 from gear_rattle.service.routes.model.points import (
     MostImpacts,
     PointDocument,
@@ -21,8 +21,8 @@ from gear_rattle.service.routes.model.points import (
     require_few,
 )
 from gear_rattle.service.state import FrontState
-from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
+from gear_rattle.service.web.problems import declare_problems
 from rattle import Attractor, Intensity
 from rattle.attractors import BUDGET
 from rattle.intensity import natural_energy
@@ -32,7 +32,7 @@ router = APIRouter(prefix="/v1", tags=["points"])
 
 
 class ErrorsDocument(BaseModel):
-    """Half-widths of the 95 % intervals of the fields with the same names; 0 if exact, null if undecided."""
+    """Half-widths of the 95 % intervals of the intensity's fields with these names; 0 if exact, null if undecided."""
 
     impacts_plus: float | None
     impacts_minus: float | None
@@ -85,12 +85,12 @@ class IntensitiesDocument(PointDocument):
 @router.get(
     "/intensity",
     summary="How hard the attractors of one parameter point rattle",
-    dependencies=[Depends(function_of_query)],
-    responses={**NOT_MODIFIED, **declared(422)},
+    dependencies=[Depends(set_query_etag)],
+    responses={**NOT_MODIFIED, **declare_problems(422)},
 )
 async def intensity(
     front: FrontState,
-    place: PlaceQuery,
+    point: PointQuery,
     count: SampleCount = 256,
     v_max: SampledSpeed = None,
     budget: MostImpacts = BUDGET,
@@ -101,25 +101,27 @@ async def intensity(
     Values of periodic motions are exact; values of chaotic motions have error bars.
     """
     require_few(front, count)
-    found = await in_turn(
+    found = await compute_in_process(
         front,
         intensities,
-        place.gear,
+        point.gear,
         count,
         v_max,
         seed,
         budget,
-        model=model_at(place.gear).name,
+        model=model_at(point.gear).name,
         what="The intensities",
         advice="Request fewer initial conditions (count), or submit a survey.",
     )
-    return IntensitiesDocument(**point_document(place.gear), attractors=[_rattling(place, *each) for each in found])
+    return IntensitiesDocument(
+        **point_document(point.gear), attractors=[_rattling_document(point, *each) for each in found]
+    )
 
 
-def _rattling(place: Place, attractor: Attractor, found: Intensity) -> RattlingDocument:
+def _rattling_document(point: RequestedPoint, attractor: Attractor, found: Intensity) -> RattlingDocument:
     values: dict[str, Any] = asdict(found)
     del values["errors"]
-    si = None if place.machine is None else place.machine.in_si(found)
+    si = None if point.machine is None else point.machine.in_si(found)
     return RattlingDocument(
         kind=attractor.kind,
         m=attractor.m,
@@ -128,7 +130,7 @@ def _rattling(place: Place, attractor: Attractor, found: Intensity) -> RattlingD
         contacts=attractor.contacts,
         fraction=attractor.fraction,
         **{name: json_number(value) for name, value in values.items()},
-        level=json_number(found.level(natural_energy(place.gear.delta))),
+        level=json_number(found.level(natural_energy(point.gear.delta))),
         errors=ErrorsDocument(**{name: json_number(value) for name, value in found.errors._asdict().items()}),
         si=None if si is None else InSI(**{name: json_number(value) for name, value in si._asdict().items()}),
     )

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.harmonics import TEXT, read_harmonics
+from gear_rattle.service.harmonics import HARMONIC_HELP, read_harmonics
 from gear_rattle.service.operations.points import json_number
 from gear_rattle.service.routes.model.added import (
     added_document,
@@ -20,8 +20,8 @@ from gear_rattle.service.routes.model.added import (
     with_fields,
     with_queries,
 )
-from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
+from gear_rattle.service.web.problems import declare_problems
 from rattle import Machine, ParameterError
 from rattle.models import ADDED, AnyGear, model_of, with_harmonics
 
@@ -42,8 +42,8 @@ DRAG = "N m s/rad: the drag torque of each gear over its speed"
 ECCENTRICITY = f"{LINE}: the amplitude of the transmission error once a revolution"
 DRIVE = "torque: a constant torque on one gear; speed: an imposed speed of one gear"
 Drive = Annotated[Literal["torque", "speed"], Query(description=DRIVE)]
-#: Numbers of a second gear, and parts of the transmission error.
-SECOND = {
+#: Descriptions of the numbers of a second gear and of parts of the transmission error, by name.
+SECOND_GEAR = {
     "driven_inertia": "kg m², of the second gear; by default equal to the first gear's",
     "driven_drag": "N m s/rad, of the second gear; by default equal to the first gear's",
     "driven_radius": "m, of the second gear's base circle; by default from the tooth numbers",
@@ -55,14 +55,14 @@ SECOND = {
     "mesh_error_3": f"{LINE}: the transmission error three times a tooth",
 }
 #: Optional numbers of a machine that must be positive.
-OWN = ("stiffness", "driven_inertia", "driven_drag", "driven_radius", "teeth", "driven_teeth")
-Harmonics = Annotated[Sequence[str], Query(description=TEXT, max_length=MOST_HARMONICS)]
+POSITIVE_NUMBERS = ("stiffness", "driven_inertia", "driven_drag", "driven_radius", "teeth", "driven_teeth")
+Harmonics = Annotated[Sequence[str], Query(description=HARMONIC_HELP, max_length=MOST_HARMONICS)]
 #: Query parameters to add after `beta` (parameters that models add) and after `drive` (further numbers of a machine).
 ADDED_QUERIES: dict[str, dict[str, Any]] = {
     "beta": {name: query_of(name) for name in ADDED},
     "drive": {
-        name: Annotated[float | None, positive_query(text, zero=name not in OWN)]
-        for name, text in (machine_texts() | SECOND).items()
+        name: Annotated[float | None, positive_query(text, zero=name not in POSITIVE_NUMBERS)]
+        for name, text in (machine_texts() | SECOND_GEAR).items()
     },
 }
 
@@ -92,20 +92,20 @@ async def measured_machine_of_query(
     drive: Drive = "torque",
     **making: Any,
 ) -> Machine:
-    """Return the machine of a query without eccentricity, for a measured transmission error. Raises ParameterError."""
+    """Return the machine of a query, with eccentricity 0 because its transmission error is measured."""
     return Machine(inertia, drag, backlash, 0.0, radius, drive=drive, rpm=rpm, **making)
 
 
 @dataclass(frozen=True)
-class Place:
-    """A requested parameter point, with its machine if the request describes a machine."""
+class RequestedPoint:
+    """A requested parameter point. machine: the machine that the request describes; None for dimensionless numbers."""
 
     gear: AnyGear
     machine: Machine | None
 
 
 @with_queries(ADDED_QUERIES)
-async def place_of_query(
+async def point_of_query(
     delta: Annotated[float | None, positive_query("damping; needed without a machine", 0.6)] = None,
     epsilon: Annotated[float | None, positive_query("eccentricity; needed without a machine", 0.1, zero=True)] = None,
     beta: Annotated[float | None, positive_query("half-backlash, by default 0.6", 0.6)] = None,
@@ -118,13 +118,13 @@ async def place_of_query(
     drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
     harmonic: Harmonics = (),
     **more: float | None,
-) -> Place:
-    """Return the point that the query describes, by dimensionless numbers or by a machine's.
+) -> RequestedPoint:
+    """Return the point that the query describes, by dimensionless numbers or by the numbers of a machine.
 
     Returns
     -------
-    Place
-        The point, with its machine.
+    RequestedPoint
+        The point, with its machine if the query describes one.
 
     Raises
     ------
@@ -141,7 +141,7 @@ async def place_of_query(
     given = [name for name, value in {**needed, "drive": drive, **making}.items() if value is not None]
     if not given:
         model = with_harmonics(model_of(0.6 if beta is None else beta, **added), read_harmonics(harmonic))
-        return Place(model.gear(**_all_of(plain)), None)
+        return RequestedPoint(model.gear(**_require_all(plain)), None)
     making["restitution"] = added.pop("restitution", None)
     plain |= {"beta": beta, **added, "harmonic": harmonic or None}
     both = [name for name, value in plain.items() if value is not None]
@@ -150,13 +150,13 @@ async def place_of_query(
             f"{' and '.join(both)} and a machine's {' and '.join(given)} exclude each other: give only dimensionless "
             "numbers, or only a machine's numbers"
         )
-    numbers: dict[str, Any] = {**_all_of(needed), **making}
+    numbers: dict[str, Any] = {**_require_all(needed), **making}
     machine = Machine(**numbers, drive=drive or "torque")
-    return Place(machine.gear, machine)
+    return RequestedPoint(machine.gear, machine)
 
 
-def _all_of(numbers: dict[str, float | None]) -> dict[str, float]:
-    """Require that all numbers are given. Raises RequestValidationError, like FastAPI for a missing query parameter."""
+def _require_all(numbers: dict[str, float | None]) -> dict[str, float]:
+    """Return the numbers. Raises RequestValidationError, as FastAPI does for a missing parameter, if one is None."""
     lacking = [name for name, value in numbers.items() if value is None]
     if lacking:
         raise RequestValidationError(
@@ -168,7 +168,7 @@ def _all_of(numbers: dict[str, float | None]) -> dict[str, float]:
     return {name: value for name, value in numbers.items() if value is not None}
 
 
-PlaceQuery = Annotated[Place, Depends(place_of_query)]
+PointQuery = Annotated[RequestedPoint, Depends(point_of_query)]
 MachineQuery = Annotated[Machine, Depends(machine_of_query)]
 MeasuredMachineQuery = Annotated[Machine, Depends(measured_machine_of_query)]
 
@@ -210,8 +210,8 @@ class MachineDocument(_Numbers):
 @router.get(
     "/machine",
     summary="A machine, two gears in SI units, as a parameter point, and back",
-    dependencies=[Depends(function_of_query)],
-    responses={**NOT_MODIFIED, **declared(422)},
+    dependencies=[Depends(set_query_etag)],
+    responses={**NOT_MODIFIED, **declare_problems(422)},
 )
 async def machine(found: MachineQuery) -> MachineDocument:
     """Convert the numbers of a machine to the model. By default the second gear equals the first.
@@ -222,7 +222,7 @@ async def machine(found: MachineQuery) -> MachineDocument:
 
 
 def machine_document(found: Machine) -> MachineDocument:
-    """Return the document of a machine."""
+    """Return the document of a machine: its parameter point, and the sizes of the model's units."""
     gear = found.gear
     with np.errstate(all="ignore"):  # extreme parameters may overflow
         quiet_limit = json_number(gear.quiet_limit * found.units.length)

@@ -9,9 +9,9 @@ from fastapi import APIRouter, Depends, Query, Response
 
 from gear_rattle.service.operations.diagrams import LEAST_SPAN, MOST_SPAN, diagram_ends
 from gear_rattle.service.operations.notebook import notebook_of
-from gear_rattle.service.routes.model.machine import PlaceQuery, positive_query
-from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.routes.model.machine import PointQuery, positive_query
+from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
+from gear_rattle.service.web.problems import declare_problems
 from rattle import ParameterError
 
 router = APIRouter(prefix="/v1", tags=["points"])
@@ -22,12 +22,12 @@ IPYNB = "application/x-ipynb+json"
 @router.get(
     "/notebook",
     summary="A Jupyter notebook of one parameter point",
-    dependencies=[Depends(function_of_query)],
+    dependencies=[Depends(set_query_etag)],
     response_class=Response,
-    responses={200: {"content": {IPYNB: {"schema": {"type": "object"}}}}, **NOT_MODIFIED, **declared(422)},
+    responses={200: {"content": {IPYNB: {"schema": {"type": "object"}}}}, **NOT_MODIFIED, **declare_problems(422)},
 )
 async def notebook(
-    place: PlaceQuery,
+    point: PointQuery,
     response: Response,
     direction: Annotated[Literal["epsilon", "delta"], Query(description="axis of the diagram")] = "epsilon",
     span: Annotated[
@@ -46,8 +46,8 @@ async def notebook(
     if (to_delta is None) != (to_epsilon is None):
         raise ParameterError("to_delta and to_epsilon are the end of the diagram: give both or neither")
     to = None if to_delta is None or to_epsilon is None else (to_delta, to_epsilon)
-    gear = place.gear
-    found = notebook_of(gear, place.machine, diagram_ends(gear, direction, span, to))
+    gear = point.gear
+    found = notebook_of(gear, point.machine, diagram_ends(gear, direction, span, to))
     name = f"gear-delta-{gear.delta:g}-epsilon-{gear.epsilon:g}.ipynb"
     headers = dict(response.headers) | {"Content-Disposition": f'attachment; filename="{name}"'}
     return Response(json.dumps(found, ensure_ascii=False, indent=1), media_type=IPYNB, headers=headers)

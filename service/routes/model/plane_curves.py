@@ -10,14 +10,14 @@ from pydantic import BaseModel, Field
 
 from gear_rattle.service.harmonics import read_harmonics
 from gear_rattle.service.operations.points import curves_document
-from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.added import added_document, query_of, with_fields, with_queries
 from gear_rattle.service.routes.model.machine import Harmonics
 from gear_rattle.service.routes.model.points import Backlash, Multiplier
 from gear_rattle.service.state import FrontState
 from gear_rattle.service.web import examples
-from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
+from gear_rattle.service.web.problems import declare_problems
 from rattle.continuation import FARTHEST
 from rattle.models import ADDED, DEFAULT_MODEL, model_of, with_harmonics
 
@@ -28,7 +28,7 @@ Eccentricity = Annotated[float, Query(ge=0, le=FARTHEST, allow_inf_nan=False)]
 
 
 class RectangleDocument(BaseModel):
-    """A window of the plane."""
+    """A window of the (δ, ε) plane."""
 
     delta: tuple[float, float]
     epsilon: tuple[float, float]
@@ -61,7 +61,7 @@ class CurveDocument(BaseModel):
 
 
 class Tangency(BaseModel):
-    """How two curves meet at a point."""
+    """The way in which two curves meet at a point."""
 
     curves: tuple[str, str]
     order: float | None = Field(
@@ -101,8 +101,8 @@ class Curves(_Numbers):
 @router.get(
     "/curves",
     summary="Bifurcation curves of one model",
-    dependencies=[Depends(function_of_query)],
-    responses={200: {"links": examples.CURVES_LINKS}, **NOT_MODIFIED, **declared(422)},
+    dependencies=[Depends(set_query_etag)],
+    responses={200: {"links": examples.CURVES_LINKS}, **NOT_MODIFIED, **declare_problems(422)},
 )
 @with_queries({"beta": {name: query_of(name, f"the {DEFAULT_MODEL} one") for name in ADDED}})
 async def curves(
@@ -122,7 +122,7 @@ async def curves(
             message = f"{name}_max ({high:g}) must be above {name}_min ({low:g})"
             raise RequestValidationError([{"loc": ("query", f"{name}_max"), "msg": message}])
     model = with_harmonics(model_of(beta, **added), read_harmonics(harmonic))
-    found = await in_turn(
+    found = await compute_in_process(
         front,
         curves_document,
         model,

@@ -11,13 +11,13 @@ from starlette.concurrency import run_in_threadpool
 import rattle
 from gear_rattle.service.errors import LimitError
 from gear_rattle.service.operations.points import json_number, orbits_document
-from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.added import added_document, with_fields
-from gear_rattle.service.routes.model.machine import Place, PlaceQuery
+from gear_rattle.service.routes.model.machine import PointQuery, RequestedPoint
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web import examples
-from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
+from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers.survey.request import OneSpeed
 from rattle.attractors import BUDGET, LARGEST_BUDGET, sampled_speed
 from rattle.models import AnyGear, model_at
@@ -47,7 +47,7 @@ def require_few(front: Front, count: int) -> None:
         )
 
 
-class _Plain(BaseModel):
+class _PlainPoint(BaseModel):
     delta: float = Field(description="damping")
     epsilon: float = Field(description="eccentricity")
     beta: float = Field(description="half-backlash")
@@ -58,9 +58,9 @@ class _Plain(BaseModel):
 
 
 if TYPE_CHECKING:
-    _Numbers = _Plain
+    _Numbers = _PlainPoint
 else:
-    _Numbers = with_fields(_Plain)
+    _Numbers = with_fields(_PlainPoint)
 
 
 class PointDocument(_Numbers):
@@ -153,18 +153,18 @@ class Attractors(PointDocument):
 @router.get(
     "/orbits",
     summary="Period-one orbits of one parameter point",
-    dependencies=[Depends(function_of_query)],
-    responses={200: {"links": examples.ORBITS_LINKS}, **NOT_MODIFIED, **declared(422)},
+    dependencies=[Depends(set_query_etag)],
+    responses={200: {"links": examples.ORBITS_LINKS}, **NOT_MODIFIED, **declare_problems(422)},
 )
-async def orbits(front: FrontState, place: PlaceQuery) -> OrbitsDocument:
+async def orbits(front: FrontState, point: PointQuery) -> OrbitsDocument:
     """Return the period-one orbits of a point, or of a machine in SI units."""
-    gear = place.gear
+    gear = point.gear
     model = model_at(gear)
     if model.in_closed_form:
-        await front.kernels.require(model.name)
+        await front.kernels.wait_until_compiled(model.name)
         found = await run_in_threadpool(orbits_document, gear)
     else:
-        found = await in_turn(
+        found = await compute_in_process(
             front,
             orbits_document,
             gear,
@@ -172,43 +172,43 @@ async def orbits(front: FrontState, place: PlaceQuery) -> OrbitsDocument:
             what="The orbits",
             advice="Choose another point.",
         )
-    return OrbitsDocument(**point_document(gear), **found, si=_orbits_in_si(place, found))
+    return OrbitsDocument(**point_document(gear), **found, si=_orbits_in_si(point, found))
 
 
-def _orbits_in_si(place: Place, found: dict[str, Any]) -> OrbitsInSI | None:
-    if place.machine is None:
+def _orbits_in_si(point: RequestedPoint, found: dict[str, Any]) -> OrbitsInSI | None:
+    if point.machine is None:
         return None
-    units = place.machine.units
+    units = point.machine.units
 
-    def of(value: float | None, unit: float) -> float | None:
+    def convert(value: float | None, unit: float) -> float | None:
         return None if value is None else json_number(value * unit)
 
-    limits = {name: of(found[name], units.length) for name in ("sn1", "flip", "quiet_limit")}
+    limits = {name: convert(found[name], units.length) for name in ("sn1", "flip", "quiet_limit")}
     return OrbitsInSI(
         **limits,
-        missing=[of(each["epsilon"], units.length) for each in found["missing"]],
-        velocities=[of(orbit["v"], units.velocity) for orbit in found["orbits"]],
+        missing=[convert(each["epsilon"], units.length) for each in found["missing"]],
+        velocities=[convert(orbit["v"], units.velocity) for orbit in found["orbits"]],
     )
 
 
 @router.get(
     "/attractors",
     summary="Attractors of one parameter point",
-    dependencies=[Depends(function_of_query)],
-    responses={200: {"links": examples.ATTRACTORS_LINKS}, **NOT_MODIFIED, **declared(422)},
+    dependencies=[Depends(set_query_etag)],
+    responses={200: {"links": examples.ATTRACTORS_LINKS}, **NOT_MODIFIED, **declare_problems(422)},
 )
 async def attractors(
     front: FrontState,
-    place: PlaceQuery,
+    point: PointQuery,
     count: SampleCount = 256,
     v_max: SampledSpeed = None,
     budget: MostImpacts = BUDGET,
     seed: SampleSeed = 0,
 ) -> Attractors:
     """Return the attractors of a point, or of a machine in SI units."""
-    gear = place.gear
+    gear = point.gear
     require_few(front, count)
-    found = await in_turn(
+    found = await compute_in_process(
         front,
         gear.attractors,
         count,

@@ -8,12 +8,12 @@ from fastapi import APIRouter, Depends, Query
 from pydantic import Field
 
 from gear_rattle.service.errors import LimitError
-from gear_rattle.service.operations.turns import in_turn
-from gear_rattle.service.routes.model.machine import PlaceQuery
+from gear_rattle.service.operations.processes import compute_in_process
+from gear_rattle.service.routes.model.machine import PointQuery
 from gear_rattle.service.routes.model.points import AttractorDocument, PointDocument, attractor_document, point_document
 from gear_rattle.service.state import FrontState
-from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
+from gear_rattle.service.web.problems import declare_problems
 from rattle.models import model_at
 
 router = APIRouter(prefix="/v1", tags=["points"])
@@ -37,12 +37,12 @@ class ReachedDocument(PointDocument):
 @router.get(
     "/reached",
     summary="Which attractors given states go to",
-    dependencies=[Depends(function_of_query)],
-    responses={**NOT_MODIFIED, **declared(422)},
+    dependencies=[Depends(set_query_etag)],
+    responses={**NOT_MODIFIED, **declare_problems(422)},
 )
 async def reached(
     front: FrontState,
-    place: PlaceQuery,
+    point: PointQuery,
     tau: Annotated[
         list[Phase],
         Query(min_length=1, max_length=MOST_STATES, description="phases of departures", examples=[[0.2, 0.79]]),
@@ -61,8 +61,8 @@ async def reached(
     limit = front.settings.max_point_count
     if max(len(tau), len(v)) > limit:
         raise LimitError("query.tau", f"there may be at most {limit:,} states. For more, use the library.")
-    gear = place.gear
-    found = await in_turn(
+    gear = point.gear
+    found = await compute_in_process(
         front,
         gear.reached,
         tau,

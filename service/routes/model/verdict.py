@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
 from gear_rattle.service.operations.points import json_number
-from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.machine import (
     MachineDocument,
     MachineQuery,
@@ -22,8 +22,8 @@ from gear_rattle.service.routes.model.machine import (
 )
 from gear_rattle.service.routes.model.points import SampleCount, SampleSeed, require_few
 from gear_rattle.service.state import Front, FrontState
-from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
-from gear_rattle.service.web.problems import declared
+from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
+from gear_rattle.service.web.problems import declare_problems
 from rattle import Machine, RattleError, TransmissionError, read_transmission_error
 from rattle.models import model_at
 from rattle.parameters import HIGHEST_ORDER
@@ -36,7 +36,7 @@ EXAMPLE = "angle_deg,error_um\n" + "".join(f"{4 * i},{15 * math.cos(math.radians
 
 
 class MeasuredDocument(BaseModel):
-    """A measured transmission error by order."""
+    """A measured transmission error as a sum of harmonics."""
 
     harmonics: list[tuple[int, float, float]] = Field(description="order of the revolution, amplitude in m, phase")
     left_out: float = Field(description="root mean square of the part of the curve that these orders leave out, m")
@@ -65,20 +65,20 @@ class VerdictDocument(BaseModel):
 @router.get(
     "/verdict",
     summary="Whether a machine in SI units rattles, in one answer",
-    dependencies=[Depends(function_of_query)],
-    responses={**NOT_MODIFIED, **declared(422)},
+    dependencies=[Depends(set_query_etag)],
+    responses={**NOT_MODIFIED, **declare_problems(422)},
 )
 async def verdict(
     front: FrontState, machine: MachineQuery, count: SampleCount = 256, seed: SampleSeed = 0
 ) -> VerdictDocument:
     """Return the verdict on a machine: quiet, quiet unless knocked, rattles from some starts, or always rattles."""
-    return await _answer(front, machine, None, count, seed)
+    return await _verdict_document(front, machine, None, count, seed)
 
 
 @router.post(
     "/verdict",
     summary="Whether a machine with a measured transmission error rattles",
-    responses=declared(413, 422),
+    responses=declare_problems(413, 422),
 )
 async def verdict_of_measured(
     front: FrontState,
@@ -100,12 +100,12 @@ async def verdict_of_measured(
 
     `machine` in the answer has the model's numbers, restitution and harmonics, which all other routes take.
     """
-    measured = await run_in_threadpool(_read, curve, orders)
-    return await _answer(front, replace(machine, errors=measured.harmonics), measured, count, seed)
+    measured = await run_in_threadpool(_read_curve, curve, orders)
+    return await _verdict_document(front, replace(machine, errors=measured.harmonics), measured, count, seed)
 
 
-def _read(text: str, orders: int) -> TransmissionError:
-    """Read a transmission error from the text of a table. Raises RattleError without the temporary file's name."""
+def _read_curve(text: str, orders: int) -> TransmissionError:
+    """Read a transmission error from a CSV text. Raises RattleError whose message says "the body" for the file."""
     with TemporaryDirectory() as directory:
         table = Path(directory, "curve.csv")
         table.write_text(text, encoding="utf-8")
@@ -115,11 +115,11 @@ def _read(text: str, orders: int) -> TransmissionError:
             raise type(error)(f"{error}".replace(f"{table}", "the body")) from None
 
 
-async def _answer(
+async def _verdict_document(
     front: Front, machine: Machine, measured: TransmissionError | None, count: int, seed: int
 ) -> VerdictDocument:
     require_few(front, count)
-    found = await in_turn(
+    found = await compute_in_process(
         front,
         machine.verdict,
         count,

@@ -23,7 +23,7 @@ from gear_rattle.service.explorer.design.tolerance import RADIUS, Tolerance
 from gear_rattle.service.explorer.point import loudness, parts
 from gear_rattle.service.explorer.point.panel import PointPanel
 from gear_rattle.service.operations import design_limits
-from gear_rattle.service.operations.design_limits import DesignLimits, coarse_first
+from gear_rattle.service.operations.design_limits import DesignLimits, dampings_coarse_first
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
 from rattle.models import AnyGear, Impacting, Stiff
@@ -66,21 +66,21 @@ def test_the_ellipse_of_a_machine_is_one_of_speed_and_eccentricity() -> None:
 def test_the_yield_where_it_is_known(gear: AnyGear, quiet: float, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Impacting, "design_gears", 64)
     monkeypatch.setattr(Stiff, "design_gears", 8)
-    found = tolerance.yield_of(gear, None, Tolerance(0.005, 0.001, 0.9))
+    found = tolerance.compute_yield(gear, None, Tolerance(0.005, 0.001, 0.9))
     assert (found.quiet.value, found.passing.value) == (quiet, quiet)
     assert f"{100 * quiet:.1f} % [" in tolerance.yield_in_words(found, 0.9)
 
 
 def test_the_yield_of_a_machine_is_that_of_its_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
-    given = tolerance.given_of(MACHINE.gear, MACHINE, Tolerance(0.0, 3e-6, 0.9))
+    given = tolerance.population_numbers(MACHINE.gear, MACHINE, Tolerance(0.0, 3e-6, 0.9))
     assert given["rpm"] == pytest.approx(3000)
     assert given["eccentricity"] == rattle.Normal(15e-6, 3e-6, low=0.0)
     assert (given["backlash"], given["drive"]) == (100e-6, "torque")
     with pytest.raises(rattle.ParameterError, match="nothing varies"):
-        tolerance.yield_of(MACHINE.gear, MACHINE, Tolerance(0.0, 0.0, 0.9))
+        tolerance.compute_yield(MACHINE.gear, MACHINE, Tolerance(0.0, 0.0, 0.9))
     monkeypatch.setattr(Impacting, "design_gears", 128)
     monkeypatch.setattr(tolerance, "JUDGED", 1)
-    found = tolerance.yield_of(MACHINE.gear, MACHINE, Tolerance(0.0, 1e-9, 0.9))
+    found = tolerance.compute_yield(MACHINE.gear, MACHINE, Tolerance(0.0, 1e-9, 0.9))
     shares = {each.kind: each.fraction for each in MACHINE.attractors(1024)}
     assert found.quiet.low - 0.03 < shares["quiet"] < found.quiet.high + 0.03
 
@@ -93,27 +93,27 @@ def test_a_design_limit_is_found_once_coarse_first(tmp_path: Path, monkeypatch: 
         return work(*arguments)
 
     async def body(front: Front) -> None:
-        monkeypatch.setattr(design_limits, "in_turn", here)
+        monkeypatch.setattr(design_limits, "compute_in_process", here)
         monkeypatch.setattr(design_limits, "COUNT", 64)
-        monkeypatch.setattr(design_limits, "VALUES", 5)
+        monkeypatch.setattr(design_limits, "DAMPINGS", 5)
         known = DesignLimits(front)
-        drawn = [found async for found in known.along(Impacting(0.6), (0.5, 0.9), 0.8)]
+        drawn = [found async for found in known.limits_over(Impacting(0.6), (0.5, 0.9), 0.8)]
         assert [delta.size for delta, _ in drawn] == [1, 2, 3, 4, 5, 5]
         assert asked == pytest.approx([0.5, 0.9, 0.7, 0.6, 0.8])
         delta, found = drawn[-1]
         assert np.all(np.diff(delta) > 0)
         exact = rattle.design_limit({"delta": 0.7, "beta": 0.6}, "epsilon", 0.8, count=64)
         np.testing.assert_array_equal(found[:, 2], exact)
-        again = [delta.size async for delta, _ in known.along(Impacting(0.6), (0.5, 0.9), 0.8)]
+        again = [delta.size async for delta, _ in known.limits_over(Impacting(0.6), (0.5, 0.9), 0.8)]
         assert (again, len(asked)) == ([5], 5)
 
     with_front(tmp_path, body)
 
 
 def test_every_value_of_a_limit_is_looked_at_once() -> None:
-    found = coarse_first((0.4, 1.0))
-    assert len(found) == len(set(found)) == design_limits.VALUES
-    assert sorted(found) == np.linspace(0.4, 1.0, design_limits.VALUES).tolist()
+    found = dampings_coarse_first((0.4, 1.0))
+    assert len(found) == len(set(found)) == design_limits.DAMPINGS
+    assert sorted(found) == np.linspace(0.4, 1.0, design_limits.DAMPINGS).tolist()
 
 
 def test_intensities_are_told_in_both_units() -> None:
@@ -125,19 +125,19 @@ def test_intensities_are_told_in_both_units() -> None:
         for machine in (MACHINE, None)
     )
     power = MACHINE.intensity(attractors[loud]).power
-    assert f"<td>{loudness.number(power)}</td>" in si
+    assert f"<td>{loudness.number_text(power)}</td>" in si
     assert "<td>100</td>" in si  # impacts a second, as in docs/engineers.md
     assert "<td>103.2</td>" in si
-    assert f"<td>{loudness.number(found[loud].energy)}</td>" in plain  # type: ignore[union-attr]
+    assert f"<td>{loudness.number_text(found[loud].energy)}</td>" in plain  # type: ignore[union-attr]
     lost = replace(attractors[loud], tau=0.1, v=1.0)
     assert rattling.motion_intensities(MACHINE.gear, (lost,)) == (None,)
 
 
 def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def quick(work: Callable[..., Any], *arguments: Any) -> Any:
-        if work in (parts.basins, parts.lines, parts.margin, parts.diagram):
+        if work in (parts.basins, parts.plane_lines, parts.margin, parts.diagram):
             raise UnavailableError("not in this test")
-        return work(*((arguments[0], 64) if work is parts.chances else arguments))
+        return work(*((arguments[0], 64) if work is parts.sampled_attractors else arguments))
 
     async def body(front: Front) -> None:
         panel = PointPanel("light")
@@ -170,10 +170,10 @@ def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: 
         first, second, _ = panel.tolerance.widgets
         assert (first.label, second.label, second.value) == ("σ of speed, rpm", "σ of eccentricity, µm", 1.0)
         second.value = 2.0
-        panel.tolerance.ask()
+        panel.tolerance.request_yield()
         assert view.store.view.point_state == {"tolerance": "0.0,2e-06,0.9", "tab": "motion"}
         second.value = None
-        panel.tolerance.ask()
+        panel.tolerance.request_yield()
         assert "needs a number" in panel.tolerance.said.html
         view.stop()
 

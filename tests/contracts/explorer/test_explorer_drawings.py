@@ -13,7 +13,7 @@ from waiting import HANG, eventually
 
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common import drawings
-from gear_rattle.service.explorer.common.drawings import Drawings, Show
+from gear_rattle.service.explorer.common.drawings import DrawingRunner, Show
 from gear_rattle.service.explorer.common.viewer import THREADS, Viewer
 
 
@@ -24,7 +24,7 @@ class Slow:
         viewer: Any = SimpleNamespace(
             start=lambda work: asyncio.get_running_loop().create_task(work), change=lambda what: what()
         )
-        self.drawings = Drawings(viewer)
+        self.drawings = DrawingRunner(viewer)
         self.begun: list[tuple[str, int]] = []
         self.shown: list[tuple[str, int]] = []
         self.go_on = asyncio.Event()
@@ -41,7 +41,7 @@ class Slow:
                 raise ValueError(what)
             yield lambda: self.shown.append((what, done))
 
-        self.drawings.want(what, [JobRow(id="a", state=state, cells_done=done)], draw)
+        self.drawings.request(what, [JobRow(id="a", state=state, cells_done=done)], draw)
         await settled()
 
     async def end(self) -> None:
@@ -137,7 +137,7 @@ def test_threads_whose_work_was_given_up_keep_their_place(monkeypatch: pytest.Mo
                     raise ValueError("nobody asks")
                 return number
 
-            assert await viewer.read(work) == number
+            assert await viewer.run_in_thread(work) == number
 
         left = [viewer.start(trace(number)) for number in range(3 * THREADS)]
         await eventually(lambda: len(begun) == THREADS)

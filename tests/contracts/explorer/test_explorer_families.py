@@ -13,10 +13,10 @@ from waiting import eventually
 
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common.address import Pin, View
-from gear_rattle.service.explorer.families.told import longest
+from gear_rattle.service.explorer.families.description import longest_run
 from gear_rattle.service.explorer.families.view import FamiliesView
 from gear_rattle.service.explorer.further.difference import Difference
-from gear_rattle.service.explorer.map.colouring import colouring, layers_of
+from gear_rattle.service.explorer.map.colouring import colouring, valueless_cells
 from gear_rattle.service.explorer.map.picture import picture_query
 from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.state.events import FamilyChosen, PinAdded, PinRemoved
@@ -95,7 +95,7 @@ def test_one_that_is_chosen_is_told_of_and_the_others_dimmed(tmp_path: Path) -> 
         table = open_survey(store, "families").sel(curve="SN1").isel(family=number)
         if table.edges_on:
             assert f"SN1 ({100 * int(table.edges_on) / int(table.edges):.3g} %)" in families.said.html
-        families.go_along("delta")
+        families.open_diagram("delta")
         assert shown.view.point is not None
         (delta, epsilon), state = shown.view.point, shown.view.point_state
         there = one.fraction.fillna(0.0).sel(epsilon=epsilon) > 0
@@ -158,7 +158,7 @@ def test_an_empty_slot_is_not_taken_for_a_cell_without_attractors(tmp_path: Path
                 "only quiet",
             ]
         exponents, _ = atlas.plane(front.database.job(survey_id), "lyapunov_max", 0)
-        assert "only quiet" in layers_of(exponents, exponents.block())  # as in the figure of a survey
+        assert "only quiet" in valueless_cells(exponents, exponents.block())  # as in the figure of a survey
 
     with_families(tmp_path, body)
 
@@ -208,6 +208,6 @@ def test_pins_are_marked_with_their_numbers_on_maps_of_their_gear(tmp_path: Path
 
 def test_the_longest_run_is_found_in_any_row() -> None:
     there = np.array([[1, 1, 0, 1, 1, 0], [0, 1, 1, 1, 0, 0], [1, 0, 0, 1, 1, 1]], bool)
-    assert longest(there) == (1, 1, 4)
-    assert longest(there[:, ::-1]) in {(1, 2, 5), (2, 0, 3)}
-    assert longest(np.zeros((2, 3), bool)) == (0, 0, 0)
+    assert longest_run(there) == (1, 1, 4)
+    assert longest_run(there[:, ::-1]) in {(1, 2, 5), (2, 0, 3)}
+    assert longest_run(np.zeros((2, 3), bool)) == (0, 0, 0)

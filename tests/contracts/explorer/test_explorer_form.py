@@ -15,7 +15,15 @@ import rattle
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.app import create_app
 from gear_rattle.service.explorer.common.viewer import Viewer
-from gear_rattle.service.explorer.page.form import CELLS, FINENESS, NAMED, OWN, Form, lasting, what_is_wrong
+from gear_rattle.service.explorer.page.form import (
+    CELLS,
+    FINENESS,
+    NAMED,
+    OWN,
+    SurveyForm,
+    duration_in_words,
+    error_message,
+)
 from gear_rattle.service.explorer.page.form import MACHINE as IN_MACHINE
 from gear_rattle.service.explorer.page.rows import machine_facts
 from gear_rattle.service.settings import Settings
@@ -52,12 +60,12 @@ HARMONIC_IN_SI = SurveyRequest.model_validate(
 REFINED = ASKED.model_copy(update={"refine": Refine(audit=0.07)})
 
 
-def with_form(data: Path, body: Callable[[Form], None]) -> None:
+def with_form(data: Path, body: Callable[[SurveyForm], None]) -> None:
     async def main() -> None:
         app = create_app(Settings(data=data, preload=False, explorer=False), no_cluster)
         async with app.router.lifespan_context(app):
             viewer = Viewer(app.state.front, Caller(), Document())
-            body(Form(viewer, lambda _: None, ""))
+            body(SurveyForm(viewer, lambda _: None, ""))
             viewer.end()
 
     asyncio.run(main())
@@ -69,7 +77,7 @@ def with_form(data: Path, body: Callable[[Form], None]) -> None:
     ids=["machine", "sample", "refined", "stiff", "harmonics", "harmonics of a machine"],
 )
 def test_the_form_stands_for_the_survey_that_fills_it(request_: SurveyRequest, tmp_path: Path) -> None:
-    def body(form: Form) -> None:
+    def body(form: SurveyForm) -> None:
         form.fill(request_)
         assert SurveyRequest.model_validate(form.fields()) == request_  # to the bit: the same survey
         assert form.machine.panel.visible == (request_.machine is not None)
@@ -78,7 +86,7 @@ def test_the_form_stands_for_the_survey_that_fills_it(request_: SurveyRequest, t
 
 
 def test_three_questions_make_a_survey_and_all_else_is_folded(tmp_path: Path) -> None:
-    def body(form: Form) -> None:
+    def body(form: SurveyForm) -> None:
         asked = {
             each.label for each in form.panel.select(pn.widgets.WidgetBase) if each.visible and _is_shown(form, each)
         }
@@ -102,7 +110,7 @@ def test_three_questions_make_a_survey_and_all_else_is_folded(tmp_path: Path) ->
 
 
 def test_every_field_has_a_tooltip(tmp_path: Path) -> None:
-    def body(form: Form) -> None:
+    def body(form: SurveyForm) -> None:
         own = form.machine.panel.select(pn.widgets.WidgetBase)  # numbers of a drawing, with their units
         ranges = [end for ends in form.axes.values() for end in ends]
         for each in form.panel.select(pn.widgets.WidgetBase):
@@ -112,14 +120,14 @@ def test_every_field_has_a_tooltip(tmp_path: Path) -> None:
     with_form(tmp_path, body)
 
 
-def _is_shown(form: Form, widget: Any) -> bool:
+def _is_shown(form: SurveyForm, widget: Any) -> bool:
     """Return whether no layout around a widget is hidden."""
     hidden = [each for each in form.panel.select(pn.Column) if not each.visible]
     return not any(widget in each.select(pn.widgets.WidgetBase) for each in hidden)
 
 
 def test_harmonics_are_entered_of_the_model_that_takes_them(tmp_path: Path) -> None:
-    def body(form: Form) -> None:
+    def body(form: SurveyForm) -> None:
         assert not form.harmonics.visible
         form.model.value = "inelastic"
         assert form.harmonics.visible
@@ -142,14 +150,14 @@ def test_harmonics_are_entered_of_the_model_that_takes_them(tmp_path: Path) -> N
 def test_what_is_wrong_and_how_long_it_lasts_is_said_in_words() -> None:
     with pytest.raises(ValidationError) as wrong:
         SurveyRequest.model_validate(BODY | {"delta": {"start": 2.0, "stop": 1.0, "num": 3}})
-    assert "must be below stop" in what_is_wrong(wrong.value)
-    assert what_is_wrong(ValueError("said already")) == "said already"
+    assert "must be below stop" in error_message(wrong.value)
+    assert error_message(ValueError("said already")) == "said already"
     seconds = (0.2, 119.0, 121.0, 7300.0, 200_000.0)
-    assert [lasting(each) for each in seconds] == ["1 s", "119 s", "2 min", "2 hours", "2 days"]
+    assert [duration_in_words(each) for each in seconds] == ["1 s", "119 s", "2 min", "2 hours", "2 days"]
 
 
 def test_a_machine_is_entered_in_the_units_of_a_drawing(tmp_path: Path) -> None:
-    def body(form: Form) -> None:
+    def body(form: SurveyForm) -> None:
         form.plane.value = IN_MACHINE
         (backlash,) = (
             each for each in form.machine.panel.select(pn.widgets.FloatInput) if each.label == "Backlash, µm"
@@ -169,7 +177,7 @@ def test_a_machine_is_entered_in_the_units_of_a_drawing(tmp_path: Path) -> None:
 
 
 def test_a_window_of_a_machine_s_survey_is_saved_in_si(tmp_path: Path) -> None:
-    def body(form: Form) -> None:
+    def body(form: SurveyForm) -> None:
         assert IN_SI.machine is not None
         form.fill_window(((0.05, 0.06), (2e-4, 3e-4)), Impacting(IN_SI.beta), IN_SI.machine)
         found = SurveyRequest.model_validate(form.fields())

@@ -14,7 +14,7 @@ from waiting import eventually
 
 import rattle
 from gear_rattle.service.database.tables import JobRow
-from gear_rattle.service.explorer.common.address import Further, View
+from gear_rattle.service.explorer.common.address import ComparisonChoice, View
 from gear_rattle.service.explorer.further import difference
 from gear_rattle.service.explorer.further.difference import Difference, require_small
 from gear_rattle.service.explorer.further.maps import ComparisonMaps
@@ -22,13 +22,13 @@ from gear_rattle.service.explorer.further.one import NO_FIRST
 from gear_rattle.service.explorer.map import overlays
 from gear_rattle.service.explorer.map.colouring import colouring
 from gear_rattle.service.explorer.map.planes import MapPlane
-from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.state.events import (
     MapAdded,
     MapChanged,
     MapRemoved,
     OverlaysChosen,
-    Pointed,
+    PointerMoved,
     SurveyChosen,
 )
 from gear_rattle.service.state import Front
@@ -71,7 +71,7 @@ def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(
             assert not found.is_same_grid
             for i, j in np.ndindex(found.values.shape):
                 delta, epsilon = float(first.delta[j]), float(first.epsilon[i])
-                mine, theirs = first.at(delta, epsilon), other.at(delta, epsilon)
+                mine, theirs = first.value_and_status(delta, epsilon), other.value_and_status(delta, epsilon)
                 assert mine is not None
                 assert found.status[i, j] == (theirs is not None)
                 if theirs is None or np.isnan(mine[0] - theirs[0]):
@@ -109,7 +109,7 @@ def _pairs(first: MapPlane, other: MapPlane) -> list[tuple[Any, Any, Any]]:
     return [(np.array([d]), np.array([e]), np.array([o])) for d, o in near for e in first.epsilon]
 
 
-def beside(shown: Shown, shared: Shared | None = None) -> ComparisonMaps:
+def beside(shown: Shown, shared: SharedState | None = None) -> ComparisonMaps:
     """The maps beside that of a page."""
     return ComparisonMaps(shared or shown.shared, shown.viewer, shown.store, shown.map, "light", "")
 
@@ -124,7 +124,7 @@ def test_further_maps_have_the_window_and_the_cursor_of_the_first(tmp_path: Path
         await eventually(lambda: shown.plane is not None)
         assert maps.add.visible
         maps.add.clicks += 1
-        assert shown.view.further == (Further(first.id, "orbit_exists"),)  # the next one that is not shown
+        assert shown.view.further == (ComparisonChoice(first.id, "orbit_exists"),)  # the next one that is not shown
         one = maps.maps[0]
         assert list(one.survey.options) == ["small", "other", f"small ({stiff.id[:6]})"]
         await eventually(lambda: one.plane is not None)
@@ -141,12 +141,12 @@ def test_further_maps_have_the_window_and_the_cursor_of_the_first(tmp_path: Path
         shown.moved(*window)
         shown.hover(0.82, 0.1)
         await eventually(lambda: one.said.html)
-        value = one.plane.at(0.82, 0.1)
+        value = one.plane.value_and_status(0.82, 0.1)
         assert value is not None
         assert one.said.html.endswith(f", {rattle.REGIONS[int(value[0])]}</p>")
         cursors = shown.map.cursor_at, one.figure.cursor_at
         assert [each.data["x"] for each in cursors] == [[], [0.82]]  # where the pointer is, it needs no mark
-        shown.store.dispatch(Pointed((0.85, 0.1), "further2"))
+        shown.store.dispatch(PointerMoved((0.85, 0.1), "further2"))
         assert [each.data["x"] for each in cursors] == [[0.85], [0.85]]
         told = {name: [value.encode()] for name, value in parse_qsl(shown.view.query()[1:])}
         assert View.parse(told).further == shown.view.further
@@ -154,7 +154,10 @@ def test_further_maps_have_the_window_and_the_cursor_of_the_first(tmp_path: Path
         one.survey.value = f"{other.id},0"
         one.minus.value = ["first map less this one"]
         await eventually(lambda: isinstance(one.plane, Difference))
-        assert "small less other, each cell of the first with the nearest of 3 × 4" in one.title.html
+        assert (
+            "small less other, each cell of the first survey with the nearest cell of the second, which has 3 × 4"
+            in one.title.html
+        )
         assert not one.variable.visible  # it is that of the first map
         shown.controls.variable.value = "orbit_velocity"
         await eventually(lambda: one.plane is not None and one.plane.plane.name == "orbit_velocity_difference")
@@ -164,7 +167,7 @@ def test_further_maps_have_the_window_and_the_cursor_of_the_first(tmp_path: Path
         assert not maps.add.visible
         shown.store.dispatch(MapRemoved(1))
         assert [i for i, place in enumerate(maps.places) if "shown" in place.css_classes] == [0, 1]
-        shown.store.learn({name: each for name, each in shown.store.jobs.items() if name != other.id})
+        shown.store.update_surveys({name: each for name, each in shown.store.jobs.items() if name != other.id})
         assert "no longer there" in one.title.html
         maps.end()
 
@@ -188,7 +191,7 @@ def test_what_an_address_has_that_is_not_there_is_told_and_not_tried_again_and_a
         maps = beside(shown, shared)
         shown.follow(first)
         shown.follow(third)
-        shown.store.dispatch(MapAdded(Further(third.id, "region", 0, 9)))
+        shown.store.dispatch(MapAdded(ComparisonChoice(third.id, "region", 0, 9)))
         one = maps.maps[0]
         assert one.survey.value == f"{third.id},1"  # the last of two slices
         assert one.survey.value in one.survey.options.values()
@@ -204,9 +207,9 @@ def test_what_an_address_has_that_is_not_there_is_told_and_not_tried_again_and_a
         first.name = "renamed"
         shown.follow(first)
         assert list(one.survey.options) == ["renamed", "small, beta = 0.5", "small, beta = 0.6"]
-        shown.store.dispatch(MapChanged(0, Further(third.id, "region")))
+        shown.store.dispatch(MapChanged(0, ComparisonChoice(third.id, "region")))
         await eventually(lambda: len(asked) == 2)
-        shown.store.dispatch(MapChanged(0, Further(third.id, "region", 0, 0, minus=True)))
+        shown.store.dispatch(MapChanged(0, ComparisonChoice(third.id, "region", 0, 0, minus=True)))
         assert NO_FIRST in one.title.html
         shown.store.dispatch(SurveyChosen(first.id))
         await eventually(lambda: "at most 0 cells" in one.title.html)
@@ -222,15 +225,15 @@ def test_lines_are_sent_once_and_taken_away_with_their_gear(tmp_path: Path, monk
         maps = beside(shown)
         sent: list[Model] = []
         line = np.array([[0.5, 0.1], [0.6, 0.2]])
-        monkeypatch.setattr(overlays, "pieces_of", lambda _name, model, *_: (sent.append(model), ([line], ""))[1])
+        monkeypatch.setattr(overlays, "curve_pieces", lambda _name, model, *_: (sent.append(model), ([line], ""))[1])
 
         async def ready(*_: Any, **__: Any) -> None:
             """Kernels, which are not what is waited for here."""
 
-        monkeypatch.setattr(front.kernels, "require", ready)
+        monkeypatch.setattr(front.kernels, "wait_until_compiled", ready)
         shown.choose(first)
         shown.follow(other)
-        shown.store.dispatch(MapAdded(Further(first.id, "region")))
+        shown.store.dispatch(MapAdded(ComparisonChoice(first.id, "region")))
         one = maps.maps[0]
         await eventually(lambda: one.plane is not None)
         shown.store.dispatch(OverlaysChosen(("SN1",)))
@@ -242,8 +245,8 @@ def test_lines_are_sent_once_and_taken_away_with_their_gear(tmp_path: Path, monk
         shown.follow(first)
         await eventually(lambda: cells.data["image"] is not before)
         assert len(sent) == 2
-        monkeypatch.setattr(overlays, "pieces_of", lambda *_: ([], ""))
-        shown.store.dispatch(MapChanged(0, Further(other.id, "region")))
+        monkeypatch.setattr(overlays, "curve_pieces", lambda *_: ([], ""))
+        shown.store.dispatch(MapChanged(0, ComparisonChoice(other.id, "region")))
         await eventually(lambda: one.plane is not None and one.plane.id == other.id)
         assert drawn.data["xs"] == []
         maps.end()
@@ -253,4 +256,4 @@ def test_lines_are_sent_once_and_taken_away_with_their_gear(tmp_path: Path, monk
 
 def test_an_address_of_further_maps_that_cannot_be_read_is_left_out() -> None:
     asked = {"map2": [b"x"], "map3": [b"a,region,0,0,minus"], "map4": [b"a,__import__('os'),0,0"]}
-    assert View.parse(asked).further == (Further("a", "region", minus=True),)
+    assert View.parse(asked).further == (ComparisonChoice("a", "region", minus=True),)

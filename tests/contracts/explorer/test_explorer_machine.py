@@ -15,13 +15,13 @@ from test_explorer_view import Shown, accepted, cells, done, with_map
 from waiting import eventually
 
 import rattle
-from gear_rattle.service.explorer.common.address import Entered, View
+from gear_rattle.service.explorer.common.address import EnteredMachine, View
 from gear_rattle.service.explorer.design.fields import POINT, MachineFields
-from gear_rattle.service.explorer.design.tolerance import Tolerance, given_of, tolerance_outline
-from gear_rattle.service.explorer.map.overlays import pieces_of
+from gear_rattle.service.explorer.design.tolerance import Tolerance, population_numbers, tolerance_outline
+from gear_rattle.service.explorer.map.overlays import curve_pieces
 from gear_rattle.service.explorer.map.readout import readout
-from gear_rattle.service.explorer.point.state import stands_for
-from gear_rattle.service.explorer.point.work import Work
+from gear_rattle.service.explorer.point.state import machine_and_model
+from gear_rattle.service.explorer.point.work import PointTasks
 from gear_rattle.service.explorer.state.store import window_of
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest
@@ -41,7 +41,7 @@ MACHINE = SurveyRequest.model_validate(
         "quantities": ["region"],
     }
 )
-ENTERED = Entered(**NUMBERS, eccentricity=20e-6, rpm=3000.0, stiffness=3e8)
+ENTERED = EnteredMachine(**NUMBERS, eccentricity=20e-6, rpm=3000.0, stiffness=3e8)
 
 
 @pytest.fixture(autouse=True)
@@ -51,7 +51,7 @@ def _no_points(monkeypatch: pytest.MonkeyPatch) -> None:
     def start(_work: Any, part: Coroutine[Any, Any, None], _instead_of: Any = None) -> None:
         part.close()
 
-    monkeypatch.setattr(Work, "start", start)
+    monkeypatch.setattr(PointTasks, "start", start)
 
 
 def test_speed_and_eccentricity_are_the_axes_of_a_machine_only(tmp_path: Path) -> None:
@@ -107,7 +107,7 @@ def test_the_key_of_a_machine_lists_lines_of_its_plane_only(tmp_path: Path) -> N
 
         shown.choose(done(front, MACHINE))
         window = window_of(MACHINE)
-        there = {name for name in MACHINE.gear_model.curve_names if pieces_of(name, MACHINE.gear_model, *window)[0]}
+        there = {name for name in MACHINE.gear_model.curve_names if curve_pieces(name, MACHINE.gear_model, *window)[0]}
         assert there < set(MACHINE.gear_model.curve_names)
         await eventually(lambda: listed() == there | {"crisis", "design_limit"})
         shown.choose(accepted(front, views.REGIONS))
@@ -170,7 +170,7 @@ def test_what_is_entered_of_a_machine_is_checked(tmp_path: Path) -> None:
         assert "radius must be in metres" in said.object.text
         fields["Base radius, mm"].value = 50.0
         show.clicks += 1
-        assert shown.view.machine == Entered(0.003, 5e-4, 100e-6, 15e-6, 0.05, 3000.0)
+        assert shown.view.machine == EnteredMachine(0.003, 5e-4, 100e-6, 15e-6, 0.05, 3000.0)
         select.value = False
         show.clicks += 1
         assert (shown.view.machine, shown.view.point) == (None, (0.6, 0.1))
@@ -198,28 +198,28 @@ def test_fields_of_a_machine_give_what_the_library_takes() -> None:
         "Teeth 2": 40, "Inertia 2, kg m²": 0.01, "Drag 2, N m s/rad": 6e-4,
     }.items():  # fmt: skip
         entered[label].value = value
-    given = fields.given()
+    given = fields.entered_numbers()
     expected: dict[str, Any] = {"restitution": 0.9, "load_torque": 0.2, "mesh_error": 0.08e-6, "teeth": 20}
     expected |= {"driven_teeth": 40, "driven_inertia": 0.01, "driven_drag": 6e-4}
     assert given == {**NUMBERS, **given} | {"drive": "torque"} | expected
     assert not {"stiffness", "mesh_error_2", "driven_radius"} & given.keys()
-    assert Entered(**given).machine == rattle.Machine(**given)
+    assert EnteredMachine(**given).machine == rattle.Machine(**given)
 
 
 def test_an_address_keeps_a_machine_of_two_gears() -> None:
-    given = Entered(
+    given = EnteredMachine(
         0.003, 5e-4, 100e-6, 15e-6, 0.05, 3000.0, restitution=0.9, load_torque=0.2, mesh_error=1e-7, teeth=20,
         driven_teeth=41, driven_inertia=0.003, driven_drag=5e-4,
     )  # fmt: skip
     query = View(point=(0.6, 0.1), machine=given).query()
     address = {name: [each.encode() for each in values] for name, values in parse_qs(query[1:]).items()}
     assert View.parse(address).machine == given
-    machine, model = stands_for((given.machine.delta, given.machine.epsilon), given, None, Impacting())
+    machine, model = machine_and_model((given.machine.delta, given.machine.epsilon), given, None, Impacting())
     assert machine == given.machine
     assert model == model_at(given.machine.gear)
     old = "0.003,0.0005,0.0001,1.5e-05,0.05,3000.0,torque,"
     assert View.parse({"point": [b"0.6,0.1"], "machine": [old.encode()]}).machine == given._replace(
-        **dict.fromkeys(Entered._fields[8:])
+        **dict.fromkeys(EnteredMachine._fields[8:])
     )
     for more in ("wear:1", "restitution:2", "restitution:", "teeth:1.5"):
         assert View.parse({"point": [b"0.6,0.1"], "machine": [f"{old},{more}".encode()]}).machine is None
@@ -230,12 +230,12 @@ def test_a_machine_s_survey_with_mesh_errors_asks_its_points_with_them() -> None
     asked["quantities"] = ["attractors"]
     request = SurveyRequest.model_validate(MACHINE.model_dump(exclude_unset=True) | asked)
     point = request.delta.start, request.epsilon.stop
-    machine, model = stands_for(point, None, request.machine, request.gear_model)
+    machine, model = machine_and_model(point, None, request.machine, request.gear_model)
     assert machine is not None
     assert model == request.gear_model
     assert machine.harmonics == ((20, pytest.approx(0.0033), 0.0),)
     assert machine.added == {"restitution": 0.9, "load": 0.0}
-    found = given_of(model.gear(*point), machine, Tolerance(10.0, 1e-6, 0.9))
+    found = population_numbers(model.gear(*point), machine, Tolerance(10.0, 1e-6, 0.9))
     assert found["restitution"] == 0.9
     assert found["error_20"] == machine.errors[0][1]
     assert rattle.population(found, gears=2, count=2).gears.verdict.size == 2

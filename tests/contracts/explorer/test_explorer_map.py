@@ -19,14 +19,14 @@ from service_support import BODY, compute, front_end, front_of
 from gear_rattle.service.database.tables import State
 from gear_rattle.service.explorer.common.glyphs import style_of
 from gear_rattle.service.explorer.map import planes, shared
-from gear_rattle.service.explorer.map.colouring import NAME, Colouring, colouring, family_places, values_shown
-from gear_rattle.service.explorer.map.cursor import cursor_after_steps, following, zoomed
+from gear_rattle.service.explorer.map.colouring import NAME, Colouring, colouring, family_places, shown_values
+from gear_rattle.service.explorer.map.cursor import cursor_after_steps, window_with_cursor, zoomed_window
 from gear_rattle.service.explorer.map.figure import MapFigure
-from gear_rattle.service.explorer.map.overlays import points_in
+from gear_rattle.service.explorer.map.overlays import points_in_window
 from gear_rattle.service.explorer.map.planes import Atlas, LeveledPlane, MapBlock, MapPlane
 from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import KEPT
-from gear_rattle.service.explorer.state.events import Event, PointOpened, WayChosen
+from gear_rattle.service.explorer.state.events import DiagramEndChosen, Event, PointOpened
 from gear_rattle.workers import SurveyRequest, complete, is_incomplete, open_survey
 from gear_rattle.workers.pictures.levels import level_opener, reduce_map
 from gear_rattle.workers.pictures.maps import readable_description
@@ -100,7 +100,7 @@ def shares_of(plane: MapPlane, block: MapBlock) -> dict[str, float]:
 
 def test_cells_are_drawn_where_they_are(plane: MapPlane) -> None:
     drawn = new_map()
-    drawn.cells(plane.block(), colouring(plane, plane.block(), "auto", False))
+    drawn.draw_cells(plane.block(), colouring(plane, plane.block(), "auto", False))
     source = drawn.figure.select_one({"name": "cells0"}).data_source.data
     rows, columns = source["image"][0].shape
     x = source["x"][0] + (np.arange(columns) + 0.5) * source["dw"][0] / columns
@@ -128,7 +128,7 @@ def test_a_large_survey_is_drawn_with_what_is_rare_and_whole_where_one_looks_clo
     assert sum(shares_of(plane, block).values()) == pytest.approx(1)
     window = ((plane.delta[9] - 1e-3, plane.delta[13] + 1e-3), (plane.epsilon[2], plane.epsilon[6]))
     close = plane.block(window, room)
-    np.testing.assert_array_equal(values_shown(plane, close), plane.values[2:7, 9:14])
+    np.testing.assert_array_equal(shown_values(plane, close), plane.values[2:7, 9:14])
     np.testing.assert_array_equal(close.delta, plane.delta[9:14])
 
 
@@ -153,8 +153,10 @@ def test_of_a_survey_with_levels_is_read_what_is_drawn(
                 assert found.shares == pytest.approx(expected.shares)
                 assert found.box == expected.box
     close = ((plane.delta[3], plane.delta[4]), (plane.epsilon[5], plane.epsilon[6]))
-    np.testing.assert_array_equal(plane.enlarged(close).values, in_memory.enlarged(close).values)
-    assert str(plane.at(plane.delta[9], plane.epsilon[5])) == str(in_memory.at(plane.delta[9], plane.epsilon[5]))
+    np.testing.assert_array_equal(plane.enlarged_block(close).values, in_memory.enlarged_block(close).values)
+    assert str(plane.value_and_status(plane.delta[9], plane.epsilon[5])) == str(
+        in_memory.value_and_status(plane.delta[9], plane.epsilon[5])
+    )
     assert plane.values.size == 0
 
 
@@ -198,7 +200,7 @@ def test_legend_colours_and_limits_are_the_map_s(plane: MapPlane) -> None:
     own = colouring(plane, block, (2.0, 3.0), False)
     assert (own.low, own.high) == (found.low, found.high)  # codes have none of their own
     drawn = new_map()
-    drawn.cells(block, found)
+    drawn.draw_cells(block, found)
     mapper = drawn.figure.select_one({"name": "cells0"}).glyph.color_mapper
     assert (mapper.low, mapper.high, list(mapper.palette)) == (found.low, found.high, list(found.palette))
 
@@ -209,7 +211,7 @@ def test_own_limits_and_the_scale_of_colours(client: TestClient, survey: str, lo
     speeds, _ = Atlas(front).plane(front.database.job(survey), "orbit_velocity", 0)
     found = colouring(speeds, speeds.block(), (1.5, 4.0), log)
     drawn = new_map()
-    drawn.cells(speeds.block(), found)
+    drawn.draw_cells(speeds.block(), found)
     shown, other = (drawn.figure.select_one({"name": f"cells{number:d}"}) for number in (log, not log))
     assert (shown.visible, other.visible) == (True, False)
     mapper = shown.glyph.color_mapper
@@ -232,7 +234,7 @@ def test_values_beyond_the_limits_are_marked(
     assert found.beyond == pytest.approx(beyond)
     assert [share > 0 for share in beyond] == [below, above]
     drawn = new_map()
-    drawn.cells(speeds.block(), found)
+    drawn.draw_cells(speeds.block(), found)
     marks = {each.text: each.visible for each in drawn.figure.select({"type": Label})}
     assert marks == {"▼": below, "▲": above}
     assert ("below the scale" in found.note, "above the scale" in found.note) == (below, above)
@@ -250,12 +252,12 @@ def test_zeros_have_no_colour_of_a_log_scale(client: TestClient, survey: str) ->
     assert found.reason_colours[found.reasons.flat[where[0]] - 1] == zero.colour
     assert found.low == block.values[block.values > 0].min()
     drawn = new_map()
-    drawn.frame(block.values, block.box)
-    drawn.cells(block, found)
+    drawn.draw_finer_cells(block.values, block.box)
+    drawn.draw_cells(block, found)
     for name in ("cells1", "fine1"):
         image = drawn.figure.select_one({"name": name}).data_source.data["image"][0]
         np.testing.assert_array_equal(np.isfinite(image), block.values > 0)
-    drawn.cells(block, colouring(speeds, block, "auto", False))
+    drawn.draw_cells(block, colouring(speeds, block, "auto", False))
     image = drawn.figure.select_one({"name": "fine0"}).data_source.data["image"][0]
     np.testing.assert_array_equal(image, block.values)
 
@@ -289,12 +291,12 @@ def test_lines_have_the_colours_of_the_key_and_their_points() -> None:
     drawn = new_map()
     pieces = [np.array([[0.5, 0.1], [0.6, 0.2]])]
     for name in ("SN1", "G1"):
-        drawn.line(name, pieces)
+        drawn.draw_line(name, pieces)
         line = drawn.figure.select_one({"name": name})
         assert line.glyph.line_color == style_of(name)[0]
         np.testing.assert_array_equal(line.data_source.data["xs"][0], [0.5, 0.6])
         np.testing.assert_array_equal(line.data_source.data["ys"][0], [0.1, 0.2])
-    drawn.choose(["SN1"])
+    drawn.show_overlays(["SN1"])
     assert drawn.figure.select_one({"name": "SN1"}).visible
     assert not drawn.figure.select_one({"name": "G1"}).visible
 
@@ -305,7 +307,7 @@ def test_what_is_clicked_is_delta_and_epsilon() -> None:
     for x, y in ((0.6, 0.1), (None, 0.1), (0.39, 0.1), (0.6, -0.01)):  # the last two on the numbers of an axis
         drawn.tap(SimpleNamespace(x=x, y=y, modifiers=None))
     drawn.tap(SimpleNamespace(x=0.7, y=0.2, modifiers={"shift": True, "ctrl": False, "alt": False}))
-    assert heard == [PointOpened((0.6, 0.1)), WayChosen((0.7, 0.2))]
+    assert heard == [PointOpened((0.6, 0.1)), DiagramEndChosen((0.7, 0.2))]
 
 
 def test_the_cursor_steps_through_cells(plane: MapPlane) -> None:
@@ -319,14 +321,14 @@ def test_the_cursor_steps_through_cells(plane: MapPlane) -> None:
     assert cursor_after_steps(axes, at, window, [-99, 99, 0, 0]) == (plane.delta[0], plane.epsilon[-1])
     narrow = ((at[0], at[0] + 4e-3), (at[1], at[1] + 4e-3))
     assert cursor_after_steps(axes, at, narrow, [1, 2, 0, 0]) == pytest.approx((at[0] + 1e-4, at[1] + 2e-4))
-    assert following(narrow, at) == narrow
-    (low, high), (bottom, top) = following(narrow, (at[0] + 5e-3, at[1]))
+    assert window_with_cursor(narrow, at) == narrow
+    (low, high), (bottom, top) = window_with_cursor(narrow, (at[0] + 5e-3, at[1]))
     assert (high - low, bottom, top) == pytest.approx((4e-3, *narrow[1]))
     assert low < at[0] + 5e-3 < high
-    (low, high), _ = zoomed(window, at, 0.5, plane.box)
+    (low, high), _ = zoomed_window(window, at, 0.5, plane.box)
     assert high - low == pytest.approx((window[0][1] - window[0][0]) / 2)
     assert (at[0] - low) / (high - low) == pytest.approx((at[0] - window[0][0]) / (window[0][1] - window[0][0]))
-    (low, high), _ = zoomed(window, at, 1e6, plane.box)
+    (low, high), _ = zoomed_window(window, at, 1e6, plane.box)
     assert high - low == pytest.approx(3 * (window[0][1] - window[0][0]))
 
 
@@ -335,7 +337,7 @@ def test_a_cell_in_words(plane: MapPlane) -> None:
     assert said.startswith("δ 0.6000, ε 0.1100: region of the plane")
     assert said.endswith(f", {REGIONS[int(plane.values[5, 9])]}")
     assert cell_in_words(plane, 2.0, 0.11, plane.box).endswith("outside of the survey")
-    cell = plane.cell(0.607, 0.113)
+    cell = plane.cell_at(0.607, 0.113)
     assert cell is not None
     assert (float(cell["delta"]), float(cell["epsilon"])) == (plane.delta[9], plane.epsilon[5])
 
@@ -345,10 +347,10 @@ def test_a_map_that_stays_as_it_is_is_drawn_once_for_all_pages(
 ) -> None:
     drawn, other = list[Any](), copy(plane)  # the same cells, of another survey or computed again
     monkeypatch.setattr(shared, "colouring", lambda *of: drawn.append(of) or len(drawn))
-    shared.drawn.cache_clear()
+    shared.cached_drawing.cache_clear()
 
     def draw(of: MapPlane, log: bool, side: int = 20) -> Any:
-        return shared.drawn(ref(of), "auto", log, (side, side))[1]
+        return shared.cached_drawing(ref(of), "auto", log, (side, side))[1]
 
     assert draw(plane, False) == draw(plane, False) == 1
     assert draw(plane, True) == 2
@@ -361,7 +363,7 @@ def test_a_map_that_stays_as_it_is_is_drawn_once_for_all_pages(
     del other
     drawn.clear()
     assert alone() is None  # nothing but the atlas keeps maps
-    shared.drawn.cache_clear()
+    shared.cached_drawing.cache_clear()
 
 
 def test_labels_of_no_axis_lie_over_each_other() -> None:
@@ -384,9 +386,9 @@ def test_a_point_that_is_not_in_the_window_has_no_name_in_it() -> None:
     model, window = Impacting(0.8), ((0.4, 1.005), (0.0, 0.3))
     inside = [each for each in codimension_two(0.8) if each.delta <= 1.005]
     assert [each.name for each in inside] == ["COD20"]  # COD21 is at 1.007: its name would reach into the window
-    assert points_in(model, window) == [(each.name, each.delta, each.epsilon) for each in inside]
-    assert points_in(model, ((0.4, 1.005), (0.0, 0.2))) == []
-    assert len(points_in(model, ((0.4, 1.1), (0.0, 0.3)))) == 4
+    assert points_in_window(model, window) == [(each.name, each.delta, each.epsilon) for each in inside]
+    assert points_in_window(model, ((0.4, 1.005), (0.0, 0.2))) == []
+    assert len(points_in_window(model, ((0.4, 1.1), (0.0, 0.3)))) == 4
 
 
 @pytest.mark.parametrize("room", [(250, 400), (700, 550), (1400, 1000)])
@@ -432,9 +434,9 @@ def test_names_of_points_cover_no_mark_and_no_other_name(
     monkeypatch.setattr(MapFigure, "pixels", size)
     shown = new_map()
     shown.show_window(window)
-    shown.pins({"1": (0.77, 0.0985)})
-    points = points_in(Impacting(0.6), window)
-    shown.points(points)
+    shown.mark_pins({"1": (0.77, 0.0985)})
+    points = points_in_window(Impacting(0.6), window)
+    shown.mark_points(points)
     data = shown.figure.select_one({"name": "points"}).data_source.data
     assert data["name"] == [name for name, _, _ in points]
     assert len(points) == (3 if window == FIGURE_8 else 4)
@@ -459,7 +461,7 @@ def test_names_of_regions_stay_inside_the_frame(monkeypatch: pytest.MonkeyPatch)
     block = MapBlock(delta, epsilon, codes, codes.astype(np.int8), FIGURE_7)
     written = {"II": (0.405, 0.15), "I": (0.7, 0.15)}
     reasons = np.zeros(codes.shape, np.uint8)
-    shown.cells(block, Colouring("", ("#ffffff",), 0.5, 1.5, False, True, (), reasons, (), names=written))
+    shown.draw_cells(block, Colouring("", ("#ffffff",), 0.5, 1.5, False, True, (), reasons, (), names=written))
     names = shown.figure.select_one({"name": "names"}).data_source.data
     assert names["name"] == ["II", "I"]
     assert 300 * (0.405 - 0.4) / 0.6 + names["dx"][0] >= 10  # pixels from the left edge: half of what II takes

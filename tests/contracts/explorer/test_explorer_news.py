@@ -7,7 +7,7 @@ from fastapi.testclient import TestClient
 from service_support import BODY, front_end
 from waiting import wait_until
 
-from gear_rattle.service.explorer.common.news import JobStatus, Listener, News
+from gear_rattle.service.explorer.common.news import JobStatus, Listener, StatusPublisher
 
 
 def submit(client: TestClient, name: str) -> None:
@@ -18,7 +18,7 @@ def test_who_comes_after_the_others_have_left_is_told_of_what_came_meanwhile(tmp
     """A page keeps to the survey that it finds first, and the newest was missing if nobody had looked for a while."""
     told: dict[str, list[list[str]]] = {"first": [], "second": []}
     with front_end(tmp_path) as client:
-        news: News = client.app.state.explorer.news
+        news: StatusPublisher = client.app.state.explorer.news
 
         def listener(name: str) -> Listener:
             def heard(standings: Sequence[JobStatus]) -> None:
@@ -28,11 +28,11 @@ def test_who_comes_after_the_others_have_left_is_told_of_what_came_meanwhile(tmp
 
         submit(client, "old")
         first = listener("first")
-        client.portal.call(news.listen, first)
+        client.portal.call(news.add_listener, first)
         wait_until(lambda: told["first"])
-        client.portal.call(news.leave, first)
+        client.portal.call(news.remove_listener, first)
         submit(client, "new")
-        client.portal.call(news.listen, listener("second"))
+        client.portal.call(news.add_listener, listener("second"))
         wait_until(lambda: told["second"])
     assert told["first"][0] == ["old"]
     assert told["second"][0] == ["new", "old"]

@@ -20,10 +20,10 @@ from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.explorer.common.address import MOST_PINS, Pin, View, pin_of
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.pins import view
-from gear_rattle.service.explorer.pins.table import COMPUTED, PinResults, csv_of, lines_of, results_of_point
+from gear_rattle.service.explorer.pins.table import COMPUTED, PinResults, csv_text, results_of_point, table_lines
 from gear_rattle.service.explorer.pins.view import Pins
 from gear_rattle.service.explorer.places.example import REQUEST as EXAMPLE
-from gear_rattle.service.explorer.point.state import opened_pin
+from gear_rattle.service.explorer.point.state import open_point_as_pin
 from gear_rattle.service.explorer.state.events import PinAdded, PointOpened, SurveyChosen
 from gear_rattle.service.explorer.state.store import Store
 from gear_rattle.service.settings import Settings
@@ -70,13 +70,13 @@ def test_harmonics_that_cannot_be_read_are_no_pin(more: str) -> None:
 def test_a_pin_with_harmonics_and_contact_is_told_with_both() -> None:
     found = {MESH: results_of_point(MESH, 16)}
     gear = rattle.Gear(0.6, 0.25, restitution=0.9, harmonics=MESH.harmonics)
-    lines = {name: cells for name, *cells in lines_of((MESH, HERE), found)}
+    lines = {name: cells for name, *cells in table_lines((MESH, HERE), found)}
     assert lines["Forcing"] == ["harmonic 20: 0.0033 at 0.25", "–"]
     assert lines["Region"] == ["–", COMPUTED]
     attractors = gear.attractors(16)
     assert any(each.contacts for each in attractors)
     assert {each.name for each in attractors} <= lines.keys()
-    rows = list(csv.DictReader(io.StringIO(csv_of((MESH,), found))))
+    rows = list(csv.DictReader(io.StringIO(csv_text((MESH,), found))))
     assert [(row["attractor"], int(row["contacts"])) for row in rows] == [(x.name, x.contacts) for x in attractors]
     assert {(row["harmonics"], row["region"]) for row in rows} == {("20:0.0033:0.25", "")}
 
@@ -89,7 +89,7 @@ def test_pins_that_cannot_be_read_are_none(text: str) -> None:
 
 
 def test_the_table_says_what_the_library_does(told: dict[Pin, PinResults | str]) -> None:
-    lines = {name: cells for name, *cells in lines_of((HERE, QUIET, STIFF), told)}
+    lines = {name: cells for name, *cells in table_lines((HERE, QUIET, STIFF), told)}
     assert lines["Damping δ"] == ["0.6", "0.9", "0.333333"]
     assert lines["Stiffness κ"] == ["–", "–", "10000"]
     gear = rattle.Gear(0.6, 0.1)
@@ -99,11 +99,11 @@ def test_the_table_says_what_the_library_does(told: dict[Pin, PinResults | str])
     found = {each.kind: each for each in gear.attractors(COUNT)}
     assert lines["quiet"][0].startswith(f"{100 * found['quiet'].fraction:.3g} %")
     assert lines["Largest λ₁ of rattling"][1:] == ["–", ""]
-    assert lines_of((STIFF,), {STIFF: "Too many points."})[4] == ["Region", "Too many points."]
+    assert table_lines((STIFF,), {STIFF: "Too many points."})[4] == ["Region", "Too many points."]
 
 
 def test_the_csv_is_read_back_to_the_same_bits(told: dict[Pin, PinResults | str]) -> None:
-    rows = list(csv.DictReader(io.StringIO(csv_of((HERE, QUIET, STIFF), told))))
+    rows = list(csv.DictReader(io.StringIO(csv_text((HERE, QUIET, STIFF), told))))
     expected = [
         (pin, each) for pin, gear in ((HERE, rattle.Gear(0.6, 0.1)), (QUIET, rattle.Gear(0.9, 0.01)))
         for each in gear.attractors(COUNT)
@@ -123,7 +123,7 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
     at_work: list[Pin] = []
     said: list[str] = []
 
-    class Work:
+    class PointTasks:
         def __init__(self, *_: Any) -> None:
             self._task: asyncio.Task[None] | None = None
 
@@ -157,7 +157,7 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     async def several(store: Store, viewer: Viewer) -> None:
         pins = Pins(viewer, store)
-        store.learn({})
+        store.update_surveys({})
         await settled()
         assert pins.table.lines[4] == ["Region", "0.6 is busy.", f"{STIFF.delta} is busy."]
 
@@ -172,12 +172,12 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
             store.dispatch(PointOpened((pin.delta, pin.epsilon)))
 
         def press(action: str, number: int = 0) -> Awaitable[None]:
-            pins.table.press({"action": action, "pin": number})
+            pins.table.handle_message({"action": action, "pin": number})
             return settled()
 
         await settled()
         assert pins.table.lines[3] == ["Region", COMPUTED]  # a page that nobody tells anything computes nothing
-        store.learn({})
+        store.update_surveys({})
         await settled()
         assert pins.table.lines[3] == ["Region", "0.6 is busy."]
         assert pins.table.offered == ""
@@ -203,7 +203,7 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
         pins.end()
         assert len(stopped) == 1 + MOST_PINS
 
-    monkeypatch.setattr(view, "Work", Work)
+    monkeypatch.setattr(view, "PointTasks", PointTasks)
     asyncio.run(main())
 
 
@@ -216,9 +216,9 @@ def test_the_point_that_a_page_is_opened_with_is_offered_once_its_gear_is_known(
         shown.open((0.6, 0.1))
         for pin in (QUIET, Pin(0.55, 0.1, 0.5)):
             shown.store.dispatch(PinAdded(pin))
-        assert opened_pin(shown.store) is None
+        assert open_point_as_pin(shown.store) is None
         shown.follow(job)  # as news does
-        assert opened_pin(shown.store) == Pin(0.6, 0.1, 0.5)
+        assert open_point_as_pin(shown.store) == Pin(0.6, 0.1, 0.5)
         assert shown.map.pins_at.data["name"] == ["2"]  # that of its gear
 
     with_map(tmp_path, body)

@@ -9,12 +9,12 @@ from test_explorer_view import REGIONS, STIFF, Shown, accepted, cells, done, wit
 from waiting import eventually
 
 import rattle
-from gear_rattle.service.explorer.design.places import CORNERS, CRISES, EITHER_WAY, places
-from gear_rattle.service.explorer.places.example import EXAMPLE, REQUEST, sampled
+from gear_rattle.service.explorer.design.places import CORNERS, CRISES, EITHER_WAY, bookmarks
+from gear_rattle.service.explorer.places.example import EXAMPLE, REQUEST, load_sampled
 from gear_rattle.service.explorer.point import parts
 from gear_rattle.service.explorer.point.diagram import diagram_table
 from gear_rattle.service.explorer.point.state import PointState
-from gear_rattle.service.explorer.state.events import WayChosen
+from gear_rattle.service.explorer.state.events import DiagramEndChosen
 from gear_rattle.service.operations import diagrams
 from gear_rattle.service.state import Front
 from rattle.attractors import CHAOTIC, QUIET
@@ -37,7 +37,7 @@ def test_the_places_are_where_the_mathematics_has_them() -> None:
 
 def test_a_figure_s_diagram_goes_as_far_as_the_paper_s() -> None:
     for name, (delta, span) in {"5": FIGURE_5, "9": FIGURE_9}.items():
-        place = places()[f"Figure {name}: diagram at δ = {delta:g}"]
+        place = bookmarks()[f"Figure {name}: diagram at δ = {delta:g}"]
         assert place.point is not None
         state = PointState.read(place.state, 7.0)
         assert PointState.read(state.text(), 7.0) == state
@@ -49,7 +49,7 @@ def test_a_figure_s_diagram_goes_as_far_as_the_paper_s() -> None:
 def test_the_example_is_what_its_survey_finds() -> None:
     """At random cells, with other starts: within four standard errors of both samples."""
     assert EXAMPLE.stat().st_size <= 300_000  # it comes with the wheel
-    example = sampled()
+    example = load_sampled()
     rng = np.random.default_rng(61)
     chosen = [(rng.integers(example.sizes["epsilon"]), rng.integers(example.sizes["delta"])) for _ in range(24)]
     seen = [example.isel(epsilon=i, delta=j) for i, j in chosen]
@@ -73,18 +73,18 @@ def test_a_place_is_gone_to_and_left_again(tmp_path: Path) -> None:
         await eventually(lambda: cells(shown) and shown.plane is not None)
         named = shown.go_to.named
         whole = shown.store.window
-        named.value = places()["Figure 8: about COD21 and COD22"]
+        named.value = bookmarks()["Figure 8: about COD21 and COD22"]
         assert named.value == ""
         assert shown.store.window == FIGURE_8
-        named.value = places()["Figure 9: diagram at δ = 0.762"]
+        named.value = bookmarks()["Figure 9: diagram at δ = 0.762"]
         assert shown.view.point == pytest.approx((0.762, 0.0967))
         assert "p.span=0.001" in shown.view.query()
-        shown.keys.press("back")
+        shown.keys.execute("back")
         assert shown.store.window == whole
-        shown.keys.press("forward")
+        shown.keys.execute("forward")
         assert shown.map.figure.x_range.start == FIGURE_8[0][0]
         shown.choose(accepted(front, STIFF))
-        named.value = places()["Figure 7: the plane"]
+        named.value = bookmarks()["Figure 7: the plane"]
         assert "of the impacting gear" in shown.go_to.said.html
 
     with_map(tmp_path, body)
@@ -120,9 +120,9 @@ def test_a_click_with_shift_goes_through(tmp_path: Path) -> None:
     async def body(front: Front, shown: Shown) -> None:
         shown.choose(done(front, REGIONS))
         await eventually(lambda: cells(shown) and shown.plane is not None)
-        shown.store.dispatch(WayChosen((0.55, 0.05)))  # nothing is open: then it is
+        shown.store.dispatch(DiagramEndChosen((0.55, 0.05)))  # nothing is open: then it is
         assert shown.view.point == (0.55, 0.05)
-        shown.store.dispatch(WayChosen((0.65, 0.08)))
+        shown.store.dispatch(DiagramEndChosen((0.65, 0.08)))
         assert shown.view.point == (0.55, 0.05)
         assert "p.to=0.65,0.08" in shown.view.query()
         line = shown.map.ellipse_at.data

@@ -22,27 +22,27 @@ from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.explorer.common.address import View
 from gear_rattle.service.explorer.design.places import CRISES
-from gear_rattle.service.explorer.places.exact import Exact
+from gear_rattle.service.explorer.places.exact import ExactMaps
 from gear_rattle.service.explorer.places.example import REQUEST as EXAMPLE
 from gear_rattle.service.explorer.point import parts, words, work
 from gear_rattle.service.explorer.point.basins import MOST_NAMED, basins_legend
 from gear_rattle.service.explorer.point.diagram import (
     DiagramPicture,
-    dense_speeds,
+    dense_speed_range,
     diagram_caption,
-    named_events,
-    speeds_of,
+    diagram_legend,
+    placed_event_names,
+    speed_range,
 )
-from gear_rattle.service.explorer.point.diagram import legend as diagram_legend
 from gear_rattle.service.explorer.point.motion import motion_caption
 from gear_rattle.service.explorer.point.panel import PointPanel
-from gear_rattle.service.explorer.point.parts import DiagramLines, Marks, Stroke
+from gear_rattle.service.explorer.point.parts import DiagramLines, EventImpacts, Stroke
 from gear_rattle.service.explorer.point.state import PointState
 from gear_rattle.service.explorer.point.view import PointView
-from gear_rattle.service.explorer.point.work import prepare
+from gear_rattle.service.explorer.point.work import prepare_processes
 from gear_rattle.service.explorer.state.store import Store
 from gear_rattle.service.operations import diagrams
-from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
 from rattle.models import AnyGear, Impacting, Model, Stiff
@@ -59,30 +59,30 @@ from rattle.stiff import StiffGear
         (0.6, 0.03, ["quietly in 100 %", "No start came to rattle", "below 0.374 %"], ["No impact slower than 7"]),
         (0.6, 0.1, ["quietly in 7", "Otherwise it rattles: chaotic", "every forcing period, P(1,1,0)"], ["speed 2.5"]),
         (0.6, 0.2, ["From every start the gear rattles", "It rattles"], ["margin is 0"]),
-        (0.6, 0.1899, ["quiet"], ["cannot be told"]),
+        (0.6, 0.1899, ["quiet"], ["cannot be computed"]),
     ],
 )  # fmt: skip
 def test_a_sentence_for_an_engineer(delta: float, epsilon: float, likely: list[str], safe: list[str]) -> None:
     gear = rattle.Gear(delta, epsilon)
-    said = words.how_likely(gear, parts.chances(gear, 1024))
+    said = words.likelihood_in_words(gear, parts.sampled_attractors(gear, 1024))
     assert all(word in said for word in likely), said
-    said = words.how_safe(gear, parts.margin(gear))
+    said = words.margin_in_words(gear, parts.margin(gear))
     assert all(word in said for word in safe), said
 
 
 def test_the_numbers_of_the_sentence_are_the_library_s() -> None:
     gear = rattle.Gear(0.6, 0.089)
-    found = parts.chances(gear, 512)
+    found = parts.sampled_attractors(gear, 512)
     quiet = next(each for each in gear.attractors(512) if each.kind == "quiet")
-    numbers = [float(x) for x in re.findall(r"([\d.]+) %", words.how_likely(gear, found))]
+    numbers = [float(x) for x in re.findall(r"([\d.]+) %", words.likelihood_in_words(gear, found))]
     low, high = quiet.fraction_interval
     assert numbers[:4] == pytest.approx([100 * quiet.fraction, 95, 100 * low, 100 * high], rel=5e-3)
-    assert words.number(gear.quiet_limit) in words.where(gear)
+    assert words.number_text(gear.quiet_limit) in words.point_in_words(gear)
     margin = parts.margin(gear)
     assert margin[:3] == gear.boundary_distance(7.0)
     assert margin.leads_to is not None
     assert margin.leads_to.kind != "quiet"
-    assert f"speed {margin.v:.4g}" in words.how_safe(gear, margin)
+    assert f"speed {margin.v:.4g}" in words.margin_in_words(gear, margin)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_the_numbers_of_the_sentence_are_the_library_s() -> None:
     [(0.0, "0 %"), (1.0, "100 %"), (1e-5, "less than 0.05 %"), (1 - 1e-5, "more than 99.95 %"), (0.12345, "12.3 %")],
 )
 def test_shares(value: float, said: str) -> None:
-    assert words.percent(value) == said
+    assert words.percent_text(value) == said
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def test_shares(value: float, said: str) -> None:
     ],
 )
 def test_multipliers(pair: tuple[complex, complex] | None, said: str) -> None:
-    assert words.pair(pair) == said
+    assert words.multipliers_text(pair) == said
 
 
 # Parts
@@ -111,7 +111,7 @@ def test_multipliers(pair: tuple[complex, complex] | None, said: str) -> None:
 
 def test_attractors_have_their_letters_and_multipliers() -> None:
     gear = rattle.Gear(0.6, 0.089)
-    found = parts.chances(gear, 256)
+    found = parts.sampled_attractors(gear, 256)
     stable = {orbit.name: orbit for orbit in gear.orbits() if orbit.stable}
     assert {letter for letter in found.letters if letter} == set(stable)
     for each, letter, multipliers in zip(found.attractors, found.letters, found.multipliers, strict=True):
@@ -124,12 +124,12 @@ def test_attractors_have_their_letters_and_multipliers() -> None:
 
 def test_lines_are_the_manifolds_and_gamma() -> None:
     gear = rattle.Gear(0.6, 0.1)
-    found = {line.name: line.points for line in parts.lines(gear).lines}
+    found = {line.name: line.points for line in parts.plane_lines(gear).lines}
     assert set(found) == {"Γ", "Wˢ(A)", "Wˢ(B)", "Wᵘ(A)"}
     a = next(orbit for orbit in gear.orbits() if orbit.name == "A")
     for name in ("Wˢ(A)", "Wᵘ(A)"):
         assert np.nanmin(np.hypot(found[name][:, 0] - a.tau, found[name][:, 1] - a.v)) < 0.02
-    assert len(parts.lines(rattle.Gear(0.6, 0.03)).lines) <= 1  # no saddle there
+    assert len(parts.plane_lines(rattle.Gear(0.6, 0.03)).lines) <= 1  # no saddle there
 
 
 @pytest.mark.parametrize(("delta", "epsilon"), [(0.6, 0.1), (0.03, 0.005), (1e-9, 0.0), (5.0, 3.0)])
@@ -146,7 +146,7 @@ def test_a_view_where_real_gears_are_has_their_scales() -> None:
     highest = parts.largest_sampled_speed(gear.delta, gear.epsilon, gear.beta)
     assert highest == pytest.approx(1.5 * np.sqrt(16 * np.pi * gear.delta * gear.beta) + 2 * np.pi * gear.epsilon)
     assert parts.basins(gear, 20, "cells").v_max == highest
-    for line in parts.lines(gear).lines:
+    for line in parts.plane_lines(gear).lines:
         steps = np.abs(np.diff(line.points, axis=0)) / [1.0, highest / 7]
         assert np.nanmax(steps[:, 1]) < 0.05 + 1e-9, line.name
     low, high = diagrams.diagram_span(gear, "epsilon")
@@ -159,15 +159,15 @@ def test_a_view_where_real_gears_are_has_their_scales() -> None:
 
 def test_a_set_of_orbits_that_is_no_region_is_named() -> None:
     gear = rattle.Gear(0.049079, 0.01905, 0.022042)
-    assert ": orbits A, B and D, no region of the paper." in words.where(gear)
+    assert ": orbits A, B and D, no region of the paper." in words.point_in_words(gear)
     assert "orbits A, B and D" in words.orbits_table(parts.period_one(gear))
-    assert ": region III." in words.where(rattle.Gear(0.6, 0.07))
+    assert ": region III." in words.point_in_words(rattle.Gear(0.6, 0.07))
 
 
 def test_the_birth_of_rattle_is_told_where_it_happens() -> None:
-    assert "P(1,1,0), begins at ε = 0.05964." in words.where(rattle.Gear(0.6, 0.05))
+    assert "P(1,1,0), begins at ε = 0.05964." in words.point_in_words(rattle.Gear(0.6, 0.05))
     for beyond_cod22 in (rattle.Gear(0.8, 0.1), rattle.Gear(0.05, 1e-4, 0.001)):
-        assert "begins" not in words.where(beyond_cod22)
+        assert "begins" not in words.point_in_words(beyond_cod22)
 
 
 def test_a_legend_of_many_basins_names_the_largest() -> None:
@@ -183,32 +183,32 @@ def test_a_legend_of_many_basins_names_the_largest() -> None:
 
 
 def test_numbers_of_things_and_periods() -> None:
-    assert [words.counted(count, "event") for count in (0, 1, 2, 1024)] == [
+    assert [words.count_in_words(count, "event") for count in (0, 1, 2, 1024)] == [
         "0 events", "1 event", "2 events", "1,024 events",
     ]  # fmt: skip
-    assert words.every(1, words.period_of(None)) == "every forcing period"
+    assert words.recurrence_in_words(1, words.period_name(None)) == "every forcing period"
     alone = rattle.Machine(0.003, 5e-4, 1e-4, 1e-5, 0.05, rpm=3000)
-    assert words.every(2, words.period_of(alone)) == "every 2 revolutions"
+    assert words.recurrence_in_words(2, words.period_name(alone)) == "every 2 revolutions"
     other = {"driven_teeth": 31, "driven_inertia": 0.01, "driven_drag": 1e-3, "driven_eccentricity": 1e-5}
     pair = replace(alone, teeth=20, **other)
     assert pair.revolutions == 31
-    assert words.every(2, words.period_of(pair)) == "every 2 forcing periods"
+    assert words.recurrence_in_words(2, words.period_name(pair)) == "every 2 forcing periods"
 
 
 def test_a_table_folds_what_comes_after_six_rows() -> None:
     rows = [(str(i), "x") for i in range(7)]
-    said = words.table("Seven", ("Row", "Text"), rows)
+    said = words.html_table("Seven", ("Row", "Text"), rows)
     assert "<summary>All 7 rows</summary>" in said
     assert said.count("<tr>") == 8  # with the head
-    assert "<details>" not in words.table("Six", ("Row", "Text"), rows[:6])
+    assert "<details>" not in words.html_table("Six", ("Row", "Text"), rows[:6])
 
 
 def test_a_survey_s_cell_answers_where_it_lists_all_attractors() -> None:
-    plane = Exact().plane("quiet_fraction", 0)  # of the example
+    plane = ExactMaps().plane("quiet_fraction", 0)  # of the example
     at = 0.6, 0.0995
-    cell = plane.cell(*at)
+    cell = plane.cell_at(*at)
     assert cell is not None
-    found = parts.chances_of_cell(cell, 64)
+    found = parts.survey_attractors(cell, 64)
     assert found is not None
     axes = zip((plane.delta, plane.epsilon), at, strict=True)
     gear = rattle.Gear(*(float(axis[np.abs(axis - here).argmin()]) for axis, here in axes))
@@ -217,22 +217,22 @@ def test_a_survey_s_cell_answers_where_it_lists_all_attractors() -> None:
     for each in found.attractors:
         assert each.fraction == expected[each.name].fraction
         assert each.fraction_interval == pytest.approx(expected[each.name].fraction_interval, abs=1e-12)
-    assert words.how_likely(gear, found) == words.how_likely(
-        gear, parts.Chances(64, tuple(expected.values()), (None,) * len(expected), ("",) * len(expected))
+    assert words.likelihood_in_words(gear, found) == words.likelihood_in_words(
+        gear, parts.SampledAttractors(64, tuple(expected.values()), (None,) * len(expected), ("",) * len(expected))
     )
-    assert parts.chances_of_cell(cell.isel(attractor=slice(0, 1)), 64) is None  # some are not listed
-    assert parts.chances_of_cell(cell.drop_vars("attractor_kind"), 64) is None
+    assert parts.survey_attractors(cell.isel(attractor=slice(0, 1)), 64) is None  # some are not listed
+    assert parts.survey_attractors(cell.drop_vars("attractor_kind"), 64) is None
 
 
 def test_a_bar_has_the_shares_of_all_attractors() -> None:
-    found = parts.chances(rattle.Gear(0.6, 0.1), 64)
+    found = parts.sampled_attractors(rattle.Gear(0.6, 0.1), 64)
     said = words.shares_bar(found, Palette())
     shares = [float(each) for each in re.findall(r"flex-grow:([\d.]+)", said)]
     assert shares == pytest.approx([each.fraction for each in found.attractors], abs=1e-6)
     assert re.search(r'role="img" aria-label="Shares of starts: quiet 7[\d.]+ %; chaotic', said)
 
 
-def drawn(marks: Marks, v: np.ndarray, upward: np.ndarray) -> DiagramLines:
+def drawn(marks: EventImpacts, v: np.ndarray, upward: np.ndarray) -> DiagramLines:
     """A diagram with these events, and an unstable motion that has these speeds."""
     at = np.linspace(0.1, 0.2, v.size)
     stroke = Stroke(at, v, at, "P(1,1,0), A", False)
@@ -241,7 +241,7 @@ def drawn(marks: Marks, v: np.ndarray, upward: np.ndarray) -> DiagramLines:
 
 def test_events_are_told_beside_their_motions_and_markers_explained() -> None:
     at = np.array([0.1, 0.1, 0.2])
-    marks = Marks(at, at, at, ("SN", "PD", "PD"), ("SN1", "", ""), ("P(1,1,0)", "P(2,2,1)", "P(2,2,1)"))
+    marks = EventImpacts(at, at, at, ("SN", "PD", "PD"), ("SN1", "", ""), ("P(1,1,0)", "P(2,2,1)", "P(2,2,1)"))
     found = drawn(marks, at, np.array([True, False, False]))
     picture = DiagramPicture("light")
     picture.show(found, 0.1)
@@ -260,35 +260,35 @@ def test_events_are_told_beside_their_motions_and_markers_explained() -> None:
 
 def test_a_diagram_s_axis_is_fitted_to_its_speeds_with_room_for_the_names_of_events() -> None:
     at, v = np.array([0.1, 0.12, 0.9]), np.array([4.7, 4.8, 4.9])
-    marks = Marks(at, v, at, ("SN", "PD", "GR"), ("", "PD1", ""), ("P(1,1,0)", "P(1,1,1)", "P(2,2,1)"))
+    marks = EventImpacts(at, v, at, ("SN", "PD", "GR"), ("", "PD1", ""), ("P(1,1,0)", "P(1,1,1)", "P(2,2,1)"))
     found = drawn(marks, v, np.array([True, True, True]))
-    low, high = speeds_of(found)
+    low, high = speed_range(found)
     assert (low, high) == pytest.approx((4.692, 4.908))
     picture = DiagramPicture("light")
     picture.show(found, 0.1)
     axis = picture.figure.y_range
     assert axis.start == low
     assert high < axis.end < high + 0.25 * (high - low)
-    names = {each.text: each for each in named_events(found, 300)}
+    names = {each.text: each for each in placed_event_names(found, 300)}
     assert set(names) == {"saddle-node P(1,1,0)", "period doubling PD1", "grazing P(2,2,1)"}
     one, other = names["saddle-node P(1,1,0)"], names["period doubling PD1"]
     assert one.row != other.row  # they are too close to stand side by side
-    assert not one.meets(other)
+    assert not one.collides_with(other)
     assert names["grazing P(2,2,1)"].align == "right"  # or the edge would cut it off
     assert names["grazing P(2,2,1)"].right <= 300
     many = np.linspace(0.3, 0.31, 40)
-    crowd = Marks(many, many, many, ("PD",) * 40, ("",) * 40, ("P(1,1,0)",) * 40)
-    placed = named_events(drawn(crowd, many, np.ones(40, bool)), 300)
+    crowd = EventImpacts(many, many, many, ("PD",) * 40, ("",) * 40, ("P(1,1,0)",) * 40)
+    placed = placed_event_names(drawn(crowd, many, np.ones(40, bool)), 300)
     assert 1 <= len(placed) < 10
-    assert not any(one.meets(other) for one in placed for other in placed if one is not other)
+    assert not any(one.collides_with(other) for one in placed for other in placed if one is not other)
 
 
 def test_a_cascade_beside_slow_motions_fills_most_of_the_axis() -> None:
     at, beyond = FIGURE_5
     found = parts.diagram(rattle.Gear(at, sum(beyond) / 2), "epsilon", (beyond[1] - beyond[0]) / 2)
-    low, high = speeds_of(found)
+    low, high = speed_range(found)
     assert low < 0.5  # slow motions beyond the crisis
-    dense = dense_speeds(found)
+    dense = dense_speed_range(found)
     assert dense is not None
     cascade = found.v[(found.x < CRISES["0.6"][1]) & (found.v > 4.0)]
     height = dense[1] - dense[0]
@@ -310,13 +310,13 @@ def test_a_cascade_beside_slow_motions_fills_most_of_the_axis() -> None:
 def test_an_axis_without_dense_speeds_shows_all() -> None:
     v = np.linspace(1.0, 4.0, 500)
     nothing = np.array([])
-    found = drawn(Marks(nothing, nothing, nothing, (), (), ()), v, np.ones(500, bool))
-    assert dense_speeds(found) is None
-    assert dense_speeds(found._replace(x=nothing, v=nothing, upward=nothing.astype(bool))) is None
+    found = drawn(EventImpacts(nothing, nothing, nothing, (), (), ()), v, np.ones(500, bool))
+    assert dense_speed_range(found) is None
+    assert dense_speed_range(found._replace(x=nothing, v=nothing, upward=nothing.astype(bool))) is None
     picture = DiagramPicture("light")
     picture.show(found, 0.1)
     assert not picture.speeds.visible
-    assert picture.figure.y_range.start == speeds_of(found)[0]
+    assert picture.figure.y_range.start == speed_range(found)[0]
 
 
 def test_impacts_of_a_periodic_motion_are_those_of_its_period() -> None:
@@ -404,7 +404,7 @@ def test_what_of_a_state_cannot_be_read_is_as_by_default(state: dict[str, str]) 
     ],
 )  # fmt: skip
 def test_an_address_without_a_tab_opens_the_one_of_its_choice(state: dict[str, str], tab: str) -> None:
-    assert PointState.read(state, 7.0).open_tab == tab
+    assert PointState.read(state, 7.0).shown_tab == tab
 
 
 # The view
@@ -424,7 +424,7 @@ def new_view(
     """The view of a point, in a store of its own."""
     store = Store(View(point=(delta, epsilon), point_state=state), EXAMPLE)
     view = PointView(panel or PointPanel("light"), front, store, delta, epsilon, model, machine)
-    store.subscribe(view.follow, "point_state")
+    store.subscribe(view.show_state, "point_state")
     return view
 
 
@@ -441,7 +441,7 @@ def coarse(work: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     """A part of a view, computed here, with few cells and starts."""
     if work is parts.basins:
         arguments = (arguments[0], 40, "cells")
-    if work is parts.chances:
+    if work is parts.sampled_attractors:
         arguments = (arguments[0], 64)
     return work(*arguments)
 
@@ -467,19 +467,19 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
     computed: dict[str, set[int]] = {}
     known: dict[str, Any] = {}  # by what is asked: the second view needs most of it again
 
-    async def in_turn_and_noted(front: Front, *work: Any, **words: Any) -> Any:
+    async def in_process_and_noted(front: Front, *work: Any, **words: Any) -> Any:
         if (asked := repr(work)) in known:
             return known[asked]
         if work[0] is parts.basins:
             work = (*work[:2], work[2] // COARSER, work[3])
-        process, found = await in_turn(front, with_process, *work, **words)
+        process, found = await compute_in_process(front, with_process, *work, **words)
         computed.setdefault(words["what"], set()).add(process)
         known[asked] = found
         return found
 
     async def body(front: Front) -> None:
-        await prepare(front)
-        monkeypatch.setattr(work, "in_turn", in_turn_and_noted)
+        await prepare_processes(front)
+        monkeypatch.setattr(work, "compute_in_process", in_process_and_noted)
         view = new_view(front, 0.6, 0.1, Impacting(0.6))
         assert "region IV" in view.panel.where.html
         assert "2.602, 0.2109" in view.panel.orbits.html
@@ -503,7 +503,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         assert view.store.view.point_state == {}
         states: list[dict[str, str]] = []
         view.store.subscribe(lambda: states.append(dict(view.store.view.point_state)), "point_state")
-        view.panel.choice.value = 2
+        view.panel.motion_choice.value = 2
         await eventually(lambda: view.panel.under_motion.html.startswith('<p class="faint">P(1,1,0)'))
         view.panel.picture.tap(type("Tap", (), {"x": 1.25, "y": 4.5}))
         await eventually(lambda: "initial condition" in view.panel.under_motion.html)
@@ -522,7 +522,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         await eventually(lambda: again.panel.under_diagram.html == view.panel.under_diagram.html)
         again.panel.on_tab("motion")
         await eventually(lambda: again.panel.under_motion.html == view.panel.under_motion.html)
-        assert again.panel.choice.value == view.panel.choice.value
+        assert again.panel.motion_choice.value == view.panel.motion_choice.value
         for each in (view, again):
             each.stop()
 
@@ -556,13 +556,13 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
 def test_a_view_that_is_put_away_computes_and_changes_nothing_more(tmp_path: Path) -> None:
     async def body(front: Front) -> None:
         view = new_view(front, 0.6, 0.1, Impacting(0.6))
-        await eventually(lambda: front.points.borrowed_tokens > 0)
+        await eventually(lambda: front.point_limiter.borrowed_tokens > 0)
         view.stop()
         said = view.panel.likely.html
         await eventually(lambda: not view.work.tasks)  # what was at work has ended, and nothing can follow
         assert view.panel.likely.html == said
-        assert front.points.borrowed_tokens == 0
-        assert front.points.statistics().tasks_waiting == 0
+        assert front.point_limiter.borrowed_tokens == 0
+        assert front.point_limiter.statistics().tasks_waiting == 0
 
     with_front(tmp_path, body)
 
@@ -591,26 +591,26 @@ def test_a_point_outside_the_plane_is_told(tmp_path: Path, delta: float, epsilon
         view = new_view(front, delta, epsilon, Impacting(0.6), panel=panel)
         assert "must" in view.panel.likely.html
         assert panel.where.html == panel.safe.html == ""
-        view.follow()
+        view.show_state()
         view.stop()
 
     with_front(tmp_path, body)
 
 
 def test_the_survey_s_answer_comes_first_and_the_sharper_one_replaces_it(tmp_path: Path) -> None:
-    cell = Exact().plane("quiet_fraction", 0).cell(0.6, 0.1)
+    cell = ExactMaps().plane("quiet_fraction", 0).cell_at(0.6, 0.1)
     assert cell is not None
-    surveyed = parts.chances_of_cell(cell, 64)
+    surveyed = parts.survey_attractors(cell, 64)
     assert surveyed is not None
 
     async def body(front: Front) -> None:
         view = new_view(front, 0.6, 0.1, Impacting(0.6))
-        view.tell_survey(surveyed)
+        view.show_survey_answer(surveyed)
         assert "from 64 starts" in view.panel.likely.html
         assert "from the survey's grid cell" in view.panel.likely.html
         await eventually(lambda: "from 1,024 starts" in view.panel.likely.html)
         assert "grid cell" not in view.panel.likely.html
-        view.tell_survey(surveyed)  # too late
+        view.show_survey_answer(surveyed)  # too late
         assert "from 1,024 starts" in view.panel.likely.html
         view.stop()
 
@@ -636,9 +636,9 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         await opened(view, "diagram", "under_diagram")
         gear = StiffGear(0.6, 0.075, 0.6, 1e4)
         quiet = next(each for each in gear.attractors(64) if each.kind == "quiet")
-        assert words.percent(quiet.fraction) in view.panel.likely.html
+        assert words.percent_text(quiet.fraction) in view.panel.likely.html
         assert "region III" in view.panel.orbits.html
-        assert words.number(gear.orbits()[0].v) in view.panel.orbits.html
+        assert words.number_text(gear.orbits()[0].v) in view.panel.orbits.html
         named = {each.name for each in gear.orbits() if each.stable}
         assert named
         for name in named:  # known after the attractors were told

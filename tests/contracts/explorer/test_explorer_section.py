@@ -10,12 +10,12 @@ from test_explorer_view import Shown, done, with_map
 from waiting import eventually
 
 import rattle
-from gear_rattle.service.explorer.common.address import Chosen, View
-from gear_rattle.service.explorer.places.exact import Exact
+from gear_rattle.service.explorer.common.address import MapChoice, View
+from gear_rattle.service.explorer.places.exact import ExactMaps
 from gear_rattle.service.explorer.point.diagram import DiagramPicture
-from gear_rattle.service.explorer.section.picture import spanned
+from gear_rattle.service.explorer.section.picture import value_range
 from gear_rattle.service.explorer.section.profile import OUTSIDE, crossed_cells, profile_in_words, profile_of
-from gear_rattle.service.explorer.section.section import NO_WAY, Section
+from gear_rattle.service.explorer.section.section import NO_WAY, ProfileSection
 from gear_rattle.service.explorer.state.events import PointOpened
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest
@@ -25,8 +25,8 @@ pytestmark = pytest.mark.usefixtures("templates_once")
 
 
 @pytest.fixture(scope="module")
-def exact() -> Exact:
-    return Exact()
+def exact() -> ExactMaps:
+    return ExactMaps()
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,7 @@ def exact() -> Exact:
     ],
 )  # fmt: skip
 def test_a_profile_has_the_values_of_the_cells_that_are_crossed(
-    exact: Exact, ends: tuple[tuple[float, float], tuple[float, float]]
+    exact: ExactMaps, ends: tuple[tuple[float, float], tuple[float, float]]
 ) -> None:
     plane = exact.plane("region", 0)
     found = profile_of(plane, ends)
@@ -50,7 +50,7 @@ def test_a_profile_has_the_values_of_the_cells_that_are_crossed(
     for at in along:
         delta, epsilon = (a + at * (b - a) for a, b in zip(*ends, strict=True))
         value = found.values[np.searchsorted(found.at, at) - 1]
-        cell = plane.at(delta, epsilon)
+        cell = plane.value_and_status(delta, epsilon)
         outside += cell is None
         assert np.isnan(value) if cell is None else value == cell[0]
     assert found.gaps.get(OUTSIDE, 0.0) == pytest.approx(outside / along.size, abs=0.1)
@@ -70,14 +70,14 @@ def test_a_line_crosses_cells_one_after_the_other() -> None:
     assert (at.tolist(), row.tolist(), column.tolist()) == ([0, 1], [1], [1])
 
 
-def test_gaps_are_where_a_map_has_no_value(exact: Exact) -> None:
+def test_gaps_are_where_a_map_has_no_value(exact: ExactMaps) -> None:
     plane = exact.plane("orbit_velocity", 2)  # C
     found = profile_of(plane, ((0.45, 0.02), (0.95, 0.28)))
     lengths, none = np.diff(found.at), np.isnan(found.values)
     assert 0 < found.gaps["no such orbit"] < 1
     assert found.gaps["no such orbit"] == pytest.approx(lengths[none].sum())
     assert f"Gaps: {found.gaps['no such orbit']:.2g} of the way: no such orbit" in profile_in_words(found)
-    low, high = spanned(found)
+    low, high = value_range(found)
     assert low < np.nanmin(found.values) <= np.nanmax(found.values) < high
     drawn = np.repeat(found.values, 2)
     assert np.isnan(drawn).any()  # a line has a gap there
@@ -92,7 +92,7 @@ def test_the_profile_is_of_the_map_that_is_seen_or_of_the_one_that_is_chosen(tmp
         shown.choose(job)
         shown.controls.variable.value = "region"
         await eventually(lambda: shown.plane is not None and shown.plane.plane.name == "region")
-        section = Section(shown.shared, shown.viewer, shown.store, "light", "")
+        section = ProfileSection(shown.shared, shown.viewer, shown.store, "light", "")
         panel, fields = section.below.panel, (section.delta, section.epsilon)
         shown.follow(job)
         assert not panel.visible  # no point, no diagram
@@ -111,7 +111,7 @@ def test_the_profile_is_of_the_map_that_is_seen_or_of_the_one_that_is_chosen(tmp
         assert picture.figure.x_range is section.picture.figure.x_range
         assert picture.figure.min_border_left == section.picture.figure.min_border_left
         section.variable.value = "attractor_kind,1"
-        assert shown.view.profile == Chosen("attractor_kind", 1)
+        assert shown.view.profile == MapChoice("attractor_kind", 1)
         told = {name: [value.encode()] for name, value in parse_qsl(shown.view.query()[1:])}
         assert View.parse(told).profile == shown.view.profile
         await eventually(lambda: "Kind of" in section.said.html)

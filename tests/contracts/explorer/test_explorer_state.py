@@ -7,10 +7,10 @@ import pytest
 from gear_rattle.service.explorer.common.address import (
     MOST_FURTHER,
     MOST_PINS,
-    AsSeen,
-    Chosen,
-    Entered,
-    Further,
+    ComparisonChoice,
+    DrawnSettings,
+    EnteredMachine,
+    MapChoice,
     Pin,
     Pointer,
     Ranges,
@@ -24,8 +24,8 @@ from gear_rattle.service.explorer.state.store import JOBS, Store, window_of
 
 WINDOW: Ranges = (0.5, 0.6), (0.1, 0.2)
 CLOSER: Ranges = (0.5, 0.55), (0.1, 0.15)
-MACHINE = Entered(0.003, 5e-4, 1e-4, 1.5e-5, 0.05, 3000.0)
-FURTHER = tuple(Further("a", name) for name in ("region", "status", "quiet_fraction"))
+MACHINE = EnteredMachine(0.003, 5e-4, 1e-4, 1.5e-5, 0.05, 3000.0)
+FURTHER = tuple(ComparisonChoice("a", name) for name in ("region", "status", "quiet_fraction"))
 
 
 def after(view: View, *happened: Event) -> View:
@@ -38,15 +38,15 @@ def after(view: View, *happened: Event) -> View:
     ("event", "changed"),
     [
         (events.VariableChosen("region"), {"variable": "region", "index": 0, "limits": "auto"}),
-        (events.MapOffered("region", 1, 2), {"variable": "region", "index": 1, "slice": 2}),
+        (events.DefaultMapChosen("region", 1, 2), {"variable": "region", "index": 1, "slice": 2}),
         (events.IndexChosen(3), {"index": 3}),
         (events.SliceChosen(2), {"slice": 2, "family": None}),
         (events.LimitsSet((0.1, 0.2), True), {"limits": (0.1, 0.2), "log": True}),
         (events.OverlaysChosen(("SN1",)), {"overlays": ("SN1",)}),
         (events.ShareSet(0.9), {"share": 0.9}),
         (events.FamilyChosen(7), {"family": 7}),
-        (events.ProfileChosen(Chosen("a"), (1.0, 2.0)), {"profile": Chosen("a"), "profile_limits": (1.0, 2.0)}),
-        (events.ProfileChosen(Chosen("region")), {"profile": Chosen("region"), "profile_limits": None}),
+        (events.ProfileChosen(MapChoice("a"), (1.0, 2.0)), {"profile": MapChoice("a"), "profile_limits": (1.0, 2.0)}),
+        (events.ProfileChosen(MapChoice("region")), {"profile": MapChoice("region"), "profile_limits": None}),
     ],
 )  # fmt: skip
 def test_what_is_chosen_is_in_the_view(event: Event, changed: dict[str, object]) -> None:
@@ -70,17 +70,17 @@ def test_a_new_survey_shows_its_usual_variable() -> None:
 
 
 def test_own_limits_begin_where_the_colours_do_that_are_drawn() -> None:
-    seen = AsSeen((0.2, 1.0), True, None)
+    seen = DrawnSettings((0.2, 1.0), True, None)
     own = View(limits=(-1.0, 1.0), log=True)
     assert reduce(own, events.MapDrawn(seen, (-1.0, 1.0))).limits == (0.2, 1.0)
     assert reduce(own, events.MapDrawn(seen, (-2.0, 1.0))).limits == (-1.0, 1.0)  # they were drawn for others
     assert reduce(View(), events.MapDrawn(seen)).limits == "auto"
-    assert reduce(own, events.MapDrawn(AsSeen(None, False, None), (-1.0, 1.0))).limits == (-1.0, 1.0)
+    assert reduce(own, events.MapDrawn(DrawnSettings(None, False, None), (-1.0, 1.0))).limits == (-1.0, 1.0)
     assert reduce(View(), events.MapDrawn(seen)).seen == seen
 
 
 def test_windows_are_gone_back_to_and_forward_again() -> None:
-    back, forward = events.WentBack(), events.WentForward()
+    back, forward = events.BackChosen(), events.ForwardChosen()
     nowhere = View()
     assert reduce(nowhere, back) is reduce(nowhere, forward) is nowhere
     view = after(nowhere, events.WindowMoved(WINDOW), events.WindowMoved(CLOSER))
@@ -122,26 +122,26 @@ def test_a_point_is_opened_changed_and_closed() -> None:
 
 
 def test_a_way_goes_from_the_open_point() -> None:
-    assert reduce(View(), events.WayChosen((0.6, 0.1))) == reduce(View(), events.PointOpened((0.6, 0.1)))
+    assert reduce(View(), events.DiagramEndChosen((0.6, 0.1))) == reduce(View(), events.PointOpened((0.6, 0.1)))
     view = View(point=(0.6, 0.1), point_state={"at": "0.5", "attractor": "1"})
     state = {"attractor": "1", "to": "0.7,0.2", "tab": "diagram"}
-    assert reduce(view, events.WayChosen((0.7, 0.2))) == replace(view, point_state=state)
-    assert reduce(view, events.WayChosen((0.0, 0.2))) is view
+    assert reduce(view, events.DiagramEndChosen((0.7, 0.2))) == replace(view, point_state=state)
+    assert reduce(view, events.DiagramEndChosen((0.0, 0.2))) is view
 
 
 def test_a_place_has_a_window_and_a_point() -> None:
     view = View(point=(0.6, 0.1), point_state={"tab": "motion"}, machine=MACHINE)
-    there = reduce(view, events.PlaceChosen(WINDOW, (0.7, 0.2), {"span": "0.1"}))
+    there = reduce(view, events.BookmarkChosen(WINDOW, (0.7, 0.2), {"span": "0.1"}))
     assert (there.window, there.point, there.point_state, there.machine) == (WINDOW, (0.7, 0.2), {"span": "0.1"}, None)
-    assert reduce(view, events.PlaceChosen(WINDOW, None, {})) == View(delta=WINDOW[0], epsilon=WINDOW[1])
-    assert reduce(there, events.WentBack()).window is None
+    assert reduce(view, events.BookmarkChosen(WINDOW, None, {})) == View(delta=WINDOW[0], epsilon=WINDOW[1])
+    assert reduce(there, events.BackChosen()).window is None
 
 
 def test_maps_beside_the_first_are_added_changed_and_removed() -> None:
     view = after(View(), *(events.MapAdded(each) for each in (*FURTHER, FURTHER[0])))
     assert view.further == FURTHER
     assert len(FURTHER) == MOST_FURTHER
-    other = Further("b", "region")
+    other = ComparisonChoice("b", "region")
     assert reduce(view, events.MapChanged(1, other)).further == (FURTHER[0], other, FURTHER[2])
     assert reduce(view, events.MapRemoved(1)).further == (FURTHER[0], FURTHER[2])
 
@@ -154,7 +154,7 @@ def test_pins_are_added_once_and_removed() -> None:
 
 
 def test_a_pointer_is_in_no_address() -> None:
-    view = reduce(View(), events.Pointed((0.6, 0.1), "map"))
+    view = reduce(View(), events.PointerMoved((0.6, 0.1), "map"))
     assert view.pointer == Pointer((0.6, 0.1), "map")
     assert view.query() == ""
 
@@ -177,13 +177,13 @@ def test_a_store_tells_of_what_has_changed_and_once() -> None:
     store.dispatch(events.IndexChosen(1))
     store.dispatch(events.ShareSet(0.9))
     assert told == []
-    store.learn({})
+    store.update_surveys({})
     assert told == ["surveys"]
 
 
 def test_a_store_without_a_survey_has_the_example() -> None:
     store = Store(View(), REQUEST)
-    assert store.whole is REQUEST
+    assert store.whole_request is REQUEST
     assert store.window == window_of(REQUEST)
     store.dispatch(events.WindowMoved(WINDOW))
     assert store.window == WINDOW

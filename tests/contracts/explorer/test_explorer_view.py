@@ -16,27 +16,27 @@ import rattle
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.app import create_app
 from gear_rattle.service.database.tables import JobRow, State
-from gear_rattle.service.explorer.common.address import KEYBOARD, Entered, Pair, View
-from gear_rattle.service.explorer.common.news import JobStatus, News
+from gear_rattle.service.explorer.common.address import KEYBOARD, EnteredMachine, Pair, View
+from gear_rattle.service.explorer.common.news import JobStatus, StatusPublisher
 from gear_rattle.service.explorer.common.viewer import Viewer
-from gear_rattle.service.explorer.design.go_to import GoTo
+from gear_rattle.service.explorer.design.go_to import GoToPanel
 from gear_rattle.service.explorer.map import shared as map_shared
 from gear_rattle.service.explorer.map import view as map_view
-from gear_rattle.service.explorer.map.beside import Beside
+from gear_rattle.service.explorer.map.beside import RightSide
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
-from gear_rattle.service.explorer.map.controls import Controls
+from gear_rattle.service.explorer.map.controls import MapControls
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.planes import Atlas, MapPlane, maps_of
-from gear_rattle.service.explorer.map.shared import Shared, in_closed_form, usual_variable
+from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form
 from gear_rattle.service.explorer.map.survey_map import block_of
 from gear_rattle.service.explorer.map.view import MapView
-from gear_rattle.service.explorer.page.rows import row_of
-from gear_rattle.service.explorer.places.exact import Exact, ExactPlane
-from gear_rattle.service.explorer.point.panel import Below
+from gear_rattle.service.explorer.page.rows import survey_row
+from gear_rattle.service.explorer.places.exact import ExactMaps, ExactPlane
+from gear_rattle.service.explorer.point.panel import FigurePlace
 from gear_rattle.service.explorer.state.events import (
     PointChanged,
     PointClosed,
-    Pointed,
+    PointerMoved,
     PointOpened,
     SurveyChosen,
     WindowMoved,
@@ -66,21 +66,20 @@ class Here(Viewer):
     def change(self, what: Callable[[], object]) -> None:
         what()
 
-    async def changed(self, what: Callable[[], object]) -> None:
-        what()
-
 
 class Shown:
     """The map of a page, with its controls and the open point, as the page has them around its store."""
 
-    def __init__(self, shared: Shared, viewer: Viewer, view: View) -> None:
+    def __init__(self, shared: SharedState, viewer: Viewer, view: View) -> None:
         self.shared, self.viewer = shared, viewer
         self.store = store = Store(view, shared.exact.request)
         self.map = MapFigure("light", store.dispatch)
         self.panel = MapView(shared, viewer, store, self.map, "")
-        self.controls = Controls(shared, store, "")
-        self.go_to = GoTo(store, "")
-        self.beside = Beside(shared, viewer, store, "light", Below(), self.go_to.panel, self.panel.readout.pane)
+        self.controls = MapControls(shared, store, "")
+        self.go_to = GoToPanel(store, "")
+        self.beside = RightSide(
+            shared, viewer, store, "light", FigurePlace(), self.go_to.panel, self.panel.readout.pane
+        )
         self.title, self.said, self.readout = self.panel.title, self.panel.said, self.panel.readout
         self.lines, self.keys = self.panel.lines, self.panel.keys
 
@@ -100,14 +99,14 @@ class Shown:
         """What news of this survey does; None: there is none of it any more."""
         status = {} if job is None else {job.id: JobStatus(job, None, None)}
         gone = self.view.survey if job is None else ""
-        self.store.learn({name: each for name, each in {**self.store.jobs, **status}.items() if name != gone})
+        self.store.update_surveys({name: each for name, each in {**self.store.jobs, **status}.items() if name != gone})
 
     def choose(self, job: JobRow, is_new: bool = False) -> None:
         self.store.dispatch(SurveyChosen(job.id, is_new))
         self.follow(job)
 
     def hover(self, delta: float, epsilon: float) -> None:
-        self.store.dispatch(Pointed((delta, epsilon), "map"))
+        self.store.dispatch(PointerMoved((delta, epsilon), "map"))
 
     def moved(self, delta: Pair, epsilon: Pair) -> None:
         self.store.dispatch(WindowMoved((delta, epsilon)))
@@ -115,7 +114,7 @@ class Shown:
     def reset(self) -> None:
         self.store.dispatch(WindowReset())
 
-    def open(self, at: Pair, machine: Entered | None = None) -> None:
+    def open(self, at: Pair, machine: EnteredMachine | None = None) -> None:
         self.store.dispatch(PointOpened(at, machine))
 
     def change_point(self, state: dict[str, str]) -> None:
@@ -137,7 +136,7 @@ def with_map(
         app = create_app(Settings(data=data, preload=False), no_cluster)
         async with app.router.lifespan_context(app):
             front: Front = app.state.front
-            shared = Shared(front, News(front), Atlas(front), app.state.overlaid, Exact(), looked)
+            shared = SharedState(front, StatusPublisher(front), Atlas(front), app.state.overlaid, ExactMaps(), looked)
             viewer = Here(front, Caller(), Document())
             shown = Shown(shared, viewer, View(overlays=(), is_variable_chosen="variable" in view, **view))
             viewer.document.add_root(shown.map.figure)
@@ -169,8 +168,8 @@ async def choose_with_lines(shown: Shown, job: JobRow) -> None:
     """Choose a survey that is done, and draw a line and a point over it."""
     shown.choose(job)
     await eventually(lambda: cells(shown))
-    shown.map.line("SN1", [np.array([[0.5, 0.1], [0.6, 0.2]])])
-    shown.map.points([("COD22", 0.77, 0.09)])
+    shown.map.draw_line("SN1", [np.array([[0.5, 0.1], [0.6, 0.2]])])
+    shown.map.mark_points([("COD22", 0.77, 0.09)])
     shown.hover(0.6, 0.1)
     await eventually(lambda: "Cell at" in shown.readout.html)
 
@@ -191,13 +190,13 @@ def test_what_the_first_page_shows_is_found_before_anybody_looks(
 ) -> None:
     drawn, lines, looked = list[Any](), list[Any](), list[bool]()
     monkeypatch.setattr(map_shared, "colouring", lambda *args: drawn.append(args) or colouring(*args))
-    monkeypatch.setattr(map_shared, "usual_lines", lambda *args: lines.append(args))
+    monkeypatch.setattr(map_shared, "cache_default_lines", lambda *args: lines.append(args))
 
     async def ready(*_: Any, **__: Any) -> None:
         """Kernels, which are not what is waited for here."""
 
     async def body(front: Front, shown: Shown) -> None:
-        monkeypatch.setattr(front.kernels, "require", ready)
+        monkeypatch.setattr(front.kernels, "wait_until_compiled", ready)
         job = done(front, REGIONS) if is_there else None
         await shown.shared.prepare()
         assert len(drawn) == 1
@@ -306,7 +305,7 @@ def test_a_deep_window_is_read_counted_and_never_white(tmp_path: Path) -> None:
         await eventually(lambda: cells(shown) and shown.plane is not None)
         plane, figure = shown.plane, shown.map.figure
         assert plane is not None
-        at = plane.at(delta, epsilon)
+        at = plane.value_and_status(delta, epsilon)
         assert at is not None
         window = (delta - 1e-9, delta + 1e-9), (epsilon - 1e-9, epsilon + 1e-9)
         shown.moved(*window)
@@ -327,9 +326,9 @@ def test_a_deep_window_is_read_counted_and_never_white(tmp_path: Path) -> None:
         shown.panel.show_finer(block_of(Frame(*axes, values, 1.0, 0)))
         await eventually(lambda: shares().get(code) == pytest.approx(1 / 3))
         shown.hover(delta, epsilon)
-        await eventually(lambda: "Outside of this window" in shown.readout.html)
+        await eventually(lambda: "outside of this window" in shown.readout.html)
         assert f"computed here</dt><dd>{rattle.REGIONS[other]}</dd>" in shown.readout.html
-        shown.store.dispatch(Pointed((delta, epsilon), KEYBOARD))
+        shown.store.dispatch(PointerMoved((delta, epsilon), KEYBOARD))
         assert shown.said.html.endswith(f"computed here, {rattle.REGIONS[other]}</p>")
         shown.reset()
         await eventually(lambda: shares().get(code) == pytest.approx((plane.values == at[0]).mean()))
@@ -385,7 +384,7 @@ def test_a_slider_chooses_the_slice_of_a_third_axis(tmp_path: Path) -> None:
 def test_the_list_tells_of_a_third_axis(tmp_path: Path) -> None:
     async def body(front: Front, _shown: Shown) -> None:
         job = accepted(front, THIRD)
-        row = row_of(JobStatus(job, None, None), View(survey=job.id, variable="region", slice=1), True)
+        row = survey_row(JobStatus(job, None, None), View(survey=job.id, variable="region", slice=1), True)
         assert (row["size"], row["slice"]) == ("6 × 4 × 2", ["beta", 1])
         assert ["β", "0.5 … 0.6, 2 values"] in row["facts"]
 
@@ -419,7 +418,7 @@ def test_without_any_survey_the_plane_is_shown_as_it_is_known(tmp_path: Path) ->
         shown.controls.variable.value = "orbit_velocity"
         await eventually(lambda: shown.plane is not plane and shown.plane is not None)
         assert shown.plane is not None
-        here = shown.plane.at(0.6, 0.1)
+        here = shown.plane.value_and_status(0.6, 0.1)
         assert here is not None
         assert here[0] == pytest.approx(2 * np.pi * 0.6, abs=0.02)  # of A: 2πδ
         shown.choose(accepted(front, STIFF))
@@ -441,9 +440,9 @@ def test_without_any_survey_the_plane_is_shown_as_it_is_known(tmp_path: Path) ->
 )
 def test_the_usual_map_of_a_survey_that_is_computed_is_one_that_fills_in(asked: dict[str, Any], filling: str) -> None:
     request = SurveyRequest(**BODY | asked)
-    assert usual_variable(request, False) == filling
+    assert default_variable(request, False) == filling
     first = next(iter(maps_of(request)))
-    assert usual_variable(request, True) == (first if in_closed_form(request, first) else filling)
+    assert default_variable(request, True) == (first if is_closed_form(request, first) else filling)
 
 
 def test_a_map_that_nobody_chose_fills_in_from_where_its_survey_begins(tmp_path: Path) -> None:
@@ -467,7 +466,7 @@ def test_a_map_that_nobody_chose_fills_in_from_where_its_survey_begins(tmp_path:
             assert "ends quiet" in shown.colours.title
             assert shown.colours.shades[0].label == "not computed"
         shown.controls.variable.value = "region"
-        await eventually(lambda: "before the survey has come" in shown.title.html)
+        await eventually(lambda: "before the survey has computed" in shown.title.html)
         front.database.set_state(job.id, State.ACCEPTED)  # it waits for its turn again
         shown.follow(front.database.job(job.id))
         front.database.set_state(job.id, State.RUNNING)
@@ -499,15 +498,15 @@ def test_closed_forms_of_a_survey_are_shown_before_it_is_computed(tmp_path: Path
         front.database.set_state(job.id, State.RUNNING)
         compute(front, job.id, asked, slice(1))
         shown.follow(front.database.job(job.id))
-        await eventually(lambda: "before the survey has come" in shown.title.html)
+        await eventually(lambda: "before the survey has computed" in shown.title.html)
         assert shown.plane is plane
-        first, last = (plane.cell(delta[each], epsilon[each]) for each in (0, -1))
+        first, last = (plane.cell_at(delta[each], epsilon[each]) for each in (0, -1))
         assert first is not None
         assert "attractor_kind" in first
         assert last is not None
         assert "attractor_kind" not in last
         assert last["region"] == plane.values[-1, -1]
-        assert plane.cell(2.0, 0.1) is None
+        assert plane.cell_at(2.0, 0.1) is None
         shown.controls.variable.value = "quiet_fraction"
         await eventually(lambda: shown.plane is not plane)
         assert shown.plane is not None

@@ -11,7 +11,7 @@ from rattle.numerics.processes import SAFE_PATH, environment, module_path
 
 ROOT = Path(__file__).parents[3]
 #: Files that start processes by a library, which inherit the environment of the command or the service.
-BY_A_LIBRARY = {"service/kernels.py", "service/operations/crises.py", "service/operations/turns.py"}
+BY_A_LIBRARY = {"service/kernels.py", "service/operations/crises.py", "service/operations/processes.py"}
 MEASURES = {"service/bench/measure.py"}  # of the command only, which sets the variable
 STARTERS = {"subprocess", "multiprocessing", "to_process", "ProcessPoolExecutor", "create_subprocess_exec"}
 

@@ -39,10 +39,10 @@ def perhaps(values: Any) -> Any:
 def test_an_inline_function_that_returns_an_array_is_refused(function: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compiling.Inline, "compiled", [])
     compiled = inline(function)
-    compiling.require_borrowed()
+    compiling.refuse_array_returns()
     compiled.in_kernels.compile(NUMBERS)
     with pytest.raises(RattleError, match=f"{function.__name__} is inline and returns an array: make it a kernel"):
-        compiling.require_borrowed()
+        compiling.refuse_array_returns()
 
 
 def test_an_inline_function_that_makes_an_array_is_refused() -> None:

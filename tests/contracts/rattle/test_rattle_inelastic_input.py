@@ -20,7 +20,7 @@ from rattle.models import Inelastic, model_of
         ({"restitution": "0.9"}, "restitution must be real numbers"),
         ({"load": -0.1}, "load must not be negative"),
         ({"load": math.nan}, "load must be finite"),
-        ({"harmonics": [(0, 0.1, 0.0)]}, "a harmonic of order 0 is a constant, which moves nothing: leave it out"),
+        ({"harmonics": [(0, 0.1, 0.0)]}, "a harmonic of order 0 is a constant and has no effect: leave it out"),
         ({"harmonics": [(1, 0.1, 0.0)]}, "is the eccentricity itself: give its amplitude as epsilon"),
         ({"harmonics": [(-2, 0.1, 0.0)]}, "must be at least 2"),
         ({"harmonics": [(2.5, 0.1, 0.0)]}, "must be an integer, got 2.5"),

@@ -20,7 +20,7 @@ from waiting import HANG
 
 from gear_rattle.service.cli import app, main
 from rattle import Attractor, Gear, ParameterError, attractors_of
-from rattle.attractors.basins import Basins, boundary
+from rattle.attractors.basins import Basins, boundary_cells
 from rattle.curves import codimension_two, trace
 from rattle.impacting.orbits.period_one import regions as region_of
 from rattle.orbits.period_one import PAPER_REGIONS, REGIONS
@@ -189,7 +189,7 @@ def test_manifolds_encapsulate_the_basins(figure_6: Figure) -> None:
             tau, v = line.get_xydata()[~np.isnan(line.get_xdata())].T
             inside = v < 7
             on[(v[inside] / 7 * CELLS).astype(int), (tau[inside] * CELLS).astype(int) % CELLS] = True
-    edge = boundary(direct(0.1).labels)
+    edge = boundary_cells(direct(0.1).labels)
     away = distance_transform_edt(~np.tile(on, 3))[:, CELLS : 2 * CELLS]
     assert away[edge].max() < 2.5  # cells
     assert (away[~edge] > 2.5).mean() > 0.5

@@ -32,12 +32,13 @@ print("precompiled", flush=True)
 delta, epsilon, beta = np.full(3, 0.5), np.array([0.01, 0.1, 0.2]), np.full(3, 0.7)
 if kappa is None:
     gear, table = rattle.Gear(0.5, 0.1, 0.7), rattle.attractors_of(delta, epsilon, beta, count=32)
-    cells, stretched = cells_of(Parameters.of("impacting", delta, epsilon, beta)), stretch
+    cells, stretched = cells_of(Parameters.from_values("impacting", delta, epsilon, beta)), stretch
     trace("G1", 0.7)
     rattle.grazing("G2", delta, 0.7)
 else:
     gear, table = StiffGear(0.5, 0.1, 0.7, kappa), classifier.attractors_of(delta, epsilon, beta, kappa, count=32)
-    cells, stretched = classifier.cells_of(Parameters.of("stiff", delta, epsilon, beta, kappa=kappa)), one_by_one
+    cells = classifier.cells_of(Parameters.from_values("stiff", delta, epsilon, beta, kappa=kappa))
+    stretched = one_by_one
 gear.orbits()
 impulse_balance_errors(table, cells)
 intensities_of(table, cells, stretched)

@@ -221,8 +221,8 @@ def test_health_lives_without_a_key_and_says_more_with_one(client: TestClient) -
     stranger, known = client.get("/v1/health"), client.get("/v1/health", headers=headers)
     assert stranger.status_code == known.status_code == 200
     assert {name for name, value in stranger.json().items() if value is not None} == {"status", "version"}
-    assert known.json()["accepted"] == front_of(client).database.count(State.ACCEPTED)
-    assert known.json()["running"] == front_of(client).database.count(State.RUNNING)
+    assert known.json()["accepted"] == front_of(client).database.count_jobs(State.ACCEPTED)
+    assert known.json()["running"] == front_of(client).database.count_jobs(State.RUNNING)
     assert "cluster" in known.json()
     assert client.get("/v1/health", headers={"Authorization": "Bearer wrong"}).json() == stranger.json()
 

@@ -11,7 +11,7 @@ from waiting import eventually
 
 from gear_rattle.service.errors import UnknownSurveyError
 from gear_rattle.service.jobs import broadcast
-from gear_rattle.service.jobs.broadcast import Broadcast, written_event
+from gear_rattle.service.jobs.broadcast import Broadcast, encode_events
 
 PAGE = 7
 KEPT = 10
@@ -44,11 +44,11 @@ async def follow(feeds: Broadcast, survey: Survey, seen: int, until: int, lag: i
     """Ids of the events from `seen` to `until`, by a stream that looks again when `lag` more have happened."""
     found: list[int] = []
     with feeds.listen("x", survey.read, len(survey.rows)) as (feed, grown):
-        while not feed.deleted and (not found or found[-1] < until):
+        while not feed.is_deleted and (not found or found[-1] < until):
             grown.clear()
-            later = feed.after(found[-1] if found else seen)
+            later = feed.events_after(found[-1] if found else seen)
             if later is None:
-                later = written_event(survey.read("x", found[-1] if found else seen))
+                later = encode_events(survey.read("x", found[-1] if found else seen))
             found += [event.id for event in later]
             if not later:
                 await grown.wait()
@@ -63,7 +63,7 @@ async def watched(feeds: Broadcast, number: int) -> None:
 
 
 def test_every_stream_gets_every_event_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(broadcast, "KEPT", KEPT)
+    monkeypatch.setattr(broadcast, "KEPT_EVENTS", KEPT)
     monkeypatch.setattr(broadcast, "PAUSE", 0)
 
     async def run() -> None:
@@ -75,7 +75,7 @@ def test_every_stream_gets_every_event_once(monkeypatch: pytest.MonkeyPatch) -> 
         for _ in range(15):
             await asyncio.sleep(0)
             survey.happen(5)
-            feeds.changed("x")
+            feeds.notify("x")
         found = await asyncio.gather(*running)
         assert [ids[0] for ids in found] == [1, 1, 4, 4, 25, 25, 26, 26]
         assert all(ids == list(range(ids[0], ids[-1] + 1)) for ids in found)
@@ -90,7 +90,7 @@ def test_many_who_watch_cost_one_read() -> None:
         running = [asyncio.create_task(follow(feeds, survey, 0, 5)) for _ in range(200)]
         await watched(feeds, 200)
         survey.happen(5)
-        feeds.changed("x")
+        feeds.notify("x")
         assert await asyncio.gather(*running) == [[1, 2, 3, 4, 5]] * 200
         assert survey.reads <= 4
 
@@ -103,7 +103,7 @@ def test_a_deleted_survey_ends_its_streams() -> None:
         running = asyncio.create_task(follow(feeds, survey, 0, 5))
         await watched(feeds, 1)
         survey.deleted = True
-        feeds.changed("x")
+        feeds.notify("x")
         assert await running == []
 
     asyncio.run(run())
@@ -129,7 +129,7 @@ def test_a_crowd_that_watches_does_not_hold_up_others() -> None:
         await watched(feeds, 200)
         turning = asyncio.create_task(turn())
         survey.happen(1)
-        feeds.changed("x")
+        feeds.notify("x")
         await asyncio.gather(*running)
         turning.cancel()
         assert max(Counter(woken).values()) <= broadcast.WOKEN_TOGETHER

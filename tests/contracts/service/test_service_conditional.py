@@ -1,6 +1,7 @@
 """Nothing is sent twice to who has it, and nothing old is ever taken for new."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from depth import either
@@ -164,6 +165,25 @@ def test_a_point_is_not_computed_for_who_has_it(client: TestClient, monkeypatch:
     conditional._answer_version.cache_clear()
     monkeypatch.setattr(conditional, "code_version", lambda: "of tomorrow")
     assert client.get(POINT, headers={"If-None-Match": tags[0]}).status_code == 500
+    conditional._answer_version.cache_clear()
+
+
+def test_an_answer_is_sent_again_after_a_change_of_any_part_of_the_service(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    assert {"routes/model/verdict.py", "operations/points.py"} <= {
+        str(each.relative_to(conditional.SERVICE)) for each in conditional.SERVICE.rglob("*.py")
+    }
+    tag = fresh(client, POINT)["etag"]
+    for folder in ("routes", "operations"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "changed.py").write_text("CHANGED = True")
+        monkeypatch.setattr(conditional, "SERVICE", tmp_path)
+        conditional._answer_version.cache_clear()
+        answer = client.get(POINT, headers={"If-None-Match": tag})
+        assert answer.status_code == 200
+        tag, before = answer.headers["etag"], tag
+        assert tag != before
     conditional._answer_version.cache_clear()
 
 

@@ -117,7 +117,7 @@ def never(*_: object) -> None:
 def test_an_answer_that_takes_too_long_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(routes.plane_curves, "curves_document", never)
     with front_end(tmp_path, max_point_seconds=0.5) as client:
-        client.portal.call(front_of(client).kernels.require, DEFAULT_MODEL, HANG)  # not what is timed
+        client.portal.call(front_of(client).kernels.wait_until_compiled, DEFAULT_MODEL, HANG)  # not what is timed
         assert_problem(client.get("/v1/curves"), 503, "within 0.5 s", "smaller window")
 
 

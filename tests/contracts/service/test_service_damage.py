@@ -18,8 +18,8 @@ from gear_rattle.service.database import Database, DoneTile
 from gear_rattle.service.database.tables import State
 from gear_rattle.service.explorer.common.address import View
 from gear_rattle.service.explorer.common.news import JobStatus
-from gear_rattle.service.explorer.map.shared import shown_first
-from gear_rattle.service.explorer.page.rows import row_of
+from gear_rattle.service.explorer.map.shared import default_survey
+from gear_rattle.service.explorer.page.rows import survey_row
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers import Bucket, SurveyRequest, complete, compute_tile, create_store, tiles_of
 from gear_rattle.workers.survey.levels import grid
@@ -211,7 +211,7 @@ def test_the_explorer_lists_a_damaged_one_and_shows_another(tmp_path: Path) -> N
         database = front_of(client).database
         damage(database, ids[1], "'{'")
         standings = [JobStatus(job, None, None) for job in database.jobs(2)[0]]
-        rows = [row_of(each, View(survey=ids[1]), owned=True) for each in standings]
+        rows = [survey_row(each, View(survey=ids[1]), owned=True) for each in standings]
         assert [(row["id"], row["state"], row["variable"]) for row in rows] == [
             (ids[1], "failed", ""),
             (ids[0], "accepted", ""),
@@ -219,8 +219,8 @@ def test_the_explorer_lists_a_damaged_one_and_shows_another(tmp_path: Path) -> N
         assert "cannot be read" in rows[0]["message"]
         first, second = (each.job for each in standings)
         assert second.id == ids[0]
-        assert shown_first([first, second]) is second
-        assert shown_first([first]) is None
+        assert default_survey([first, second]) is second
+        assert default_survey([first]) is None
 
 
 def test_the_surveys_behind_a_damaged_one_run(

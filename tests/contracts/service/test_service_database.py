@@ -13,10 +13,10 @@ from sqlalchemy.exc import SQLAlchemyError
 from waiting import HANG
 
 from gear_rattle.service.database import Database, DoneTile, NewJob
+from gear_rattle.service.database.database_lock import ADVISORY_LOCK
 from gear_rattle.service.database.engine import UNPOOLED, open_engine
-from gear_rattle.service.database.hold import LOCK
-from gear_rattle.service.database.identity import MOST_ANSWERED
-from gear_rattle.service.database.tables import AnsweredRow, Scope, State
+from gear_rattle.service.database.identity import MOST_REPEATED_KEYS
+from gear_rattle.service.database.tables import RepeatedKeyRow, Scope, State
 from gear_rattle.service.errors import (
     ConflictError,
     DataDirectoryError,
@@ -79,21 +79,21 @@ def test_one_key_is_one_survey_for_any_number_of_threads(database: Database) -> 
 
 def test_the_latest_answers_are_remembered(database: Database) -> None:
     first = database.accept(new("first"), 100)
-    for number in range(MOST_ANSWERED + 10):
+    for number in range(MOST_REPEATED_KEYS + 10):
         assert database.accept(new(f"again {number}"), 100, lambda _: True).id == first.id
     with database._read() as session:
-        kept = set(session.scalars(select(AnsweredRow.idempotency_key)))
-    assert len(kept) == MOST_ANSWERED
-    assert f"again {MOST_ANSWERED + 9}" in kept
+        kept = set(session.scalars(select(RepeatedKeyRow.idempotency_key)))
+    assert len(kept) == MOST_REPEATED_KEYS
+    assert f"again {MOST_REPEATED_KEYS + 9}" in kept
     assert database.accept(new("first"), 100).id == first.id  # its own is in its row
     with pytest.raises(ConflictError):
-        database.accept(new(f"again {MOST_ANSWERED + 9}", "other"), 100)
+        database.accept(new(f"again {MOST_REPEATED_KEYS + 9}", "other"), 100)
 
 
 def test_the_queue_never_holds_more_than_it_may(database: Database) -> None:
     found = outcomes(lambda _: database.accept(new(), 5), range(3 * THREADS))
     assert kinds(found) == {"JobRow": 5, "QueueFullError": 3 * THREADS - 5}
-    assert database.count(State.ACCEPTED) == database.jobs(10)[1] == 5
+    assert database.count_jobs(State.ACCEPTED) == database.jobs(10)[1] == 5
 
 
 def test_an_owner_has_its_own_quota_and_idempotency_keys(database: Database) -> None:
@@ -202,8 +202,8 @@ def test_a_service_whose_database_was_taken_writes_no_more(database_url: str) ->
 
 def holders(url: str) -> list[int]:
     """Process ids of the sessions that hold the lock of a job database."""
-    held = f"""SELECT pid FROM pg_locks WHERE locktype = 'advisory' AND granted AND classid = {LOCK >> 32}
-        AND objid = {LOCK & 0xFFFFFFFF}
+    held = f"""SELECT pid FROM pg_locks WHERE locktype = 'advisory' AND granted AND classid = {ADVISORY_LOCK >> 32}
+        AND objid = {ADVISORY_LOCK & 0xFFFFFFFF}
         AND database = (SELECT oid FROM pg_database WHERE datname = current_database())"""
     with open_engine(url, UNPOOLED).connect() as connection:
         return list(connection.execute(text(held)).scalars())

@@ -21,7 +21,7 @@ from gear_rattle.service.errors import MissingError
 from gear_rattle.service.explorer.map.colouring import colouring
 from gear_rattle.service.explorer.map.planes import Atlas
 from gear_rattle.service.explorer.page.form import cost_in_words
-from gear_rattle.service.operations.estimate import cell_seconds, estimate, most_like
+from gear_rattle.service.operations.estimate import cell_seconds, estimate, most_similar_survey
 from gear_rattle.workers import SurveyRequest, compute_tile, open_survey, tiles_of
 from gear_rattle.workers.storage.store import open_groups
 from gear_rattle.workers.survey.values.schema import RowForm
@@ -197,15 +197,15 @@ def test_a_cost_is_taken_from_the_survey_most_like(client: TestClient, running: 
     front = front_of(client)
     jobs, _ = front.database.jobs(10)
     more = REQUEST.model_copy(update={"seed": 1})
-    assert (found := most_like(more, jobs)) is not None
+    assert (found := most_similar_survey(more, jobs)) is not None
     assert found.id == running
     assert front.database.tile_seconds(running) == pytest.approx(0.5 * found.tiles_done)
     other = SurveyRequest(**BODY | {"quantities": ["region"]})
-    assert most_like(other, jobs) is None
+    assert most_similar_survey(other, jobs) is None
     many = SurveyRequest(**BODY | {"initial_conditions": {"count": 64}})
-    assert most_like(many, jobs) is None  # sixteen times the sample: not proportional
+    assert most_similar_survey(many, jobs) is None  # sixteen times the sample: not proportional
     refined = SurveyRequest(**BODY | {"refine": True, "tile": {}})
-    assert most_like(refined, jobs) is None  # few of its cells are computed
+    assert most_similar_survey(refined, jobs) is None  # few of its cells are computed
     assert 0 < cell_seconds(other) < 1
     of_all, at_most = (asyncio.run(estimate(front, each)) for each in (more, refined))
     assert (at_most.seconds, at_most.is_most, of_all.is_most) == (of_all.seconds, True, False)

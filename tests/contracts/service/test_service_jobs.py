@@ -188,7 +188,7 @@ def test_surveys_are_found_again_after_a_restart(tmp_path: Path, database_url: s
         before = client.get(f"/v1/surveys/{survey_id}").json()
     with front_end(tmp_path, database_url=database_url) as client:
         assert client.get(f"/v1/surveys/{survey_id}").json() == before
-        assert front_of(client).database.active()
+        assert front_of(client).database.active_surveys()
 
 
 def test_numbers_of_deleted_surveys_are_not_given_again(client: TestClient) -> None:
@@ -244,7 +244,7 @@ def test_a_survey_that_has_ended_is_verified_by_running_again(client: TestClient
     assert (document["state"], document["finished"], document["cells_failed"]) == ("accepted", None, 1)
     assert document["failures"]
     assert front_of(client).database.tiles_done(survey_id) == set(range(4))  # what is whole is not computed again
-    assert front_of(client).database.active()[0].id == survey_id
+    assert front_of(client).database.active_surveys()[0].id == survey_id
     assert_problem(client.post(f"{path}/verify"), 409, "accepted")
     front_of(client).database.set_state(survey_id, State.FAILED, "no permission")
     assert client.post(f"{path}/verify").status_code == 202

@@ -98,7 +98,7 @@ def test_only_so_many_wait_for_kernels(tmp_path: Path, compiling: Compilation) -
 
 def test_kernels_of_the_stiff_model_wait_for_who_asks(tmp_path: Path, compiling: Compilation) -> None:
     with front_end(tmp_path, max_point_seconds=0.05) as client:
-        client.portal.call(front_of(client).kernels.begin)
+        client.portal.call(front_of(client).kernels.start_compiling)
         wait_until(lambda: compiling.models)
         assert compiling.models == [Impacting.name]
         assert_problem(client.get(f"{POINTS[0]}&kappa=1e4"), 503, code="compiling_kernels")
@@ -108,7 +108,7 @@ def test_kernels_of_the_stiff_model_wait_for_who_asks(tmp_path: Path, compiling:
 def test_ready_says_when_surveys_and_points_can_be_computed(tmp_path: Path, compiling: Compilation) -> None:
     """Other tests check which kernels are compiled."""
     with local_client(create_app(Settings(data=tmp_path), idle_cluster)) as client:
-        client.portal.call(front_of(client).kernels.begin)
+        client.portal.call(front_of(client).kernels.start_compiling)
         wait_until(lambda: compiling.models)
         client.portal.call(compiling.let_go)
         wait_until(lambda: client.get("/v1/ready").status_code == 200)
@@ -123,9 +123,9 @@ def test_ready_says_when_surveys_and_points_can_be_computed(tmp_path: Path, comp
 def test_a_service_ends_while_it_compiles(tmp_path: Path) -> None:
     with front_end(tmp_path) as client:
         kernels = front_of(client).kernels
-        client.portal.call(kernels.begin)
-        assert kernels.at_work
-    assert not kernels.at_work
+        client.portal.call(kernels.start_compiling)
+        assert kernels.is_compiling
+    assert not kernels.is_compiling
 
 
 @pytest.mark.usefixtures("note")
@@ -134,7 +134,7 @@ def test_a_process_that_dies_of_compiling_is_no_hang(tmp_path: Path, monkeypatch
     monkeypatch.setattr("gear_rattle.service.kernels.compile_kernels", die)
     with front_end(tmp_path, max_point_seconds=HANG) as client:
         assert client.get(POINTS[0]).status_code == 200
-        wait_until(lambda: front_of(client).kernels.has(Impacting.name))
+        wait_until(lambda: front_of(client).kernels.is_compiled(Impacting.name))
 
 
 def test_what_another_process_has_compiled_is_not_waited_for(
@@ -144,7 +144,7 @@ def test_what_another_process_has_compiled_is_not_waited_for(
     with front_end(tmp_path, points=IN_A_THREAD, max_point_seconds=HANG) as client:
         assert client.get(POINTS[0]).status_code == 200
         assert not compiling.models
-        assert not front_of(client).kernels.at_work
+        assert not front_of(client).kernels.is_compiling
 
 
 EVERYTHING = """
@@ -185,11 +185,11 @@ for delta, epsilon, beta in ((0.5, 0.25, 0.6), (1.5, 0.4, 0.3))[: 1 if added els
     gear = model.gear(delta, epsilon)
     orbits_document(gear)
     intensities(gear, 16, None, 0, 100_000)
-    point_parts.chances(gear, 16)
+    point_parts.sampled_attractors(gear, 16)
     for method in ("cells", "refined", "direct"):
         point_parts.basins(gear, 20, method)
     point_parts.motion_from(gear, 0.3, 4.0, 1.0, 2)
-    point_parts.lines(gear)
+    point_parts.plane_lines(gear)
     if Capability.MARGIN in model.has:
         point_parts.margin(gear)
     for direction in diagrams.SPANS:

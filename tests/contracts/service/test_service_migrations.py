@@ -105,7 +105,7 @@ def test_a_password_is_never_shown() -> None:
 
 @pytest.mark.parametrize("url", ["sqlite://", "sqlite:///:memory:", "mysql://localhost/jobs"])
 def test_a_database_that_would_not_last_is_refused(url: str) -> None:
-    with pytest.raises(DataDirectoryError, match="is lost when the service ends"):
+    with pytest.raises(DataDirectoryError, match="neither a SQLite file nor a PostgreSQL database"):
         Database(url)
 
 

@@ -14,7 +14,7 @@ from gear_rattle.service.database.tables import State
 from gear_rattle.service.errors import ServiceError
 from gear_rattle.service.explorer.common.address import View
 from gear_rattle.service.explorer.common.news import JobStatus
-from gear_rattle.service.explorer.page.rows import row_of
+from gear_rattle.service.explorer.page.rows import survey_row
 
 NOTES = (
     "Regions agree with Figure 7.\n\tδ below 0.5\u00a0is still to be looked at, from 1\u202f000 cells.\n"
@@ -97,5 +97,5 @@ def test_the_client_and_the_command_describe_a_survey(tmp_path: Path, monkeypatc
         ]
         assert said == [f"Figure 7\n{NOTES}\n"] * 2
         stored = front_of(http).database.job(job.id)
-        row = row_of(JobStatus(stored, None, None), View(), owned=True)
+        row = survey_row(JobStatus(stored, None, None), View(), owned=True)
         assert (row["name"], row["title"], row["notes"]) == ("Figure 7", "Figure 7", NOTES)

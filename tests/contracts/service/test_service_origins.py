@@ -11,7 +11,7 @@ from service_support import BODY, HERE, NOBODY, assert_problem, front_end, front
 from starlette.websockets import WebSocketDisconnect
 
 from gear_rattle.service.access import keys
-from gear_rattle.service.access.middleware import asks_keys
+from gear_rattle.service.access.middleware import requires_keys
 from gear_rattle.service.access.origins import is_loopback
 from gear_rattle.service.database.tables import Scope, State
 from gear_rattle.service.settings import Settings
@@ -63,7 +63,7 @@ def test_loopback_is_recognised(host: str, expected: bool) -> None:
     ],
 )
 def test_keys_are_asked_beyond_loopback(settings: dict[str, Any], expected: bool) -> None:
-    assert asks_keys(Settings(**settings)) is expected
+    assert requires_keys(Settings(**settings)) is expected
 
 
 def test_on_loopback_no_key_is_asked_but_of_those_who_are_not_there(local: TestClient) -> None:

@@ -21,7 +21,7 @@ from starlette.websockets import WebSocketDisconnect
 from waiting import HANG, wait_until
 
 from gear_rattle.service.explorer.map.figure import MapFigure
-from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.page import mount, pages
 from gear_rattle.service.explorer.point import work
 
@@ -56,7 +56,7 @@ def test_processes_for_the_first_click_are_started_once_a_page_has_its_map(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = list[str]()
-    cells = MapFigure.cells
+    cells = MapFigure.draw_cells
 
     async def prepare(_: Any) -> None:
         seen.append("processes")
@@ -65,8 +65,8 @@ def test_processes_for_the_first_click_are_started_once_a_page_has_its_map(
         cells(*args)
         seen.append("map")
 
-    monkeypatch.setattr(work, "prepare", prepare)
-    monkeypatch.setattr(MapFigure, "cells", drawn)
+    monkeypatch.setattr(work, "prepare_processes", prepare)
+    monkeypatch.setattr(MapFigure, "draw_cells", drawn)
     with front_end(tmp_path, preload=True) as client:
         for pages in (1, 2):
             client.get("/page")
@@ -78,12 +78,12 @@ def test_processes_for_the_first_click_are_started_once_a_page_has_its_map(
 def test_the_first_map_is_found_after_the_start_where_that_is_wanted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, preload: bool
 ) -> None:
-    found = list[Shared]()
+    found = list[SharedState]()
 
-    async def prepare(shared: Shared) -> None:
+    async def prepare(shared: SharedState) -> None:
         found.append(shared)
 
-    monkeypatch.setattr(Shared, "prepare", prepare)
+    monkeypatch.setattr(SharedState, "prepare", prepare)
     with front_end(tmp_path, preload=preload) as client:
         client.portal.call(client.app.state.explorer.prepare)
     assert len(found) == preload

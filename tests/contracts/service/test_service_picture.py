@@ -21,12 +21,12 @@ from matplotlib.image import imread
 from service_support import assert_problem, compute, front_end, front_of
 
 import rattle
-from gear_rattle.service.explorer.common.address import AsSeen, View
+from gear_rattle.service.explorer.common.address import DrawnSettings, View
 from gear_rattle.service.explorer.map.picture import picture_query
 from gear_rattle.service.routes import picture
 from gear_rattle.workers import SurveyError, SurveyRequest, open_survey
 from gear_rattle.workers.pictures import maps
-from gear_rattle.workers.pictures.look import OWN_STYLES, SHARE, FinerCells, Look, Overlays
+from gear_rattle.workers.pictures.look import OWN_STYLES, SHARE, FinerCells, Look, OverlayData
 from gear_rattle.workers.pictures.maps import draw_map, map_picture
 from gear_rattle.workers.pictures.overlay import draw_curves
 from rattle.models import Capability
@@ -182,11 +182,11 @@ def test_the_page_asks_for_the_view_as_it_is_seen(client: TestClient, survey_id:
         **{"variable": "orbit_velocity", "index": "2", "low": "0.5", "high": "4.0", "log": "true"},
         **{"lines": "SN1,crisis,points", "caption": "true"},
     }
-    seen = AsSeen((0.25, 8.0), False, (500, 400))
+    seen = DrawnSettings((0.25, 8.0), False, (500, 400))
     asked = {name: value for name, (value,) in parse_qs(picture_query(ASKED, replace(view, family=2), seen)).items()}
     assert (asked["low"], asked["high"], asked.get("log")) == ("0.25", "8.0", None)
     assert (asked["pixels_delta"], asked["pixels_epsilon"], asked["family"]) == ("500", "400", "2")
-    codes = parse_qs(picture_query(ASKED, replace(view, overlays=("design_limit",)), AsSeen(None, False, None)))
+    codes = parse_qs(picture_query(ASKED, replace(view, overlays=("design_limit",)), DrawnSettings(None, False, None)))
     assert codes["share"] == ["0.9"]
     assert not {"low", "high", "span", "pixels_delta"}.intersection(codes)
     query = picture_query(ASKED, replace(view, overlays=("SN1", "points")))
@@ -200,14 +200,14 @@ def test_what_was_found_beforehand_is_drawn(survey: xr.Dataset) -> None:
     band = np.array([0.5, 0.8]), np.array([0.02, 0.04]), np.array([0.04, 0.06])
     axes = Figure().add_subplot()
     names = ("crisis", "design_limit")
-    drawn = draw_curves(axes, survey, names, Overlays({"crisis": crisis, "design_limit": limit}, band))
+    drawn = draw_curves(axes, survey, names, OverlayData({"crisis": crisis, "design_limit": limit}, band))
     assert [each.shape for each in drawn] == [(5, 2), (2, 2)]
     for line, name, points in zip(axes.lines, names, (crisis, limit), strict=True):
         np.testing.assert_array_equal(np.column_stack(line.get_data()), points)
         assert (line.get_color(), line.get_label()) == (OWN_STYLES[name][0], name.replace("_", " "))
     (area,) = axes.collections
     assert area.get_datalim(axes.transData).extents == pytest.approx((0.5, 0.02, 0.8, 0.06))
-    assert draw_curves(Figure().add_subplot(), survey, (), Overlays({"crisis": crisis})) == []
+    assert draw_curves(Figure().add_subplot(), survey, (), OverlayData({"crisis": crisis})) == []
 
 
 def test_finer_cells_have_the_colours_of_the_map_and_of_codes_those_that_only_they_have(survey: xr.Dataset) -> None:
@@ -266,8 +266,8 @@ def test_lines_that_take_long_are_found_once_and_given_up_with_whoever_asked(
         asked.append(given)
         yield np.array([0.5, 0.8]), np.array([[0.04, np.nan], [0.03, np.nan], [0.05, np.nan]])
 
-    monkeypatch.setattr(overlaid.crises, "of", crisis)
-    monkeypatch.setattr(overlaid.limits, "along", along)
+    monkeypatch.setattr(overlaid.crises, "crisis_of", crisis)
+    monkeypatch.setattr(overlaid.limits, "limits_over", along)
     here = f"/v1/surveys/{survey_id}/map.svg"
     answers = [
         client.get(here, params={"lines": lines, "share": 0.75})
@@ -288,7 +288,7 @@ def test_lines_that_take_long_are_found_once_and_given_up_with_whoever_asked(
             left.set()
         raise AssertionError
 
-    monkeypatch.setattr(overlaid.crises, "of", for_ever)
+    monkeypatch.setattr(overlaid.crises, "crisis_of", for_ever)
     monkeypatch.setattr(picture, "LOOK_SECONDS", 0.01)
     monkeypatch.setattr(Request, "is_disconnected", gone)
     answer = client.get(here, params={"lines": "crisis"})

@@ -111,7 +111,7 @@ def test_a_deletion_is_noted_before_it_begins(stores: Path, monkeypatch: pytest.
 def end_of(client: TestClient, survey_id: str) -> dict[str, Any]:
     def ended() -> dict[str, Any] | None:
         document: dict[str, Any] = client.get(f"/v1/surveys/{survey_id}").json()
-        return document if State(document["state"]).final else None
+        return document if State(document["state"]).is_final else None
 
     found: dict[str, Any] = wait_until(ended)
     return found

@@ -94,21 +94,21 @@ def test_signing_out_ends_the_streams_of_this_browser_alone(client: TestClient) 
 
 def test_one_question_is_for_all_of_them_and_none_for_none(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
     asked, twice = [], threading.Event()
-    still_in = Keys.still_in
+    live_identities = Keys.live_identities
 
     def count(database: Keys, identities: Any) -> Any:
         asked.append(len(identities))
         if len(asked) > 1:
             twice.set()
-        return still_in(database, identities)
+        return live_identities(database, identities)
 
-    monkeypatch.setattr(Keys, "still_in", count)
+    monkeypatch.setattr(Keys, "live_identities", count)
     every = [new_key(client)[1] for _ in range(4)]
     with streams(client, [*every, *every]):
         del asked[:]
         assert twice.wait(HANG)
         assert set(asked) == {4}
-    wait_until(lambda: not front_of(client).revocations._some.is_set())
+    wait_until(lambda: not front_of(client).revocations._has_open.is_set())
     del asked[:]
     assert client.get("/v1/health").status_code == 200
     assert asked == []

@@ -146,8 +146,8 @@ def serving(finished: Path, data: Path, **changes: Any) -> Iterator[tuple[str, F
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(manager.JobManager, "_compute", compute)
         for kind, name in (
-            (Crises, "of"),
-            (DesignLimits, "along"),
+            (Crises, "crisis_of"),
+            (DesignLimits, "limits_over"),
             (windows, "refine_window"),
         ):
             patch.setattr(kind, name, too_long)
@@ -179,7 +179,7 @@ def document(http: httpx.Client) -> dict[str, Any]:
 
 
 async def known(_: Any, compute: Any, *arguments: Any, what: str, **words: Any) -> Any:  # noqa: ARG001
-    """Instead of `in_turn`: what is computed at one point, whatever is asked for. At extreme ones it takes minutes."""
+    """Return a known result in place of `compute_in_process`, which takes minutes at extreme points."""
     found = {
         "The orbits": lambda: orbits_document(Gear(0.6, 0.1)),
         "The attractors": lambda: Gear(0.6, 0.1).attractors(4),
@@ -220,11 +220,11 @@ def try_everything(finished: Path, where: Path, config: str, *options: str, **se
 
 def test_schemathesis_finds_nothing(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (basin_picture, plane_curves, estimate, intensity, limits, points, reached, verdict):
-        monkeypatch.setattr(module, "in_turn", known)
+        monkeypatch.setattr(module, "compute_in_process", known)
     if not DEEP:  # whose file it is makes no difference to these requests, and to write each took a third of all
         with open_survey(finished / JobKind.SURVEY, as_stored=True) as survey, write_netcdf(survey) as file:
             content = file.read()
-        monkeypatch.setattr(download, "_netcdf", lambda _: BytesIO(content))
+        monkeypatch.setattr(download, "_write_netcdf", lambda _: BytesIO(content))
     # Requests without a key, or with a wrong one, are in test_service_access.py.
     left_out = either(f"{LEFT_OUT},ignored_auth", LEFT_OUT)
     options = ["--max-examples", either("1", "6"), "--exclude-checks", left_out]

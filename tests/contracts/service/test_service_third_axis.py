@@ -14,8 +14,8 @@ from gear_rattle.service.cli import app
 from gear_rattle.service.client import Client
 from gear_rattle.service.commands.survey_options import survey_request
 from gear_rattle.service.database.tables import State
-from gear_rattle.service.operations.chunks import is_owed
-from gear_rattle.service.operations.estimate import _few_cells, most_like
+from gear_rattle.service.operations.chunks import is_expected_file
+from gear_rattle.service.operations.estimate import _few_cells, most_similar_survey
 from gear_rattle.workers import Axis, SurveyRequest, create_store, examine
 
 pytestmark = pytest.mark.usefixtures("templates_once")
@@ -83,7 +83,7 @@ def test_downloads_have_all_slices(client: TestClient, running: str, tmp_path: P
 def test_only_chunks_that_are_computed_are_owed(client: TestClient, running: str) -> None:
     front = front_of(client)
     keys = ["region/c/0/0/0", "region/c/2/1/0", "region/c/2/1/1", "region/c/3/0/0"]
-    assert [is_owed(front, running, key) for key in keys] == [True, True, False, False]
+    assert [is_expected_file(front, running, key) for key in keys] == [True, True, False, False]
     assert client.get(f"/v1/surveys/{running}/store/region/c/2/1/0").status_code == 200
     assert len(examine(front.directory.store(running)).done) == 11
 
@@ -96,7 +96,7 @@ def test_the_cost_is_that_of_cells_of_the_middle_slice() -> None:
     assert few.delta.stop == pytest.approx(REQUEST.delta.stop - width / 6)
     stiff = SurveyRequest(**BODY | {"quantities": ["orbits"], "model": "stiff", "kappa": (1e3, 1e4, 2)})
     assert stiff.added_numbers == {"kappa": 1e4}
-    assert most_like(stiff, []) is None
+    assert most_similar_survey(stiff, []) is None
 
 
 def test_axes_are_read_by_commands(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from service_support import BODY, front_of, idle_cluster, local_client
 from waiting import wait_until
 
 from gear_rattle.service.app import create_app
-from gear_rattle.service.database.survey_rows import Active
+from gear_rattle.service.database.survey_rows import ActiveSurvey
 from gear_rattle.service.jobs import manager, turns
 from gear_rattle.service.jobs.turns import TURN_SECONDS, Turns
 from gear_rattle.service.settings import Settings
@@ -19,10 +19,10 @@ from gear_rattle.workers import TileRecord
 def served(turns: Turns, cells: dict[str, int], owners: dict[str, str] | None = None, each: int = 3) -> Iterator[str]:
     """The surveys that have turns, each of so many cells, until all are computed; others may be added meanwhile."""
     while cells:
-        active = [Active(name, (owners or {}).get(name), left) for name, left in cells.items()]
-        following = turns.next(active)
+        active = [ActiveSurvey(name, (owners or {}).get(name), left) for name, left in cells.items()]
+        following = turns.next_survey(active)
         assert following is not None
-        turns.begin(following)
+        turns.begin_turn(following)
         cells[following.id] -= each
         if cells[following.id] <= 0:
             del cells[following.id]
@@ -71,21 +71,21 @@ def test_one_without_cells_left_counts_as_the_largest() -> None:
 
 def _kept(turns: Turns, cells: dict[str, int]) -> Iterator[str]:
     """The surveys that have turns, of which none gets further."""
-    while following := turns.next([Active(name, None, left) for name, left in cells.items()]):
-        turns.begin(following)
+    while following := turns.next_survey([ActiveSurvey(name, None, left) for name, left in cells.items()]):
+        turns.begin_turn(following)
         yield following.id
 
 
 def test_a_turn_is_bounded_in_seconds_whatever_a_tile_takes() -> None:
     now = 0.0
     turns = Turns(lambda: now)
-    turns.begin(Active("A", None, 9))
+    turns.begin_turn(ActiveSurvey("A", None, 9))
     now = TURN_SECONDS - 0.01
-    assert not turns.is_used_up
+    assert not turns.is_turn_over
     now += 0.02
-    assert turns.is_used_up
-    turns.begin(Active("B", None, 9))
-    assert not turns.is_used_up
+    assert turns.is_turn_over
+    turns.begin_turn(ActiveSurvey("B", None, 9))
+    assert not turns.is_turn_over
 
 
 def test_surveys_take_turns_and_say_what_they_wait_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,7 +129,7 @@ def test_surveys_take_turns_and_say_what_they_wait_for(tmp_path: Path, monkeypat
         wait_until(lambda: client.get(path).json()["state"] == "successful")
         assert client.get(small[0]).json()["state"] == "successful"
         front = front_of(client)
-        assert front.database.active() == []
+        assert front.database.active_surveys() == []
         assert front.manager._left == {}
     waits = "waits for its turn: {} is computed now"
     assert said == {"small": waits.format("long"), "long": waits.format("small")}

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import rattle
 from gear_rattle.service.cli import app
-from gear_rattle.service.harmonics import written_harmonics
+from gear_rattle.service.harmonics import harmonic_texts
 from gear_rattle.workers import SurveyRequest
 
 PAIR: dict[str, Any] = {
@@ -101,7 +101,7 @@ def test_a_measured_curve_gives_the_same_numbers_everywhere(client: TestClient, 
     assert [tuple(each) for each in verdict["measured"]["harmonics"]] == list(known.harmonics)
     assert (verdict["measured"]["left_out"], verdict["measured"]["points"]) == (known.left_out, 240)
     point = {name: verdict["machine"][name] for name in ("delta", "epsilon", "beta", "restitution")}
-    harmonics = written_harmonics(map(tuple, verdict["machine"]["harmonics"]))
+    harmonics = harmonic_texts(map(tuple, verdict["machine"]["harmonics"]))
     further = client.get("/v1/attractors", params=point | {"harmonic": harmonics, "count": 8, "v_max": "natural"})
     assert further.status_code == 200, further.text
     rattling = [(each["kind"], each["fraction"]) for each in further.json()["attractors"]]

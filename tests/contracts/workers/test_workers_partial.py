@@ -59,15 +59,15 @@ def test_parts_do_not_show(request_: AnyRequest, seconds: float) -> None:
 
 
 def test_a_cell_that_fails_has_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
-    bad, of_samples = (2, 5), models.of_samples
+    bad, attractors_of_samples = (2, 5), models.attractors_of_samples
     point = SURVEY.delta.values()[bad[1]], SURVEY.epsilon.values()[bad[0]]
 
     def failing(classifier: Any, cells: Parameters, *others: Any) -> rattle.Attractors:
         if np.any((cells.delta == point[0]) & (cells.epsilon == point[1])):
             raise rattle.RattleError("no luck here")
-        return of_samples(classifier, cells, *others)
+        return attractors_of_samples(classifier, cells, *others)
 
-    monkeypatch.setattr(models, "of_samples", failing)
+    monkeypatch.setattr(models, "attractors_of_samples", failing)
     (tile,) = tiles_of(SURVEY)
     *_, part = in_parts(SURVEY, tile, 0.0)
     assert part.record.failed_cells == ((*bad, "RattleError: no luck here"),)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import rattle
-from rattle.attractors.ball import Centres, centres_of, enlarge_one_by_one
-from rattle.attractors.chaos import SAME_FOOTPRINT, group_numbers
+from rattle.attractors.ball import Centres, centres_of, find_radii_one_by_one
+from rattle.attractors.chaos import SAME_FOOTPRINT, write_group_numbers
 from rattle.attractors.rows import rows_of
-from rattle.attractors.samples import GRID, Outcome, Sets
+from rattle.attractors.samples import GRID, Outcome, SampleSets
 from rattle.attractors.speeds import sampled_speeds
-from rattle.impacting.attractors.balls import enlarge
+from rattle.impacting.attractors.balls import find_radii_in_lanes
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.map.iterate import working_block
 from rattle.numerics.sampling import initial_conditions
@@ -31,7 +31,7 @@ def around_orbits(delta, share, beta):
     epsilon = share * rattle.quiet_limit(delta)
     speeds = sampled_speeds(None, delta, epsilon, beta)
     states = initial_conditions(delta, epsilon, beta, 16, speeds, 1)
-    found = ImpactingClassifier.classify(Parameters.of("impacting", delta, epsilon, beta), *states, 20_000)
+    found = ImpactingClassifier.classify(Parameters.from_values("impacting", delta, epsilon, beta), *states, 20_000)
     return found, centres_of(np.zeros(delta.size, np.int64), found.orbits, found.cells)
 
 
@@ -40,8 +40,8 @@ def test_balls_grown_in_lanes_are_those_grown_one_flight_at_a_time(plane):
     found, centres = around_orbits(*PLANES[plane])
     assert centres.radius.size > 4
     alone = centres._replace(radius=centres.radius.copy())
-    enlarge_one_by_one(alone, found.cells)
-    enlarge(working_block(), centres, found.cells)
+    find_radii_one_by_one(alone, found.cells)
+    find_radii_in_lanes(working_block(), centres, found.cells)
     assert len(np.unique(alone.radius)) > 2
     np.testing.assert_array_equal(centres.radius, alone.radius)
 
@@ -50,22 +50,22 @@ def test_a_radius_does_not_depend_on_the_other_balls():
     found, centres = around_orbits(*PLANES["Figure 7"])
     order = np.random.default_rng(1).permutation(centres.radius.size)
     mixed = Centres._make(x[order] for x in centres)
-    enlarge(working_block(), centres, found.cells)
-    enlarge(working_block(), mixed, found.cells)
+    find_radii_in_lanes(working_block(), centres, found.cells)
+    find_radii_in_lanes(working_block(), mixed, found.cells)
     np.testing.assert_array_equal(mixed.radius, centres.radius[order])
 
 
 def test_what_is_done_with_the_samples_of_many_cells_is_what_is_done_with_those_of_each():
     rng = np.random.default_rng(45)
     size = rng.integers(1, 20, 50)
-    sets = Sets(rng.permutation(1000)[: size.sum()], size)
+    sets = SampleSets(rng.permutation(1000)[: size.sum()], size)
     values, holds = rng.integers(0, 100, 1000), rng.random(size.sum()) < 0.9
     each = np.split(sets.which, np.cumsum(size)[:-1])
     evenly = [here[np.arange(min(12, here.size)) * here.size // min(12, here.size)] for here in each]
-    np.testing.assert_array_equal(sets.evenly(12).which, np.concatenate(evenly))
-    np.testing.assert_array_equal(sets.evenly(12).size, [here.size for here in evenly])
+    np.testing.assert_array_equal(sets.evenly_spaced(12).which, np.concatenate(evenly))
+    np.testing.assert_array_equal(sets.evenly_spaced(12).size, [here.size for here in evenly])
     of_each = np.split(holds, np.cumsum(size)[:-1])
-    np.testing.assert_array_equal(sets.all_of(holds), [here.all() for here in of_each])
+    np.testing.assert_array_equal(sets.cells_where_all(holds), [here.all() for here in of_each])
     np.testing.assert_array_equal(sets.largest(values), [values[here].max() for here in each])
     np.testing.assert_array_equal(sets.smallest(values), [values[here].min() for here in each])
     for here, other in zip(sets.each(), each, strict=True):
@@ -77,7 +77,7 @@ def test_footprints_are_grouped_within_their_cell():
     size = np.array([3, 1, 12, 2])
     boxes = (np.uint64(0b11) << rng.integers(0, 6, (18, GRID)).astype(np.uint64)) * (rng.random((18, GRID)) < 0.1)
     number = np.zeros(18, np.int64)
-    group_numbers(boxes.copy(), size, number)
+    write_group_numbers(boxes.copy(), size, number)
     for i, n in zip(np.cumsum(size) - size, size, strict=True):
         visited = [{(r, c) for r in range(GRID) for c in range(64) if int(row[r]) >> c & 1} for row in boxes[i : i + n]]
         groups = {k: {k} for k in range(n)}

@@ -9,9 +9,9 @@ from depth import deep, either
 from figure4 import KNOWN, label
 
 import rattle
-from rattle.attractors.basins import Basins, States, boundary, classified
+from rattle.attractors.basins import Basins, GrowingClassification, boundary_cells, classified
 from rattle.attractors.cell_map import groups_of_map
-from rattle.attractors.measures import power_law
+from rattle.attractors.measures import fit_power_law
 
 
 @cache
@@ -62,7 +62,7 @@ def test_the_methods_differ_in_few_cells_and_at_boundaries(epsilon, impacts):
     mapped, direct = basins(point, side, impacts=impacts), basins(point, side, method="direct")
     differing = rattle.differing(mapped, direct)
     assert rattle.disagreement(mapped, direct) == differing.mean() < (0.03 if impacts == 1 else 0.001)
-    near = boundary(direct.labels) | boundary(mapped.labels)
+    near = boundary_cells(direct.labels) | boundary_cells(mapped.labels)
     assert (differing & ~near).sum() <= 0.1 * differing.sum()
     assert rattle.disagreement(basins(point, side, method="refined", impacts=impacts), direct) <= 0.5 * differing.mean()
 
@@ -92,7 +92,7 @@ def test_refinement_goes_on_until_nothing_changes(point, share):
     assert rattle.disagreement(refined, direct) < share
     assert {label(a) for a in refined.attractors} == {label(a) for a in direct.attractors}
     wrong = rattle.differing(refined, direct)  # alone among cells of one label: all others were followed
-    assert not (wrong & boundary(refined.labels)).any()
+    assert not (wrong & boundary_cells(refined.labels)).any()
 
 
 def test_a_lattice_finds_a_basin_that_cell_mapping_misses():
@@ -108,7 +108,10 @@ def test_states_followed_in_several_calls_keep_their_attractors(point):
     gear = rattle.Gear(*point)
     tau, v = np.random.default_rng(3).random((2, 1200))
     v = 7 * v + 1e-3
-    parts, at_once = States(rattle.Gear(*point).states), States(rattle.Gear(*point).states)
+    parts, at_once = (
+        GrowingClassification(rattle.Gear(*point).states),
+        GrowingClassification(rattle.Gear(*point).states),
+    )
     rows = np.concatenate([parts.follow(t, w)[0] for t, w in zip(np.split(tau, 6), np.split(v, 6), strict=True)])
     whole, _impacts = at_once.follow(tau, v)
     pairs = np.unique(np.stack([rows, whole]), axis=1)
@@ -213,10 +216,10 @@ def test_no_entropy_where_a_cell_is_undecided():
 def test_the_fit_recovers_a_power_law_and_its_error():
     sizes, pairs = 2.0 ** -np.arange(5.0, 13.0), np.full(8, 8192)
     random = np.random.default_rng(2)
-    fits = np.array([power_law(sizes, random.binomial(pairs, 2 * sizes**0.7), pairs) for _ in range(400)])
+    fits = np.array([fit_power_law(sizes, random.binomial(pairs, 2 * sizes**0.7), pairs) for _ in range(400)])
     assert fits[:, 0].mean() == pytest.approx(0.7, abs=0.01)
     assert (np.abs(fits[:, 0] - 0.7) < fits[:, 1]).mean() > 0.9
-    assert np.isnan(power_law(sizes, np.zeros(8, np.int64), pairs)).all()
+    assert np.isnan(fit_power_law(sizes, np.zeros(8, np.int64), pairs)).all()
 
 
 def test_a_smooth_boundary_has_exponent_one_and_a_mixed_one_less():

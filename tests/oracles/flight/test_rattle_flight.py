@@ -45,7 +45,7 @@ def test_the_proof_and_the_panels_agree():
         delta, epsilon, beta = rng.uniform(0.2, 1.5), rng.uniform(0, 0.4), rng.uniform(0.2, 1.2)
         wall, tau, w = int(rng.choice([1, -1])), rng.random(), 10 ** rng.uniform(-6, 1.17)
         w *= -wall
-        flight = law.leaving(tau, w, delta, epsilon, forcing.DRIFT)
+        flight = law.flight_from_phase(tau, w, delta, epsilon, forcing.DRIFT)
         ok, target, s, w1, *_ = first_impact.proven_impact(wall, tau, flight, beta)
         if ok:
             proved += 1

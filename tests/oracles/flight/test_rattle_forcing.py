@@ -64,8 +64,8 @@ def test_derivatives_of_the_forcing(rng):
         at = forcing.phase_at(t)
         assert at == pytest.approx((math.sin(2 * math.pi * t), math.cos(2 * math.pi * t)), abs=1e-15)
         for order, found in (
-            (1, forcing.plus_slope(x, *at, epsilon) - x),
-            (2, forcing.plus_acceleration(x, *at, epsilon) - x),
+            (1, forcing.add_slope(x, *at, epsilon) - x),
+            (2, forcing.add_acceleration(x, *at, epsilon) - x),
             (3, forcing.third_derivative(*at, epsilon)),
             (4, forcing.fourth_derivative(*at, epsilon)),
         ):
@@ -86,16 +86,16 @@ def test_changes_of_the_forcing_over_a_flight(rng):
             drop = derivative(0, t0, epsilon) + s * derivative(1, t0, epsilon) - derivative(0, t0 + mp.mpf(s), epsilon)
             loss = derivative(1, t0, epsilon) - derivative(1, t0 + mp.mpf(s), epsilon)
         step, (sine0, cosine0) = forcing.versines(s), forcing.phase_at(t0)
-        dsin, cosine1 = forcing.turned(step, sine0, cosine0)
+        dsin, cosine1 = forcing.phase_changes(step, sine0, cosine0)
         tolerance = 1e-8 if s < 1e-6 else 1e-12
-        found = forcing.drop(step, sine0, cosine0, epsilon)
+        found = forcing.tangent_drop(step, sine0, cosine0, epsilon)
         assert found == pytest.approx(float(drop), rel=tolerance, abs=1e-15 * s)
-        assert forcing.slowing(dsin, epsilon) == pytest.approx(float(loss), rel=tolerance)
+        assert forcing.slope_loss_of_change(dsin, epsilon) == pytest.approx(float(loss), rel=tolerance)
         later = sine0 + dsin, cosine1
         assert later == pytest.approx(forcing.phase_at((t0 + s) % 1.0), abs=1e-14)
         assert forcing.slope_loss(sine0, cosine0, *later, epsilon) == pytest.approx(float(loss), abs=1e-14)
-        after = forcing.IN_DOUBLE.plus_acceleration_after(0.25, sine0, dsin, cosine1, epsilon)
-        assert after == pytest.approx(forcing.plus_acceleration(0.25, *later, epsilon), abs=1e-14)
+        after = forcing.IN_DOUBLE.add_acceleration_after(0.25, sine0, dsin, cosine1, epsilon)
+        assert after == pytest.approx(forcing.add_acceleration(0.25, *later, epsilon), abs=1e-14)
         change = forcing.analytic_change(complex(t0), complex(t0 + s), complex(s), epsilon)
         assert change == pytest.approx(float(s * derivative(1, t0, epsilon) - drop), abs=1e-14)
 
@@ -136,9 +136,11 @@ def test_the_contact_force_and_what_is_known_of_it(rng):
         assert Forcing(epsilon).relative_swing(delta) == pytest.approx(share, rel=1e-12)
         assert Forcing(epsilon).least_force(np.float64(delta)) == pytest.approx(exact.min(), abs=1e-4)
         assert abs((t[np.argmin(exact)] - forcing.phase_of_least_force(delta) + 0.5) % 1.0 - 0.5) < 1e-3
-        assert forcing.swings_beyond(0.99 * share, delta, epsilon)
-        assert not forcing.swings_beyond(1.01 * share, delta, epsilon)
-        lines = sum(size * cmath.exp(1j * frequency * 0.3) for frequency, size in Forcing(epsilon).lines(delta))
+        assert forcing.has_swing_beyond(0.99 * share, delta, epsilon)
+        assert not forcing.has_swing_beyond(1.01 * share, delta, epsilon)
+        lines = sum(
+            size * cmath.exp(1j * frequency * 0.3) for frequency, size in Forcing(epsilon).spectral_lines(delta)
+        )
         assert lines.real == pytest.approx(float(force(0.3, delta, epsilon)), rel=1e-13)
         assert lines.imag == pytest.approx(0.0, abs=1e-12)
         rate = float(derivative(3, 0.3, epsilon) + delta * derivative(2, 0.3, epsilon))
@@ -153,11 +155,11 @@ def test_the_contact_force_and_what_is_known_of_it(rng):
 
 def test_the_quiet_limit_is_where_the_force_just_reaches_zero():
     for delta in (0.02, 0.6, 3.0):
-        epsilon = float(forcing.quiet_size(np.float64(delta)))
+        epsilon = float(forcing.quiet_eccentricity(np.float64(delta)))
         phase = forcing.phase_of_least_force(delta)
         assert abs(float(force(phase, delta, epsilon))) < 1e-14
         assert forcing.least_damping(epsilon) == pytest.approx(delta, rel=1e-12)
-        assert np.abs(Forcing(epsilon).touch(np.float64(phase), np.float64(delta))).max() < 1e-14
+        assert np.abs(Forcing(epsilon).force_and_rate(np.float64(phase), np.float64(delta))).max() < 1e-14
 
 
 def test_the_force_ahead_of_a_contact_and_its_integral(rng):

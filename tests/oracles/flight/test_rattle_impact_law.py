@@ -14,17 +14,19 @@ from rattle.impacting.map.impact_map import impact_tangent
 
 def test_an_elastic_impact_turns_the_velocity_and_keeps_the_energy():
     for w in (-7.0, -1e-3, 0.25, 3.0):
-        after = impact_law.reflected(w)
+        after = impact_law.reflected_velocity(w)
         assert abs(after) == abs(w)
         assert after * w < 0
-        assert impact_law.before_reflection(after) == w
+        assert impact_law.velocity_before_reflection(after) == w
         assert impact_law.impact_mismatch(w, after) == 0.0
         assert impact_law.impulse_of(abs(w)) == abs(after - w)
-        assert ELASTIC.energy_lost(w) == w**2 / 2 - after**2 / 2
+        assert ELASTIC.energy_loss(w) == w**2 / 2 - after**2 / 2
         step = 1e-6
-        change = (impact_law.reflected(w + step) - impact_law.reflected(w - step)) / (2 * step)
+        change = (impact_law.reflected_velocity(w + step) - impact_law.reflected_velocity(w - step)) / (2 * step)
         assert impact_law.reflected_change(1.0) == pytest.approx(change, rel=1e-9)
-        energy = (impact_law.reflected(w + step) ** 2 - impact_law.reflected(w - step) ** 2) / (4 * step)
+        energy = (impact_law.reflected_velocity(w + step) ** 2 - impact_law.reflected_velocity(w - step) ** 2) / (
+            4 * step
+        )
         assert ELASTIC.energy_change(w, 1.0) == pytest.approx(energy, rel=1e-8)
     assert not ELASTIC.chatter_completes
 

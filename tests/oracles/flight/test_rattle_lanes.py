@@ -11,7 +11,7 @@ from depth import either
 
 import rattle
 from rattle.flight.forcing import DRIFT
-from rattle.flight.lanes.block import FIELDS, LANES, TABLES, block, empty, load, move
+from rattle.flight.lanes.block import FIELDS, LANES, TABLES, clear_block, load, move, new_block
 from rattle.impacting.map import impact_map
 from rattle.impacting.map.iterate import paths
 
@@ -19,7 +19,7 @@ from rattle.impacting.map.iterate import paths
 
 
 def test_a_block_is_whole_cache_lines_and_tables_lie_over_the_fields_that_they_name():
-    memory = block()
+    memory = new_block()
     for k, name in enumerate(FIELDS):
         assert memory[name].ctypes.data % 64 == 0, name
         memory[name] = k
@@ -32,7 +32,7 @@ def test_a_block_is_whole_cache_lines_and_tables_lie_over_the_fields_that_they_n
 def _loaded(memory):
     """Another trajectory on every lane."""
     b = memory[0]
-    empty(b)
+    clear_block(b)
     for i in range(LANES):
         load(b, i, 0.01 * i, 1.0 + i, 0.3 + 0.01 * i, 0.05 * i, 0.6, 7.0)
         b.who[i], b.unit[i], b.time[i] = i, 2.0 + i, 3.0 + i
@@ -44,7 +44,7 @@ def _moved(memory, i, j):
 
 
 def test_what_is_moved_to_another_lane_is_all_that_it_carries():
-    memory = block()
+    memory = new_block()
     _loaded(memory)
     np.testing.assert_array_equal(memory["parameters_"], memory["parameters"].astype(np.float32))
     before = memory.copy()
@@ -172,8 +172,8 @@ def test_shapes_and_nothing_to_do():
     assert still.v.tolist() == [1.0, 2.0, 3.0]
     assert still.n_plus.tolist() == still.n_minus.tolist() == [0, 0, 0]
     assert np.isnan(rattle.iterate_tangent(0.6, 0.1, 0.25, 1.0, 0).lyapunov).all()
-    empty = rattle.iterate(0.6, np.zeros((0, 3)), 0.5, 1.0, 4)
-    assert all(x.shape == (0, 3) for x in empty)
+    nothing = rattle.iterate(0.6, np.zeros((0, 3)), 0.5, 1.0, 4)
+    assert all(x.shape == (0, 3) for x in nothing)
     assert rattle.iterate_tangent(0.6, [], 0.5, 1.0, 4).lyapunov.shape == (2, 0)
     wide = rattle.iterate(np.full((3, 1), 0.6), np.full(4, 0.1), 0.5, 5.0, [[1], [0], [7]])
     assert all(x.shape == (3, 4) for x in wide)

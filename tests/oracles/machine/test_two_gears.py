@@ -209,7 +209,7 @@ def test_a_forcing_without_a_first_harmonic_is_that_of_a_shorter_period() -> Non
     ("wrong", "said"),
     [
         ({"mesh_error": 1e-7}, "mesh_error has an order of the tooth mesh"),
-        ({"driven_teeth": 35}, "give the first's teeth too"),
+        ({"driven_teeth": 35}, "give teeth, that of the first gear, too"),
         ({"teeth": 20, "driven_teeth": 35}, "give its driven_inertia and driven_drag too"),
         ({"teeth": 20, "driven_teeth": 20, "driven_radius": 0.06}, "must have the ratio of the tooth numbers, 20/20"),
         ({"teeth": 20.5}, "teeth must be an integer"),

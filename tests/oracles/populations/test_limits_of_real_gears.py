@@ -77,7 +77,7 @@ def test_limits_of_a_gear_with_harmonics_begin_at_its_own_quiet_limit() -> None:
 @pytest.mark.parametrize(
     ("given", "of", "said"),
     [
-        ({**LOSSY, "epsilon": 3.0}, "harmonic_5", "teeth cannot stay together at any harmonic_5"),
+        ({**LOSSY, "epsilon": 3.0}, "harmonic_5", "the teeth cannot stay in contact at any harmonic_5"),
         ({**LOSSY, "epsilon": 0.1}, "harmonic_0", "of must be one of"),
         ({**LOSSY, "epsilon": 0.1}, "mesh_error", "both define the gear"),
     ],

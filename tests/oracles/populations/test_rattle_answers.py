@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rattle
-from rattle.populations.answers import Population, mean_share, quantile
+from rattle.populations.answers import Population, mean_of_shares, quantile_estimate
 from rattle.populations.gears import FAILS, NOT_ASKED, PASSES, UNKNOWN, Gears
 from rattle.populations.plan import Plan
 from rattle.populations.tolerances import Tolerances
@@ -55,22 +55,22 @@ def test_intervals_of_shares_hold_the_truth_as_often_as_they_say() -> None:
     random, held = np.random.default_rng(1), []
     for _ in range(400):
         chance = random.beta(0.8, 0.2, 200)
-        found = mean_share(random.binomial(4, chance) / 4)
+        found = mean_of_shares(random.binomial(4, chance) / 4)
         held.append(found.low <= 0.8 <= found.high)
     assert 0.92 <= np.mean(held) <= 0.98
 
 
 def test_gears_that_are_all_alike_leave_room_for_others() -> None:
-    assert mean_share(np.ones(100)) == pytest.approx((1.0, float(rattle.wilson_interval(100, 100)[0]), 1.0))
-    assert mean_share(np.zeros(100)).low == 0.0
-    assert mean_share(np.zeros(100)).high > 0.03
+    assert mean_of_shares(np.ones(100)) == pytest.approx((1.0, float(rattle.wilson_interval(100, 100)[0]), 1.0))
+    assert mean_of_shares(np.zeros(100)).low == 0.0
+    assert mean_of_shares(np.zeros(100)).high > 0.03
 
 
 def test_intervals_of_quantiles_hold_the_truth_as_often_as_they_say() -> None:
     random, held = np.random.default_rng(2), []
     for _ in range(400):
         scale = random.exponential(size=(300, 1))  # a gear's samples resemble each other
-        found = quantile(np.sort(scale * random.exponential(size=(300, 4)), axis=1), 0.75)
+        found = quantile_estimate(np.sort(scale * random.exponential(size=(300, 4)), axis=1), 0.75)
         held.append(found.low <= 1.1419168 <= found.high)
     assert 0.92 <= np.mean(held) <= 0.98
 
@@ -86,11 +86,11 @@ def test_the_quantile_of_that_distribution_is_the_one_that_is_used_above() -> No
 def test_rows_of_which_nothing_is_known_do_not_count() -> None:
     values = np.arange(400.0).reshape(100, 4)
     with_unknown = np.concatenate([values, np.full((50, 4), np.nan)])
-    assert quantile(with_unknown, 0.5) == quantile(values, 0.5)
+    assert quantile_estimate(with_unknown, 0.5) == quantile_estimate(values, 0.5)
 
 
 def test_an_end_that_no_gear_reaches_is_infinite() -> None:
-    found = quantile(np.arange(20.0)[:, None], 0.99)
+    found = quantile_estimate(np.arange(20.0)[:, None], 0.99)
     assert found.value == 19.0
     assert found.high == np.inf
 
@@ -126,7 +126,7 @@ def test_undecided_samples_widen_the_share_and_count_in_no_mean() -> None:
 def test_nothing_is_said_of_gears_that_do_not_differ() -> None:
     population = imitated(None, pairs=200)
     same = Population(population.plan, population.rows._replace(energy=np.zeros_like(population.rows.energy)))
-    with pytest.raises(rattle.RattleError, match="differ by no more than the sampling error"):
+    with pytest.raises(rattle.RattleError, match="differ by no more than their sampling errors"):
         same.indices()
     with pytest.raises(rattle.ParameterError, match="of must be one of quiet, energy"):
         same.indices("noise")

@@ -8,7 +8,7 @@ from depth import deep
 
 import rattle
 from rattle.attractors.speeds import NATURAL
-from rattle.populations.gears import FAILS, NOT_ASKED, PASSES, computed, judged, states
+from rattle.populations.gears import FAILS, NOT_ASKED, PASSES, computed, initial_states, verdicts_of
 from rattle.populations.plan import Plan, Shock
 from rattle.populations.tolerances import Tolerances
 
@@ -88,10 +88,10 @@ def test_the_powers_are_those_of_the_machines() -> None:
     machine = rattle.Machine(**{**GIVEN, **worst.numbers})
     of_gear = found.gears.energy[worst.row]
     assert worst.energy == pytest.approx(np.nanmean(of_gear) * machine.units.power)
-    assert worst.energy == pytest.approx(max(np.nanmean(found.gears.energy, axis=1) * found.power))
+    assert worst.energy == pytest.approx(max(np.nanmean(found.gears.energy, axis=1) * found.watts_per_unit))
     watts = found.intensity((0.9,))[0.9]
     assert watts.low <= watts.value <= watts.high
-    assert watts.value in found.gears.energy * np.asarray(found.power)[:, None]
+    assert watts.value in found.gears.energy * np.asarray(found.watts_per_unit)[:, None]
 
 
 @deep
@@ -111,10 +111,10 @@ def test_gears_pass_whose_share_of_quiet_runs_is_large_enough() -> None:
 @pytest.mark.parametrize(("gears", "judged"), [(10, 3), (1000, 256), (7, 7), (5, 100)])
 def test_as_many_gears_are_judged_as_was_asked(gears: int, judged: int) -> None:
     plan = of(PAPER, gears=gears, judged=judged, share=0.5)
-    asked = plan.asked(np.arange(plan.rows))
+    asked = plan.is_judged(np.arange(plan.rows))
     assert asked.sum() == min(gears, judged)
     assert not asked[gears:].any()
-    assert not of(PAPER, gears=gears).asked(np.arange(gears)).any()
+    assert not of(PAPER, gears=gears).is_judged(np.arange(gears)).any()
 
 
 def test_gears_pass_whose_margin_is_large_enough() -> None:
@@ -132,7 +132,7 @@ def test_a_margin_of_a_machine_is_a_speed_in_metres_a_second() -> None:
     points = plan.tolerances.points(plan.values(np.arange(1)))
     assert points.units is not None
     plain = of(GIVEN, gears=2, count=1, pairs=0, margin=float(1e-3 / points.units.velocity), judged=2)
-    assert np.array_equal(judged(plan, points), judged(plain, points._replace(units=None)))
+    assert np.array_equal(verdicts_of(plan, points), verdicts_of(plain, points._replace(units=None)))
 
 
 def test_a_shock_is_where_gears_begin() -> None:
@@ -148,7 +148,7 @@ def test_a_shock_is_where_gears_begin() -> None:
 def test_a_shock_of_a_machine_is_in_metres_a_second() -> None:
     plan = of(GIVEN, gears=4, count=8, pairs=0, shock=Shock("uniform:0.001:0.01", 0.25))
     points = plan.tolerances.points(plan.values(np.arange(4)))
-    tau, v = states(plan, points, 8, 0)
+    tau, v = initial_states(plan, points, 8, 0)
     assert points.units is not None
     speeds = v * np.broadcast_to(points.units.velocity, 4)[:, None]
     assert (tau == 0.25).all()

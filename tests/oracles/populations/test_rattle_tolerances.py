@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 import rattle
-from rattle.populations.copula import Copula, correlation_of
+from rattle.populations.copula import Copula, checked_correlation
 from rattle.populations.distributions import LEAST, Distribution, distribution_of
 from rattle.populations.measured import read_gears
 from rattle.populations.tolerances import Tolerances
@@ -60,7 +60,7 @@ def test_distributions_are_read_from_text(text: str, meant: Distribution) -> Non
 
 
 def test_draws_have_the_correlations_that_were_asked_for() -> None:
-    copula = Copula(correlation_of(MATRIX, ("a", "b", "c")))
+    copula = Copula(checked_correlation(MATRIX, ("a", "b", "c")))
     z = copula.draws(7, 0, ROWS)
     assert np.abs(np.cov(z.T) - MATRIX).max() < STATISTICAL
     assert np.abs(z.mean(axis=0)).max() < STATISTICAL
@@ -103,8 +103,8 @@ def test_gears_are_the_machines_of_their_numbers_to_the_bit(more: dict[str, Any]
             machine.beta,
             machine.kappa,
         )
-        assert points.some([k]).units is not None
-        assert points.some([k]).units.power == machine.units.power
+        assert points.take([k]).units is not None
+        assert points.take([k]).units.power == machine.units.power
 
 
 def test_gears_that_were_measured_vary_as_they_did(tmp_path: Path) -> None:
@@ -141,7 +141,7 @@ NORMAL = rattle.Normal(15e-6, 5e-6)
         ),
         (DRAWING | {"excentricity": NORMAL}, "a gear has no excentricity: it has"),
         ({"delta": 0.1, "beta": "uniform:0.1:0.2"}, "epsilon must be given too"),
-        (DRAWING | {"eccentricity": "normal:1e-6"}, "after normal give mean, deviation and, if it is cut off"),
+        (DRAWING | {"eccentricity": "normal:1e-6"}, "after normal give mean, deviation, and low and high if"),
         (DRAWING | {"eccentricity": "gamma:1:2"}, "is no distribution: write a number, or normal:MEAN"),
         (DRAWING | {"eccentricity": "uniform:a:b"}, "must be numbers, separated by colons"),
     ],
@@ -181,12 +181,12 @@ def test_a_distribution_without_spread_or_order_is_refused(kind: Any, numbers: t
 )
 def test_a_matrix_that_is_no_correlation_is_refused(matrix: list[list[float]], says: str) -> None:
     with pytest.raises(rattle.ParameterError, match=says):
-        correlation_of(matrix, ("a", "b"))
+        checked_correlation(matrix, ("a", "b"))
 
 
 def test_the_factor_that_is_named_makes_a_matrix_possible() -> None:
     matrix = np.array([[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]])
     with pytest.raises(rattle.ParameterError, match=r"multiply the entries off the diagonal by (0\.\d+)") as refused:
-        correlation_of(matrix, ("a", "b", "c"))
+        checked_correlation(matrix, ("a", "b", "c"))
     factor = float(str(refused.value).split("diagonal by ")[1].split(",")[0])
-    correlation_of(np.where(np.eye(3) > 0, 1.0, factor * matrix), ("a", "b", "c"))
+    checked_correlation(np.where(np.eye(3) > 0, 1.0, factor * matrix), ("a", "b", "c"))

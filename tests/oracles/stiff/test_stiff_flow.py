@@ -21,7 +21,7 @@ EPS = np.finfo(float).eps
 
 def state_after(wall, tau, x0, w0, delta, epsilon, kappa, s):
     forced = force_ahead(wall, math.sin(2 * math.pi * tau), math.cos(2 * math.pi * tau), delta, epsilon)
-    return contact.contact_depth(s, contact.Contact(x0, w0, *forced, delta, kappa))[:2]
+    return contact.contact_state(s, contact.Contact(x0, w0, *forced, delta, kappa))[:2]
 
 
 def random_contact(rng):

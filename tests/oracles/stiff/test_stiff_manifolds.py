@@ -12,7 +12,7 @@ from rattle.orbits.images import images
 from rattle.orbits.manifolds import manifold
 from rattle.orbits.saddles import eigenvectors, local_manifold
 from rattle.stiff import StiffGear, from_limit
-from rattle.stiff.map.flow import preceding
+from rattle.stiff.map.flow import previous_departure
 from rattle.stiff.map.return_map import StiffPoint, step
 
 DELTA, EPSILON, BETA = 0.6, 0.1, 0.6
@@ -32,7 +32,7 @@ def test_the_inverse_map_undoes_a_return(kappa: float) -> None:
         code, tau1, v1, time, n_minus, *_ = step(tau, v, StiffPoint(delta, epsilon, BETA, kappa))
         if code != 0 or time > 6.0:
             continue
-        back = preceding(tau1, v1, delta, epsilon, BETA, kappa)
+        back = previous_departure(tau1, v1, delta, epsilon, BETA, kappa)
         error = 1e-12 * np.exp(delta * time) * (1 + 1 / v1) * (1 + 1 / v) * (10 + n_minus * np.sqrt(kappa))
         assert (back[0], back[4]) == (0, n_minus)
         assert back[3] == pytest.approx(time, abs=error)

@@ -9,7 +9,7 @@ from rattle.errors import ParameterError
 from rattle.numerics.complex_step import derivatives
 from rattle.stiff import StiffGear, attractors_of, period_one, regions, saddle_node_1
 from rattle.stiff.map.return_map import StiffPoint, step_tangent
-from rattle.stiff.orbits.closure import Cycle, closure, departure_of
+from rattle.stiff.orbits.closure import Cycle, departure_of, write_residuals
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.families import families, members
 
@@ -27,7 +27,7 @@ def test_the_compiled_closure_is_that_of_the_equations() -> None:
         x = np.concatenate([times, durations, [delta, epsilon]])
         exact, by_all = derivatives(StiffItinerary(walls, m, beta, p).residual, x)
         value, jacobian = np.empty(2 * c), np.empty((2 * c, 2 * c + 1))
-        assert closure(np.delete(x, 2 * c), Cycle(np.array(walls), m, delta, beta, kappa), value, jacobian)
+        assert write_residuals(np.delete(x, 2 * c), Cycle(np.array(walls), m, delta, beta, kappa), value, jacobian)
         np.testing.assert_allclose(value, exact, atol=1e-13 * (1 + np.abs(exact).max()))
         np.testing.assert_allclose(jacobian, np.delete(by_all, 2 * c, 1), atol=1e-11 * np.abs(by_all).max())
         checked += 1

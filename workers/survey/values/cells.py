@@ -87,7 +87,7 @@ class Cells:
     @cached_property
     def sampled_speed(self) -> np.ndarray:
         """The largest speed of the sample, shape (n_epsilon, n_delta)."""
-        return self.sample.highest(self.model.at(self.delta, self.epsilon[:, None]))
+        return self.sample.highest_speeds(self.model.parameters_at(self.delta, self.epsilon[:, None]))
 
     @cached_property
     def boundary_distance(self) -> rattle.BoundaryDistance:

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 
-class Added(NamedTuple):
-    """A parameter that a model adds: the fields of `rattle.parameters.Parameter` that options need."""
+class AddedParameter(NamedTuple):
+    """A parameter that a model adds, with the fields of `rattle.parameters.Parameter` that command options need."""
 
     name: str
     model: str
@@ -28,21 +28,21 @@ class Added(NamedTuple):
         return words[0].upper() + words[1:]
 
     @classmethod
-    def read(cls, model: str, given: dict[str, Any]) -> Added:
-        """Return the parameter that an entry of a declaration describes."""
+    def from_declaration(cls, model: str, given: dict[str, Any]) -> AddedParameter:
+        """Return the parameter that one entry of a model's declaration.toml describes. model: name of the model."""
         return cls(model=model, **{name: value for name, value in given.items() if name in cls._fields})
 
 
 @cache
-def added() -> dict[str, Added]:
-    """Return the parameters that models add, by name."""
+def added_parameters() -> dict[str, AddedParameter]:
+    """Return the parameters that models add to δ, ε and β, by name."""
     library = find_spec("rattle")
     assert library is not None
     assert library.submodule_search_locations is not None
-    found: dict[str, Added] = {}
+    found: dict[str, AddedParameter] = {}
     for place in library.submodule_search_locations:
         for path in sorted(Path(place).glob("models/*/declaration.toml")):
             declared = tomllib.loads(path.read_text(encoding="utf-8"))
             for each in declared["parameters"]:
-                found[each["name"]] = Added.read(declared["model"], each)
+                found[each["name"]] = AddedParameter.from_declaration(declared["model"], each)
     return found

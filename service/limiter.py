@@ -1,4 +1,4 @@
-"""Limit concurrent computations; foreground requests pre-empt background ones."""
+"""Limit the number of concurrent computations. Foreground computations pre-empt background ones."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ class PriorityLimiter:
 
     def __init__(self, number: int) -> None:
         self._limiter = CapacityLimiter(number)
-        self._giving_way: list[CancelScope] = []  # scopes of background computations, the newest last
+        self._giving_way: list[CancelScope] = []  # cancel scopes of running background computations, the newest last
         self._waiting = 0
         self._nobody_waits = Event()
         self._nobody_waits.set()
 
     @asynccontextmanager
-    async def one(self) -> AsyncIterator[None]:
-        """Run a foreground computation in this context, as soon as the limit allows.
+    async def foreground_slot(self) -> AsyncIterator[None]:
+        """Wait until the limit allows another computation, and count this context as a foreground computation.
 
         If the limit is reached, the newest background computation is cancelled, and begins again later.
         """
@@ -33,7 +33,7 @@ class PriorityLimiter:
         try:
             if self._limiter.available_tokens < 1 and self._giving_way:
                 self._giving_way.pop().cancel()
-            await self._limiter.acquire_on_behalf_of(place := object())
+            await self._limiter.acquire_on_behalf_of(slot := object())
         finally:
             self._waiting -= 1
             if not self._waiting:
@@ -41,10 +41,10 @@ class PriorityLimiter:
         try:
             yield
         finally:
-            self._limiter.release_on_behalf_of(place)
+            self._limiter.release_on_behalf_of(slot)
 
-    async def in_background(self, compute: Callable[[], Awaitable[Result]]) -> Result:
-        """Return the result of a background computation. It begins again after it was pre-empted."""
+    async def run_in_background(self, compute: Callable[[], Awaitable[Result]]) -> Result:
+        """Return the result of `compute`. It runs when no foreground one waits, and again after each pre-emption."""
         while True:
             await self._nobody_waits.wait()
             async with self._limiter:

@@ -14,7 +14,7 @@ import xarray as xr
 
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.map.planes import MapPlane
-from gear_rattle.service.explorer.point.words import number, percent
+from gear_rattle.service.explorer.point.words import number_text, percent_text
 from gear_rattle.workers import Bucket, SurveyRequest, open_survey
 from gear_rattle.workers.errors import SurveyError, reading
 from gear_rattle.workers.pictures.largest import family_names, open_maps
@@ -25,15 +25,15 @@ from gear_rattle.workers.survey.values.evaluate import FAILED
 from rattle.models import Model
 
 MOST_LISTED = 100  # families in the list: the first ones, which have the most cells
-NOT_ALONE = "Where two of its attractors are in one cell, one becomes the other on a way through other cells."
+NOT_ALONE = "Some cells have two of its attractors: continuation through other cells leads from one to the other."
 
 
 @dataclass(frozen=True)
 class Extent:
     """The longest row or column of a family's cells without a gap.
 
-    direction: "delta" for a row, "epsilon" for a column. middle: its middle (δ, ε). either_way: half its length
-    plus one cell.
+    direction: "delta" for a row, "epsilon" for a column. middle: the point (δ, ε) in its middle. either_way: half its
+    length plus one cell, as a difference of δ or ε.
     """
 
     direction: str
@@ -50,9 +50,10 @@ class Extent:
 class FamilyDescription:
     """Description of one family.
 
-    row: its numbers in the survey's table of families, by name. of_plane: its share of the finished cells. of_samples:
-    its share of the samples of these cells. borders: for each curve, the number of pairs of neighbouring cells that
-    the curve separates and of which only one has the family. extents: its longest row and column of cells.
+    row: the family's numbers in the survey's table of families, by name. of_plane: share of the computed cells that
+    have the family. of_samples: share of all samples that go to the family. borders: for each curve, the number of
+    pairs of neighbouring cells that the curve separates and of which only one has the family. extents: the longest row
+    and the longest column of the family's cells.
     """
 
     name: str
@@ -63,14 +64,14 @@ class FamilyDescription:
     extents: tuple[Extent, ...]
 
 
-class Stored(NamedTuple):
+class StoredFamilies(NamedTuple):
     """An open survey, or a slice of one, and the table of its families."""
 
     survey: xr.Dataset
     table: xr.Dataset
 
 
-def stored_families(place: Path | Bucket, request: SurveyRequest, number: int) -> Stored:
+def stored_families(place: Path | Bucket, request: SurveyRequest, number: int) -> StoredFamilies:
     """Return a survey and its table of families from a store. It blocks: use a thread.
 
     Parameters
@@ -80,7 +81,7 @@ def stored_families(place: Path | Bucket, request: SurveyRequest, number: int) -
 
     Returns
     -------
-    Stored
+    StoredFamilies
         The survey, or the slice, and its table.
 
     Raises
@@ -89,24 +90,24 @@ def stored_families(place: Path | Bucket, request: SurveyRequest, number: int) -
         If the families are not stored yet.
     """
     opened, along = partial(open_survey, place), request.along(number)
-    return Stored(open_maps(opened, LARGEST, *along), opened(group_in(along[0] if along else None, GROUP)))
+    return StoredFamilies(open_maps(opened, LARGEST, *along), opened(group_in(along[0] if along else None, GROUP)))
 
 
-def require_family(found: Stored, which: int) -> None:
+def require_family(found: StoredFamilies, which: int) -> None:
     """Raise SurveyError if there is no family of this number."""
     if which >= (size := found.table.sizes["family"]):
         raise SurveyError(
-            f"There are families 0 to {size - 1} in this survey, and no {which}: leave it out of the address."
+            f"There are families 0 to {size - 1} in this survey, and no family {which}: choose another family."
         )
 
 
-def first_family_names(found: Stored) -> list[str]:
+def first_family_names(found: StoredFamilies) -> list[str]:
     """Return the names of the first MOST_LISTED families. It blocks: use a thread."""
     with reading("the families"):
         return family_names(*found, MOST_LISTED)
 
 
-def family_description(found: Stored, plane: MapPlane, which: int) -> FamilyDescription:
+def family_description(found: StoredFamilies, plane: MapPlane, which: int) -> FamilyDescription:
     """Return the description of an existing family. plane: the map of its basin fraction. It blocks: use a thread."""
     with reading("the families"):
         names = family_names(*found, which + 1)
@@ -114,9 +115,9 @@ def family_description(found: Stored, plane: MapPlane, which: int) -> FamilyDesc
         row = {str(name): float(here[name]) for name in here.data_vars if not here[name].dims}
         curves = [str(each) for each in here["curve"].values]
         borders = dict(zip(curves, (int(each) for each in here["edges_on"].values), strict=True))
-    share, status = plane.whole()
+    share, status = plane.all_cells()
     done = (status > 0) & (status != FAILED)
-    extents = (_extent(share > 0, plane, "delta"), _extent(share > 0, plane, "epsilon"))
+    extents = (_longest_extent(share > 0, plane, "delta"), _longest_extent(share > 0, plane, "epsilon"))
     return FamilyDescription(
         names[which],
         row,
@@ -127,7 +128,7 @@ def family_description(found: Stored, plane: MapPlane, which: int) -> FamilyDesc
     )
 
 
-def longest(there: np.ndarray) -> tuple[int, int, int]:
+def longest_run(there: np.ndarray) -> tuple[int, int, int]:
     """Return the longest run of True within a row of an array (m, n).
 
     If several runs are longest, it is the run that ends first. If no value is True, the run is empty.
@@ -147,9 +148,9 @@ def longest(there: np.ndarray) -> tuple[int, int, int]:
     return best
 
 
-def _extent(there: np.ndarray, plane: MapPlane, direction: str) -> Extent | None:
+def _longest_extent(there: np.ndarray, plane: MapPlane, direction: str) -> Extent | None:
     along, across = (plane.delta, plane.epsilon) if direction == "delta" else (plane.epsilon, plane.delta)
-    line, first, end = longest(there if direction == "delta" else there.T)
+    line, first, end = longest_run(there if direction == "delta" else there.T)
     if end == first:
         return None
     step = float(along[-1] - along[0]) / max(along.size - 1, 1)
@@ -158,7 +159,8 @@ def _extent(there: np.ndarray, plane: MapPlane, direction: str) -> Extent | None
     return Extent(
         direction,
         (middle, beside) if direction == "delta" else (beside, middle),
-        (end - first) / 2 * step + step,  # half the length, and a cell more, where the family ends
+        # half the length and one more cell, so that the diagram shows where the family ends
+        (end - first) / 2 * step + step,
     )
 
 
@@ -168,27 +170,27 @@ def family_in_words(found: FamilyDescription, model: Model) -> str:
     if not row["cells"]:
         return f"<p><strong>{escape(found.name)}</strong> is in none of the cells.</p>"
     said = [
-        f"<strong>{escape(found.name)}</strong> is in {row['cells']:,.0f} cells, {percent(found.of_plane)} of the "
-        f"plane; {percent(found.of_samples)} of all samples go to it.",
-        f"It reaches from δ {number(row['delta_low'])} to {number(row['delta_high'])} and from ε "
-        f"{number(row['epsilon_low'])} to {number(row['epsilon_high'])}.",
+        f"<strong>{escape(found.name)}</strong> is in {row['cells']:,.0f} cells, {percent_text(found.of_plane)} of the "
+        f"plane; {percent_text(found.of_samples)} of all samples go to it.",
+        f"It reaches from δ {number_text(row['delta_low'])} to {number_text(row['delta_high'])} and from ε "
+        f"{number_text(row['epsilon_low'])} to {number_text(row['epsilon_high'])}.",
     ]
     if row["largest_fraction"] > 0:
-        at = f"δ {number(row['delta_at'])}, ε {number(row['epsilon_at'])}"
-        said.append(f"Its share is largest, {percent(row['largest_fraction'])}, at {at}.")
+        at = f"δ {number_text(row['delta_at'])}, ε {number_text(row['epsilon_at'])}"
+        said.append(f"Its share is largest, {percent_text(row['largest_fraction'])}, at {at}.")
     if row["unsampled"]:
         said.append(f"In {row['unsampled']:,.0f} of its cells no sample goes to it.")
-    said += [*_borders(found, model), *([NOT_ALONE] if row["monodromy"] else [])]
+    said += [*_borders_in_words(found, model), *([NOT_ALONE] if row["monodromy"] else [])]
     return f"<p>{' '.join(said)}</p>"
 
 
-def _borders(found: FamilyDescription, model: Model) -> list[str]:
+def _borders_in_words(found: FamilyDescription, model: Model) -> list[str]:
     """Return a sentence on the curves at which the family is born or ends."""
     edges = int(found.row["edges"])
     if not edges:
-        return ["No other cell is beside its cells."]
+        return ["Its cells have no border with other cells."]
     parts = [
-        f"{escape(curve)} ({percent(count / edges)})"
+        f"{escape(curve)} ({percent_text(count / edges)})"
         for curve, count in sorted(found.borders.items(), key=lambda each: -each[1])
         if curve in model.curve_names
     ]

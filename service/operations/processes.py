@@ -15,7 +15,7 @@ Result = TypeVar("Result")
 Arguments = TypeVarTuple("Arguments")
 
 
-async def in_turn(
+async def compute_in_process(
     front: Front,
     compute: Callable[[*Arguments], Result],
     *arguments: *Arguments,
@@ -27,7 +27,7 @@ async def in_turn(
 
     A process of its own is needed because a compiled loop cannot be interrupted, keeps other threads waiting, and may
     take minutes at extreme parameters. The time limit begins when the kernels of `model` are compiled. what: name of
-    the result in the plural, for the message "… were not found". advice: sentence that says how to need less time.
+    the result for the message "… could not be computed". advice: sentence that says how to need less time.
 
     Returns
     -------
@@ -42,14 +42,16 @@ async def in_turn(
         Too many requests wait, the computation takes too long, or the process died.
     """
     limits = front.settings
-    with front.interruptible():
-        await front.kernels.require(model)
-    if front.points.statistics().tasks_waiting >= limits.max_points_waiting:
+    with front.interruptible_work():
+        await front.kernels.wait_until_compiled(model)
+    if front.point_limiter.statistics().tasks_waiting >= limits.max_points_waiting:
         raise UnavailableError("Too many parameter points wait to be computed. Try again in a few seconds.")
     try:
-        with front.interruptible(), anyio.fail_after(limits.max_point_seconds):
-            return await to_process.run_sync(compute, *arguments, cancellable=True, limiter=front.points)
+        with front.interruptible_work(), anyio.fail_after(limits.max_point_seconds):
+            return await to_process.run_sync(compute, *arguments, cancellable=True, limiter=front.point_limiter)
     except TimeoutError as error:
-        raise UnavailableError(f"{what} were not found within {limits.max_point_seconds:g} s. {advice}") from error
+        raise UnavailableError(
+            f"{what} could not be computed within {limits.max_point_seconds:g} s. {advice}"
+        ) from error
     except BrokenWorkerProcess as error:
         raise UnavailableError("The process that computed this answer has died. Try again.") from error
