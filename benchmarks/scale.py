@@ -92,7 +92,7 @@ async def simulate(url: str, number: int) -> None:
         tile = next(each for each in runner_tiles(request) if _shape(each) == shape)
         _, arrays, _ = store._blank(request)
         return list(
-            store._encoded(
+            store._encode_tile(
                 request,
                 tile,
                 {
@@ -103,10 +103,10 @@ async def simulate(url: str, number: int) -> None:
         )
 
     def nothing(request: Any, path: str, tile: Any, *_: Any) -> TileRecord:
-        keys = store._keys(request, tile).values()
+        keys = store._chunk_keys(request, tile).values()
         with encoding:  # the workers of this process share one encoder
             written = dict(zip(keys, contents(request, _shape(tile)), strict=True))
-        place = store._place(path, request)
+        place = store._checked_place(path, request)
         for key, content in written.items():
             place.put(key, content)
         return TileRecord(tile.index, tile.n_cells, (), 0, 0.001, files=file_digests(written))

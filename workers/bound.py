@@ -13,9 +13,9 @@ import numpy as np
 import zarr
 
 from gear_rattle.workers.errors import report_damage, storage_error
-from gear_rattle.workers.storage.added import Each, here
+from gear_rattle.workers.storage.added import Each, run_in_process
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import attributes_of, noting, tell
+from gear_rattle.workers.storage.manifest import attributes_of, recording_tiles, set_attributes
 from gear_rattle.workers.storage.store import write_tile
 from gear_rattle.workers.survey.refined.audit import AUDIT, AUDIT_ATTRIBUTES, DISAGREED, LEAF, ROUNDS, SOURCE_LEVEL
 from gear_rattle.workers.survey.refined.rounds import KINDS, AuditCounts, AuditRound, next_round, wrong_share_upper
@@ -33,7 +33,7 @@ def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
 def meet_bound(
     request: SurveyRequest,
     where: str | Path | Place,
-    each: Each = here,
+    each: Each = run_in_process,
     at_once: int = 1,
     should_pause: Callable[[], bool] = lambda: False,
 ) -> bool:
@@ -46,7 +46,7 @@ def meet_bound(
     Parameters
     ----------
     each : Each
-        Function that runs a task for each of several items, such as `here`.
+        Function that runs a task for each of several items, such as `run_in_process`.
     at_once : int
         Number of tiles in a group; each tile is one task.
     should_pause : Callable[[], bool]
@@ -74,7 +74,7 @@ def meet_bound(
         # any tile is computed.
         found = each(audit_counts_of_tile, request, str(place), tiles)
         waiting = iter([tile for tile, counts in zip(tiles, found, strict=True) if counts is None])
-        with noting(place) as note:
+        with recording_tiles(place) as note:
             while part := list(islice(waiting, at_once)):
                 taken = each(recompute_tile, request, str(place), part)
                 note({tile.index: files for (tile,), (_, files) in zip(part, taken, strict=True)})
@@ -138,7 +138,7 @@ def _add_counts(one: AuditCounts, other: AuditCounts) -> AuditCounts:
 
 def _write_attributes(place: Place, told: Mapping[str, str | int | float]) -> None:
     try:
-        tell(place, told)
+        set_attributes(place, told)
     except OSError as error:
         refusal = storage_error(f"{place} cannot be written", error)
         raise refusal from error

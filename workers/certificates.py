@@ -24,9 +24,9 @@ from gear_rattle.workers.errors import SurveyError, storage_error
 from gear_rattle.workers.storage.added import Each
 from gear_rattle.workers.storage.integrity import COMPLETED
 from gear_rattle.workers.storage.location import CERTIFICATES as BESIDE
-from gear_rattle.workers.storage.location import Directory, certificates_of, place_of
+from gear_rattle.workers.storage.location import Directory, certificates_path, place_of
 from gear_rattle.workers.storage.location import Place as Location
-from gear_rattle.workers.storage.manifest import said_by_root
+from gear_rattle.workers.storage.manifest import unchecked_attributes
 from gear_rattle.workers.storage.store import open_survey
 from gear_rattle.workers.survey.manifest import ROOT, digest
 from gear_rattle.workers.survey.request import SurveyRequest
@@ -262,7 +262,7 @@ def lacks_certificates(request: SurveyRequest, where: str | Path | Location) -> 
     """Return whether a completed survey requests certificates that are missing or damaged."""
     if not request.certify:
         return False
-    out = certificates_of(where)
+    out = certificates_path(where)
     known, files = _read_seal(out)
     return known != request.content_hash() or files != _checksums(out, files)
 
@@ -281,7 +281,7 @@ def prove_survey(
         return each(_certify_task, request, str(where), [(part,) for part in parts])
 
     with open_survey(where) as survey:
-        certify_survey(survey, certificates_of(where), prove, at_once, on_done, should_stop)
+        certify_survey(survey, certificates_path(where), prove, at_once, on_done, should_stop)
 
 
 def _certify_task(_request: SurveyRequest, _path: str, claims: list[AttractorClaim]) -> Answers:
@@ -296,7 +296,7 @@ def require_proof_extra() -> None:
 def require_certifiable(request: object, where: str | Path | Location) -> None:
     """Raise SurveyError or MissingExtraError if the certificates that a request names cannot be made here."""
     if isinstance(request, SurveyRequest) and request.certify:
-        certificates_of(where)
+        certificates_path(where)
         require_proof_extra()
 
 
@@ -315,7 +315,8 @@ def holds_certificates(where: str | Path | Location) -> bool:
     """Return whether a directory is a store of certificates, damaged or not."""
     place = place_of(where)
     return isinstance(place, Directory) and (
-        IDENTITY_ATTRIBUTE in said_by_root(place) or any((place.path / name).is_file() for name in (SEAL, CERTIFICATES))
+        IDENTITY_ATTRIBUTE in unchecked_attributes(place)
+        or any((place.path / name).is_file() for name in (SEAL, CERTIFICATES))
     )
 
 
@@ -337,7 +338,7 @@ def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrit
     known, files = _read_seal(out)
     complete = ended or (out / SEAL).exists()
     if not known:
-        known = str(said_by_root(Directory(out)).get(IDENTITY_ATTRIBUTE, ""))
+        known = str(unchecked_attributes(Directory(out)).get(IDENTITY_ATTRIBUTE, ""))
         return CertificatesIntegrity(out, known, 0, (SEAL,) if complete else (), complete)
     found = _checksums(out, files)
     lost = tuple(key for key, of in files.items() if found.get(key) != of)
@@ -349,12 +350,12 @@ def examine_certificates_beside(where: str | Path | Location) -> list[Certificat
     place = place_of(where)
     if not isinstance(place, Directory):
         return []
-    attributes = said_by_root(place)
+    attributes = unchecked_attributes(place)
     try:
         certify = json.loads(attributes["request"])["certify"] is True
     except (KeyError, TypeError, ValueError):
         certify = False
-    due = certificates_of(place)
+    due = certificates_path(place)
     stem = due.name.removesuffix(BESIDE)
     ours = re.compile(rf"{re.escape(stem)}(\.slice\d+)?{re.escape(BESIDE)}")
     there = {each for each in due.parent.iterdir() if ours.fullmatch(each.name)}

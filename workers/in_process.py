@@ -11,8 +11,8 @@ from queue import Empty, SimpleQueue
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, compute_tile, tile_error
 from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import noting
-from gear_rattle.workers.storage.store import before_tiles, require_aligned, write_tile
+from gear_rattle.workers.storage.manifest import recording_tiles
+from gear_rattle.workers.storage.store import prepare_for_tiles, require_aligned, write_tile
 from gear_rattle.workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, TileRecord
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.models import MODELS
@@ -85,10 +85,10 @@ def run_tiles_here(
             ended.put(record)
         ended.put(None)
 
-    with place.writing():
+    with place.lock_for_writing():
         if tiles:
-            before_tiles(request, place)
-        with noting(place) as note:
+            prepare_for_tiles(request, place)
+        with recording_tiles(place) as note:
             threading.Thread(target=compute_tiles, name="tiles", daemon=True).start()
             try:
                 deadline = math.inf

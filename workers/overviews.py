@@ -14,9 +14,9 @@ from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
 from gear_rattle.workers.errors import report_damage, storage_error
-from gear_rattle.workers.storage.added import Each, here
+from gear_rattle.workers.storage.added import Each, run_in_process
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.store import added_to_store, has_added
+from gear_rattle.workers.storage.store import add_to_store, has_added
 from gear_rattle.workers.survey.levels import reduce
 from gear_rattle.workers.survey.levels.grid import GROUP, LevelBlock, level_blocks, levels_of, reduction_steps
 from gear_rattle.workers.survey.levels.template import (
@@ -38,7 +38,7 @@ def lacks_levels(request: SurveyRequest, where: str | Path | Place) -> bool:
     return bool(levels_of(request.shape)) and not has_added(where, GROUP)
 
 
-def make_levels(request: SurveyRequest, where: str | Path | Place, each: Each = here) -> None:
+def make_levels(request: SurveyRequest, where: str | Path | Place, each: Each = run_in_process) -> None:
     """Build and store the levels of a survey whose tiles are final.
 
     The caller holds the lock of the store. The result depends on the cells alone, not on the shape or order of tiles. A
@@ -54,7 +54,7 @@ def make_levels(request: SurveyRequest, where: str | Path | Place, each: Each = 
     place = place_of(where)
     found = each(build_level_block, request, str(place), [(block,) for block in level_blocks(request)])
     try:
-        added_to_store(place, files_of_levels(request), {key: of for sums in found for key, of in sums.items()})
+        add_to_store(place, files_of_levels(request), {key: of for sums in found for key, of in sums.items()})
     except OSError as error:
         refusal = storage_error(f"the levels of {place} cannot be written", error)
         raise refusal from error

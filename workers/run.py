@@ -116,7 +116,7 @@ def _compute_and_complete(
 
     if cluster is None and is_short(request, request.n_cells):
         run_tiles_here(request, place, missing, on_tile, _never_stop)
-        with place.writing():
+        with place.lock_for_writing():
             complete(request, place)
         return
     from gear_rattle.workers.cluster.runner import complete_on, run_tiles

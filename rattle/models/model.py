@@ -20,7 +20,7 @@ from rattle.attractors.table import Attractor, Attractors, attractors_of_samples
 from rattle.continuation.curves import Curve
 from rattle.continuation.diagram import Diagram
 from rattle.errors import RattleError, require_number
-from rattle.families.join import joined_rows
+from rattle.families.join import join_rows
 from rattle.impacting.bifurcations.codimension_two import CodimensionTwo
 from rattle.intensity.balance import impulse_balance_errors
 from rattle.intensity.intensity import Intensity
@@ -375,5 +375,5 @@ class Model(ABC):
 
     @classmethod
     def joined_rows(cls, parameters: Parameters, table: Attractors) -> Rows:
-        """Join the attractors of cells in one row of a grid to families, as `rattle.families.join.joined_rows` does."""
-        return joined_rows(table, (1, parameters.size), cls.classifier.cells_of(parameters))
+        """Join the attractors of cells in one row of a grid to families, as `rattle.families.join.join_rows` does."""
+        return join_rows(table, (1, parameters.size), cls.classifier.cells_of(parameters))

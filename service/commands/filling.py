@@ -163,7 +163,7 @@ def _complete_survey(request: AnyRequest, out: str, client: Client | None, shoul
         for words in _steps_after_tiles(request):
             typer.echo(f"{words} …", err=True)
     if client is None:
-        with survey.place_of(out).writing():
+        with survey.place_of(out).lock_for_writing():
             survey.complete(request, out)
     else:
         survey.complete_on(client, request, out, should_stop)

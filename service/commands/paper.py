@@ -38,9 +38,9 @@ def paper(
         typer.echo(checks.markdown(report), nl=False)
     else:
         _print_report(report)
-    for what in report.unexpected:
+    for what in report.deviations:
         typer.echo(f"rattle: unexpected: {what}", err=True)
-    if report.unexpected:
+    if report.deviations:
         raise typer.Exit(UNEXPECTED)
 
 

@@ -51,7 +51,7 @@ def verify(
 def _print_survey(found: Integrity, where: str) -> None:
     state = f"completed {found.completed}" if found.completed else "not completed"
     typer.echo(f"{where}: computed by version {found.version or 'unknown'}, {state}")
-    if found.decoded:
+    if found.is_decoded:
         typer.echo(
             f"{found.files:,} chunks decoded, {len(found.template):,} damaged. This version cannot read the checksums "
             "of the store: verify the store with the version that made it, to find lost or exchanged chunks"

@@ -32,7 +32,7 @@ INSTANTS = {
     "template renamed": """
         @patch("gear_rattle.workers.storage.store")
         def kill(store):
-            before(store, "_require_same", lambda *_: in_service() and die())
+            before(store, "_require_same_survey", lambda *_: in_service() and die())
     """,
     "tile half written": """
         @patch("gear_rattle.workers.storage.location")
@@ -59,7 +59,7 @@ INSTANTS = {
     "all tiles done": """
         @patch("gear_rattle.workers.storage.location")
         def kill(location):
-            before(location.Directory, "sweep", lambda *_: die())
+            before(location.Directory, "remove_leftovers", lambda *_: die())
     """,
     "whole, about to be dated": """
         @patch("gear_rattle.workers.storage.location")

@@ -255,8 +255,8 @@ def test_a_connection_that_ends_with_its_cluster_says_nothing(
 
     client = SimpleNamespace(register_plugin=lambda _: None)
     processes = SimpleNamespace(wait=lambda _: None, started=threading.Event())
-    monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "_scheduler", left)
-    monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "_Processes", lambda *_: nullcontext(processes))
+    monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "_cluster_without_workers", left)
+    monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "_WorkerProcesses", lambda *_: nullcontext(processes))
     monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "Client", lambda *_, **__: nullcontext(client))
     handler = logging.StreamHandler()  # dask's own handler writes where this test cannot read
     logging.getLogger("distributed").addHandler(handler)

@@ -118,7 +118,7 @@ def _axis(name: str, low: float, high: float, number: int) -> Axis:
     return Axis(start=low, stop=high, num=step * max(1, (number - 1) // step) + 1)
 
 
-class Grid:
+class WindowGrid:
     """The grid of a window, with the values computed so far."""
 
     def __init__(self, survey: SurveyRequest, quantity: Quantity) -> None:
@@ -146,7 +146,7 @@ class Grid:
         piece = len(columns) if cells >= len(columns) else max(1, cells)
         for i in range(0, len(rows), band):
             for j in range(0, len(columns), piece):
-                yield WindowPart(*(_slice(some) for some in (rows[i : i + band], columns[j : j + piece])))
+                yield WindowPart(*(_as_slice(some) for some in (rows[i : i + band], columns[j : j + piece])))
 
     def put(self, part: WindowPart, found: PartValues) -> None:
         """Store the values of a part."""
@@ -165,7 +165,7 @@ class Grid:
         )
 
 
-def _slice(some: range) -> slice:
+def _as_slice(some: range) -> slice:
     return slice(some.start, some.stop, some.step)
 
 
@@ -188,14 +188,14 @@ def compute_part(
     )
     failed = 0
     try:
-        values = _evaluated(wanted, index, cells)
+        values = _compute_map(wanted, index, cells)
     except MACHINE_FAILURES:
         raise
     except Exception:  # the model failed in some cell: compute the cells one by one
         values = np.full(cells.shape, quantity.fill_value if quantity.group else FAILED, quantity.dtype)
         for cell in np.ndindex(cells.shape):
             try:
-                values[cell] = _evaluated(wanted, index, cells.single_cell(*cell))[0, 0]
+                values[cell] = _compute_map(wanted, index, cells.single_cell(*cell))[0, 0]
             except MACHINE_FAILURES:
                 raise
             except Exception:
@@ -203,8 +203,16 @@ def compute_part(
     return PartValues(values, failed, time.perf_counter() - began)
 
 
-def _evaluated(wanted: tuple[Quantity, ...], index: int, cells: Cells) -> np.ndarray:
-    """Compute variables, and return the map of the last one. index: position along its dimension besides δ and ε."""
+def _compute_map(wanted: tuple[Quantity, ...], index: int, cells: Cells) -> np.ndarray:
+    """Compute variables of cells, and return a map of the last variable.
+
+    index: which of its maps, if the variable has a further dimension.
+
+    Returns
+    -------
+    np.ndarray
+        The values of the map.
+    """
     for quantity in (each for each in wanted if each.per_cell):
         values = np.asarray(quantity.evaluate(cells)).astype(quantity.dtype)
     return values[(index, *(0,) * (values.ndim - 3))] if values.ndim > 2 else values

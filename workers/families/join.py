@@ -23,10 +23,10 @@ from gear_rattle.workers.families.tasks import (
     summarize_block,
     write_families,
 )
-from gear_rattle.workers.storage.added import Each, here
+from gear_rattle.workers.storage.added import Each, run_in_process
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import known_manifest, noting
-from gear_rattle.workers.storage.store import added_to_store, has_added
+from gear_rattle.workers.storage.manifest import recording_tiles, require_manifest
+from gear_rattle.workers.storage.store import add_to_store, has_added
 from gear_rattle.workers.survey.crossings import Crossings, Polyline, crossings_of
 from gear_rattle.workers.survey.families import FAMILY, JoinedFamilies, files_of_families, slots_of_families
 from gear_rattle.workers.survey.manifest import group_path
@@ -56,7 +56,9 @@ def lacks_families(request: SurveyRequest, where: str | Path | Place) -> bool:
     return Group.FAMILIES in request.quantities and not has_added(where, FAMILY)
 
 
-def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = here, at_once: int = 1) -> None:
+def join_survey(
+    request: SurveyRequest, where: str | Path | Place, each: Each = run_in_process, at_once: int = 1
+) -> None:
     """Join the attractors of a survey whose tiles are all computed, slice by slice, and store their families.
 
     The caller must hold the lock of the store. The result depends on the cells alone, and not on the shape or order of
@@ -81,7 +83,7 @@ def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = 
     try:
         found = {join.along: join.run() for join in joins}
         files = files_of_families(request, joins[0].blocks[0].side, {along: x[:2] for along, x in found.items()})
-        added_to_store(place, files, {key: of for _, _, chunks in found.values() for key, of in chunks.items()})
+        add_to_store(place, files, {key: of for _, _, chunks in found.values() for key, of in chunks.items()})
         place.remove(
             [block.temporary_key(what) for join in joins for block in join.blocks for what in (COMPONENTS, TARGETS)]
         )
@@ -261,8 +263,8 @@ class _Join:
         If an earlier run rewrote a tile but was killed before it recorded the tile, the tile counts as damaged, and is
         computed again.
         """
-        known, tiles = known_manifest(self._place), iter(tiles_of_slice(self._survey, self.along))
-        with noting(self._place) as note:
+        known, tiles = require_manifest(self._place), iter(tiles_of_slice(self._survey, self.along))
+        with recording_tiles(self._place) as note:
             while some := list(islice(tiles, self._at_once)):
                 items = [(tile, self._blocks_of_tile(tile), known.digests_of(tile.index)) for tile in some]
                 moved = self._each(move_tile, self._survey, str(self._place), items)

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from gear_rattle.workers.pictures.look import LIMIT, NOTHING_OVER, OPACITY, OWN_STYLES, Over
+from gear_rattle.workers.pictures.look import LIMIT, NO_OVERLAYS, OPACITY, OWN_STYLES, OverlayData
 from gear_rattle.workers.survey.axes import Window
 from gear_rattle.workers.survey.curves import MissingCurve, traced_curve, window_around
 from gear_rattle.workers.survey.slices import surveyed_model
@@ -24,7 +24,9 @@ CURVES_ON: dict[str, tuple[str, ...]] = {
 }
 
 
-def draw_curves(axes: Axes, dataset: xr.Dataset, names: Sequence[str], over: Over = NOTHING_OVER) -> list[np.ndarray]:
+def draw_curves(
+    axes: Axes, dataset: xr.Dataset, names: Sequence[str], over: OverlayData = NO_OVERLAYS
+) -> list[np.ndarray]:
     """Draw the lines `names` over a map, and return the points (k, 2) of each drawn line, with NaN between pieces."""
     model, window, drawn = surveyed_model(dataset), _window(dataset), []
     limits = {"xlim": axes.get_xlim(), "ylim": axes.get_ylim()}

@@ -60,7 +60,7 @@ def _order_of_slots(dataset: xr.Dataset) -> str:
     return BY_FAMILY if FAMILY in dataset else UNJOINED
 
 
-def with_periodic(dataset: xr.Dataset, plane: xr.DataArray, index: int) -> xr.DataArray:
+def mask_nonperiodic(dataset: xr.Dataset, plane: xr.DataArray, index: int) -> xr.DataArray:
     """Remove the cells whose attractor is not periodic from a map, if its variable describes periodic attractors only.
 
     Maps of other variables are returned unchanged. index: the slot of the map. plane: the map, or a part of it.

@@ -21,9 +21,9 @@ from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest, open_survey
 from gear_rattle.workers.errors import report_damage
 from gear_rattle.workers.pictures.largest import open_maps
-from gear_rattle.workers.pictures.levels import DisplayedCells, LevelPart, of_cells, of_level, part_for
+from gear_rattle.workers.pictures.levels import DisplayedCells, LevelPart, level_part_for, read_level, reduce_cells
 from gear_rattle.workers.pictures.look import IN_SLOTS, LARGEST, SHARE, WHICH, variable_words
-from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of, with_periodic
+from gear_rattle.workers.pictures.planes import drawn_numbers, mask_nonperiodic, plane_of
 from gear_rattle.workers.storage.store import has_added
 from gear_rattle.workers.survey.levels.grid import GROUP, level_centres, levels_of, possible_levels
 from gear_rattle.workers.survey.levels.reduce import pooled_cells
@@ -115,7 +115,7 @@ class MapPlane:
     def _read_tiles(self, indices: Sequence[int]) -> None:
         first, last = self._tiles[indices[0]], self._tiles[indices[-1]]
         where = (slice(first.epsilon.start, last.epsilon.stop), slice(first.delta.start, last.delta.stop))
-        self.values[where] = drawn_numbers(with_periodic(self._dataset, self.plane[where], self._index))
+        self.values[where] = drawn_numbers(mask_nonperiodic(self._dataset, self.plane[where], self._index))
         self.status[where] = np.asarray(self._dataset["status"][where])
 
     @property
@@ -144,7 +144,7 @@ class MapPlane:
         (j, end_j), (i, end_i) = (
             _cell_range(axis, span) for axis, span in zip((self.delta, self.epsilon), window or self.box, strict=True)
         )
-        part = part_for(self._levels, (i, j), (end_i, end_j), room[::-1])
+        part = level_part_for(self._levels, (i, j), (end_i, end_j), room[::-1])
         seen, (rows, columns) = self._largest_to_display(part) if anywhere else self._cells_to_display(part), part.at
         across, along = (part.level.cells if part.level else (1, 1))[::-1]
         delta, epsilon = level_centres(self.delta, across)[columns], level_centres(self.epsilon, along)[rows]
@@ -154,7 +154,7 @@ class MapPlane:
     def _cells_to_display(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
             return DisplayedCells(*self._values_and_status(*part.at))
-        return of_cells(self.plane, *self._values_and_status(*_covered_cells(part)), part.level)
+        return reduce_cells(self.plane, *self._values_and_status(*_covered_cells(part)), part.level)
 
     def _largest_to_display(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
@@ -227,7 +227,7 @@ class LeveledPlane(MapPlane):
     def _cells_to_display(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
             return super()._cells_to_display(part)
-        return of_level(self.plane, self._open_level(part.level.path), self._index, part.level, part.at)
+        return read_level(self.plane, self._open_level(part.level.path), self._index, part.level, part.at)
 
     def _open_level(self, path: str) -> xr.Dataset:
         with self._lock:
@@ -237,7 +237,7 @@ class LeveledPlane(MapPlane):
 
     def _values_and_status(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
         with report_damage(f"the map of {self.plane.name}"):
-            cells = drawn_numbers(with_periodic(self._dataset, self.plane[rows, columns], self._index))
+            cells = drawn_numbers(mask_nonperiodic(self._dataset, self.plane[rows, columns], self._index))
             return cells.astype(np.float32), np.asarray(self._dataset["status"][rows, columns])
 
 

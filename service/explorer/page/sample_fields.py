@@ -68,7 +68,8 @@ class SampleFields:
             description="Adaptive refinement computes few cells first, and more where they differ.",
         )  # fmt: skip
         self._audit = pn.widgets.FloatInput(
-            label="Share of filled cells that is checked", value=AUDITED_SHARE, start=0.0, end=1.0, step=0.01, visible=False,
+            label="Share of filled cells that is checked", value=AUDITED_SHARE, start=0.0, end=1.0, step=0.01,
+            visible=False,
             description="This share of filled cells is computed all the same, to bound how many of them are wrong.",
             **style,
         )  # fmt: skip

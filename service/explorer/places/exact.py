@@ -26,7 +26,7 @@ from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of
 from gear_rattle.workers.survey.levels.grid import possible_levels
 from gear_rattle.workers.survey.tiles import cells_of_tile
 from gear_rattle.workers.survey.values.cells import Cells
-from gear_rattle.workers.survey.values.quantities import variables_of_groups
+from gear_rattle.workers.survey.values.quantities import dimension_labels, variables_of_groups
 
 KEPT = 8  # most maps of unfinished surveys in memory
 
@@ -158,7 +158,7 @@ def _closed_form_dataset(cells: Cells, names: Collection[str] = ()) -> xr.Datase
     every = [each for each in variables_of_groups(CLOSED_FORMS, REQUEST.model) if each.per_cell]
     quantities = [each for each in every if not names or each.name in names]
     dims = {dim for each in quantities for dim in each.dims[:-2]}
-    labels = {dim: list(labels_of(dim, 1)) for dim in dims}
+    labels = {dim: list(dimension_labels(dim, 1)) for dim in dims}
     done = np.ones(cells.shape, np.int8)  # values of the status, which is the only quantity without a group
     values = {
         each.name: (each.dims, np.asarray(each.evaluate(cells)) if each.group else done, each.attributes)

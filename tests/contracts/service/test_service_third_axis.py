@@ -108,7 +108,7 @@ def test_axes_are_read_by_commands(tmp_path: Path) -> None:
     asked = ["run", "--delta", "0.5:0.7:3", "--epsilon", "0.05:0.15:3", "--quantity", "region", "--out"]
     run = CliRunner().invoke
     assert run(app, [*asked, str(store), "--beta", "0.4:0.6:2"]).exit_code == 0
-    assert examine(store).whole
+    assert examine(store).is_whole
     for refused, said in (
         (["--beta", "wide"], "write a number, or START:STOP:NUM"),
         (["--beta", "0.4:0.6"], "write START:STOP:NUM"),

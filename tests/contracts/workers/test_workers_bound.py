@@ -167,7 +167,7 @@ def test_after_each_pause_it_goes_on_to_the_same_bytes(
     turns = 0
     while lacks_bound(request, store):
         assert turns <= rounds * request.n_tiles
-        with place_of(store).writing():
+        with place_of(store).lock_for_writing():
             complete(request, store, at_once=4, should_pause=lambda: True)
         turns += 1
     assert turns > rounds

@@ -106,7 +106,7 @@ def test_the_survey_is_left_as_it_is_and_opens_beside_them(store, tmp_path):
     with open_survey(store) as survey:
         certify_survey(survey, tmp_path / "certificates.zarr")
     assert files(store) == before
-    assert examine(store).whole
+    assert examine(store).is_whole
     both = xr.merge([xr.open_zarr(store), xr.open_zarr(tmp_path / "certificates.zarr")], combine_attrs="drop_conflicts")
     assert int(both.attractor_certificate.where(both.attractor_kind != 2, 0).sum()) == 0
 

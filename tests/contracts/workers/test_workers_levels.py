@@ -30,9 +30,9 @@ from gear_rattle.workers import (
     tiles_of,
 )
 from gear_rattle.workers.overviews import make_levels
-from gear_rattle.workers.pictures.levels import levels_in_groups, overview
-from gear_rattle.workers.storage.added import here
-from gear_rattle.workers.storage.store import before_tiles
+from gear_rattle.workers.pictures.levels import level_opener, reduce_map
+from gear_rattle.workers.storage.added import run_in_process
+from gear_rattle.workers.storage.store import prepare_for_tiles
 from gear_rattle.workers.survey.levels import reduce
 from gear_rattle.workers.survey.levels.grid import GROUP, Pair, level_blocks, levels_of, reduction_steps
 from gear_rattle.workers.survey.levels.template import OCCURS, SHARE, code_meanings
@@ -235,9 +235,9 @@ def test_levels_are_of_what_the_cells_hold_in_the_end(joined: Path) -> None:
 
 
 def test_what_levels_do_not_have_is_drawn_from_the_cells(joined: Path) -> None:
-    levels = levels_in_groups(partial(open_survey, joined), 1, True)
+    levels = level_opener(partial(open_survey, joined), 1, True)
     one = slice_of(open_survey(joined), 1)
-    drawn = overview(one, "attractor_family", 0, (3, 4), levels)
+    drawn = reduce_map(one, "attractor_family", 0, (3, 4), levels)
     assert drawn.attractor_family.shape == (3, 4)
     assert np.isin(drawn.attractor_family, one.attractor_family[0]).all()
 
@@ -274,11 +274,11 @@ def test_no_order_and_no_tile_shows_in_their_bytes(store: Path, tmp_path: Path) 
         assert files_of(make(request, tmp_path / name, order)) == files_of(store)
 
     def backwards(task: Any, request: Any, path: str, items: Any) -> list[Any]:
-        return here(task, request, path, items[::-1])[::-1]
+        return run_in_process(task, request, path, items[::-1])[::-1]
 
     make_levels(survey(), tmp_path / "back", backwards)
     assert files_of(tmp_path / "back") == files_of(store)
-    assert examine(tmp_path / "back").whole
+    assert examine(tmp_path / "back").is_whole
 
 
 def test_who_is_killed_leaves_a_survey_without_levels(store: Path, tmp_path: Path) -> None:
@@ -286,13 +286,13 @@ def test_who_is_killed_leaves_a_survey_without_levels(store: Path, tmp_path: Pat
     fill(survey(), path)
 
     def dying(task: Any, request: Any, path: str, items: Any) -> list[Any]:
-        here(task, request, path, items[:2])
+        run_in_process(task, request, path, items[:2])
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         complete(survey(), path, dying)
     assert is_incomplete(survey(), path)
-    assert examine(path).whole
+    assert examine(path).is_whole
     with xr.open_datatree(path, engine="zarr") as tree:
         assert GROUP not in tree.children
     complete(survey(), path)
@@ -308,14 +308,14 @@ def test_what_is_damaged_is_made_again(store: Path, tmp_path: Path) -> None:
     create_store(survey(), path)
     assert is_incomplete(survey(), path)
     complete(survey(), path)
-    assert examine(path).whole
+    assert examine(path).is_whole
     assert files_of(path) == files_of(store)
 
 
 def test_tiles_that_are_computed_anew_take_levels_with_them_where_slots_are_moved(joined: Path, tmp_path: Path) -> None:
     path = Path(shutil.copytree(joined, tmp_path / "survey.zarr"))
-    before_tiles(JOINED, place_of(path))
-    assert examine(path).whole
+    prepare_for_tiles(JOINED, place_of(path))
+    assert examine(path).is_whole
     assert is_incomplete(JOINED, path)
     with xr.open_datatree(path, engine="zarr") as tree:
         assert GROUP not in tree.children

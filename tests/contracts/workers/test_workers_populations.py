@@ -134,7 +134,7 @@ def test_what_is_damaged_is_found_and_made_again(whole: Path, tmp_path: Path) ->
     chunk.write_bytes(chunk.read_bytes()[::-1])
     assert examine(path).damaged == {2: ("energy",)}
     run_tiles_here(REQUEST, path, [TILES[2]], lambda _: None, never)
-    assert examine(path).whole
+    assert examine(path).is_whole
     assert files(path) == files(whole)
 
 

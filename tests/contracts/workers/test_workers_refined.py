@@ -231,7 +231,7 @@ def test_families_are_joined_over_filled_cells(tmp_path: Path) -> None:
     for tile in tiles_of(request):
         write_tile(request, str(tmp_path / "survey.zarr"), tile, compute_tile(request, tile)[0])
     place = place_of(tmp_path / "survey.zarr")
-    with place.writing():
+    with place.lock_for_writing():
         join_survey(request, place)
     with open_survey(place) as survey, open_survey(place, "families") as table:
         kind, family = survey.attractor_kind.values, survey.attractor_family.values

@@ -31,7 +31,7 @@ from gear_rattle.workers.certificates import IDENTITY_ATTRIBUTE, certify_survey
 from gear_rattle.workers.kinds import position_of_cell
 from gear_rattle.workers.pictures.figure import survey_figure
 from gear_rattle.workers.pictures.maps import map_picture
-from gear_rattle.workers.storage.export import csv_lines, require_readable, tables, write_netcdf
+from gear_rattle.workers.storage.export import csv_lines, require_readable, table_bands, write_netcdf
 from gear_rattle.workers.storage.integrity import manifest_of
 from gear_rattle.workers.storage.location import place_of
 from gear_rattle.workers.storage.store import open_groups
@@ -123,7 +123,7 @@ def test_tiles_of_any_shape_and_order_make_the_same_store(store: Path, tmp_path:
     with pytest.raises(SurveyError, match="lacks 1 of its 4 tiles"):
         finish_store(tmp_path / "s.zarr")
     write_tile(request, str(tmp_path / "s.zarr"), tiles[0], compute_tile(request, tiles[0])[0])
-    with place_of(tmp_path / "s.zarr").writing():
+    with place_of(tmp_path / "s.zarr").lock_for_writing():
         join_survey(request, tmp_path / "s.zarr")
     finish_store(tmp_path / "s.zarr")
     with open_survey(store) as expected, open_survey(tmp_path / "s.zarr") as found:
@@ -143,7 +143,7 @@ def test_what_is_damaged_is_found_in_its_slice_and_repaired(store: Path, tmp_pat
         assert examine(copy).template == ("slices/1/curves/SN1/point_delta/c/0",)
         run_survey(REQUEST, out=copy)
         assert (copy / "attractor_phase/c/1/0/0/1").read_bytes() == whole
-        assert examine(copy).whole
+        assert examine(copy).is_whole
         with open_survey(copy) as found:
             assert_same_bits(found, expected)
 
@@ -186,7 +186,7 @@ def test_tables_and_files_have_all_slices(store: Path, planes: list[Path], tmp_p
                     parts.append(list(csv_lines(plane, form)))
             head, *rows = "".join(csv_lines(whole, form)).splitlines()
             assert [head, *rows] == [head, *(row for part in parts for row in "".join(part).splitlines()[1:])]
-        assert np.unique(np.concatenate([band["beta"] for band in tables(whole)])).tolist() == [0.6, 0.7]
+        assert np.unique(np.concatenate([band["beta"] for band in table_bands(whole)])).tolist() == [0.6, 0.7]
         groups = {name: group for name, group in open_groups(store).items() if name.endswith("SN1")}
         with write_netcdf(whole, groups) as file:
             (tmp_path / "s.nc").write_bytes(file.read())

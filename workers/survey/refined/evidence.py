@@ -74,7 +74,7 @@ class Evidence:
             mine = periodic.take(here)
             mine = mine.replace(cell=(row[here] - top) * (width + 1) + column[here] - left)
             piece = self.existing.get(block) or self._grid_piece(top, left, height, width)
-            piece.learn(mine)
+            piece.add_attractors(mine)
             self.existing[block] = piece
             self._code[block, : height + 1, : width + 1] = label_codes_in(piece)
 
