@@ -99,7 +99,7 @@ def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(
         assert colours.low == -colours.high  # nothing is in the middle
         assert colours.title.startswith("difference: ")
         monkeypatch.setattr(difference, "MOST_CELLS", 23)
-        with pytest.raises(SurveyError, match="at most 23 cells, and this one has 24: save"):
+        with pytest.raises(SurveyError, match="at most 23 cells, and one of these surveys has 24 cells"):
             require_small(ORBITS)
 
     with_map(tmp_path, body)
