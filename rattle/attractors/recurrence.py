@@ -58,7 +58,7 @@ def is_approaching(tau, v, star_tau, star_v, k, most, point):
 
 @kernel
 def impacts_until_return(tau, v, gap, point):
-    """Return the number of impacts on Σ⁺ until the first return to (τ, v). A return after `gap` impacts is known."""
+    """Return the number of impacts on Σ⁺ until (τ, v) first returns close to itself: at most `gap`, a known return."""
     t, speed, unit = tau, v, speed_unit_at(point)
     for j in range(1, gap):
         status, t, speed, _time, _below = step(t, speed, point)

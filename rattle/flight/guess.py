@@ -39,7 +39,7 @@ FARTHEST = f32(0.1)  # longest Taylor step to the minimum; a longer step is unre
 NEAREST = f32(3e-6)  # shortest step whose sixth power is not a denormal number, which processors handle slowly
 TOO_FAR = f32(LONGEST_DECAY)  # largest δs for which the polynomials hold
 UNBOUNDED = f32(-1e30)  # a lower bound so low that it proves nothing
-SCAN_STEP = f32(1 / 8)  # forcing periods
+SCAN_STEP = f32(1 / 8)  # time between two points of a scan, in forcing periods
 SCAN_STEPS = 16
 PER_DRIFT = f32(1.0 / DRIFT)
 
@@ -128,7 +128,7 @@ def taylor_coefficients(s, flight):
 
 @inline
 def height_scale(s, flight):
-    """Return the sum of the sizes of the terms of a flight's height F at s. Its rounding error is relative to this."""
+    """Return the sum of the sizes of the terms of a flight's height F at s, to which F's rounding error is relative."""
     w, a, _sin0, _cos0, delta, epsilon = flight
     forced = change_scale32(s)
     return s * (abs(w) + abs(a) * min(f32(0.5) * delta * s, f32(1.0))) + epsilon * forced
@@ -155,10 +155,11 @@ def taylor_value(u, c0, c1, c2, c3, c4, c5):
 
 @inline
 def estimated_minimum(s, series, flight):
-    """Return the estimated minimum near s of a flight's height F, from its Taylor series at s, and bounds there.
+    """Return the estimated minimum near s of a flight's height F, from its Taylor series at s, with bounds there.
 
-    The bounds include the remainder and rounding, and hold for δs < 2. The bound of F is UNBOUNDED where the Taylor
-    polynomial is unreliable.
+    The bounds are a lower bound of F and an upper bound of |F'|. They allow for the remainder of the series and for
+    rounding, and hold for δs < 2. The lower bound of F is UNBOUNDED, which proves nothing, where the series is
+    unreliable.
 
     Returns
     -------

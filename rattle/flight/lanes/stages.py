@@ -31,7 +31,7 @@ from rattle.flight.proof import clears_the_gap, has_single_turn, is_located
 from rattle.flight.tangent import carried_tangent
 from rattle.numerics.compile import inline, kernel
 
-LEAST = -np.finfo(np.float64).max  # the smallest finite number
+LEAST = -np.finfo(np.float64).max  # the most negative finite number
 
 
 @inline
