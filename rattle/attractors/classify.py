@@ -148,7 +148,7 @@ class Classifier(ABC):
         Self
             The classifier, which holds the outcomes.
         """
-        compile_apart(cls.model, "rattle.precompile:survey")
+        compile_apart(cls.model, "rattle.precompile:survey_steps")
         found = cls(cls.cells_of(parameters), tau, v, budget)
         found.run()
         return found

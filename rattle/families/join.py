@@ -127,10 +127,12 @@ def components(
         The attractors, whose chaotic rows are in the order of their cells.
     row : NDArray[np.int64]
         The row of each orbit in the table.
-    orbits : Linked
+    orbits : LinkedOrbits
         The periodic orbits with their continuations.
     shape : tuple[int, int]
         The numbers of rows and columns of the grid.
+    cells : NamedTuple of ndarray
+        The cells of the grid as kernels take them.
 
     Returns
     -------
@@ -169,7 +171,7 @@ def continue_orbits(
 
     Returns
     -------
-    tuple[Linked, int]
+    tuple[LinkedOrbits, int]
         The periodic orbits of the table, followed by the new orbits that were found; and the number of all.
     """
     periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)

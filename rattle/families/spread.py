@@ -80,7 +80,15 @@ def have_same_label(i, k, orbits):
 
 @kernel
 def orbit_at_point(tau, v, cell, k, near, orbits):
-    """Return the number of the orbit in `cell` with orbit k's label and fastest point (tau, v ± near), or NOWHERE."""
+    """Return the number of the orbit in `cell` that has the label of orbit k and its fastest point at (tau, v).
+
+    near: the tolerance of v; the tolerance of τ is SAME_POINT.
+
+    Returns
+    -------
+    int
+        The number, NOWHERE if the cell has no such orbit.
+    """
     i = orbits.last[cell]
     while i != NOWHERE:
         same = abs(wrapped(tau - orbits.tau[i])) < SAME_POINT and abs(v - orbits.v[i]) < near

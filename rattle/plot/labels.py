@@ -169,7 +169,9 @@ class Labels:
         return False
 
     def widest_place(self, inside: NDArray[np.bool_]) -> tuple[Point, float]:
-        """Return the centre of the cell of a part that is farthest from lines, labels and the frame.
+        """Return the place in a part of the axes that is farthest from lines, labels and the frame.
+
+        inside: the cells of the part, as in `add_within`. The place is the centre of one of these cells.
 
         Returns
         -------

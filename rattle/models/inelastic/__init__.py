@@ -51,7 +51,7 @@ class Inelastic(Model):
     design_gears = 256
     takes_harmonics = True
     one_cosine = frozenset({Capability.PERIOD_ONE})
-    compiled_at = (0.1, 0.25)  # quiet motion and impacts; contact phases
+    compiled_at = (0.1, 0.25)  # a cell with quiet motion and impacts, and a cell with contact phases
 
     def __post_init__(self) -> None:
         """Check and convert all parameters."""
