@@ -39,7 +39,7 @@ FINEST = 4096  # most cells along each axis; 4096² cells need 16 million trajec
 SAMPLE = 256  # number of initial conditions that are followed besides the cells, to find all attractors
 LATTICE = 8  # method "refined": one cell in 8 along τ and v is followed exactly, whatever the map of cells says
 RETURNS = 8  # a state outside the box is followed exactly if it does not return within this many steps of the map
-MOST_IMPACTS = 1000  # largest number of impacts on Σ⁺ in one step of the cell map
+MOST_IMPACTS = 1000  # largest allowed number of impacts on Σ⁺ in one step of the cell map
 # at weak damping all states together may make MOST_IN_ALL impacts, but each state at least LEAST_BUDGET
 MOST_IN_ALL, LEAST_BUDGET = 1 << 33, 1 << 13
 
@@ -266,8 +266,8 @@ def _classify_by_cell_map(
 ) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
     """Classify the centres of all cells by simple cell mapping.
 
-    With `refine`, a lattice of cells and then every cell at a basin boundary are followed exactly, until all cells at
-    boundaries have been.
+    With `refine`, a lattice of cells is then followed exactly, and after it the cells at basin boundaries, until every
+    cell at a boundary has been followed exactly.
 
     Returns
     -------

@@ -52,9 +52,9 @@ def is_same_attractor(boxes, i, j):
 def write_group_numbers(boxes, size, group):
     """Write the number of the attractor of each visited-cell bitmap to group (k,).
 
-    Two bitmaps of one cell of the plane are joined if they share more than the part SAME_FOOTPRINT of the smaller one,
-    until no two can be joined. The number of an attractor is the place of its first bitmap among the bitmaps of its
-    cell. Cell i has size[i] consecutive rows of `boxes` (k, GRID), which holds the bitmaps and is overwritten.
+    `boxes` (k, GRID) holds the bitmaps and is overwritten; parameter cell i has size[i] consecutive bitmaps. Two
+    bitmaps of one parameter cell are joined if they share more than the part SAME_FOOTPRINT of the smaller one, until
+    no two can be joined. The number of an attractor is the index of its first bitmap among those of its cell.
     """
     begin = 0
     for cell in range(size.size):

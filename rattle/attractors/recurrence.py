@@ -71,7 +71,9 @@ def impacts_until_return(tau, v, gap, point):
 
 @kernel
 def stable_orbit(tau, v, gap, most, point):
-    """Return the stable orbit that attracts a trajectory that is at (τ, v) and again close to it after `gap` impacts.
+    """Return the stable orbit that attracts a trajectory which returns close to (τ, v) after `gap` impacts on Σ⁺.
+
+    most: the number of impacts within which the trajectory must be observed to approach the orbit.
 
     Returns
     -------
@@ -121,7 +123,15 @@ def index_of_orbit(m, n_plus, n_minus, tau, v, cell, orbits, point):
 
 @inline
 def append_orbit(m, n_plus, n_minus, tau, v, first, second, cell, orbits):
-    """Append an orbit to the table of the cell, which must have room, and return its index there."""
+    """Append an orbit to the table of its cell, which must have room, and return its index in this table.
+
+    first, second: ln|multiplier|/m of both multipliers.
+
+    Returns
+    -------
+    int
+        Index in the cell's row of `orbits`.
+    """
     j = orbits.n[cell]
     orbits.m[cell, j], orbits.n_plus[cell, j], orbits.n_minus[cell, j] = m, n_plus, n_minus
     orbits.tau[cell, j], orbits.v[cell, j] = tau, v

@@ -164,7 +164,7 @@ def follow_orbit(k, here, there, orbits):
 
 @kernel
 def continue_orbit(k, cell, n, orbits, cells):
-    """Continue orbit k into a neighbouring cell.
+    """Continue orbit k into the neighbouring cell `cell`. n: the number of orbits that are known so far.
 
     Returns
     -------

@@ -109,7 +109,15 @@ def better_guess(s, wall, gap, flight):
 
 @inline
 def wall_level(wall, falls, gap):
-    """Return the height F of a flight above its departure, at the next wall: 0 or −gap from Σ⁺, gap from Σ⁻."""
+    """Return the height F at which a flight meets the next wall: −gap if it falls from Σ⁺ to Σ⁻, 0 or gap on Σ⁺.
+
+    F is measured from the departure, so F is 0 on Σ⁺ after a departure from Σ⁺, and `gap` after one from Σ⁻.
+
+    Returns
+    -------
+    float
+        The height, in the unit of Φ.
+    """
     level = f32(0.0) if wall > f32(0.0) else gap
     return -gap if falls else level
 
@@ -190,7 +198,7 @@ def estimated_minimum(s, series, flight):
 
 @inline
 def step_to_level(rising, level, series):
-    """Return the step to F = level: a root of the parabola of three terms, and one Newton step with all terms."""
+    """Return the step to F = level: the root of a parabola (three terms), improved by a Newton step with all terms."""
     f0, c1, c2, c3, c4, c5 = series
     c0 = f0 - level
     root = sqrt(abs(c1 * c1 - f32(4.0) * c0 * c2))
@@ -205,7 +213,7 @@ def step_to_level(rising, level, series):
 
 @inline
 def refine_time(s, level, flight):
-    """Return the time s after a step of fourth order to F = level, the step, and an estimate of F' after it."""
+    """Return the time after a step of fourth order from s to F = level, the step, and an estimate of F' after it."""
     c0, c1, c2, c3, c4, _c5 = taylor_coefficients(s, flight)
     inverse = f32(1.0) / c1
     u, p, q, r = (level - c0) * inverse, c2 * inverse, c3 * inverse, c4 * inverse

@@ -75,7 +75,7 @@ def natural_speed(delta, epsilon, beta):
 
 @inline
 def speed_unit(delta, epsilon, beta):
-    """Return the speed that compares with a phase difference of 1; about 1 at (δ, ε, β) = (0.6, 0.1, 0.6)."""
+    """Return the speed difference that counts as a phase difference of 1; about 1 at (δ, ε, β) = (0.6, 0.1, 0.6)."""
     return natural_speed(delta, epsilon, beta) / 7.0
 
 

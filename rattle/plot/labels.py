@@ -208,12 +208,12 @@ class Labels:
     def _cost(self, origin: Array, centre: Array, half: Array, most: float) -> float:
         """Return the cost of a label at `centre` for a point at `origin`.
 
-        half: half of the label's width and height.
+        half: half of the label's width and height. most: the cost at which the computation stops.
 
         Returns
         -------
         float
-            The cost. A result of `most` or more may be too low.
+            The cost if it is below `most`, else a number from `most` up to the cost.
         """
         cost = float(np.hypot(*(centre - origin)))
         if cost >= most:
