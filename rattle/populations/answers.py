@@ -223,7 +223,8 @@ def mean_of_shares(shares: Array) -> Estimate:
 def quantile_estimate(values: Array, q: float) -> Estimate:
     """Estimate the quantile q of values (n, count), whose rows are independent; values that are NaN are ignored.
 
-    The interval takes account of the correlation between the values of one row.
+    The interval takes account of the correlation between the values of one row. An end of the interval is infinite if
+    there are too few rows to bound the quantile on that side.
 
     Returns
     -------
