@@ -59,7 +59,7 @@ class ChaoticSet(NamedTuple):
     sums : ndarray, (k, BATCHES, 3)
         Time, ln stretch and ln|det| of each batch of flights, for the k samples whose exponents were measured.
     watched : float
-        Forcing periods for which the measured samples were followed.
+        Least number of forcing periods for which one of the samples that show the chaos was followed.
     """
 
     samples: NDArray[np.int64]
@@ -160,7 +160,7 @@ class Classifier(ABC):
 
     @abstractmethod
     def enter_known_orbits(self) -> None:
-        """Add the orbits that closed forms give to the tables of the cells."""
+        """Add the orbits that are known in closed form to the tables of the cells."""
 
     @abstractmethod
     def find_radii(self, centres: Centres) -> None:
@@ -275,7 +275,7 @@ class Classifier(ABC):
                 self.make_room(2 * room)
 
     def grow_balls(self) -> None:
-        """Grow capture regions around the points of orbits that have none yet."""
+        """Grow capture regions around points of the orbits that have no capture regions yet."""
         if (self.orbits.n == self.grown).all():
             return
         centres = centres_of(self.grown, self.orbits, self.cells)
@@ -558,7 +558,7 @@ class Classifier(ABC):
 
 
 def stage_impact_limit(stage: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the largest number of impacts that a sample may have at the end of each stage, at strong damping."""
+    """Return the largest number of impacts of a sample until the end of each of these stages, at strong damping."""
     return np.where(stage == 0, float(FIRST), SECOND * float(GROWTH) ** (stage - 1))
 
 

@@ -142,7 +142,7 @@ def append_orbit(m, n_plus, n_minus, tau, v, first, second, cell, orbits):
 
 @kernel
 def fill_footprints(which, impacts, cells, samples, footprints):
-    """Fill the bitmaps of `mark_footprints` in a compiled loop over its samples."""
+    """Do the work of `mark_footprints` in a compiled loop over the samples."""
     for j in range(which.size):
         k = which[j]
         point = point_of(samples.cell[k], cells)

@@ -34,7 +34,7 @@ LONGEST_DECAY = 2.0  # largest δs for which the polynomials hold
 
 
 class Flight(NamedTuple):
-    """The numbers that determine one flight, in double or in single precision. The module has the equation."""
+    """The numbers that determine one flight by the equation of this module, in double or in single precision."""
 
     w: Real  # velocity of departure
     a: Real  # A = q − 2πε sin θ − w

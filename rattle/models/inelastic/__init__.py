@@ -81,7 +81,7 @@ class Inelastic(Model):
         return super().period_one(delta, epsilon)
 
     def trace(self, name: str, delta: Range, epsilon: Range) -> Curve:
-        """Return a curve in a window of δ and ε. With harmonics only quiet_limit is known; others raise RattleError."""
+        """Return a curve in a window of δ and ε. With harmonics, curves other than quiet_limit raise RattleError."""
         return inelastic.trace(name, **self.numbers, harmonics=self.harmonics, delta=delta, epsilon=epsilon)
 
     def codimension_two(self) -> Sequence[CodimensionTwo]:
