@@ -188,7 +188,7 @@ def continue_orbits(
 def spread_all(
     done: int, n: int, columns: int, inside: Rectangle, cells: Any, orbits: LinkedOrbits
 ) -> tuple[LinkedOrbits, int]:
-    """Continue the orbits with numbers from `done` to n as `spread_orbits` does, and enlarge arrays that are full."""
+    """Continue the orbits with numbers `done` to n − 1 as `spread_orbits` does, and enlarge arrays that are full."""
     while done < n:
         done, n = spread_orbits(done, n, columns, inside, cells, orbits)
         if done < n:
@@ -273,7 +273,7 @@ def with_more_room(orbits: LinkedOrbits) -> LinkedOrbits:
 
 
 def table_of_continued(orbits: LinkedOrbits, n_known: int, n: int) -> AttractorTable:
-    """Return a table of the orbits with numbers n_known to n, which were found by continuation; they have 0 samples."""
+    """Return a table of the orbits n_known to n − 1, which were found by continuation and have 0 samples."""
     new = slice(n_known, n)
     many = n - n_known
     zeros = np.zeros(many, np.int64)

@@ -227,7 +227,7 @@ def add_orbits(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits
 
 @kernel
 def spread_orbits(done, n, columns, inside, cells, orbits):
-    """Continue the orbits with numbers from `done` to n into the neighbouring cells, then the new orbits found there.
+    """Continue the orbits `done` to n − 1 into the neighbouring cells, then the new orbits that are found there.
 
     Only cells in the rectangle `inside` of a grid with `columns` columns are entered.
 
