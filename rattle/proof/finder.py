@@ -172,7 +172,7 @@ def widened_ends(x: arb) -> Ends:
 
 
 def radius_upper_bound(box: Sequence[arb], centres: Sequence[Fraction]) -> Fraction:
-    """Return an upper bound, in two digits, of the distance of every number of the balls in `box` from its centre."""
+    """Return a bound, rounded up to two digits, of how far the ball box[i] reaches from centres[i], for all i."""
     apart = (abs(each - ball(centre)) for each, centre in zip(box, centres, strict=True))
     widest = exact_midpoint(reduce(arb.max, apart).upper())
     unit = Fraction(1, 10**30)

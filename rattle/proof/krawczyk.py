@@ -84,7 +84,10 @@ def enclose_zero(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
                     equations, x, step, about, moved
                 )  # the image contains the zero, because the box does
             return Enclosure(centre, radius, [a + b for a, b in zip(x, moved, strict=True)])
-    raise NotProvedError("no box around the motion is mapped into itself: the motion is too close to a bifurcation")
+    raise NotProvedError(
+        "no box around the computed solution is proved to contain exactly one solution: its equations are almost "
+        "singular (for a motion, next to a bifurcation), or its numbers are not exact enough"
+    )
 
 
 def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_mat, list[Fraction]]:
@@ -124,9 +127,7 @@ def approximate_inverse(matrix: arb_mat) -> arb_mat:
     except np.linalg.LinAlgError:
         found = np.full(middle.shape, np.nan)
     if not np.isfinite(found).all():
-        raise NotProvedError(
-            "the Jacobian of the motion's equations is singular: the motion is too close to a bifurcation"
-        )
+        raise NotProvedError("the Jacobian of the equations is singular or not finite (for a motion, at a bifurcation)")
     return arb_mat(found.tolist())
 
 

@@ -152,7 +152,15 @@ def expected_spans(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[S
 
 
 def _spans_at(kind: str, delta: float, beta: float, epsilon: Ends) -> list[Span]:
-    """Return the spans of ε on which each claim of a kind holds in double precision at one δ."""
+    """Return the spans of ε on which each claim of a kind holds in double precision at one δ.
+
+    kind: "region", "C", "D" or QUIET.
+
+    Returns
+    -------
+    list[Span]
+        (claim, low, high) of each span.
+    """
     grid = _epsilon_grid(delta, beta, epsilon)
     here = _claims_at(kind, delta, grid, beta)
     changes = np.flatnonzero(here[1:] != here[:-1])
@@ -176,7 +184,15 @@ def _epsilon_grid(delta: float, beta: float, epsilon: Ends) -> NDArray[np.float6
 
 
 def _claims_at(kind: str, delta: float, epsilon: NDArray[np.float64], beta: float) -> NDArray[np.str_]:
-    """Return the claim of a kind that holds at each ε (n,) in double precision, "" where none holds."""
+    """Return the claim of a kind that holds at each ε (n,) in double precision, "" where none holds.
+
+    kind: "region", "C", "D" or QUIET.
+
+    Returns
+    -------
+    NDArray[np.str_]
+        The claims (n,).
+    """
     if kind == QUIET:
         return np.where(epsilon < quiet_limit(delta), QUIET, LOUD)
     orbits = period_one(delta, epsilon, beta)

@@ -199,8 +199,9 @@ class Bifurcation:
     def bifurcation_condition(self, pieces: Sequence[Any], delta: ParameterJet) -> ParameterJet:
         """Return the function of the tangent map of (Φ, Φ') that is 0 at the bifurcation point.
 
-        The map starts at the grazing impact, or for a saddle-node or flip at the first impact. pieces: for each flight
-        of duration t (1 − e^(−δt))/δ, e^(−δt), −2g at its end (None at the graze), and the velocity after its end.
+        The map starts at the grazing impact, or for a saddle-node or flip at the first impact. pieces: one
+        tuple for each flight, with (1 − e^(−δt))/δ and e^(−δt) for its duration t, −2g at its end (None if it ends at
+        the graze), and the velocity after its end.
 
         Returns
         -------

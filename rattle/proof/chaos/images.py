@@ -153,7 +153,7 @@ class FlightBundle:
         """Return Φ(t) − Φ(t₀) over all flights that start in the set, by the mean value theorem."""
         return self._state_component(t, 0)
 
-    def speed(self, t: arb) -> arb:
+    def velocity(self, t: arb) -> arb:
         """Return Φ'(t) over all flights that start in the set, by the mean value theorem."""
         return self._state_component(t, 1)
 
@@ -187,7 +187,7 @@ class FlightBundle:
         for _ in range(MOST_PARTS):
             start, end = parts.pop()
             part = start.union(end)
-            middle, slope = part.mid(), self.speed(part)
+            middle, slope = part.mid(), self.velocity(part)
             if not (slope > 0 or slope < 0):
                 height = self.height(middle) + slope * (part - middle)
                 if not (height < above and height > below):
@@ -220,7 +220,7 @@ def _middle_arrival_time(plane: ModelPlane, middle: tuple[arb, arb], wall: int, 
     t0, w0, delta, epsilon, beta = numbers
     status, length, met, _ = first_impact.first_impact(wall, float(law.folded(t0)), w0, delta, epsilon, beta, DRIFT)[:4]
     if status != first_impact.OK or met != target:
-        raise NotProvedError("the motion from the middle of a set meets other walls than stated")
+        raise NotProvedError("the motion from the middle of a set is not found to meet the stated walls")
     time, distance = (middle[0] + arb(float(length))).mid(), plane.beta * (target - wall)
     for _ in range(MOST_NEWTON):
         height, speed = _flight_from_start(plane, *middle, time).state_at(time)
@@ -231,5 +231,7 @@ def _middle_arrival_time(plane: ModelPlane, middle: tuple[arb, arb], wall: int, 
         _flight_from_start(plane, *middle, time + late).w1,
     )
     if not (speed > 0 or speed < 0) or not abs(missed / speed) < NEAR:
-        raise NotProvedError("the motion from the middle of a set may graze")
+        raise NotProvedError(
+            "the time of an impact of the motion from the middle of a set is not found: the impact may be a graze"
+        )
     return time - missed / speed

@@ -110,7 +110,7 @@ def _prove_chain(
             mapped = sources.setdefault((0, word), mapped)
         middle = mapped.image(POINT)
         if middle is None:
-            raise NotProvedError("the motion from the middle of a set meets other walls than stated")
+            raise NotProvedError("the motion from the middle of a set is not proved to meet the stated walls")
         periods.append(round(float(middle.middle[0]) - float(target.centre[0])))
         mapped.require_covers(target, periods[-1])
     return tuple(periods)

@@ -192,7 +192,13 @@ def _chaotic_motions(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _hub_centres(gear: Gear, pi: ReturnMap, states: Array, tangents: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield centres of hubs, first saddles, then states, with unit vectors along unstable and stable directions."""
+    """Yield centres of hubs, each with unit vectors along its unstable and its stable direction.
+
+    Yields
+    ------
+    tuple[Array, Array, Array]
+        Centre, unstable and stable direction; first for the period-one saddles, then for some of the chaotic `states`.
+    """
     for orbit in gear.orbits():
         x = np.array([orbit.tau, orbit.v])
         values, vectors = np.linalg.eig(pi.tangent(x))

@@ -84,7 +84,15 @@ def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, 
 def state_of_one_impact(
     letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]
 ) -> str:
-    """Return the proved state of A or C on a block; its stability only if the claimed `state` names it."""
+    """Return the proved state of A or C on a block; its stability only if the claimed `state` names it.
+
+    squares: the least and the largest ε² of the block.
+
+    Returns
+    -------
+    str
+        NONE, THERE, ATTRACTING or SADDLE.
+    """
     motion = OneImpact(letter, d, beta, *squares)
     if not motion.exists():
         return NONE
@@ -92,7 +100,15 @@ def state_of_one_impact(
 
 
 def state_of_two_impacts(slope: int, state: str, cells: Column, squares: tuple[Interval, Interval]) -> str:
-    """Return the proved state of B (slope −1) or D (1); its stability only if the claimed `state` names it."""
+    """Return the proved state of B (slope −1) or D (1) on a block; its stability only if the claimed `state` names it.
+
+    squares: the least and the largest ε² of the block.
+
+    Returns
+    -------
+    str
+        NONE, THERE, ATTRACTING or SADDLE.
+    """
     runs = cells.parts_of_motions(slope, *squares)
     require(len(runs) < 2, f"there are {len(runs)} motions {'D' if slope > 0 else 'B'}, where at most one is claimed")
     if not runs:

@@ -84,7 +84,8 @@ class Cell(ParameterBox):
         over, centre = (half_way_equations(terms, beta) for terms in (self.over, self.mid))
         # the equations are a Z₁ + c Z₂ = b and e Z₁ + g Z₂ = h
         a, c, b, e, g, h = (self.mean_value(m.x, o) for m, o in zip(centre, over, strict=True))
-        self.least_squares = [b**2 / (a**2 + c**2), h**2 / (e**2 + g**2)]  # lower bounds of ε²: (16.8)
+        # lower bounds of ε², (16.8) of docs/proofs.md
+        self.least_squares = [b**2 / (a**2 + c**2), h**2 / (e**2 + g**2)]
         self.solvable = is_less(ZERO, a * g - c * e) or is_less(a * g - c * e, ZERO)
         if self.solvable:
 
@@ -106,7 +107,7 @@ class Cell(ParameterBox):
             self.middle = [each.x for each in speeds_and_square(self.mid, self.z0)]
 
     def enclose(self, of: Callable[..., list[Jet]]) -> list[Jet]:
-        """Return values and derivatives over the cell of the functions that `of` computes from the terms and Z₁, Z₂."""
+        """Return enclosures, with derivatives, of the functions that `of` computes from terms and (Z₁, Z₂)."""
         if of not in self.known:
             centre, over = of(self.mid, self.z0), of(self.over, self.z)
             self.known[of] = [Jet(self.mean_value(m.x, o), o.s, o.d) for m, o in zip(centre, over, strict=True)]
@@ -136,7 +137,7 @@ class Cell(ParameterBox):
             return False
         if not (self.solvable and is_less(ZERO, slope * self.square.s) and is_less(ZERO, self.v.x)):
             return None
-        # the motion reaches Σ⁻ if u > 0, at least wherever low ≤ ε² ≤ high
+        # the motion reaches Σ⁻ where u > 0; solutions with u ≤ 0 are allowed if their ε² is proved outside low … high
         reaches = is_less(ZERO, self.u.x) or is_less(high, self.square_plus_speed(1))
         if not (reaches or is_less(-low, self.square_plus_speed(-1))):
             return None
@@ -199,7 +200,7 @@ class Column:
         return self.cells[low, high]
 
     def parts_of_motions(self, slope: int, low: Interval, high: Interval) -> list[list[Part]]:
-        """Return for each motion D (slope 1) or B (slope −1) with low ≤ ε² ≤ high the parts of 0 ≤ s ≤ 1 with it."""
+        """Return the motions D (slope 1) or B (slope −1) with low ≤ ε² ≤ high, each as a run of parts of 0 ≤ s ≤ 1."""
         decided, parts = [], [(Fraction(0), Fraction(1))]
         while parts:
             first, last = parts.pop()
