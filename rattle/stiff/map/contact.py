@@ -243,8 +243,9 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     s, x, v = 0.0, x0, w0
     while s < horizon:
         rest, rest_v = steady_contact(s, contact)
-        reach = math.sqrt((x - rest) ** 2 + (v - rest_v) ** 2 / (2.0 * kappa))  # bound of |x − rest| from here on
-        if delta < 0.0:  # backwards in time the difference grows without bound
+        # bound, from here on, of the difference of the depth x from that of permanent contact, `rest`
+        reach = math.sqrt((x - rest) ** 2 + (v - rest_v) ** 2 / (2.0 * kappa))
+        if delta < 0.0:  # backwards in time this difference grows without bound
             reach = math.inf
         if reach < SAFETY_FACTOR * least and horizon == math.inf:
             return STAYS, s, x, v, 0.0, 0.0
