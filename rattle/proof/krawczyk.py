@@ -18,7 +18,7 @@ RADII = tuple(Fraction(1, 10**k) for k in (11, 13, 15, 17, 20))
 #: Decimals to which the centre of a box is rounded.
 PLACES = 28
 #: Most times that the operator is applied to its own result, which makes the enclosure narrower.
-MOST_REPEATED = 12
+MOST_REPETITIONS = 12
 #: Largest distance between a computed motion and the proved zero that rounding can explain.
 MOST_MOVED = 1e-9
 
@@ -77,7 +77,7 @@ def enclose_zero(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
         limit = ball(radius)
         moved = _krawczyk_image(equations, x, step, about, [interval_ball(Fraction(0), radius)] * len(x))
         if all(abs(each) < limit for each in moved):
-            for _ in range(MOST_REPEATED):
+            for _ in range(MOST_REPETITIONS):
                 if all(each.rad() < small for each in moved):
                     break
                 moved = _krawczyk_image(

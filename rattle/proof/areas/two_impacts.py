@@ -102,7 +102,10 @@ def solve_linear(first: Sequence[arb], second: Sequence[arb]) -> list[arb]:
 
 
 class SolutionCell:
-    """The solutions of (16.2) and (16.3), docs/proofs.md, with start ≤ s ≤ end, at all δ of a ball and one β."""
+    """The solutions of (16.2) and (16.3), docs/proofs.md, with start ≤ s ≤ end, at all δ of a ball and one β.
+
+    s is the time from the impact on Σ⁺ to the impact on Σ⁻.
+    """
 
     def __init__(self, start: arb, end: arb, delta: arb, beta: arb) -> None:
         self.start, self.end, self.delta, self.beta = start, end, delta, beta

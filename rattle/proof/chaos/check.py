@@ -312,7 +312,7 @@ class HorseshoeClaim:
         t, v, *along = self.numbers[number]
         require(
             abs(t) + abs(along[0]) + abs(along[2]) < 1.5,
-            f"the times of set {number} must be in the first forcing period",
+            f"the times of set {number} must be within 1.5 forcing periods of 0",
         )
         signs = [(x, y) for x in (-1, 1) for y in (-1, 1)]
         return [(t + periods + x * along[0] + y * along[2], v + x * along[1] + y * along[3]) for x, y in signs]

@@ -75,7 +75,10 @@ def stability_margins(t: EquationTerms, z: list[Jet]) -> list[Jet]:
 
 
 class Cell(ParameterBox):
-    """The solutions of (16.10) and (16.11), docs/proofs.md, with s in an interval, at all δ of another interval."""
+    """The solutions of (16.10) and (16.11), docs/proofs.md, with s in an interval, at all δ of another interval.
+
+    s is the time from the impact on Σ⁺ to the impact on Σ⁻.
+    """
 
     def __init__(self, s: Interval, d: Interval, beta: Interval) -> None:
         super().__init__(s, d)
@@ -186,7 +189,7 @@ class Cell(ParameterBox):
 
 
 class Column:
-    """The cells with 0 ≤ s ≤ 1 over an interval of δ. They are kept: all claims about this interval use them."""
+    """The cells with 0 ≤ s ≤ 1, s the time from Σ⁺ to Σ⁻, over an interval of δ, kept for all claims about it."""
 
     def __init__(self, delta: Part, beta: Fraction) -> None:
         self.d, self.beta = interval_between(*delta), interval_between(beta, beta)
@@ -207,19 +210,32 @@ class Column:
             answer = self.cell(first, last).all_solutions_are(slope, low, high)
             if answer is None:
                 wide = last - first > self.narrowest
-                require(wide, f"near s = {float(first):.4f} it is undecided whether B or D exists")
+                require(
+                    wide, f"it is undecided whether a B or D takes {float(first):.4f} forcing periods from Σ⁺ to Σ⁻"
+                )
                 parts += [((first + last) / 2, last), (first, (first + last) / 2)]
             else:
                 decided.append((answer, (first, last)))
         require(
             not decided[0][0] and not decided[-1][0],
-            "it is not proved that no motion B or D has its impacts at s = 0 or s = 1",
+            "it is not proved that no motion B or D has both impacts at the same phase",
         )
         runs = [[part for _, part in group] for answer, group in groupby(decided, lambda each: each[0]) if answer]
         return [run for run in runs if self.crosses_block(run, slope, low, high)]
 
     def crosses_block(self, run: list[Part], slope: int, low: Interval, high: Interval) -> bool:
-        """Return True if ε²(s) takes each value from low to high once along a run of parts, False if it takes none."""
+        """Return whether ε²(s), monotone along a run of parts, takes each value from low to high exactly once.
+
+        Returns
+        -------
+        bool
+            False if ε²(s) takes none of these values.
+
+        Raises
+        ------
+        BlockRefused
+            If neither is proved.
+        """
         # at each end of the run ε² is outside low … high, and by continuity on one side at every δ: one δ decides which
         sides = []
         for s in (run[0][0], run[-1][1]):
