@@ -66,7 +66,14 @@ def orbit_after_contact(tau, v, cell, states):
 
 @inline
 def outcome_after_contact(tau, v, k, samples, states):
-    """Return status and orbit of sample k, which has just come out of a contact phase; −1 if its orbit is not known."""
+    """Return the status of sample k, which has just come out of a contact phase, and the number of its orbit.
+
+    Returns
+    -------
+    tuple
+        (PERIODIC, orbit) if the state (τ, v) is recorded with an orbit, (UNRESOLVED, −1) if it is recorded with
+        NO_ORBIT, and (RECURRENT, −1) if it is not recorded.
+    """
     orbit = orbit_after_contact(tau, v, samples.cell[k], states)
     if orbit == NO_ORBIT:
         return Outcome.UNRESOLVED, -1
@@ -159,7 +166,8 @@ def follow_release(tau, v, cell, point, balls, states):
     -------
     orbit : int
         The number of the known orbit to which the state leads; UNKNOWN if the orbit is new, NO_ORBIT if no state
-        repeats within MOST_RETURNS returns, NOT_YET if a state that is not after contact almost repeats first.
+        repeats within MOST_RETURNS returns or the motion makes no further return, NOT_YET if a state that is not after
+        contact almost repeats first.
     gap, tau, v
         The number of returns in a period of the new orbit, and a state on this orbit.
     """

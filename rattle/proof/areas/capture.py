@@ -19,7 +19,7 @@ from rattle.proof.balls import PI, arb, arb_series
 
 #: Number of parts of a forcing period; the bounds are computed over each part.
 PARTS = 128
-#: Largest allowed ratio of h²Q to 2δ, (20.5) of docs/proofs.md. v³/g decays from impact to impact if it is below 1.
+#: Largest allowed ratio of h²Q to 2δ, (20.5) of docs/proofs.md. v³/g decays from impact to impact if h²Q/2δ < 1.
 GROWTH_SHARE = 0.95
 
 

@@ -23,7 +23,7 @@ ENDS, LASTS, STAYS, TOO_LONG = range(4)
 LONGEST = 1000.0  # longest search for the end of a contact, in forcing periods, besides DECAYS decay times
 DECAYS = 100.0  # number of decay times of a free motion that the longest search includes
 SHORT = 0.5  # value of (δ + √(2κ)) s below which the response S is computed by a Taylor series
-TERMS = 16  # number of terms of this series
+TERMS = 16  # number of terms of the Taylor series of the response S
 SAFETY_FACTOR = 0.999  # factor by which depths of permanent contact are reduced, against rounding errors
 
 

@@ -22,7 +22,7 @@ from rattle.stiff.orbits.equations import StiffItinerary
 
 LONGEST_STEP = 0.1  # longest continuation step, in the unknowns
 STEPS_TO_LIMIT = 20  # least number of continuation steps from the impacting limit to finite stiffness
-MOST_STEPS = 200  # largest number of these steps
+MOST_STEPS = 200  # largest number of continuation steps from the impacting limit
 
 
 @dataclass(frozen=True, repr=False)

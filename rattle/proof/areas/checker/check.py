@@ -20,7 +20,7 @@ DEEPEST = 5
 #: Most times that a block with the claim "quiet captures" is halved, in ε and δ in turn.
 DEEPEST_CAPTURE = 2
 NONE, THERE, ATTRACTING, SADDLE = "none", "there", "attracting", "a saddle"
-#: The states of the motions A to D that the claim "the block is in this region" gives them.
+#: {region: the state of each motion A to D at all points of a block that is claimed to be in this region}.
 REGIONS = {
     "I": {"A": NONE, "B": NONE, "C": NONE, "D": NONE},
     "II": {"A": SADDLE, "B": NONE, "C": THERE, "D": NONE},
@@ -28,7 +28,7 @@ REGIONS = {
     "IV": {"A": SADDLE, "B": SADDLE, "C": THERE, "D": SADDLE},
     "V": {"A": SADDLE, "B": NONE, "C": NONE, "D": THERE},
 }
-#: The states that each claim gives to motions; a claim says nothing about motions that are missing here.
+#: {claim: {letter: the state that the claim gives to this motion}}. A claim says nothing about other motions.
 CLAIMS = REGIONS | {
     f"{letter} {words}": {letter: state}
     for letter in "CD" for words, state in (("attracts", ATTRACTING), ("is a saddle", SADDLE), ("is not there", NONE))

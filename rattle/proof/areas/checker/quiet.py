@@ -9,7 +9,7 @@ from .intervals import IV, PI, ZERO, Interval, exp_minus, interval_between, is_l
 
 #: Number of parts of a forcing period; the bounds are computed over each part.
 PARTS = 192
-#: Largest allowed ratio of h²Q to 2δ, (20.5) of docs/proofs.md. v³/g decays from impact to impact if it is below 1.
+#: Largest allowed ratio of h²Q to 2δ, (20.5) of docs/proofs.md. v³/g decays from impact to impact if h²Q/2δ < 1.
 GROWTH_SHARE = IV.mpf(96) / 100
 #: Factor that widens a logarithm, or a root that is computed as e^(logarithm/3), by the relative amount 2⁻⁵⁰.
 UP = IV.mpf([1 - 2.0**-50, 1 + 2.0**-50])
