@@ -15,7 +15,7 @@ from rattle.orbits.iterates import MOST_IMPACTS
 CLOSED = 1e-6
 BATCH, RELAXATIONS = 1000.0, 10.0  # a batch lasts BATCH forcing periods, or RELAXATIONS/δ if this is more
 ENDLESS = 1 << 62  # number of returns that stands for no limit
-ROUNDING = 1e-9  # rounding error, in forcing periods, of the impact that ends a period
+ROUNDING = 1e-9  # rounding error, in forcing periods, of the time of the impact that ends a period
 
 
 class Motion(Protocol):
@@ -108,7 +108,8 @@ def require_closed(motion: Motion, status: int, tau: float, v: float, fastest: f
     closed = abs(wrapped(tau - motion.tau)) <= CLOSED and abs(v - motion.v) <= CLOSED * fastest
     if status != OK or not closed:
         raise RattleError(
-            f"the motion does not return to tau = {motion.tau}, v = {motion.v} after {motion.n_plus} impacts on Σ⁺: "
+            f"the motion does not return to tau = {motion.tau}, v = {motion.v} after a period, "
+            f"m = {motion.m} with {motion.n_plus} impacts on Σ⁺: "
             "give a periodic motion of this very gear, with all its digits"
         )
 
@@ -121,7 +122,7 @@ def require_lasting(status: int, time: float, periods: float) -> None:
     Raises
     ------
     RattleError
-        If the motion came to rest before, or made too many impacts.
+        If the motion came to rest before, could not be followed so long, or made too many impacts.
     """
     if status != OK:
         raise RattleError(

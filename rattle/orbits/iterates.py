@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 class Iterates(NamedTuple):
-    """Final states of many trajectories and numbers of impacts on each wall; all arrays have the broadcast shape."""
+    """Final states and numbers of impacts of trajectories, arrays of the shape to which the arguments broadcast."""
 
     tau: NDArray[np.float64]
     v: NDArray[np.float64]
@@ -57,7 +57,7 @@ class Stretched(NamedTuple):
     def from_growth(
         cls, flat: Sequence[NDArray[Any]], growth: NDArray[np.float64], shape: tuple[int, ...]
     ) -> Stretched:
-        """Return trajectories from flat (τ, v, n₊, n₋) and growth (3, k): time, ln stretch and ln|det| of each."""
+        """Return the record from flat (τ, v, n₊, n₋) and growth (3, k): time, ln stretch of tangent vector, ln|det|."""
         time = growth[0]
         with np.errstate(divide="ignore", invalid="ignore"):
             first = growth[1] / time

@@ -20,8 +20,8 @@ from rattle.orbits.iterates import fold
 from rattle.resilience.gears import speed_unit_of
 
 Array = NDArray[np.float64]
-#: A bisection ends when the two states are closer than TOGETHER. They are then followed until they are APART. Both are
-#: distances with speeds in units of `speed_unit_of`.
+#: A bisection ends when the two states are closer than TOGETHER. They are then followed until their distance exceeds
+#: APART. Speeds in distances are in units of `speed_unit_of`.
 TOGETHER, APART = 1e-12, 1e-6
 #: Number of parts into which each step of a bisection divides the line between the states.
 PARTS = 64

@@ -282,7 +282,7 @@ class _ChangeFinder:
         return self._as_change(family, step, begins, end, other)
 
     def _as_change(self, family: int, step: int, begins: bool, end: OrbitEnd, other: int) -> Change:
-        """Return the record of a change that has this end.
+        """Return the beginning or the end of a family as a `Change`, from the end of the orbit that was followed.
 
         `end.low` and `end.high` are shares of the way from the step where the family exists to the neighbouring step.
 

@@ -51,10 +51,10 @@ FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20
 # least speed of the cell by more than this many sizes of its pattern
 SHRINK, HOPE = 1.0 / 16.0, 8.0
 MOST_PATTERNS = 60  # most patterns of one search
-# bounds of the number of impacts for which a state after the first set is followed, at strong damping
+# least and largest limit of impacts, at strong damping, for states that are followed after the first set of samples
 LEAST_IMPACTS, MOST_IMPACTS = 512, 4096
-# largest number of impacts of a state, divided by the largest number that a state of the first set needed to reach a
-# periodic orbit (in chaotic cells: a periodic orbit or quiet motion)
+# limit of impacts of later states, divided by the largest number of impacts that a state of the first set of samples
+# needed to reach a periodic orbit (in chaotic cells: a periodic orbit or quiet motion)
 PATIENCE = 2
 LASTING = 8  # at the end the slowest states that seem chaotic are followed for this many times their limit of impacts
 # least lower edge of the strip of small speeds, in natural speeds; it is used if the capture speed is smaller
@@ -124,13 +124,13 @@ class _Cells:
         self.undecided = np.full(n, np.inf)
 
     def first_set(self, n: int) -> tuple[Array, Array]:
-        """Return τ and v (n, 2 · SAMPLED) of the first states of n cells, half over the strip, half over all speeds."""
+        """Return τ and v (n, 2 · SAMPLED) of the states to classify first, half at all speeds, half uniform in ln v."""
         (tau, v), (x, y) = self.states_in_strip(self.v_max, 0), sobol_points(SAMPLED).T
         plane = self.v_max[:, None] * (y + 0.5 / SAMPLED)
         return np.hstack([tau, np.tile(x, (n, 1))]), np.hstack([v, plane])
 
     def keep_from_first_set(self) -> None:
-        """Keep the slowest states of the first set that leave quiet motion, and the slowest of their preimages."""
+        """Keep the slowest states of `first_set` that were found to leave quiet motion, and slow preimages of these."""
         (tau, v), status = self.sampled, self.classifier.status
         away = (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[:, None])
         self.undecided = np.where((status != Outcome.QUIET) & ~away, v, np.inf).min(axis=1)
@@ -158,7 +158,7 @@ class _Cells:
         return (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[cell])
 
     def keep_lowest(self, tau: Array, v: Array) -> None:
-        """Keep the slowest of the new states (n, k) and the kept states, at different phases; v = inf is no state."""
+        """Keep the slowest of the new (n, k) and the kept states, at different phases; v = inf means no state."""
         tau, v = np.append(self.tau, tau, axis=1), np.append(self.v, v, axis=1)
         for i in range(STARTS):
             each, one = np.arange(v.shape[0]), np.argmin(v, axis=1)
@@ -206,7 +206,7 @@ class _Cells:
         self.keep_lowest(found_tau, found)
 
     def search_strip(self) -> None:
-        """Classify further sets of states over the strip below the least speed so far, as long as this speed falls."""
+        """Classify sets of states below the least speed found to leave quiet motion, as long as this speed falls."""
         pending = np.arange(len(self.v))
         for i in range(1, ROUNDS + 1):
             if not pending.size:

@@ -33,7 +33,7 @@ Residual = Callable[[float, float], float]
 
 
 def _scaled_cosine(delta: float, beta: float) -> float:
-    """Return 1 + e^(−δ) − T at the graze at this damping, T the sum of the multipliers without the graze."""
+    """Return 1 + e^(−δ) − T ∝ ε cos 2πτ at the graze at this damping; T: sum of multipliers without the graze."""
     cosine, _ = closed_form.grazing_cosine(delta, beta)
     return 4 * math.pi * -math.expm1(-delta) * cosine / delta**2
 
@@ -155,7 +155,7 @@ def _point_on_grazing_curve(name: str, residual: Residual, beta: float) -> tuple
         raise RattleError(f"{name} needs beta of at least {LEAST_BACKLASH:g} in double precision, got {beta}")
     from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load
 
-    scan = np.geomspace(0.05, 8.0, 400) * 4 * beta / np.pi  # COD22 is near 4β/π, where speed 2πδ just crosses the gap
+    scan = np.geomspace(0.05, 8.0, 400) * 4 * beta / np.pi  # at δ = 4β/π a bounce of speed 2πδ is about 2β high
     values = np.array([residual(x, beta) for x in scan])
     falls = np.flatnonzero((values[:-1] > 0) & (values[1:] <= 0))
     if not falls.size:
@@ -180,7 +180,7 @@ def _tangency(curves: dict[str, int], delta: float, epsilon: float, beta: float)
     orders = {}
     for one, other in combinations(curves, 2):
         if {one, other} == {"G1", "G2"}:
-            continue  # both are parts of one smooth curve
+            continue  # G1 and G2 are parts of one smooth curve
         offsets = curves[other] * distances
         try:
             gaps = _curve_near(one, delta, epsilon, beta, offsets) - _curve_near(other, delta, epsilon, beta, offsets)

@@ -88,7 +88,7 @@ CURVES: dict[str, Definition] = {
         Kind.SADDLE_NODE,
         "saddle-node at which A and C, P(1,1,0), are born as ε grows; ends at COD22",
         f"{PAPER}, equation (4.1)",
-        lambda delta, _: starts.one_impact(Kind.SADDLE_NODE, delta),
+        lambda delta, _: starts.single_impact_starts(Kind.SADDLE_NODE, delta),
     ),
     "SN2": Definition(
         (1, -1),
@@ -127,7 +127,7 @@ CURVES: dict[str, Definition] = {
         Kind.FLIP,
         "flip (period doubling) at which C, P(1,1,0), loses stability as ε grows; ends on G1 at COD20",
         "not in the paper; closed form in rattle.flip",
-        lambda delta, _: starts.one_impact(Kind.FLIP, delta),
+        lambda delta, _: starts.single_impact_starts(Kind.FLIP, delta),
     ),
     "PD2": Definition(
         (1, -1),

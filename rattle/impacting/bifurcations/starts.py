@@ -122,7 +122,7 @@ def loses_stability(x: Array, beta: float) -> bool:
     return bool(at.flip[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0)
 
 
-def one_impact(kind: Kind, delta: float) -> list[Array]:
+def single_impact_starts(kind: Kind, delta: float) -> list[Array]:
     """Return the unknowns (τ, δ, ε) of SN1 or of PDC, the flip of C; an empty list if the formula gives no ε > 0."""
     offset = float(sine_offset(delta))
     epsilon = float(sn1_formula(delta) if kind is Kind.SADDLE_NODE else flip_formula(delta))

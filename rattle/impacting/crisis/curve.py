@@ -14,7 +14,7 @@ from rattle.errors import RattleError, require, require_number
 from rattle.impacting.crisis.contact import (
     Crisis,
     contact_position,
-    frame_at,
+    saddle_manifolds_at,
     solve_contact,
     solve_delta,
     square_root_coefficient,
@@ -73,7 +73,7 @@ def _extrapolate(known: list[Crisis], x: Array, y: Array, at: float) -> Array:
 def _window_around(known: list[Crisis], s: float) -> tuple[float, float]:
     """Return the window of positions on W^u(A) around s in which the contact after the known points is searched."""
     last = known[-1]
-    rate = np.log(frame_at(last.delta, last.epsilon, last.beta).unstable_manifold.multiplier)
+    rate = np.log(saddle_manifolds_at(last.delta, last.epsilon, last.beta).unstable_manifold.multiplier)
     width = float(min(WINDOW * (4.0 if len(known) == 1 else 1.0), DOMAIN * rate))
     return s * (1.0 - width), s * (1.0 + width)
 
@@ -84,7 +84,7 @@ def _returns_at_next_point(last: Crisis) -> int:
 
 
 def contact_at_delta(known: list[Crisis], delta: float) -> Crisis:
-    """Return the crisis at this damping that continues the crises `known`, the nearest last. Raises RattleError."""
+    """Return the crisis at this damping that continues the crises `known`, the nearest last; RattleError if none."""
     y = np.log([[point.gap, point.parameter] for point in known])
     gap, s = np.exp(_extrapolate(known, np.array([point.delta for point in known]), y, delta))
     return solve_contact(

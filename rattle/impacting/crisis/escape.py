@@ -121,7 +121,7 @@ def _unstable_direction(
 
 
 class FollowedManifold:
-    """Samples of W^u(A) at n points, `count` for each, that were followed for `impacts` (n,) impacts on Σ⁺.
+    """Samples of W^u(A) at n parameter points, `count` for each, followed for `impacts` (n,) impacts on Σ⁺.
 
     The points must be `Saddles.decidable`. The samples lie in one fundamental domain. s (n, count) holds the initial
     distances of the samples from A, which are their positions on W^u(A).
@@ -158,7 +158,8 @@ def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
     a = saddles(*(np.array([x]) for x in (delta, epsilon, beta)))
     if not a.decidable[0]:
         raise RattleError(
-            f"no saddle A, or none whose W^u(A) can be followed, at delta = {delta}, epsilon = {epsilon}, beta = {beta}"
+            f"W^u(A) cannot be followed at delta = {delta}, epsilon = {epsilon}, beta = {beta}: the saddle A or quiet "
+            "motion does not exist there, or becoming quiet takes too many impacts"
         )
     return a
 

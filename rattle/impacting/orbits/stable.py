@@ -57,11 +57,12 @@ class StableOrbits(NamedTuple):
 
 
 @kernel
-def find_crossings(least, work, delta, epsilon, beta):
-    """Add the stable orbits with the walls (+−)^k to `work.found`, for all k.
+def find_alternating_orbits(least, work, delta, epsilon, beta):
+    """Add the stable orbits of period one with the walls (+−)^k, k ≤ MOST_CROSSINGS, to `work.found`.
 
-    `least` is the phase of least contact force. A walk ends when the first impact has moved by 1/k, to the time that
-    the third impact had at the start.
+    For each k they are searched by a walk along a circuit of motions (`circuits`). When the first impact has moved by
+    1/k, to the time that the third impact had at the start, the motions repeat and the walk ends. least: the phase of
+    least contact force, near which the walks start.
     """
     idle = 0
     for k in range(1, MOST_CROSSINGS + 1):
@@ -112,7 +113,7 @@ def find_stable(work, delta, epsilon, beta, offset):
     if exists and abs(trace) < 1.0 + determinant(delta, 1.0, 1):
         enter_orbit(1.0, 0.0, tau, v, trace, work)
     least = phase_of_least_force(delta)
-    find_crossings(least, work, delta, epsilon, beta)
+    find_alternating_orbits(least, work, delta, epsilon, beta)
     x, gap = relative_swing(delta, epsilon), beta / delta
     for others in range(2, MOST_ON_ONE_WALL + 1):
         if gap < 0.25 * math.pi / (others * others - 1) + 0.8 * x / others:
