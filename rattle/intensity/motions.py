@@ -61,8 +61,9 @@ def period_limits(m: Any, n_plus: Any, contacts: Any) -> tuple[Any, Any]:
 
     A motion without contact phases has completed its period after n_plus impacts on Σ⁺. With contact phases this number
     is of no use, because a label counts a run of impacts that ends in contact as one impact. Such a motion has
-    completed its period after m forcing periods, less ROUNDING. This limit does not end it one impact too early: its
-    state is its fastest impact on Σ⁺, and the impact before that one comes earlier by more than ROUNDING.
+    completed its period after m forcing periods, less ROUNDING. The limit does not end the motion one impact too early:
+    the motion starts after its fastest impact on Σ⁺, and the impact before the fastest one comes earlier by more than
+    ROUNDING.
 
     Parameters
     ----------

@@ -124,13 +124,13 @@ class _Cells:
         self.undecided = np.full(n, np.inf)
 
     def first_set(self, n: int) -> tuple[Array, Array]:
-        """Return τ and v (n, 2 · SAMPLED) of the states to classify first, half at all speeds, half uniform in ln v."""
+        """Return τ and v (n, 2 · SAMPLED) of the states to classify first: half uniform in ln v, half uniform in v."""
         (tau, v), (x, y) = self.states_in_strip(self.v_max, 0), sobol_points(SAMPLED).T
         plane = self.v_max[:, None] * (y + 0.5 / SAMPLED)
         return np.hstack([tau, np.tile(x, (n, 1))]), np.hstack([v, plane])
 
     def keep_from_first_set(self) -> None:
-        """Keep the slowest states of `first_set` that were found to leave quiet motion, and slow preimages of these."""
+        """Keep the slowest states of `first_set` found to leave quiet motion, and the slowest of their preimages."""
         (tau, v), status = self.sampled, self.classifier.status
         away = (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[:, None])
         self.undecided = np.where((status != Outcome.QUIET) & ~away, v, np.inf).min(axis=1)

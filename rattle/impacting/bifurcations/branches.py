@@ -297,7 +297,7 @@ def _is_same_event(one: Event, other: Event) -> bool:
 def _build_branch(
     itinerary: Itinerary, line: ParameterLine, points: Array, tangents: Array, start: int, ends: tuple[str, str]
 ) -> Branch:
-    """Return the branch through these points y = (times, p), with its events and a point between close events."""
+    """Return the branch through points y = (times, p), with its events and a point between any two close events."""
     problem = equations_on_line(itinerary, line.origin, line.direction)
     more = sorted(points_between_close_events(itinerary, line, problem, points, tangents), key=lambda item: -item[0])
     for after, y, tangent in more:

@@ -208,7 +208,8 @@ def _touch_candidates(
 ) -> list[Candidate]:
     """Return the candidate for a graze between an admissible point and a virtual point, in a list that may be empty.
 
-    There a flight touches a wall. The touch is one more impact of the candidate's itinerary.
+    Between the points `inside` (admissible) and `outside` (virtual) a flight begins to touch a wall on its way. This
+    touch is one more impact of the candidate's itinerary.
 
     Returns
     -------

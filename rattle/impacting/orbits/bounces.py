@@ -29,8 +29,8 @@ def fill_shares(work, x):
     """Fill `work.shares`: entry i is the share of the bounces of half a period that come in its first i sections.
 
     The half period begins at the phase of least contact force and is divided into SECTIONS equal sections. x is ε in
-    units of the quiet limit. If all bounces have
-    the same v³/g, their rate g/2v is proportional to g^(2/3), for speed v and contact force g.
+    units of the quiet limit. If all bounces have the same v³/g, their rate g/2v is proportional to g^(2/3), for speed v
+    and contact force g.
     """
     shares = work.shares
     shares[0] = 0.0

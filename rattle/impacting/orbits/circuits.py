@@ -121,8 +121,8 @@ def keep_zero_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, bet
     """Add the orbit at which R_0 changes sign between the distances lo and hi to `work.found`, if it is stable.
 
     R_0 is the residual of the first impact equation; its values at lo and hi are f_lo and f_hi. Distances are those of
-    `correct_to_curve`. The search takes Newton steps along the
-    curve, or halves the bracket if a step leaves the bracket. Finally Newton's method solves all equations.
+    `correct_to_curve`. The search takes Newton steps along the curve, or halves the bracket if a step leaves the
+    bracket. Finally Newton's method solves all equations.
     """
     s, close = lo - f_lo * (hi - lo) / (f_hi - f_lo), NEAR * (hi - lo)
     for _ in range(MOST_HALVINGS):
@@ -212,8 +212,8 @@ def walk_circuit(work, n, span, longest, delta, epsilon, beta):
     """Walk along the circuit near the times in `work`, and add all stable orbits on it to `work.found`.
 
     A circuit is a curve of motions that satisfy all impact equations but the first. The orbits are the zeros of the
-    residual R_0 of the first impact equation along the curve. The walk ends when the first time has
-    changed by `span`, or when the circuit closes. Steps are no longer than `longest`.
+    residual R_0 of the first impact equation along the curve. The walk ends when the first time has changed by `span`,
+    or when the circuit closes. Steps are no longer than `longest`.
 
     Returns
     -------

@@ -269,6 +269,8 @@ def period_one_cells(
 ) -> tuple[NDArray[np.bool_], Array, Array, Array]:
     """Return all admissible A–D at flat arrays of parameters, visited in `order` so that equal (δ, β) are adjacent.
 
+    offset (n,): ε sin 2πτ of A and C.
+
     Returns
     -------
     tuple[NDArray[np.bool_], Array, Array, Array]
