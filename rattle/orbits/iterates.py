@@ -161,7 +161,7 @@ def sampled_motion(
     Raises
     ------
     RattleError
-        If the motion makes too many impacts.
+        If the motion makes too many impacts, or cannot be followed.
     """
     v, periods = require_number("v", v, positive=True), require_number("periods", periods, positive=True)
     require(periods <= LONGEST, f"periods must be at most {LONGEST:g}, got {periods:g}")
@@ -173,7 +173,10 @@ def sampled_motion(
         at, wall, speed = np.empty(room), np.empty(room, np.int64), np.empty(room)
         status, count, rest = sampled(tau, v, *parameters, time, phi, velocity, at, wall, speed)
         if status != OK:
-            raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
+            raise RattleError(
+                "the motion cannot be followed: a flight is too long, or its parameters or state are beyond double "
+                "precision"
+            )
         if count > MOST_IMPACTS:
             raise RattleError(f"the motion makes more than {MOST_IMPACTS} impacts: give fewer periods")
         if count <= room:

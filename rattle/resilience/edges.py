@@ -120,7 +120,7 @@ def _bisect(gear: AnyGear, pair: Array, unit: float) -> Array:
         line = pair[0] + share[:, None] * step
         line[:, 0] = fold(line[:, 0])
         which = gear.reached(line[:, 0], line[:, 1]).which
-        require(which[0] != which[-1], "both states go to the same attractor: choose one of each basin")
+        require(which[0] != which[-1], "both states go to the same attractor: choose states of two basins")
         last = int(np.argmax(which != which[0]))
         pair = line[last - 1 : last + 1]
         distance = _distance(pair, unit)

@@ -64,7 +64,7 @@ class CrisisCurve:
 
 
 def _extrapolate(known: list[Crisis], x: Array, y: Array, at: float) -> Array:
-    """Extrapolate y (n, k), known at x (n,), to the value `at` of x. Return (k,), from the last three points."""
+    """Extrapolate y (n, k) of n known crises, as functions of x (n,), to x = `at`, from the last three; return (k,)."""
     near = slice(-3, None) if len(known) > 2 else slice(-len(known), None)
     powers = np.polyfit(x[near] - x[-1], y[near], min(2, len(known) - 1))
     return np.asarray([np.polyval(column, at - x[-1]) for column in powers.T], np.float64)

@@ -70,7 +70,7 @@ def is_admissible(itinerary: Itinerary, x: Array, grazed: int | None = None) -> 
 
 
 def first_failure(itinerary: Itinerary, x: Array, grazed: int | None = None) -> tuple[int, int, float] | None:
-    """Return the first flight of a virtual motion that is not possible.
+    """Return the first impossible flight of a virtual motion.
 
     Returns
     -------
@@ -201,12 +201,17 @@ def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
     Raises
     ------
     ParameterError
-        If the motion is of another type, or of the stiff gear.
+        If the motion is of another type, or of another gear.
     """
     if isinstance(orbit, PeriodicOrbit):
         return orbit
     require(isinstance(orbit, Orbit), f"orbit must be an Orbit or a PeriodicOrbit, got {type(orbit).__name__}")
-    require(not orbit.added, "orbit must be of the impacting gear, not of the stiff gear (rattle.stiff.stiff_branch)")
+    added = ", ".join(orbit.added)
+    require(
+        not added,
+        f"orbit must be of the impacting gear, got one of a gear with {added}: use the functions of that gear, such as "
+        "rattle.stiff.stiff_branch",
+    )
     return periodic_orbit(orbit.delta, orbit.epsilon, orbit.tau, orbit.v, orbit.n_plus, orbit.beta)
 
 
