@@ -115,7 +115,7 @@ def require_closed(motion: Motion, status: int, tau: float, v: float, fastest: f
         )
 
 
-def require_lasting(status: int, time: float, periods: float) -> None:
+def require_followed(status: int, time: float, periods: float) -> None:
     """Check that a motion was followed for `periods` forcing periods.
 
     status: the status with which `sum_impacts` or `list_impacts` ended. time: the forcing periods until then.

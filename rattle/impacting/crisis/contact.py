@@ -194,7 +194,7 @@ def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, fl
     return _build_crisis(delta, floor + _find_root(least_distance_at, gap, bracket * gap, 0.2), beta, window, n)
 
 
-def solve_delta(
+def solve_contact_at_gap(
     delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float, most: float
 ) -> Crisis:
     """Return the contact at ε = SN1 + gap, near the damping delta. The unknown is δ.

@@ -16,7 +16,7 @@ from rattle.impacting.crisis.contact import (
     contact_position,
     saddle_manifolds_at,
     solve_contact,
-    solve_delta,
+    solve_contact_at_gap,
     square_root_coefficient,
 )
 from rattle.impacting.crisis.escape import is_chaotic_below
@@ -107,7 +107,7 @@ def contact_at_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
     y = np.array([[point.delta - end, point.parameter] for point in known]) / root[:, None]
     offset, s = _extrapolate(known, root, y, float(np.sqrt(gap))) * np.sqrt(gap)
     bracket = BRACKET * max(abs(float(offset)), float(np.sqrt(gap)) * 0.01)
-    return solve_delta(
+    return solve_contact_at_gap(
         end + float(offset),
         last.beta,
         gap,

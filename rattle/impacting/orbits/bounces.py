@@ -88,7 +88,7 @@ def find_node(n, least, work, delta, epsilon, beta):
 
 
 @kernel
-def find_bounces(work, delta, epsilon, beta):
+def find_bouncing_orbits(work, delta, epsilon, beta):
     """Add the stable P(1, n, 0) of a cell, 2 ≤ n ≤ MOST_IMPACTS (MOST_AT_STRONG if δ > STRONG), to `work.found`."""
     x = relative_swing(delta, epsilon)
     strong = delta > STRONG

@@ -38,7 +38,7 @@ LOST, WOUND, CLOSED = range(3)
 
 
 @kernel
-def enter_orbit(n_plus, n_minus, tau, v, trace, work):
+def add_orbit_if_new(n_plus, n_minus, tau, v, trace, work):
     """Add an orbit to the list `work.found`, unless it is in the list already or the list is full."""
     n = work.n_found
     for j in range(n):
@@ -63,7 +63,7 @@ def keep_if_stable(work, n, delta, epsilon, beta):
             n_plus = 0.0
             for i in range(n):
                 n_plus += 1.0 if work.walls[i] > 0 else 0.0
-            enter_orbit(n_plus, n - n_plus, tau, v, 0.5 * most - at_one, work)
+            add_orbit_if_new(n_plus, n - n_plus, tau, v, 0.5 * most - at_one, work)
 
 
 @kernel
@@ -97,7 +97,7 @@ def correct_to_curve(work, n, s, farthest, delta, epsilon, beta):
 
 
 @kernel
-def turn_of_curve(work, n):
+def compare_step_with_curve(work, n):
     """Compare a step of a walk along a curve with the curve's direction at the end of the step.
 
     `work.direction` is the unit vector of the step, and `work.response` a tangent vector of the curve.
@@ -200,7 +200,7 @@ def begin_walk(work, n, delta, epsilon, beta):
         work.point[i], work.direction[i] = work.times[i], 0.0
     work.direction[0] = 1.0
     ok, f, slope = correct_to_curve(work, n, 0.0, FARTHEST, delta, epsilon, beta)
-    cosine, length = turn_of_curve(work, n)
+    cosine, length = compare_step_with_curve(work, n)
     for i in range(n):
         work.start[i] = work.point[i] = work.times[i]
         work.direction[i] = work.response[i] / length
@@ -225,7 +225,7 @@ def walk_circuit(work, n, span, longest, delta, epsilon, beta):
     s, zeros = longest, 0
     for step in range(MOST_STEPS if ok else 0):
         ok, f1, slope1 = correct_to_curve(work, n, s, s, delta, epsilon, beta)
-        cosine, length = turn_of_curve(work, n)
+        cosine, length = compare_step_with_curve(work, n)
         if not ok or cosine < LEAST_COSINE or (s > FINEST * longest and not is_resolved(s, f0, slope0, f1, slope1)):
             s *= 0.4
             if s < SHORTEST:

@@ -89,7 +89,7 @@ def test_the_state_leaves_and_those_just_below_do_not(point):
 
 
 @pytest.mark.parametrize("point", [(0.6, 0.18, 0.6), (0.3, 0.06, 0.3)])
-def test_the_lowest_preimages_lead_to_the_states(point):
+def test_the_slowest_preimages_lead_to_the_states(point):
     gear = rattle.Gear(*point)
     tau, v = np.random.default_rng(5).random((2, 40))
     v = 1 + 4 * v
