@@ -46,7 +46,7 @@ WORK = np.dtype(
 
 @inline
 def direction_of(lane, few):
-    """Return the direction's number that a lane of a group tries, and the halvings of the group's largest radius.
+    """Return the number of the direction that a lane tries, and the halvings of its radius below the group's largest.
 
     few: the group tries four directions at four radii; otherwise all directions at one radius.
 
