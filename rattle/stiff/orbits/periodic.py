@@ -1,5 +1,6 @@
 """Periodic motions P(m, n₊, n₋) of the stiff gear: solve for one, check it, or follow it from the impacting limit."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -143,7 +144,8 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
     path = follow_from_limit(ContinuationProblem(equations), start, np.eye(n + 1)[n], (0.0, end), lambda _: True)
     last = path.points[-1]
     if path.outside is None or abs(last[-1] - end) > 1e-12 * end:
-        fold = 0.5 / max(path.points[:, -1]) ** 2
+        largest = float(max(path.points[:, -1]))
+        fold = 0.5 / largest**2 if largest else math.inf  # no step from κ = ∞ succeeded
         raise RattleError(
             f"the motion is not followed to kappa = {kappa:g}: at kappa = {fold:g} its branch folds back, or its "
             "equations become singular"
