@@ -19,7 +19,7 @@ FEWEST, EACH = 128, 5  # at least FEWEST cells are measured in all tiles togethe
 #: they are computed again with all others, which takes less time than computing the others without them.
 KEPT = 64
 NEAREST = 5  # a tile's cost is the mean of this many measured tiles near it, because a single one may be an exception
-TRUST = 1.0  # weight of the predictions, relative to the measured seconds of finished tiles
+TRUST = 1.0  # weight of the predicted seconds of all tiles, beside the measured seconds of finished tiles
 BITS = 20  # numbers of rows and columns of tiles have at most this many bits
 
 
@@ -47,7 +47,7 @@ class Begun:
         return spread_evenly(new, columns)[: MEASURED - len(self.foreseen)]
 
     def record_measured(self, tile: AnyTile) -> bool:
-        """Record the cost of a tile after one more of its cells was measured. Return whether to measure another."""
+        """Record the cost of a tile after one of its cells was measured. Return whether to measure another one."""
         part = self.partial[tile.index]
         self.foreseen[tile.index] = part.record.seconds / part.record.cells
         if part.record.cells < self._each:

@@ -123,7 +123,7 @@ def template_on(client: Client, request: AnyRequest, created: str | None, should
     for _ in range(ATTEMPTS):
         with suppress(KilledWorker):
             return _compute_template(client, request, created, should_stop)
-    raise SurveyError("the process that traces the survey's curves was killed repeatedly: see the log of the workers")
+    raise SurveyError("the process that creates the empty store was killed repeatedly: see the log of the workers")
 
 
 def _compute_template(
@@ -139,9 +139,9 @@ def _compute_template(
                 template: Template = future.result()
                 return template
         end_tasks(client, [future])
-        raise StoppedError("stopped while the curves of the survey were traced")
+        raise StoppedError("stopped while the empty store was created")
     except (CancelledError, OSError) as error:
-        raise ClusterLostError("the dask scheduler is gone: start one and run the survey again") from error
+        raise ClusterLostError("the dask scheduler is gone: start one and compute the same request again") from error
     finally:
         future.release()
 

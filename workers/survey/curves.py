@@ -24,7 +24,7 @@ LOWEST_DELTA = 0.1  # a window's δ is at least this share of the first δ of th
 #: A window extends beyond its cells by at least this share of its largest δ (or ε), because curves take minutes to
 #: trace in narrower windows.
 NARROWEST = 1e-9
-LEAST_EPSILON = 1e-6  # a window of smaller ε is widened as if its largest ε were this value, because ε may be 0
+LEAST_EPSILON = 1e-6  # least ε of which NARROWEST is a share, because a share of ε = 0 would not widen a window
 
 
 class MissingCurve(NamedTuple):

@@ -371,7 +371,7 @@ class SurveyRequest(_ModelFields):
 
     @property
     def sample(self) -> SampleSpec:
-        """The specification of each cell's sample: number, box, seed and budget of the initial conditions."""
+        """The specification of the initial conditions of each cell: their number, box, seed and budget."""
         given = self.initial_conditions
         return SampleSpec(given.count, self.v_max, self.seed, given.budget, given.tau_range, given.v_min)
 

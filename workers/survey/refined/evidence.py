@@ -38,7 +38,7 @@ class Evidence:
         self.samples = np.zeros((len(SAMPLED_KINDS), n))
         self.table = no_attractors()
         self.existing: dict[int, GridPiece] = {}  # {number of a block: its periodic orbits, continued to all cells}
-        self._code = np.zeros((blocks.corners[0].size, BLOCK + 1, BLOCK + 1), np.uint64)
+        self._code = np.zeros((blocks.block_origins[0].size, BLOCK + 1, BLOCK + 1), np.uint64)
 
     def compute(self, cells: np.ndarray) -> None:
         """Compute the given cells unless they are known, and continue their periodic orbits through their blocks."""
@@ -66,7 +66,7 @@ class Evidence:
     def _continue_orbits(self, periodic: Attractors) -> None:
         """Continue the periodic orbits of computed cells to all cells of their blocks."""
         row, column = np.divmod(periodic.cell, self.blocks.shape[1])
-        for block, corner in enumerate(zip(*self.blocks.corners, *self.blocks.last_indices, strict=True)):
+        for block, corner in enumerate(zip(*self.blocks.block_origins, *self.blocks.last_indices, strict=True)):
             top, left, height, width = (int(x) for x in corner)
             here = (top <= row) & (row <= top + height) & (left <= column) & (column <= left + width)
             if not here.any():
