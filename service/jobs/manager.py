@@ -1,4 +1,4 @@
-"""The job manager: a thread that computes the surveys in the database, in turns, on a cluster that may be lost."""
+"""The job manager: a thread that computes surveys and populations in turns, on a cluster that may be lost."""
 
 from __future__ import annotations
 
@@ -58,12 +58,12 @@ log = logging.getLogger(__name__)
 
 
 class JobManager:
-    """Computes accepted surveys, one at a time and in turns, and resumes surveys that an earlier process did not end.
+    """Computes accepted surveys and populations in turns, one at a time, and resumes those of an earlier process.
 
     Parameters
     ----------
     database
-        The record of all surveys.
+        The record of all surveys and populations.
     directory
         The data directory, which locates the stores.
     cluster
@@ -137,7 +137,7 @@ class JobManager:
         DirectoryAwayError
             The data directory is missing, so nothing can be deleted.
         """
-        self._database.job(survey_id)
+        which = f"{self._database.job(survey_id).kind.capitalize()} {survey_id}"
         if self._database.set_state(survey_id, State.DISMISSED, "dismissed by request"):
             with self._lock:
                 if self._current == survey_id:
@@ -146,9 +146,9 @@ class JobManager:
             return self._database.job(survey_id)
         with self._lock:
             if not self._lock.wait_for(lambda: self._current != survey_id, LAST_TILES_SECONDS):
-                raise ConflictError(f"Survey {survey_id} has ended, but its last tiles still run. Try again soon.")
+                raise ConflictError(f"{which} has ended, but its last tiles still run. Try again soon.")
             if not State((job := self._database.job(survey_id)).state).is_final:
-                raise ConflictError(f"Survey {survey_id} is {job.state} again; dismiss it first.")
+                raise ConflictError(f"{which} is {job.state} again; dismiss it first.")
             self._directory.require_present()
             self._database.begin_deletion(survey_id)  # after a crash, the next service completes the deletion
             self._directory.remove_store(survey_id)
@@ -177,8 +177,8 @@ class JobManager:
             raise ConflictError(UNREADABLE)
         if job.state == State.SUCCESSFUL and not _is_of_this_version(job):  # a run of this version would fail
             raise ConflictError(
-                f"Survey {survey_id} was computed by another version, and only that version can verify it. Submit the "
-                "survey again."
+                f"{job.kind.capitalize()} {survey_id} was computed by another version, and only that version can "
+                "verify it. Submit it again."
             )
         with self._lock:  # so that no deletion comes between the check of the state and the new run
             job = self._database.reopen(survey_id, owner, max_jobs)
@@ -385,7 +385,7 @@ class JobManager:
         return write_progress
 
     def seconds_left(self, survey_id: str) -> float | None:
-        """Return the predicted seconds until a survey's tiles end; None if it does not run or no time is predicted."""
+        """Return the predicted seconds until a survey's tiles end; None if it does not run or has no prediction."""
         ends = self._ends.get(survey_id)
         return None if ends is None else max(ends - time.monotonic(), 0.0)
 
@@ -447,6 +447,6 @@ def _request_of(job: JobRow) -> AnyRequest:
         return request_of(job.request)
     except ValidationError as error:
         raise ServiceError(
-            f"The request of this survey is no longer valid in this version ({field_and_message(error)}). Submit a "
+            f"The request of this {job.kind} is no longer valid in this version ({field_and_message(error)}). Submit a "
             "corrected request."
         ) from error
