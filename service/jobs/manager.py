@@ -20,8 +20,8 @@ from gear_rattle.service.jobs.directory import DataDirectory
 from gear_rattle.service.jobs.turns import Turns
 from gear_rattle.service.observability.logs import survey_in_logs
 from gear_rattle.workers import (
-    Begun,
     ClusterLostError,
+    RunState,
     StoppedError,
     StorageError,
     complete_on,
@@ -87,7 +87,8 @@ class JobManager:
         self._turns = turns or Turns()
         # For each survey that waits for its next turn, by id: its missing tiles, by index.
         self._left: dict[str, dict[int, AnyTile]] = {}
-        self._begun: dict[str, Begun] = {}  # states of the runs of the waiting surveys and the running one, by id
+        # For each survey that waits for its next turn, and for the running one, by id: the state of its run.
+        self._run_states: dict[str, RunState] = {}
         self._ends: dict[str, float] = {}  # predicted `time.monotonic` at which the running survey's tiles end, by id
         self._client: Client | None = None
         self._database = database
@@ -236,7 +237,7 @@ class JobManager:
             return False
         self._turns.begin_turn(job)
         self._left = {each.id: self._left[each.id] for each in active if each.id in self._left}
-        self._begun = {each: begun for each, begun in self._begun.items() if each in self._left}
+        self._run_states = {each: run_state for each, run_state in self._run_states.items() if each in self._left}
         self._database.set_turn_messages(job.id)
         with self._lock:
             self._current = job.id
@@ -321,9 +322,9 @@ class JobManager:
         def on_forecast(seconds: float) -> None:
             self._ends = {survey_id: time.monotonic() + seconds}
 
-        begun = self._begun.setdefault(survey_id, Begun())
+        run_state = self._run_states.setdefault(survey_id, RunState())
         tiles, asked = list(left.values()), (self._is_interrupted, self._dismissed.is_set, is_over)
-        run_tiles(request, path, tiles, client, on_tile, *asked, begun, on_forecast)
+        run_tiles(request, path, tiles, client, on_tile, *asked, run_state, on_forecast)
         self._ends = {}
         if self._is_interrupted():
             return

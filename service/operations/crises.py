@@ -54,5 +54,6 @@ class Crises:
                 return await to_process.run_sync(work, cancellable=True, limiter=self._limiter)
         except BrokenWorkerProcess as error:
             raise UnavailableError(
-                "The process that computed the boundary crisis has died. Switch the crisis line off and on again."
+                "The process that computed the boundary crisis has died. Try again; on the page, switch its line off "
+                "and on."
             ) from error

@@ -24,8 +24,8 @@ BITS = 20  # numbers of rows and columns of tiles have at most this many bits
 
 
 @dataclass
-class Begun:
-    """State of a run, from which the run continues after a pause.
+class RunState:
+    """State of a run of tiles, from which the run continues after a pause.
 
     partial: partly computed tiles, by index. foreseen: mean seconds per measured cell of a tile, by index of the tile.
     """
@@ -84,7 +84,7 @@ class Begun:
             self._expected = dict(zip(wanted.tolist(), seconds.tolist(), strict=True))
         self._rest = math.fsum(self._expected.values())
 
-    def by_falling_cost(self, tiles: Sequence[AnyTile], columns: int) -> list[AnyTile]:
+    def sort_by_cost(self, tiles: Sequence[AnyTile], columns: int) -> list[AnyTile]:
         """Sort tiles: first partly computed tiles, then by falling cost; equally expensive tiles spread over the plane.
 
         Fewer than MANY tiles keep their order.

@@ -104,7 +104,7 @@ def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
         ),
         *powers,
         PopulationVariable("verdict", one, "int8", "whether the gear passes", lambda _, x: x.verdict, flags=VERDICTS),
-        PopulationVariable("status", one, "int8", "what became of the gear", _gear_status, flags=STATUS),
+        PopulationVariable("status", one, "int8", "status of the gear", _gear_status, flags=STATUS),
     )
 
 
