@@ -218,7 +218,7 @@ def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
     SurveyError
         The directory has other contents.
     """
-    import xarray as xr  # here, because it takes half a second to load
+    import xarray as xr  # imported here, because it takes half a second to load
 
     sealed, files = _read_seal(out)
     is_damaged = sealed == _survey_identity(survey) and files != _checksums(out, files)

@@ -298,8 +298,8 @@ class JobManager:
         request = _request_of(job)
         path = self._directory.store(survey_id)
         left = self._left.pop(survey_id, None)
-        has_message = bool(job.message)  # for example, a message from before a restart that the survey waits
-        if left is None or job.state == State.ACCEPTED:  # a verification (ACCEPTED) checks all tiles
+        has_message = bool(job.message)  # for example "waits for its store", from before a restart
+        if left is None or job.state == State.ACCEPTED:  # ACCEPTED may mean a verification of all tiles
             left, has_lost = self._prepare_tiles(job, request, path, client)
             has_message |= has_lost
 

@@ -59,7 +59,7 @@ def _write_group(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: s
 
 
 def _rows_of_band(dataset: xr.Dataset) -> int:
-    """Return the number of rows of a band: the rows of a tile if the dataset has their number, else ROWS."""
+    """Return how many rows to export at a time: those of a tile if the dataset knows their number, else ROWS."""
     return int(dataset["status"].encoding.get("preferred_chunks", {}).get("epsilon", ROWS))
 
 

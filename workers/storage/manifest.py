@@ -27,7 +27,7 @@ KNOWN = 8  # parsed manifests in the cache, because each is needed repeatedly
 #: Bytes of a large manifest. The cache keeps only the latest large manifest, because that of 10⁹ cells takes 250 MB.
 LARGE = 4 * 2**20
 
-Note = Callable[[Mapping[int, Mapping[str, str]]], None]
+RecordTiles = Callable[[Mapping[int, Mapping[str, str]]], None]
 
 
 def read_file(place: Place, key: str) -> bytes | None:
@@ -132,7 +132,7 @@ def attributes_of(place: Place) -> dict[str, Any]:
 
 
 @contextmanager
-def recording_tiles(place: Place) -> Iterator[Note]:
+def recording_tiles(place: Place) -> Iterator[RecordTiles]:
     """Yield a function that records written tiles in the manifest.
 
     The caller holds the lock of the store, and changes nothing else in the manifest in this context. If the process is
@@ -140,7 +140,7 @@ def recording_tiles(place: Place) -> Iterator[Note]:
 
     Yields
     ------
-    Note
+    RecordTiles
         The function. Its argument is {index of a written tile: {key of a chunk: digest}}.
 
     Raises

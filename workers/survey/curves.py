@@ -127,7 +127,7 @@ CURVE_VARIABLES: tuple[CurveVariable, ...] = (
 Points = tuple[CodimensionTwo, ...]
 
 
-def _tangent_pairs(points: Points) -> list[tuple[str, str, str, float]]:
+def _pairs_at_points(points: Points) -> list[tuple[str, str, str, float]]:
     """Return (point, first curve, second curve, measured order of contact) of each pair of curves at each point."""
     return [(point.name, *pair, order) for point in points for pair, order in point.tangency.items()]
 
@@ -168,7 +168,7 @@ POINT_VARIABLES: tuple[CurveVariable, ...] = (
 
 
 def _pair_column(points: Points, number: int) -> list[Any]:
-    return [pair[number] for pair in _tangent_pairs(points)]
+    return [pair[number] for pair in _pairs_at_points(points)]
 
 
 def window_around(delta: np.ndarray, epsilon: np.ndarray) -> Window:
