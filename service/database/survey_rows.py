@@ -222,7 +222,7 @@ class Surveys(Transactions):
         return job
 
     def reopen(self, survey_id: str, owner: str | None, max_jobs: int) -> JobRow:
-        """Queue an ended survey again; its recorded tiles are kept.
+        """Queue an ended survey or population again; its recorded tiles are kept.
 
         Parameters
         ----------

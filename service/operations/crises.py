@@ -25,7 +25,7 @@ def _crisis_points(beta: float) -> np.ndarray:
 
 
 class Crises:
-    """The crisis curves of the half-backlashes that pages request. Each curve is computed once for all pages."""
+    """The crisis curves that pages and pictures request, by half-backlash. Each curve is computed once for all."""
 
     def __init__(self, front: Front) -> None:
         self._front = front

@@ -39,7 +39,7 @@ def limit_at(model: Model, delta: float, share: float) -> Limit:
 
 
 class DesignLimits:
-    """The design limits that pages request. Each is computed once for all pages, one damping after the other."""
+    """The design limits that pages and pictures request. Each is computed once for all, one damping after the other."""
 
     def __init__(self, front: Front) -> None:
         self._front = front

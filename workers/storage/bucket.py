@@ -263,7 +263,7 @@ def _connect(url: str) -> "S3Store":
         )
     except (BaseError, ValueError) as error:
         raise SurveyError(
-            f"{url} cannot be used ({_first_line(error)}): check the environment variables that begin with AWS_"
+            f"{url} cannot be used ({_first_line(error)}): check it, and the environment variables AWS_…"
         ) from error
 
 

@@ -149,8 +149,8 @@ def cells_differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
 
     seen (…, k, n, n): how many samples of each cell go to the motion. known (k, n, n): flags of the sampled cells.
     count: the number of samples of a cell. Cells differ if no sample goes to the motion in one cell, and at least
-    CERTAIN_SAMPLES do in another cell. Cells also differ if more cells have no such sample than chance explains when
-    all cells have the same basin fraction.
+    CERTAIN_SAMPLES do in another cell. Cells also differ if the cells without a sample that goes to the motion are more
+    than chance explains, assuming that all cells have the same basin fraction.
 
     Returns
     -------
