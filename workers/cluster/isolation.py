@@ -71,7 +71,7 @@ def _outcomes(request: AnyRequest, tile: AnyTile, memory: int | None) -> Iterato
 
 
 def _receive_outcomes(stream: IO[bytes]) -> Iterator[CellOutcome]:
-    """Yield the outcomes of cells until the process ends. Raises its error if it failed outside of a cell."""
+    """Yield the outcomes of cells until the process that computes them ends. Raises the error that ended it, if any."""
     try:
         pickle.load(stream)
     except (EOFError, pickle.UnpicklingError):

@@ -115,8 +115,8 @@ class InitialConditions(StrictRecord):
 class TileShape(StrictRecord):
     """The numbers of cells along each axis of a tile.
 
-    The default is 32; it is larger in a survey of more than 100,000 cells, and smaller in a small survey or with large
-    samples.
+    The default is 32; it is larger in a survey of more than 100,000 cells, and smaller in a small survey or with many
+    initial conditions.
     """
 
     delta: Annotated[int, Field(strict=True, ge=1)] | None = None

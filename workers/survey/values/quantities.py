@@ -203,7 +203,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         Group.ATTRACTORS,
         CELL,
         "float32",
-        "forcing periods for which chaotic and undecided samples were watched at least; NaN if all settled",
+        "shortest observation time of chaotic and undecided samples, in forcing periods; NaN if there are none",
         _BASINS,
         evaluate.observed_periods,
     ),
