@@ -234,7 +234,7 @@ def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
     except (FileNotFoundError, ValueError):
         known = None
     if known != _survey_identity(survey):
-        raise SurveyError(f"{out} holds other things than certificates of this survey: choose another path")
+        raise SurveyError(f"{out} holds no readable certificates of this survey: choose another path")
     (out / SEAL).unlink(missing_ok=True)
     certificates = out / CERTIFICATES
     lines = certificates.read_bytes().splitlines(keepends=True) if certificates.exists() else []

@@ -344,7 +344,8 @@ def connect(url: str) -> Iterator[Client]:
             client.wait_for_workers(1, timeout=CONNECT_SECONDS)
         except (OSError, ValueError, TypeError, RuntimeError) as error:  # the last two mean wrong settings of TLS
             raise ClusterLostError(
-                f"no dask scheduler with workers answers at {url} ({error}): start both, or correct the address"
+                f"no dask scheduler with workers answers at {url} ({error}): start both, or correct the address or the "
+                "settings of TLS"
             ) from error
         try:
             versions = require_compatible(client)

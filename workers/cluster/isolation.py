@@ -28,7 +28,7 @@ _START = f"from {__name__} import serve_cells; serve_cells()"
 def compute_tile_isolated(request: AnyRequest, tile: AnyTile, memory: int | None) -> tuple[TileArrays, TileRecord]:
     """Compute a tile in a process that may be killed; values are equal to the bit to those of `compute_tile`.
 
-    A cell that kills the process counts as failed: it has status 3, and a message that names the signal.
+    A cell that kills the process ATTEMPTS times, or needs more than CELL_SECONDS, fails: it has status 3 and a message.
 
     Parameters
     ----------
