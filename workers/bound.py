@@ -136,9 +136,9 @@ def _add_counts(one: AuditCounts, other: AuditCounts) -> AuditCounts:
     return AuditCounts(*(a + b for a, b in zip(one, other, strict=True)))
 
 
-def _write_attributes(place: Place, told: Mapping[str, str | int | float]) -> None:
+def _write_attributes(place: Place, attributes: Mapping[str, str | int | float]) -> None:
     try:
-        set_attributes(place, told)
+        set_attributes(place, attributes)
     except OSError as error:
         refusal = storage_error(f"{place} cannot be written", error)
         raise refusal from error

@@ -218,7 +218,7 @@ def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
     SurveyError
         The directory has other contents.
     """
-    import xarray as xr  # here, because it takes half a second to load
+    import xarray as xr  # imported here, because it takes half a second to load
 
     sealed, files = _read_seal(out)
     is_damaged = sealed == _survey_identity(survey) and files != _checksums(out, files)
@@ -234,7 +234,7 @@ def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
     except (FileNotFoundError, ValueError):
         known = None
     if known != _survey_identity(survey):
-        raise SurveyError(f"{out} holds other things than certificates of this survey: choose another path")
+        raise SurveyError(f"{out} holds no readable certificates of this survey: choose another path")
     (out / SEAL).unlink(missing_ok=True)
     certificates = out / CERTIFICATES
     lines = certificates.read_bytes().splitlines(keepends=True) if certificates.exists() else []

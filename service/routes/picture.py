@@ -80,7 +80,7 @@ async def look_of_query(
     if unknown := set(chosen or ()) - set(LINES):
         raise LimitError("query.lines", f"there is no line {min(unknown)!r}: choose from {', '.join(LINES)}.")
     if log and low is not None and 0 < low < 1 / FARTHEST:
-        raise LimitError("query.low", f"low must be at least {1 / FARTHEST:g} for logarithmic colours.")
+        raise LimitError("query.low", f"low must be at least {1 / FARTHEST:g}, or 0, for logarithmic colours.")
     return Look(
         _range("delta", delta_min, delta_max),
         _range("epsilon", epsilon_min, epsilon_max),

@@ -339,12 +339,13 @@ def connect(url: str) -> Iterator[Client]:
         # The client would log every lost connection with a traceback; the exception below reports it in one sentence.
         stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
         try:
-            _probe(url)
+            _require_answer(url)
             client = stack.enter_context(Client(url, timeout=CONNECT_SECONDS, set_as_default=False))
             client.wait_for_workers(1, timeout=CONNECT_SECONDS)
         except (OSError, ValueError, TypeError, RuntimeError) as error:  # the last two mean wrong settings of TLS
             raise ClusterLostError(
-                f"no dask scheduler with workers answers at {url} ({error}): start both, or correct the address"
+                f"no dask scheduler with workers answers at {url} ({error}): start both, or correct the address or the "
+                "settings of TLS"
             ) from error
         try:
             versions = require_compatible(client)
@@ -476,8 +477,8 @@ async def _end_process(dask_worker: Worker) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-def _probe(url: str) -> None:
-    """Raise an error unless something answers at the address, because a dask client that never connects hangs later."""
+def _require_answer(url: str) -> None:
+    """Raise an error unless a program answers at the address, because a dask client that never connects hangs later."""
 
     async def knock() -> None:
         answer = await comm.connect(url, timeout=CONNECT_SECONDS, **Security().get_connection_args("client"))

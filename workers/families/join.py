@@ -239,11 +239,11 @@ class _Join:
             summarize_block, zip(entered, component, self._rows_after_blocks(first), passed, strict=True)
         )
 
-    def _slots_of_families(self, told: Sequence[BlockSummary], family: np.ndarray, families: int) -> np.ndarray:
+    def _slots_of_families(self, summaries: Sequence[BlockSummary], family: np.ndarray, families: int) -> np.ndarray:
         """Return the slot that each family has in all its cells, −1 for none. The last entry −1 is for "no family"."""
         if not self._request.slots_follow_families:
             return np.full(families + 1, -1, np.int8)
-        pairs = np.unique(np.sort(np.concatenate([family[each.pairs] for each in told]), axis=1), axis=0)
+        pairs = np.unique(np.sort(np.concatenate([family[each.pairs] for each in summaries]), axis=1), axis=0)
         return np.append(slots_of_families(pairs, families, self._request.n_slots), np.int8(-1))
 
     def _write_families(

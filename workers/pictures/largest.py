@@ -103,7 +103,7 @@ def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
 
 
 def family_names(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> list[str]:
-    """Return names of the first `most` families, such as "2: P(1,1,0) = C". Only the impacting gear has the letters."""
+    """Return names of the first `most` families, such as "2: P(1,1,0) = C"; letters only for the impacting gear."""
     of = {name: np.asarray(table[name][:most]).tolist() for name in ("kind", "m", "n_plus", "n_minus")}
     letters = LETTERS if surveyed_model(survey).in_closed_form else {}
     found = []
@@ -128,7 +128,7 @@ def _contacts_of(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
 
 
 def family_colours(table: xr.Dataset) -> list[str]:
-    """Return a colour for each of the first families: that of its motion, or a spare one if another family has it."""
+    """Return a colour for each of the first families: that of its label, or a spare one if that is already used."""
     palette, found = Palette(APART), []
     rows = (np.asarray(table[name][: OTHERS - 1]).tolist() for name in ("kind", "m", "n_plus", "n_minus"))
     for kind, *label in zip(*rows, strict=True):

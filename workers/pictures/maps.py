@@ -155,7 +155,7 @@ def map_figure(
     look : Look
         Window, colours and lines; by default the usual ones. If `look.family` is set, the dataset must have the maps of
         families (`with_families`).
-    over : Over
+    over : OverlayData
         Overlays that were computed beforehand.
 
     Returns

@@ -115,8 +115,8 @@ class InitialConditions(StrictRecord):
 class TileShape(StrictRecord):
     """The numbers of cells along each axis of a tile.
 
-    The default is 32; it is larger in a survey of more than 100,000 cells, and smaller in a small survey or with large
-    samples.
+    The default is 32; it is larger in a survey of more than 100,000 cells, and smaller in a small survey or with many
+    initial conditions.
     """
 
     delta: Annotated[int, Field(strict=True, ge=1)] | None = None
@@ -371,7 +371,7 @@ class SurveyRequest(_ModelFields):
 
     @property
     def sample(self) -> SampleSpec:
-        """The specification of each cell's sample: number, box, seed and budget of the initial conditions."""
+        """The specification of the initial conditions of each cell: their number, box, seed and budget."""
         given = self.initial_conditions
         return SampleSpec(given.count, self.v_max, self.seed, given.budget, given.tau_range, given.v_min)
 

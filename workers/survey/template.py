@@ -255,9 +255,7 @@ def create_slice_group(root: zarr.Group, request: SurveyRequest, along: Along) -
     if not along:
         return root
     if SLICES not in root:
-        about = (
-            f"what the slices of the survey have beside their cells, each at its index along {request.third_axis_name}"
-        )
+        about = f"curves, points and families of each slice, by its index along {request.third_axis_name}"
         root.create_group(SLICES, attributes={"long_name": about})
     return root.create_group(group_path(along), attributes=_model_attributes(request.slice_request(along)))
 
@@ -287,7 +285,7 @@ def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
 
 
 def write_variables(group: zarr.Group, variables: Iterable[CurveVariable], item: Any) -> None:
-    """Write variables with their attributes to a group. item: the object from which they take their values."""
+    """Write variables with their attributes to a group. item: the object that has their values."""
     for variable in (part for each in variables for part in each.parts):
         write_array(group, variable.name, variable.dims, variable.stored_values(item), variable.attributes)
 

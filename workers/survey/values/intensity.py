@@ -1,4 +1,4 @@
-"""Variables of the group `intensity`: how hard each attractor, the whole sample, and the worst attractor rattle."""
+"""Variables of the group `intensity`: how hard each attractor rattles, the samples on average, and the worst one."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ _MODEL = "equation 2.4 of doi:10.1137/090759641, impact by impact"
 _PER = "per forcing period"
 _LEVEL = "in dB relative to 2π²δ², that of A and C"
 
-#: Name and description of each field. A field is stored for every attractor, the whole sample, and the worst attractor.
+#: Name and description of each field. It is stored for each attractor, as the mean over samples, and for the worst.
 _FIELDS = (
     ("impacts_plus", f"impacts on or contacts with Σ+ {_PER}"),
     ("impacts_minus", f"impacts on or contacts with Σ- {_PER}"),
