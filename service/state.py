@@ -91,7 +91,8 @@ class Front:
                 f"The store of survey {survey_id} is gone: it was moved or deleted. Restore it, or compute it "
                 f"again with POST /v1/surveys/{survey_id}/verify."
             )
-        raise MissingError(f"Survey {survey_id} is {job.state} and has no numbers yet. Try again once it runs.")
+        advice = "Submit it again." if State(job.state).is_final else "Try again once it runs."
+        raise MissingError(f"Survey {survey_id} is {job.state} and has no numbers. {advice}")
 
     @cached_property
     def window_limiter(self) -> CapacityLimiter:
