@@ -237,7 +237,8 @@ def double_impact_orbit(sigma, delta, epsilon, beta):
 def record_root(orbit, admissible, tau, v, trace, exists, phase, speed, traces, i):
     """Write an admissible orbit A to D of cell i, unless the cell has one of this letter already.
 
-    Orbits come by falling σ from 1/2, so those of the branch born at SN2 are written.
+    The orbits of a cell are passed in the order of falling σ, from 1/2 on. So of several orbits of one letter the one
+    with the largest σ is written, which is on the branch born at SN2.
     """
     if admissible and not exists[orbit, i]:
         exists[orbit, i] = True
