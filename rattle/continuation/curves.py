@@ -67,7 +67,7 @@ class CurvePiece(NamedTuple):
 class CurveDescription(NamedTuple):
     """The motion that bifurcates at a point of a curve.
 
-    tau, v: the phase of its impact on Σ⁺, and the speed after this impact. multipliers (2,): its Floquet multipliers.
+    tau, v: the phase of the motion's impact on Σ⁺, and the speed after this impact. multipliers (2,): the motion's.
     """
 
     tau: float

@@ -54,8 +54,8 @@ SHRINK, HOPE = 1.0 / 16.0, 8.0
 MOST_PATTERNS = 60  # most patterns of one search
 # least and largest limit of impacts, at strong damping, of all states but those that are classified first
 LEAST_IMPACTS, MOST_IMPACTS = 512, 4096
-# limit of impacts of these states, divided by the largest number of impacts that a state needed, of those that are
-# classified first, to reach a periodic orbit (in chaotic cells: a periodic orbit or quiet motion)
+# the limit of impacts of these states is this many times the largest number of impacts after which one of the states
+# classified first reached a periodic orbit (in chaotic cells: a periodic orbit or quiet motion)
 PATIENCE = 2
 LASTING = 8  # at the end the slowest states that seem chaotic are followed for this many times their limit of impacts
 # least speed of sets that are uniform in ln v, in natural speeds; it is used if the capture speed is smaller

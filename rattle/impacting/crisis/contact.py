@@ -62,7 +62,7 @@ class Crisis:
 
     @property
     def gap(self) -> float:
-        """Distance of ε above the formula of SN1 at this damping."""
+        """ε − SN1, where SN1 is the ε of the saddle-node SN1 at this damping by its formula."""
         return self.epsilon - float(sn1_formula(self.delta))
 
 
