@@ -66,7 +66,7 @@ class ImpactingClassifier(Classifier):
     """Classify the samples of a block of cells of the impacting gear."""
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
-        """Prepare the classifier. `paths` (2,) counts flights whose first impact needed a scan, and a safe search."""
+        """Prepare the classifier. `paths` (2,): numbers of flights with a scan, and with a safe search."""
         self.paths = np.zeros(2, np.int64)
         self._block = working_block()
         self._roughness = roughness_of(cells)
