@@ -67,7 +67,7 @@ class CurvePiece(NamedTuple):
 class CurveDescription(NamedTuple):
     """The motion that bifurcates at a point of a curve.
 
-    tau, v: the phase of its impact on Σ⁺, and the speed after this impact. multipliers (2,): its Floquet multipliers.
+    tau, v: the phase of the motion's impact on Σ⁺, and the speed after this impact. multipliers (2,): the motion's.
     """
 
     tau: float
@@ -319,7 +319,7 @@ def _lie_on_piece(
 def _follow_piece(follower: Follower, x: Array, why: Test) -> CurvePiece:
     """Return the piece that contains a solution, with the end at smaller δ first.
 
-    Its points include all folds. why: a function of a point that returns the reason why the piece ends there.
+    The points of the piece include all folds. why: a function of a point that returns why the piece ends there.
 
     Returns
     -------

@@ -42,7 +42,7 @@ def is_same_motion(one: Motion, other: Motion) -> bool:
 
 
 def _twins(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
-    """Yield all unknowns that describe a motion, in the order of walls of the itinerary `like`, begun near `phase`."""
+    """Yield all unknowns of a motion whose walls have the order of `like` and whose first time is near `phase`."""
     impacts = len(motion[0].walls)
     for first in range(impacts):
         itinerary, x = motion_from_impact(motion, first)

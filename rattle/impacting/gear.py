@@ -292,7 +292,7 @@ class Gear(SampledGear, Rattling):
         return period_one_saddle(orbit.name, self.delta, self.epsilon, self.beta)
 
     def region(self) -> int:
-        """Return the region's number, 1 to 5 for I to V of the paper's Figure 7. `rattle.REGIONS` has all names."""
+        """Return the region's number, an index in `rattle.REGIONS`; 1 to 5 are I to V of the paper's Figure 7."""
         return int(regions(self.delta, self.epsilon, self.beta))
 
     def boundary_distance(self, v_max: SpeedLimit = None) -> BoundaryDistance:

@@ -25,7 +25,7 @@ ROOM, GROWTH = 1024, 8  # first length of the arrays, and factor by which they g
 
 
 def impact_arrays(count: int) -> Impacts:
-    """Return empty arrays for `count` impacts."""
+    """Return arrays of zeros with room for `count` impacts."""
     return Impacts(np.zeros(count), np.zeros(count, np.int64), *(np.zeros(count) for _ in range(4)))
 
 

@@ -43,16 +43,25 @@ class Motion(Protocol):
 
 
 def kind_of(motion: Motion) -> str:
-    """Return the kind of a motion: quiet, periodic, chaotic or undecided. Raises ParameterError if it is virtual."""
+    """Return the kind of a motion: quiet, periodic, chaotic or undecided.
+
+    Returns
+    -------
+    str
+        The attribute `kind` of the motion, "periodic" if the motion has none.
+
+    Raises
+    ------
+    ParameterError
+        If the kind is another one, or a motion that is not quiet leaves Σ⁺ with a speed v ≤ 0, as virtual motions do.
+    """
     kind = getattr(motion, "kind", "periodic")
     require(
         kind in ("quiet", "periodic", "chaotic", "undecided"),
         f"a motion must be quiet, periodic, chaotic or undecided, got {kind!r}",
     )
     if kind != "quiet":
-        require(
-            motion.v > 0.0, f"the motion must leave Σ⁺ with a speed above 0, got {motion.v}: this motion is virtual"
-        )
+        require(motion.v > 0.0, f"the motion must leave Σ⁺ with a speed above 0, got {motion.v}: it may be virtual")
     return str(kind)
 
 

@@ -160,6 +160,8 @@ def sampled_motion(
 
     Raises
     ------
+    ParameterError
+        If v, periods or points is outside its domain.
     RattleError
         If the motion makes too many impacts, or cannot be followed.
     """

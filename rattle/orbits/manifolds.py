@@ -35,9 +35,9 @@ class Manifold:
     tau, v : ndarray, (n,)
         Phase, not folded but continuous along the manifold, and speed after the impact on Σ⁺.
     parameter : ndarray, (n,)
-        Position t of the j-th preimage of each point on the local manifold; near the saddle t is the arclength.
+        The position t, on the local manifold, of the j-th preimage of each point; near the saddle t is the arclength.
     images : ndarray of int, (n,)
-        The number j of the image of the fundamental domain that each point is on.
+        For each point the number j of the image of the fundamental domain that contains the point.
     pieces : ndarray of int, (p + 1,)
         Piece i has the points pieces[i] to pieces[i + 1]. Neighbouring pieces share their corner, which is stored
         twice.

@@ -122,7 +122,7 @@ def shortest_return(tau, v, k, point):
 
 @kernel
 def fastest_point(tau, v, k, point):
-    """Return the state (τ, v) after the fastest of the k impacts on Σ⁺ of a periodic orbit; it identifies the orbit."""
+    """Return (τ, v) after the fastest of the k impacts on Σ⁺ of a periodic orbit; this state identifies the orbit."""
     best_tau, best_v = tau, v
     for _ in range(k):
         _status, tau, v, _time, _below = step(tau, v, point)

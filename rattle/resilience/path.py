@@ -116,7 +116,7 @@ class GlobalContinuation:
         -------
         tuple[Array, Array]
             Means and standard errors; NaN at steps where no sample of the family has a known value. A standard error is
-            also NaN where only one sample has.
+            also NaN where only one sample has a known value.
         """
         mine = np.isin(self.which, self._rows_of_family(number))
         values = np.where(mine, self.quantities[name], 0.0)
@@ -246,7 +246,7 @@ class _ChangeFinder:
         return sorted(explained.values(), key=lambda change: (change.step, change.low, change.family))
 
     def _existing_row(self, family: int, step: int, begins: bool) -> int:
-        """Return the row of a family that begins or ends between `step` and `step` + 1, where the family exists."""
+        """Return the row of a family at `step` + 1 if it `begins` there, otherwise at `step`, after which it ends."""
         return self.here[step + begins][family]
 
     def _explain(self, family: int, step: int, begins: bool, others: dict[tuple[int, int, bool], Change]) -> Change:

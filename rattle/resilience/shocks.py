@@ -161,7 +161,7 @@ class _ShockSearch:
         self.to: Attractor | None = None
 
     def run(self) -> None:
-        """Scan all states ROUNDS times, then the state with the smallest fatal shock HALVINGS times more finely."""
+        """Scan all states ROUNDS times; then narrow the smallest fatal shock by HALVINGS scans of its state."""
         every, both = np.arange(len(self.states)), np.array([-1.0, 1.0])
         for _ in range(ROUNDS):
             limit = min(self.high, self.highest)

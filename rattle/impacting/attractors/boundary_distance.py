@@ -2,10 +2,11 @@
 
 Quiet motion is the line v = 0 of all phases τ, so the distance is the least v of all states that do not become quiet.
 It is computed in four steps. The classifier of `rattle.attractors.table` first decides a set of states (τ, v) up to the
-largest speed, half of them over the strip of small speeds. Then preimages of the basins that this set found are
-computed, because all preimages of a basin belong to the basin, however thin they are. Further sets of states cover the
-strip below the least speed so far. Finally a pattern search starts from the slowest states found. Every state that
-counts was itself followed to its attractor. "Low" means slow, because v is the height in the (τ, v) plane.
+largest speed: half of them uniform in v, half uniform in ln v, so that slow states are well represented. Then preimages
+of the basins that this set found are computed, because all preimages of a basin belong to the basin, however thin they
+are. Further sets of states, uniform in ln v, cover the strip between the capture speed and the least speed found so
+far. Finally a pattern search starts from the slowest states found. Every state that counts was itself followed to its
+attractor.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from rattle.numerics.sampling import sobol_points
 from rattle.orbits.iterates import fold
 from rattle.parameters import Parameters
 
-# number of states of one set over the strip of small speeds or over all speeds; most further sets over the strip
+# number of states of a set that is uniform in v or in ln v; most further sets, uniform in ln v, of slower states
 SAMPLED, ROUNDS = 1024, 8
 # number of states at the edges of all capture regions of a cell; fewest and most states at the edge of one region
 EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64
@@ -39,7 +40,7 @@ PREIMAGES, CEILING = 64, 25.0 / 7.0
 # number of states of a cell whose preimages are computed; number of copies near each state, if there are few states;
 # distance of these copies, in τ and relative in v
 STATES, COPIES, NEAR = 1024, 3, 1.0 / 64.0
-TRIED = 64  # number of the slowest preimages of a cell that are followed to their attractors
+TRIED = 64  # in each cell so many preimages of states, the slowest ones, are followed to their attractors
 # number of pattern searches of a cell; least phase difference between the states at which they begin
 STARTS, APART = 4, 1.0 / 32.0
 # offsets of the states of a pattern in τ and in v, in units of its size; those in v are also small, because the
@@ -53,11 +54,11 @@ SHRINK, HOPE = 1.0 / 16.0, 8.0
 MOST_PATTERNS = 60  # most patterns of one search
 # least and largest limit of impacts, at strong damping, of all states but those that are classified first
 LEAST_IMPACTS, MOST_IMPACTS = 512, 4096
-# limit of impacts of these states, divided by the largest number of impacts that a state needed, of those that are
-# classified first, to reach a periodic orbit (in chaotic cells: a periodic orbit or quiet motion)
+# the limit of impacts of these states is this many times the largest number of impacts after which one of the states
+# classified first reached a periodic orbit (in chaotic cells: a periodic orbit or quiet motion)
 PATIENCE = 2
 LASTING = 8  # at the end the slowest states that seem chaotic are followed for this many times their limit of impacts
-# least lower edge of the strip of small speeds, in natural speeds; it is used if the capture speed is smaller
+# least speed of sets that are uniform in ln v, in natural speeds; it is used if the capture speed is smaller
 LOWEST = 1e-6 / 7.0
 
 Array = NDArray[np.float64]
@@ -138,7 +139,7 @@ class _Cells:
         self.keep_preimages(away, tau, v)
 
     def states_in_strip(self, below: Array, i: int) -> tuple[Array, Array]:
-        """Return τ and v (n, SAMPLED) of set number i of states slower than `below` (n,), uniform in τ and ln v."""
+        """Return τ and v (n, SAMPLED) of set number i of states, slower than `below` (n,), uniform in τ and ln v."""
         x, y = sobol_points((i + 1) * SAMPLED)[i * SAMPLED :].T
         low, high = np.log(self.floor)[:, None], np.log(np.maximum(below, self.floor))[:, None]
         return np.repeat(x[None], below.size, axis=0), np.exp(low + (high - low) * y)
@@ -158,7 +159,10 @@ class _Cells:
         return (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[cell])
 
     def keep_slowest(self, tau: Array, v: Array) -> None:
-        """Keep the slowest of the new (n, k) and the kept states, at different phases; v = inf means no state."""
+        """Add new states (n, k), and keep the STARTS slowest states of each cell whose phases are at least APART apart.
+
+        v = inf means no state.
+        """
         tau, v = np.append(self.tau, tau, axis=1), np.append(self.v, v, axis=1)
         for i in range(STARTS):
             each, one = np.arange(v.shape[0]), np.argmin(v, axis=1)
@@ -221,7 +225,7 @@ class _Cells:
             pending = pending[self.v[pending, 0] < before[pending]]
 
     def search_patterns(self) -> None:
-        """Search for slower states in a pattern around each kept state; a pattern that holds none shrinks."""
+        """Search for slower states in a pattern around each kept state; a pattern without a slower state shrinks."""
         offset = np.concatenate([-SIDEWAYS, [0.0], SIDEWAYS[::-1]])
         sideways, down = (x.ravel() for x in np.meshgrid(offset, DOWN))
         cell = np.repeat(np.arange(len(self.v)), STARTS)

@@ -44,12 +44,20 @@ def roughness_of(cells: Any) -> NDArray[np.float64]:
 def sorted_by_roughness(
     which: NDArray[np.int64], samples: Trajectories, roughness: NDArray[np.float64]
 ) -> NDArray[np.int64]:
-    """Return the samples `which`, roughest cells first, so that neighbouring lanes need the same stages of a flight."""
+    """Return the samples `which`, with those first in whose cells the contact force swings most relative to its mean.
+
+    So neighbouring lanes need the same stages of a flight. roughness (n_cells,): the results of `roughness_of`.
+
+    Returns
+    -------
+    NDArray[np.int64]
+        The same samples, in this order.
+    """
     return which[np.argsort(-roughness[samples.cell[which]], kind="stable")]
 
 
 def quiet_invariant(parameters: Parameters) -> float:
-    """Return `capture_invariant` at the first point: the limit of v³/g of bounces that are certain to become quiet."""
+    """Return the largest v³/g at which a bounce is certain to become quiet, at the first of the parameter points."""
     point = parameters.point()
     return capture_invariant(point["delta"], point["epsilon"], point["beta"])
 
@@ -58,7 +66,7 @@ class ImpactingClassifier(Classifier):
     """Classify the samples of a block of cells of the impacting gear."""
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
-        """Prepare the classifier. `paths` (2,) counts flights whose first impact needed a scan, and a safe search."""
+        """Prepare the classifier. `paths` (2,): numbers of flights with a scan, and with a safe search."""
         self.paths = np.zeros(2, np.int64)
         self._block = working_block()
         self._roughness = roughness_of(cells)
@@ -70,14 +78,14 @@ class ImpactingClassifier(Classifier):
 
     @classmethod
     def cells_of_orbits(cls, parameters: Parameters) -> ImpactingCells:
-        """Return cells for periodic orbits: their test for quiet motion is off, because preparing this test is slow."""
+        """Return the record of cells for periodic orbits, without the test for quiet motion: preparing it is slow."""
         return elastic_cells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
 
     @staticmethod
     def states_after(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return the result of `Classifier.states_after`. No state is flagged as quiet, because its bounces go on."""
+        """Return the result of `Classifier.states_after`. All flags are False: elastic bounces never end."""
         moved = iterate(parameters.delta, parameters.epsilon, tau, v, returns, parameters.beta)
         return moved.tau, moved.v, np.zeros(tau.size, np.bool_)
 
@@ -99,7 +107,7 @@ class ImpactingClassifier(Classifier):
         self.grow_balls()
 
     def find_radii(self, centres: Centres) -> None:
-        """Write the radii of these capture regions to `centres`, computed in lanes."""
+        """Compute in lanes the radii of the capture regions around `centres`, and write them to `centres.radius`."""
         find_radii_in_lanes(self._block, centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:

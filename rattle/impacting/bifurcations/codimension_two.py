@@ -33,7 +33,15 @@ Residual = Callable[[float, float], float]
 
 
 def _scaled_cosine(delta: float, beta: float) -> float:
-    """Return 1 + e^(−δ) − T ∝ ε cos 2πτ at the graze at this damping; T: sum of multipliers without the graze."""
+    """Return 1 + e^(−δ) − T for the grazing motion at this damping; it is proportional to ε cos 2πτ of the motion.
+
+    T is the sum of the multipliers of the grazing motion without the impact on Σ⁻.
+
+    Returns
+    -------
+    float
+        1 + e^(−δ) − T; NaN if there is no graze.
+    """
     cosine, _ = closed_form.grazing_cosine(delta, beta)
     return 4 * math.pi * -math.expm1(-delta) * cosine / delta**2
 

@@ -64,7 +64,7 @@ class ImpactingMotions(Motions):
         return None if found is None else orbit_of(itinerary, found)
 
     def follow_branch(self, motion: Motion, span: tuple[float, float]) -> Branch:
-        """Return the branch of a motion on this span of the segment (`Motions.follow_branch`)."""
+        """Return the branch of a motion. span: range of positions on the segment, relative to the motion's position."""
         return branch_through(*motion, self._direction, span, POINTS_ACROSS)
 
     def follow_doubled_branch(self, event: Event, span: tuple[float, float]) -> Branch:
@@ -101,7 +101,7 @@ def diagram(
 ) -> Diagram[Branch, Event]:
     """Return the bifurcation diagram along the segment from start to end, both (δ, ε) with δ > 0 and ε ≥ 0.
 
-    The result is deterministic in all arguments.
+    The result depends on the arguments only.
 
     Parameters
     ----------

@@ -38,8 +38,9 @@ SAME_PLACE = 0.5  # largest distance, as a share of a step, between a candidate 
 class Candidate(NamedTuple):
     """A possible event of a branch.
 
-    y = (times, p) is its position on the branch, `guess` (n + 2,) are guesses of its times, δ and ε, and `impact` is
-    the number of the impact that grazes (None at other events).
+    y is the point of the branch near the event: the motion's times, and p, the position on the line of parameters.
+    `guess` (n + 2,) holds guesses of the event's times, δ and ε. `impact` is the number of the impact that grazes, None
+    for a saddle-node or a flip.
     """
 
     y: Array

@@ -62,7 +62,7 @@ class Crisis:
 
     @property
     def gap(self) -> float:
-        """Distance of ε above the formula of SN1 at this damping."""
+        """ε − SN1, where SN1 is the ε of the saddle-node SN1 at this damping by its formula."""
         return self.epsilon - float(sn1_formula(self.delta))
 
 
@@ -150,7 +150,13 @@ class SaddleManifolds:
         return float(values[i]), float(s[i])
 
     def symbols(self, s: float, n: int) -> tuple[int, ...]:
-        """Return numbers of impacts on Σ⁻ in n returns from position s of W^u(A), without the zeros at both ends."""
+        """Return the number of impacts on Σ⁻ in each of n returns to Σ⁺ from position s of W^u(A).
+
+        Returns
+        -------
+        tuple[int, ...]
+            The numbers in order, without the zeros at the beginning and at the end.
+        """
         start = self.manifold_points(np.array([s]))
         counts = np.array([int(self.unstable_manifold.map(start, j)[3][0]) for j in range(n + 1)])
         found = np.diff(counts)

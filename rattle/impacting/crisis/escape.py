@@ -165,7 +165,7 @@ def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
 
 
 def chaotic_share(delta: float, epsilon: float, beta: float, settle: int = SETTLE) -> float:
-    """Return the share of WATCHED samples of W^u(A) that are chaotic after `settle` impacts."""
+    """Follow WATCHED samples of W^u(A); return the share of them that are chaotic after `settle` impacts."""
     a = saddle_at(delta, epsilon, beta)
     found = FollowedManifold(a, WATCHED, a.impacts_at_first_return + settle)
     left = found.samples.status == Outcome.UNRESOLVED

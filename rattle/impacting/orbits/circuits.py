@@ -118,11 +118,12 @@ def compare_step_with_curve(work, n):
 
 @kernel
 def keep_zero_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, beta):
-    """Add the orbit at which R_0 changes sign between the distances lo and hi to `work.found`, if it is stable.
+    """Find the orbit between the distances lo and hi, where R_0 changes sign; add it to `work.found` if it is stable.
 
-    R_0 is the residual of the first impact equation; its values at lo and hi are f_lo and f_hi. Distances are those of
-    `correct_to_curve`. The search takes Newton steps along the curve, or halves the bracket if a step leaves the
-    bracket. Finally Newton's method solves all equations.
+    The search runs along the curve of motions that satisfy all impact equations but the first. R_0 is the residual of
+    the first equation; f_lo and f_hi are its values at lo and hi. Distances are measured from `work.point` along
+    `work.direction`. The search takes Newton steps, or halves the bracket if a step leaves it. Finally Newton's method
+    solves all equations.
     """
     s, close = lo - f_lo * (hi - lo) / (f_hi - f_lo), NEAR * (hi - lo)
     for _ in range(MOST_HALVINGS):
@@ -145,7 +146,7 @@ def find_sign_change(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon
     """Search between the distances 0 and hi for a point at which R_0 has a sign other than at both ends.
 
     R_0 is the residual of the first impact equation. It has an extremum between the ends if its slopes there differ in
-    sign. Distances are those of `correct_to_curve`.
+    sign. Distances are measured from `work.point` along `work.direction`.
 
     Returns
     -------
@@ -177,7 +178,7 @@ def find_sign_change(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon
 
 @inline
 def is_resolved(s, f0, slope0, f1, slope1):
-    """Return whether values and slopes of the residual R_0 at both ends of a step s show all its zeros in the step."""
+    """Return whether all zeros of the residual R_0 in a step of length s show in its values and slopes at both ends."""
     bend = abs(f1 - f0 - 0.5 * s * (slope0 + slope1))
     return bend < (0.2 * abs(f1 - f0) if (f0 > 0.0) != (f1 > 0.0) else min(abs(f0), abs(f1)))
 
@@ -195,7 +196,14 @@ def has_closed(work, n, s):
 
 @kernel
 def begin_walk(work, n, delta, epsilon, beta):
-    """Begin a walk along a curve at its point near the times in `work`; return (found, R_0, dR_0/ds) at this point."""
+    """Begin a walk along the curve of motions that satisfy all impact equations but one, near the times in `work`.
+
+    Returns
+    -------
+    tuple
+        (found, R_0, dR_0/ds) at the first point of the walk. R_0 is the residual of the first impact equation,
+        which the motions need not satisfy, and s the distance along the curve.
+    """
     for i in range(n):
         work.point[i], work.direction[i] = work.times[i], 0.0
     work.direction[0] = 1.0

@@ -94,7 +94,7 @@ def family_eccentricity(sigma, delta, beta):
 
 @kernel
 def residual(kind, level, sigma, delta, beta):
-    """Return ε(σ) − level if kind is 0, or if kind is 1 the numerator of the speed at Σ⁻, which has no pole."""
+    """Return ε − level (kind 0) or the numerator of the speed at Σ⁻ (kind 1; it has no pole) of the P(1,1,1) at σ."""
     if kind == 0:
         return family_eccentricity(sigma, delta, beta) - level
     return closure_numerators(sigma, delta, beta)[3]
@@ -127,7 +127,7 @@ def solve_bracketed(kind, level, lo, hi, delta, beta):
 
 @kernel
 def turning_point(lo, hi, sign, delta, beta):
-    """Return the minimum (sign = 1) or maximum (−1) of ε(σ) inside (lo, hi) by golden section."""
+    """Return the σ inside (lo, hi) at which ε(σ) has its minimum (sign = 1) or maximum (−1), by golden section."""
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     x1, x2 = hi - ratio * (hi - lo), lo + ratio * (hi - lo)
     f1, f2 = sign * family_eccentricity(x1, delta, beta), sign * family_eccentricity(x2, delta, beta)
@@ -237,7 +237,8 @@ def double_impact_orbit(sigma, delta, epsilon, beta):
 def record_root(orbit, admissible, tau, v, trace, exists, phase, speed, traces, i):
     """Write an admissible orbit A to D of cell i, unless the cell has one of this letter already.
 
-    Orbits come by falling σ from 1/2, so those of the branch born at SN2 are written.
+    The orbits of a cell are passed in the order of falling σ, from 1/2 on. So of several orbits of one letter the one
+    with the largest σ is written, which is on the branch born at SN2.
     """
     if admissible and not exists[orbit, i]:
         exists[orbit, i] = True
