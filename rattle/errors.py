@@ -18,7 +18,7 @@ AT_MOST = {"restitution": (1.0, "1 is an elastic impact")}
 
 
 class RattleError(Exception):
-    """Base of every exception that this project raises.
+    """Base class of the errors that this project defines.
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ Z_95 = 1.959963984540054  # 97.5 % point of the normal distribution
 
 @lru_cache(maxsize=8)
 def sobol_points(count: int) -> NDArray[np.float64]:
-    """Return the first points of the unscrambled Sobol sequence in the unit square, in Gray code order.
+    """Return the first `count` points of the unscrambled Sobol sequence in the unit square, in Gray code order.
 
     The points equal those of `scipy.stats.qmc.Sobol`, which takes a quarter of a second to load in every computing
     process. The direction numbers of the first two coordinates follow from the polynomials 1 and x + 1 (Joe and Kuo
@@ -26,7 +26,7 @@ def sobol_points(count: int) -> NDArray[np.float64]:
     Returns
     -------
     NDArray[np.float64]
-        Points (n, 2).
+        Points (count, 2).
     """
     index = np.arange(count, dtype=np.uint64)
     gray = index ^ (index >> np.uint64(1))

@@ -120,14 +120,14 @@ class Tolerances:
             machine_of({**ends, "drive": self.given.get("drive", "torque")})
 
     def _below_zero_message(self, name: str, least: float) -> str:
-        """Return the message for a number whose distribution reaches down to `least`, which is below 0."""
-        limit = "0" if may_be_zero(name) else "a number above 0"
+        """Return the message for a number whose distribution reaches down to `least`, which is less than is allowed."""
+        limit, allowed = ("0", "must not be below 0") if may_be_zero(name) else ("a number above 0", "must be above 0")
         advice = (
             f"cut it off (low={limit}), make its deviation smaller, or give a log-normal one"
             if isinstance(self.given[name], Normal)
-            else "begin it above"
+            else f"let it begin at {limit}"
         )
-        return f"{name} must not be below 0, but its distribution reaches down to {least:.3g}: {advice}"
+        return f"{name} {allowed}, but its distribution reaches down to {least:.3g}: {advice}"
 
     @cached_property
     def _ranges(self) -> dict[str, tuple[float, float]]:
