@@ -73,7 +73,7 @@ def _words_of_seed(seed: int) -> list[NDArray[np.uint64]]:
 
 
 def _random_shifts(seed: int, *parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return two numbers in [0, 1) for each element, (n, 2), from the seed and the element's parameters."""
+    """Return two numbers in [0, 1) for each of n cells, (n, 2), from the seed and the cell's parameters (n,) alone."""
     state = np.zeros(parameters[0].size, np.uint64)
     words: list[NDArray[np.uint64]] = [*_words_of_seed(seed), *((p + 0.0).view(np.uint64) for p in parameters)]
     for word in words:
