@@ -120,7 +120,7 @@ class Tolerances:
             machine_of({**ends, "drive": self.given.get("drive", "torque")})
 
     def _below_zero_message(self, name: str, least: float) -> str:
-        """Return the message for a number whose distribution reaches down to `least`, which is less than is allowed."""
+        """Return the message for a number whose distribution reaches down to `least`, below the allowed values."""
         limit, allowed = ("0", "must not be below 0") if may_be_zero(name) else ("a number above 0", "must be above 0")
         advice = (
             f"cut it off (low={limit}), make its deviation smaller, or give a log-normal one"

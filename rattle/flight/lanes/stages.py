@@ -147,8 +147,8 @@ def copy_to_double(b, groups):
 def select_number(go, new, old):
     """Return the new number if the lane goes on, else the old one.
 
-    LLVM would turn a plain choice into a masked store, which is slow without AVX-512. The maximum of
-    the old number and LEAST, the most negative number, equals the old number but hides from LLVM where it came from.
+    LLVM would turn a plain choice into a masked store, which is slow without AVX-512. The maximum of the
+    old number and LEAST, the most negative number, equals the old number, but hides from LLVM where it came from.
 
     Returns
     -------
