@@ -45,7 +45,7 @@ MOST_IN_ALL, LEAST_BUDGET = 1 << 33, 1 << 13
 
 
 def budget_of(delta: float, states: int) -> int:
-    """Return the largest number of impacts of each state: a survey's budget, or less for many weakly damped states."""
+    """Return the impacts that each of `states` states may make: as in a survey, or fewer at weak damping."""
     return BUDGET if delta >= WEAK else int(np.clip(MOST_IN_ALL // max(states, 1), LEAST_BUDGET, BUDGET))
 
 
@@ -279,7 +279,7 @@ def _classify_by_cell_map(
     image = _cell_images(plane, tau, v, n, box, impacts)
     group, steps, members = groups_of_map(image)
     sink, on_sink = tau.size, np.flatnonzero(image[:-1] == tau.size)[:1]
-    chosen = np.concatenate([members[:-1], on_sink])  # the last group is the sink's, which may have no members
+    chosen = np.concatenate([members[:-1], on_sink])  # without the last group, the sink of quiet states
     if refine:
         each = np.arange(min(LATTICE, n) // 2, n, LATTICE)
         chosen = np.concatenate([chosen, np.setdiff1d(n * each[:, None] + each, chosen)])

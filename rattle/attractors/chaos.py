@@ -105,10 +105,11 @@ def exponents(sums):
 
 @kernel
 def is_chaotic(sums):
-    """Return whether λ₁ exceeds its error bar and the tangent grows faster than by shear.
+    """Return whether a trajectory is chaotic: λ₁ exceeds its error bar, and tangents grow faster than by shear.
 
-    In regular motion the logarithm of a tangent vector's length grows as ln t, by ln 2 over the second half of the
-    batches. In chaotic motion it must grow by more than LEAST_GROWTH over that half.
+    sums: a row of time, ln stretch and ln|det| for each batch of flights. In regular motion the logarithm of a tangent
+    vector's length grows as ln t, by ln 2 over the second half of the batches. In chaotic motion it must grow by more
+    than LEAST_GROWTH over that half.
 
     Returns
     -------
@@ -124,13 +125,13 @@ def is_chaotic(sums):
 
 @kernel
 def fill_chaos_flags(sums, found):
-    """Write to found (k,) whether each of several trajectories is chaotic, from sums (k, BATCHES, 3)."""
+    """Write to found (k,) whether each trajectory is chaotic. sums (k, BATCHES, 3): as in `are_chaotic`."""
     for k in range(found.size):
         found[k] = is_chaotic(sums[k])
 
 
 def are_chaotic(sums: Array) -> NDArray[np.bool_]:
-    """Return flags (k,) of chaotic trajectories, from sums (k, BATCHES, 3)."""
+    """Return flags (k,) of chaotic trajectories. sums (k, BATCHES, 3): time, ln stretch and ln|det| of each batch."""
     found = np.zeros(len(sums), np.bool_)
     fill_chaos_flags(sums, found)
     return found

@@ -24,8 +24,8 @@ from rattle.attractors.samples import GRID, Outcome, SampleSets, Trajectories, e
 from rattle.numerics.compile import compile_apart
 from rattle.parameters import Parameters
 
-PILOT = 8  # this many samples of a cell are followed first, and the other samples use the orbits that these find
-FIRST, SECOND = 64, 512  # a sample may make this many impacts until the end of the first and of the second stage
+PILOT = 8  # this many samples of a cell are followed first; orbits that they find can capture the other samples
+FIRST, SECOND = 64, 512  # impacts that a sample may make in all by the end of the first, and of the second, stage
 GROWTH = 4  # each further stage lasts this many times as long as the previous one
 STAGES = 4  # number of stages at strong damping; weak damping has as many as the budget allows
 FEW = 8  # a cell gets one more stage if at most one in 8 of its samples is unresolved
@@ -40,9 +40,11 @@ WEAK, NEIGHBOUR_STEP = 0.3, 1e-9
 CROWDS = (256, 1024)
 BUDGET = 1_000_000  # default budget of impacts of a sample; a sample that is still unresolved then is undecided
 MOST_MEASURED = 20_000  # a probe stops after this many impacts, even if PERIODS forcing periods are not over
-MANY = 64  # in a cell with fewer samples, their neighbours are followed too, so that "chaotic" is as reliable there
+MANY = 64  # in cells with fewer samples, neighbours of the samples are followed too, to make "chaotic" as reliable
 CROWD_OF_FEW = 256  # number of states of the neighbour test in a cell with fewer than MANY samples and a quiet motion
-MOST_PROBES = 12  # largest number of probes of a cell; they show a loss of a sample in 3000 periods in 98 % of cells
+# Largest number of probes of a cell. If samples leave a chaotic set after 3000 periods on average, so many probes show
+# this in 98 % of cells.
+MOST_PROBES = 12
 TRACED = 1000  # number of impacts during which every state is marked in a visited-cell bitmap
 LONGER = 4  # probes that seem to lie on several attractors are followed this many times as long
 EXTENSIONS = 3  # an unclear exponent is measured again at most this often, each time over twice as many impacts
@@ -336,7 +338,7 @@ class Classifier(ABC):
         return np.asarray(self.weak[cells] | self.has_quiet[cells] | (self.count < MANY))
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags (k,) of cells whose probes are measured only when no more of their samples settle."""
+        """Return flags (k,) of cells whose probes are measured only when no more samples settle; by default all."""
         return np.ones(cells.size, np.bool_)
 
     def samples_outlast_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -483,7 +485,7 @@ class Classifier(ABC):
         """Declare the unresolved samples of these cells to be on the chaotic attractor on which their probes are.
 
         If the probes of a cell seem to lie on several attractors, the probes are followed for longer, and if they still
-        do, all unresolved samples of the cell are followed.
+        do, all unresolved samples of the cell are followed. witnesses: the probes; seen: their observations.
 
         Returns
         -------

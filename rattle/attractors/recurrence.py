@@ -58,7 +58,7 @@ def is_approaching(tau, v, star_tau, star_v, k, most, point):
 
 @kernel
 def impacts_until_return(tau, v, gap, point):
-    """Return the number of impacts on Σ⁺ until (τ, v) first returns close to itself: at most `gap`, a known return."""
+    """Return the number of impacts on Σ⁺ until (τ, v) first returns close to itself; a return after `gap` is known."""
     t, speed, unit = tau, v, speed_unit_at(point)
     for j in range(1, gap):
         status, t, speed, _time, _below = step(t, speed, point)
@@ -159,9 +159,9 @@ def mark_footprints(
 ) -> None:
     """Mark every state of the next `impacts` impacts on Σ⁺ of these samples in their visited-cell bitmaps.
 
-    While exponents are measured, a bitmap receives only the state after every few flights. If a chaotic set has several
-    bands that are visited in turn, these states may lie in some of the bands only. Therefore every state is marked
-    here.
+    While exponents are measured, a bitmap receives only the state after every few flights. If a chaotic set consists of
+    several parts that a trajectory visits in turn, these states may miss some of the parts. Therefore this function
+    marks every state.
     """
     fill_footprints(which, impacts, cells, samples.for_kernels(), footprints)
 

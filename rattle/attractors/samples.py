@@ -118,8 +118,8 @@ class Orbits(StructOfArrays):
     """Stable orbits known in each cell: arrays (n_cells, room), of which the first n entries of a row are used.
 
     An orbit has its label (m, n₊, n₋), its fastest point (τ, v) and ln|multiplier|/m of both multipliers. `contacts` is
-    the number of contact phases in a period. A label counts a run of impacts that ends in contact once; `merged` is the
-    number of impacts on Σ⁺ that the label leaves out for this reason. Both are 0 for elastic impacts.
+    the number of contact phases in a period. A label counts a run of impacts that ends in contact as one impact;
+    `merged` is the number of impacts on Σ⁺ that the label leaves out for this reason. Both are 0 for elastic impacts.
     """
 
     n: Any

@@ -28,8 +28,8 @@ PHASES = 96
 FEW = 8
 #: A second search has FINER_PHASES offsets and a speed tolerance smaller by the factor FINER.
 FINER, FINER_PHASES = 16.0, 384
-#: Number of offsets at which the walls of the MOST_TWINNED best fits are tried again, because A and C have the same
-#: walls.
+#: Number of offsets that are tried with the walls of each of the MOST_TWINNED best fits, because the same walls may fit
+#: at several offsets: impacts of A and C, for example, meet the walls in the same order.
 TWINS, MOST_TWINNED = 1024, 3
 #: Misfit above which the impacts are not impacts of this gear.
 POOR = 0.25
@@ -57,7 +57,7 @@ WORST = 4.0
 FALSE, MOST_FALSE = 6.0, 2
 #: Misfit of a false impact.
 AT_RANDOM = 0.5
-#: Largest distance from an offset in which its interval is searched, in forcing periods, and the number of steps.
+#: Largest distance from an offset within which its interval is searched, in forcing periods, and the number of steps.
 FARTHEST, STEPS = 0.25, 128
 #: Number of successive impacts whose errors are correlated, because an error of one time changes the misfits of others.
 TOGETHER = 4

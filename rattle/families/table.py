@@ -16,7 +16,7 @@ class FamilyTable(NamedTuple):
 
     Family 0 is quiet motion; the others are in order of falling number of cells.
     kind: the number in KINDS. m, n_plus, n_minus: the label, 0 unless periodic.
-    cells: the number of its cells. unsampled: the number of its cells in which no sample reaches it.
+    cells: the number of its cells. unsampled: the number of its attractors that no sample reaches.
     delta_low, delta_high, epsilon_low, epsilon_high: the box of its cells.
     largest_fraction: its largest basin fraction in a cell, at (delta_at, epsilon_at). mean_fraction: the mean over its
     cells. exponent: its largest λ₁.

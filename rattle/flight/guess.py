@@ -136,7 +136,7 @@ def taylor_coefficients(s, flight):
 
 @inline
 def height_scale(s, flight):
-    """Return the sum of the sizes of the terms of a flight's height F at s, to which F's rounding error is relative."""
+    """Return the sum of the sizes of the terms of F at s; the rounding error of F is below ERROR times this sum."""
     w, a, _sin0, _cos0, delta, epsilon = flight
     forced = change_scale32(s)
     return s * (abs(w) + abs(a) * min(f32(0.5) * delta * s, f32(1.0))) + epsilon * forced
@@ -144,7 +144,7 @@ def height_scale(s, flight):
 
 @inline
 def speed_scale(flight):
-    """Return the sum of the sizes of the terms of a flight's speed F', to which its rounding error is relative."""
+    """Return the sum of the sizes of the terms of F'; the rounding error of F' is below ERROR times this sum."""
     return abs(flight.w) + abs(flight.a) + slope_range32(flight.epsilon)
 
 

@@ -18,7 +18,8 @@ def flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
 def flight_tangent(w1, lost, sin1, cos1, flight):
     """Return ∂(t₁, w₁ after reflection)/∂(t₀, w₀) of one flight, row by row.
 
-    The height F of the wall is fixed, so ds = −(∂F/∂t₀ dt₀ + ∂F/∂w₀ dw₀)/w₁. The impact law reflects the change of w₁.
+    With the duration s = t₁ − t₀ and F fixed at the wall, ds = −(∂F/∂t₀ dt₀ + ∂F/∂w₀ dw₀)/w₁, with derivatives at fixed
+    s, and dt₁ = dt₀ + ds. The impact law reflects the change of w₁.
 
     Returns
     -------

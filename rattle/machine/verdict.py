@@ -118,7 +118,7 @@ def least_knock(machine: MachineLike, hardest: float) -> float:
 
 
 def _is_rattling(attractor: Attractor) -> bool:
-    """Return whether an attractor is a rattling motion."""
+    """Return whether the teeth rattle on an attractor, because it is periodic or chaotic."""
     return attractor.kind in ("periodic", "chaotic")
 
 

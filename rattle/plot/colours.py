@@ -96,7 +96,7 @@ def legend_name(motion: Motion, contacts: int | None = None) -> str:
     Raises
     ------
     ParameterError
-        If `motion` is not an attractor, a kind or three numbers.
+        If `motion` is not an attractor, a kind or a valid label (m, n_plus, n_minus).
     """
     label = _type_of(motion)
     if isinstance(label, str):
@@ -127,7 +127,7 @@ def colour(motion: Motion) -> str:
     Raises
     ------
     ParameterError
-        If `motion` is not an attractor, a kind or three numbers.
+        If `motion` is not an attractor, a kind or a valid label (m, n_plus, n_minus).
     """
     label = _type_of(motion)
     if isinstance(label, str):
@@ -176,7 +176,7 @@ class Palette:
         Raises
         ------
         ParameterError
-            If `motion` is not an attractor, a kind or three numbers.
+            If `motion` is not an attractor, a kind or a valid label (m, n_plus, n_minus).
         """
         label = _type_of(motion)
         self._times[label] += 1
@@ -185,7 +185,7 @@ class Palette:
         return self._taken.setdefault((label, self._times[label]), self._farthest_spare())
 
     def _farthest_spare(self) -> str:
-        """Return the spare colour that differs most from all colours in the picture."""
+        """Return the spare colour that differs most from all colours in the picture and from those of all kinds."""
         taken = np.array([_cielab(each) for each in self._taken.values()])
         away = [float(np.hypot.reduce(taken - each, axis=1).min()) for _, each in _spare_colours()]
         return _spare_colours()[int(np.argmax(away))][0]

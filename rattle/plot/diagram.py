@@ -272,7 +272,10 @@ def _draw_impact_curve(panel: Axes, curve: ImpactCurve, y: Array, named: bool) -
 
 
 def _draw_sweep_points(panel: Axes, diagram: Diagram[Any, Any], which: str, x: Array) -> None:
-    """Draw the points of both sweeps in the panel of `which`, "v" or "tau"; backward points are smaller and on top."""
+    """Draw the attractors found while the parameter rises, and those found while it falls, smaller and on top.
+
+    which: "v" or "tau", the quantity of the panel. x: the values of the points on the parameter axis.
+    """
     points = diagram.points
     y, chaotic = getattr(points, which), points.kind == KINDS.index("chaotic")
     for forward, colour, size in ((True, FORWARD, 2.4), (False, BACKWARD, 1.0)):
@@ -344,7 +347,7 @@ def _speed_limits(diagram: Diagram[Any, Any]) -> tuple[float, float]:
 
 
 def _add_diagram_legend(figure: Figure, followed: bool) -> None:
-    """Add the legend of lines and marks. followed: the diagram has sweeps, so explain their points too."""
+    """Add the legend of lines and marks. followed: explain also the points of attractors that the diagram follows."""
     (width, colour), (thin, dark), (thinnest, grey) = NAMED, OTHER[True], OTHER[False]
     entries = [
         Line2D([], [], color=colour, lw=width, label="A to D, stable"),

@@ -31,7 +31,7 @@ LARGEST_SEED = 2**64 - 1
 MOST_SHARE = 0.9999
 #: Distribution of a phase that is random.
 ANY_PHASE = Uniform(0.0, 1.0)
-#: Index of the random stream from which numbers are drawn again.
+#: Index of the random stream of the second sample, from which Sobol indices take the numbers that are drawn again.
 REDRAWN_STREAM = 1
 
 Array = NDArray[np.float64]

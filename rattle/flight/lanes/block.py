@@ -18,7 +18,7 @@ LANES, GROUP = 192, 16  # numbers of lanes of a block, and of a group; only grou
 #: Numbers of groups: all, none, one. They are np.int64, because Python integers would compile further kernel variants.
 GROUPS, NONE, ONCE = np.array([LANES // GROUP, 0, 1])
 SMOOTH, ROUGH, ARCS = range(3)
-ROUGHNESS = 0.75  # a better first guess pays on lanes where the contact force swings by over this share of its mean
+ROUGHNESS = 0.75  # the first guess is improved on lanes where `relative_swing` exceeds this number
 HUGE = 1e100  # a tangent vector is reset when it has grown by this factor
 ZERO, ONE = f32(0.0), f32(1.0)
 
@@ -46,7 +46,7 @@ _ARC = ("arc_exit", "arc_length", "sin_entry", "sin_exit", "no_arc")
 _CARRIED_32 = ("rough", *_PARAMETERS_32, *_ARC)
 _SCANNED = (*_PARAMETERS_32[1:], *_ARC, *_STATE_32, "a_")
 _GUESSED = (*("s_", "c0", "c1", "c2", "c3", "c4", "c5"), *("step", "speed", "turn", "bound", "tilt", "falls", "proved"))
-#: Fields for the second attempt: copies of the lanes without proof at the first places, and the results for them.
+#: Fields for the second attempt: copies of the lanes without proof, compacted into the first lanes, and their results.
 _COMPACTED = tuple("z_" + name.rstrip("_") for name in _SCANNED)
 _FOUND = ("z_f", "z_g", "z_turned", "z_turn", "z_ended", "z_falls", "z_end", "z_s", "z_proved")
 
@@ -190,7 +190,7 @@ def clear_block(b):
 
 @inline
 def has_ended(b, i):
-    """Stop lane i if it makes too many impacts on Σ⁻, and return whether it has made its impacts or was stopped."""
+    """Stop lane i if it makes too many impacts on Σ⁻; return whether it was stopped or has reached its limit on Σ⁺."""
     if b.n_minus[i] > MOST_BOUNCES * (b.n_plus[i] + 1.0):
         b.stuck[i], b.limit[i] = ENDLESS, -1.0
     return not b.n_plus[i] < b.limit[i]

@@ -51,7 +51,7 @@ def second_attempt(b, groups, force, paths):
 
 @inline
 def compact(b, groups):
-    """Copy the lanes without proof to the first places, and return their number."""
+    """Copy the data of the lanes without proof to the first places of `b.compacted`, and return the number of lanes."""
     n = 0
     for i in range(GROUP * groups):
         b.todo[np.uint64(n)] = i  # written without a branch, which the processor could not predict
@@ -79,7 +79,7 @@ def compacted_arc(b, i):
 
 @inline
 def scan(b, n, padded):
-    """Evaluate the n flights at fixed steps until each has ended. The other lanes, up to `padded`, count as ended."""
+    """Evaluate the n compacted flights at fixed steps until each has ended. Places from n on count as ended."""
     for k in range(padded):
         from_bottom = b.z_wall[k] < ZERO
         b.z_f[k], b.z_g[k], b.z_turn[k], b.z_end[k] = ZERO, b.z_w[k], ZERO, ZERO

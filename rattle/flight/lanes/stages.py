@@ -147,8 +147,8 @@ def copy_to_double(b, groups):
 def select_number(go, new, old):
     """Return the new number if the lane goes on, else the old one.
 
-    LLVM would turn a plain choice into a masked store, which is slow without AVX-512. The maximum changes no number,
-    but hides from LLVM where the old number came from.
+    LLVM would turn a plain choice into a masked store, which is slow without AVX-512. The maximum of the
+    old number and LEAST, the most negative number, equals the old number, but hides from LLVM where it came from.
 
     Returns
     -------
@@ -159,7 +159,7 @@ def select_number(go, new, old):
 
 
 def _build_land(tangent):
-    """Build the stage that moves lanes to their impacts. `tangent` is a constant of the closure, outside the loop."""
+    """Build the stage that moves lanes to their impacts; with `tangent` it also keeps what `carry` needs."""
 
     @inline
     def land(b, groups):
