@@ -99,7 +99,7 @@ class Front:
 
     @cached_property
     def window_limiter(self) -> CapacityLimiter:
-        """The limiter of windows of maps that are computed at the same time."""
+        """The limiter of the number of windows of maps that are computed at the same time."""
         return CapacityLimiter(self.settings.max_windows)
 
     @cached_property

@@ -130,7 +130,7 @@ def _contacts_of(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
 
 
 def family_colours(table: xr.Dataset) -> list[str]:
-    """Return a colour for each of the first families: that of its label, or a spare one if that is already used."""
+    """Return a colour for each of the first families: the colour of its label, or a spare one if that is used."""
     palette, found = Palette(APART), []
     rows = (np.asarray(table[name][: OTHERS - 1]).tolist() for name in ("kind", "m", "n_plus", "n_minus"))
     for kind, *label in zip(*rows, strict=True):
