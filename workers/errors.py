@@ -62,12 +62,13 @@ def report_damage(what: str) -> Iterator[None]:
     except FileNotFoundError as error:
         raise DamageError(
             f"{what} cannot be read because its store is gone ({error}): restore the store, or compute it again with "
-            "the command that made it or with POST /v1/surveys/ID/verify"
+            "the command that made it or, in a service, with POST /v1/surveys/ID/verify or /v1/populations/ID/verify"
         ) from error
     except Exception as error:
         raise DamageError(
             f"{what} cannot be read ({str(error) or type(error).__name__}): if the store is damaged, repair the store "
-            "with the command that made it or with POST /v1/surveys/ID/verify"
+            "with the command that made it or, in a service, with POST /v1/surveys/ID/verify or "
+            "/v1/populations/ID/verify"
         ) from error
 
 

@@ -294,12 +294,12 @@ class JobManager:
         if State(job.state).is_final or (
             job.state == State.ACCEPTED and not self._database.set_state(survey_id, State.RUNNING)
         ):
-            return  # the survey has been dismissed
+            return  # the survey has ended or been dismissed
         request = _request_of(job)
         path = self._directory.store(survey_id)
         left = self._left.pop(survey_id, None)
         has_message = bool(job.message)  # for example "waits for its store", from before a restart
-        if left is None or job.state == State.ACCEPTED:  # ACCEPTED may mean a verification of all tiles
+        if left is None or job.state == State.ACCEPTED:  # a survey is ACCEPTED again to verify all its tiles
             left, has_lost = self._prepare_tiles(job, request, path, client)
             has_message |= has_lost
 
@@ -308,7 +308,7 @@ class JobManager:
             self._record_tile(survey_id, request, tile)
             left.pop(tile.index, None)
             if has_message:
-                self._database.set_state(survey_id, State.RUNNING)  # removes the message
+                self._database.set_state(survey_id, State.RUNNING)  # removes the survey's old message
                 has_message = False
             self.storage_state = OK
 

@@ -1,4 +1,4 @@
-"""Submit, find, remove, describe and verify surveys and populations, for the routes and the explorer."""
+"""Submit, find, remove and verify surveys and populations, and rename surveys, for the routes and the explorer."""
 
 from __future__ import annotations
 

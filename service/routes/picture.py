@@ -163,7 +163,7 @@ def _picture_responses(media: str, schema: dict[str, str]) -> dict[int | str, di
     responses=_picture_responses(PNG, {"type": "string", "format": "binary"}),
 )
 async def picture(request: Request, front: FrontState, survey_id: SurveyId, asked: PictureQuery) -> Response:
-    """Draw a map. Failed cells, and cells that are not computed yet, have colours of their own."""
+    """Draw a map as PNG. Failed cells, and cells that are not computed yet, have colours of their own."""
     return await _picture_response(request, front, survey_id, asked, "png", PNG)
 
 
@@ -174,7 +174,7 @@ async def picture(request: Request, front: FrontState, survey_id: SurveyId, aske
     responses=_picture_responses(SVG, {"type": "string"}),
 )
 async def drawing(request: Request, front: FrontState, survey_id: SurveyId, asked: PictureQuery) -> Response:
-    """Draw a map with lines and letters as vectors, and cells as pixels."""
+    """Draw a map as SVG, with lines and letters as vectors, and cells as pixels."""
     return await _picture_response(request, front, survey_id, asked, "svg", SVG)
 
 
@@ -185,7 +185,7 @@ async def drawing(request: Request, front: FrontState, survey_id: SurveyId, aske
     responses=_picture_responses(PDF, {"type": "string", "format": "binary"}),
 )
 async def sheet(request: Request, front: FrontState, survey_id: SurveyId, asked: PictureQuery) -> Response:
-    """Draw a map with lines and letters as vectors, and cells as pixels."""
+    """Draw a map as PDF, with lines and letters as vectors, and cells as pixels."""
     return await _picture_response(request, front, survey_id, asked, "pdf", PDF)
 
 

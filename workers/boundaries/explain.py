@@ -217,7 +217,7 @@ class _Search:
         return None if label not in self.unexplained_labels(n) else f"{found.kind} of another motion on the way"
 
     def _cell_with_motion(self, n: int, label: Label) -> tuple[np.ndarray, np.ndarray, CellAttractor]:
-        """Return the cell of the n-th pair with more attractors of a label, and the other cell.
+        """Return both cells of the n-th pair, first the cell that has more attractors with a label.
 
         Returns
         -------
@@ -254,7 +254,7 @@ class _Search:
     ) -> PeriodicOrbit | Event | None:
         """Follow a motion from its cell to the other cell of the pair, at (δ, ε) = target, or to a bifurcation.
 
-        worth: trace the curve of the bifurcation too, unless its motion has too many impacts, or enough are traced.
+        worth: trace the curve of the bifurcation too, unless the motion has too many impacts or enough are known.
 
         Returns
         -------

@@ -63,7 +63,7 @@ NOTES = {
 }
 #: Settings that leave dask's HTTP servers without pages, because every local account can reach these servers.
 NO_PAGES: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
-SPANS = "spans"  # an extension of dask's scheduler that is left out, because its records are never deleted
+SPANS = "spans"  # an extension of dask that is left out, because the records of the scheduler's one are never deleted
 
 OURS, MODULE = "gear-rattle", "gear_rattle"
 #: Packages whose versions must be equal in all processes. With different versions, processes cannot exchange messages,
@@ -182,8 +182,8 @@ class _WorkerProcesses:
             "memory_limit": MEMORY_LIMIT,
             "dashboard": False,
             "silence_logs": logging.CRITICAL,
-            "extensions": {},  # without SPANS, which is dask's only extension of workers
-            "preload": __name__,  # imported before the worker must send heartbeats
+            "extensions": {},  # dask's only extension of workers is SPANS, which is left out
+            "preload": __name__,  # a worker imports this module before it must send heartbeats
         }
         start = nannies.StartMessage(dask.config.config, cluster.scheduler_address, n_workers, nice, options)
         self._start, self._n_workers, self._should_stop = pickle.dumps(start), n_workers, should_stop

@@ -124,7 +124,7 @@ class RunState:
 
 
 def spread_evenly(tiles: Iterable[AnyTile], columns: int) -> list[AnyTile]:
-    """Sort tiles so that the first n tiles, for any n, are spread over the plane. columns: columns of tiles.
+    """Sort tiles so that the first n tiles, for any n, spread over the plane. columns: number of columns of tiles.
 
     The order is that of ordered dithering: tiles with even row and column numbers come first, then the three groups of
     other parities. Within each of these four groups the same rule holds for half the numbers, and so on.

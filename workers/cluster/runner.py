@@ -90,7 +90,7 @@ def advance_tile(
 
 @lru_cache(maxsize=16)
 def _loaded_for(_request: AnyRequest) -> list[bool]:
-    """Return a list for a request, which is empty until this process has loaded the kernels that the request needs."""
+    """Return the list that belongs to a request. The caller adds an entry once this process has loaded the kernels."""
     return []
 
 

@@ -225,7 +225,7 @@ class _Join:
         component: Sequence[np.ndarray],
         curves: Mapping[str, Polyline],
     ) -> list[BlockSummary]:
-        """Summarize the survey's components in each block: their sums, their edges, and the pairs that share a cell."""
+        """Summarize the survey's components in each block: sums, edges, and pairs of components that share a cell."""
         delta, epsilon = self._request.delta.values(), self._request.epsilon.values()
         crossings = [crossings_of(curve, delta, epsilon) for curve in curves.values()]
         passed = [
@@ -249,7 +249,7 @@ class _Join:
     def _write_families(
         self, entered: Sequence[Attractors], family: Sequence[np.ndarray], slots: np.ndarray
     ) -> dict[str, str]:
-        """Write all family numbers, move attractors to their slots, and return the digests of the new chunks."""
+        """Write all family numbers, move attractors if slots follow families, and return the digests of the chunks."""
         found = self._run_on_blocks(
             write_families, ((orbits, of, slots[of]) for orbits, of in zip(entered, family, strict=True))
         )

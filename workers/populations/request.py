@@ -114,7 +114,7 @@ class PopulationRequest(StrictRecord):
 
     @property
     def shape(self) -> tuple[int]:
-        """Shape of the table, in a tuple: its rows are the gears of all parts of the plan."""
+        """Number of rows (gears) of the population's store, including the partners for Sobol indices, in a tuple."""
         return (self.plan.rows,)
 
     @cached_property

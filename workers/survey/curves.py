@@ -188,9 +188,9 @@ def window_around(delta: np.ndarray, epsilon: np.ndarray) -> Window:
 
 
 def _widened_range(axis: np.ndarray, scale: float) -> tuple[float, float]:
-    """Return the range of an axis, widened on both sides by half a cell, but at least by the share NARROWEST.
+    """Return the range of an axis, widened on both sides by half a cell, or by a tiny share of its end if that is more.
 
-    scale: the least value of which NARROWEST is a share.
+    The share is NARROWEST of the last value of the axis, or of `scale` if `scale` is larger.
 
     Returns
     -------

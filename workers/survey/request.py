@@ -214,7 +214,9 @@ class SurveyRequest(_ModelFields):
         if not isinstance(value, Axis):
             return value
         may_be_zero = info.field_name in ADDED and ADDED[info.field_name].may_be_zero
-        if value.start < 0 or (value.start == 0 and not may_be_zero):
+        if value.start < 0 and may_be_zero:
+            raise ValueError(f"{info.field_name} must not be negative: raise start ({value.start}) to 0 or more")
+        if value.start <= 0 and not may_be_zero:
             raise ValueError(f"{info.field_name} must be positive: raise start ({value.start}) above 0")
         most = math.inf if info.field_name not in ADDED else ADDED[info.field_name].greatest
         if value.stop > most:

@@ -160,7 +160,7 @@ def _title(request: SurveyRequest) -> str:
 
 
 def _machine_attributes(request: SurveyRequest) -> dict[str, Any]:
-    """Return attributes for a machine's numbers, and `coordinates`, in which CF wants auxiliary coordinates named."""
+    """Return attributes with a machine's numbers, and the CF attribute `coordinates`, names of coordinates."""
     machine = {} if request.machine is None else request.machine.model_dump()
     names = [
         *(name for name in shared_parameters(request) if name != request.third_axis_name),
@@ -185,7 +185,7 @@ def shared_parameters(request: SurveyRequest) -> dict[str, tuple[float | Axis, s
 
 
 def _model_attributes(request: SurveyRequest) -> dict[str, Any]:
-    """Return attributes for the model, its numbers and its harmonics. None is empty: NetCDF cannot hold null."""
+    """Return attributes with the model's name, its numbers and harmonics. No value is None: NetCDF cannot hold null."""
     numbers = {name: value for name, value in request.other_parameters.items() if isinstance(value, float)}
     harmonics = {"harmonics": json.dumps(request.harmonics)} if request.harmonics else {}
     return {"model": str(request.model), **numbers, **harmonics}

@@ -109,8 +109,8 @@ class Cells:
     def basin_entropy(self) -> np.ndarray:
         """The mean basin entropy of all boxes, and of the boxes at basin boundaries, shape (2, n_epsilon, n_delta).
 
-        The values of a cell are NaN if a state of the (τ, v) plane is undecided, or if ε is so near the quiet limit
-        that states could be undecided.
+        A box is a square of 5 × 5 states of the (τ, v) plane. The values of a cell are NaN if a state of this plane is
+        undecided, or if ε is so near the quiet limit that states could be undecided.
         """
         found = np.full((2, *self.shape), np.nan)
         for (i, j), late in np.ndenumerate(self.rests_late):
