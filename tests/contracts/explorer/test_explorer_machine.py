@@ -164,7 +164,7 @@ def test_what_is_entered_of_a_machine_is_checked(tmp_path: Path) -> None:
         fields = {each.label: each for each in machine.select(pn.widgets.FloatInput)}
         fields["Base radius, mm"].value = None
         show.clicks += 1
-        assert "needs radius too" in said.object.text
+        assert "enter radius too" in said.object.text
         fields["Base radius, mm"].value = 50e3
         show.clicks += 1
         assert "radius must be in metres" in said.object.text
