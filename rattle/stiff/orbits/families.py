@@ -98,9 +98,10 @@ class StiffFamily:
 
     @property
     def motions_at_breaks(self) -> list[Array]:
-        """The admissible motions at those ends of the family at which its continuation failed.
+        """Admissible motions at which the family breaks off, so that further motions may be missing; empty if none.
 
-        If it failed at both ends, or a fold could not be located, these are all admissible motions of the family.
+        They are at the ends at which the continuation failed. If it failed at both ends, or a fold could not be
+        located, all admissible points of the family are returned.
         """
         ends = [i for i, why in zip((0, -1), self.ends, strict=True) if why == BROKEN]
         return [y for y in (self.points if len(ends) == 2 else self.points[ends]) if is_admissible(y, self.cycle)]
@@ -135,7 +136,7 @@ def family_lost_error(cycle: Cycle, epsilon: float) -> RattleError:
 
 
 def span_of_family(delta: float, epsilon: float) -> float:
-    """Return the largest ε up to which families are followed for a point (δ, ε), which depends on this point only."""
+    """Return the largest ε up to which families are followed for a point (δ, ε); it depends on this point only."""
     least = LEAST_SPAN * plane_scale(delta)
     return max(least, float(2.0 ** np.ceil(np.log2(1.5 * epsilon)))) if epsilon > 0.0 else least
 
@@ -249,7 +250,7 @@ def families_on_both_walls(cycle: Cycle, span: float, plus: Sequence[StiffFamily
 
 
 def _guesses_on_both_walls(cycle: Cycle, plus: Sequence[StiffFamily]) -> Iterator[tuple[Array, Array]]:
-    """Yield guesses of P(1,1,1), each with a row of Newton's equations that keeps one combination of the unknowns."""
+    """Yield guesses of P(1,1,1), each with a row of Newton's equations that fixes a combination of the unknowns."""
     p = softness(cycle.kappa)
     for family in plus:
         for y in guesses_at_grazes(family):
