@@ -136,12 +136,12 @@ def _stays_between_walls_during(piece: PlanePiece, start: arb, end: arb, least: 
 
 
 def _passes_sigma_minus(piece: PlanePiece, least: arb) -> bool:
-    """Return whether flights provably pass Σ⁻, that is −2β > F of (15.3), for all δ of the piece and all X ≥ least.
+    """Return whether flights are proved to pass Σ⁻ at one time s, for all δ of the piece and all X ≥ least.
 
     Returns
     -------
     bool
-        True if the displacement F from Σ⁺ is below −2β at one time s; (15.3) is in docs/proofs.md.
+        True if F < −2β is proved at this time; F, (15.3) of docs/proofs.md, is the displacement from Σ⁺.
     """
     s = arb(_time_of_minimum(float(piece.delta.mid()), float(least.mid())))
     return bool(

@@ -87,7 +87,7 @@ class StiffFamily:
 
     @property
     def saddle_flags(self) -> list[bool]:
-        """A flag for each part between folds: whether its motions are saddles with a Floquet multiplier above 1."""
+        """A flag for each part of the family between folds: True if the part consists of saddles (multiplier > 1)."""
         edges, found = [0, *self.folds.tolist(), len(self.points) - 1], []
         for i, j in pairwise(edges):
             y = self.points[(i + j) // 2] if j > i + 1 else 0.5 * (self.points[i] + self.points[j])
@@ -303,7 +303,7 @@ def _letters_of_parts(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple
 
 
 def _letter_of_continuation(family: StiffFamily, end: int, plus: Sequence[StiffFamily]) -> str:
-    """Return the letter of the P(1,1,0) as which a P(1,1,1) family continues at end 0 or −1; "" if it does not."""
+    """Return the letter of the P(1,1,0) that continues a P(1,1,1) family at its end 0 or −1; "" if none does."""
     y = family.points[end]
     if family.ends[end] != LOST or y[3] > 2.0 * LEAST_CONTACT:
         return ""

@@ -118,7 +118,7 @@ class Cell(ParameterBox):
         return self.known[of]
 
     def has_no_motion(self, low: Interval, high: Interval) -> bool:
-        """Return whether provably no solution of the cell has low ≤ ε² ≤ high and speeds above 0 after both impacts."""
+        """Return whether it is proved that no solution of the cell has low ≤ ε² ≤ high and both speeds above 0."""
         if any(is_less(high, bound) for bound in self.least_squares):
             return True
         if not self.solvable:
