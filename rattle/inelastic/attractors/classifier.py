@@ -62,10 +62,8 @@ class InelasticClassifier(Classifier):
         self, cells: InelasticCells, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET
     ) -> None:
         """Prepare the classifier as for any gear, and an empty table of states after contact."""
-        room = (
-            len(cells.delta),
-            cells.zeros.shape[1],
-        )  # each release is at a zero of the force, and has at most one state after it
+        # each release is at a zero of the force, and has at most one state after it
+        room = len(cells.delta), cells.zeros.shape[1]
         self.states = ContactStates(
             np.zeros(room[0], np.int64), np.zeros(room), np.zeros(room), np.zeros(room, np.int64)
         )

@@ -94,10 +94,10 @@ def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
 
 
 def _growth_coefficient(middle: arb, h: arb, delta: arb, share: arb) -> arb:
-    """Return Q of (20.4), docs/proofs.md, which bounds the growth of ln(v³/g) over a bounce by h³Q − δs (20.5).
+    """Return Q of (20.4), docs/proofs.md: from one impact to the next ln(v³/g) changes by h³Q − δs (20.5).
 
-    The bounces are around the time `middle`, and last at most 2h in the time x of (20.2) and s in forcing periods. v is
-    the speed after an impact, g the contact force. share: ε divided by the quiet limit.
+    The bounces are around the time `middle`, and last at most 2h in the time x of (20.2). s is the duration of a bounce
+    in forcing periods, v the speed after an impact, g the contact force. share: ε divided by the quiet limit.
 
     Returns
     -------

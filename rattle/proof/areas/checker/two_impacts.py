@@ -55,9 +55,9 @@ def speeds_and_square(t: EquationTerms, z: list[Jet]) -> list[Jet]:
 def stability_margins(t: EquationTerms, z: list[Jet]) -> list[Jet]:
     """Return the stability margins (1 + E − T) uv and (1 + E + T) uv of a P(1,1,1).
 
-    E is e^(−δ), and v and u are the speeds after Σ⁺ and after Σ⁻. T is the trace of the
-    tangent map, a product of matrices: [[1, S], [0, 1 − δS]] of each flight of duration t, with S = (1 − e^(−δt))/δ,
-    and [[−1, 0], [2g/w, −1]] of each impact that is reached with velocity w.
+    E is e^(−δ), and v and u are the speeds after Σ⁺ and after Σ⁻. T is the trace of the tangent map, a product of
+    matrices: [[1, S], [0, 1 − δS]] of each flight of duration t, with S = (1 − e^(−δt))/δ, and [[−1, 0], [2g/w, −1]] of
+    each impact that is reached with velocity w.
 
     Returns
     -------
