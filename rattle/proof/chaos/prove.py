@@ -152,7 +152,7 @@ def are_separated(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
 
 
 def entropy_lower_bound(lengths: Sequence[int]) -> Fraction:
-    """Return a lower bound h of a horseshoe's entropy: Σ e^(−h length) ≥ 1 over its loops (Lemma 13), or h = 0."""
+    """Return a lower bound h ≥ 0 of the entropy, with Σ e^(−h length) ≥ 1 over loops (Lemma 13, docs/proofs.md)."""
     h = Fraction(math.floor(search.entropy_of_lengths(lengths) / ENTROPY_UNIT)) * ENTROPY_UNIT
     while h > 0:
         if sum(((-ball(h) * length).exp() for length in lengths), arb(0)) >= 1:
