@@ -19,7 +19,7 @@ def rests_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.boo
 
 
 def _raise_not_computed(what: str) -> NoReturn:
-    """Raise RattleError, because results of this kind (a plural noun) are not computed for the inelastic gear."""
+    """Raise RattleError, because `what`, such as "bifurcation diagrams", is not computed for the inelastic gear."""
     raise RattleError(f"{what} are not computed for the inelastic gear: use the impacting or the stiff gear")
 
 

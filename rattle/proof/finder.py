@@ -42,7 +42,7 @@ MOST_IMPACTS_AT_BITS = 16
 
 
 class MotionSystem(EvaluatedEquations, Protocol):
-    """The pieces of a periodic motion between given times, which are balls."""
+    """The flights, and the contacts of a stiff gear, of a periodic motion whose events have given times, in balls."""
 
     @property
     def speeds(self) -> list[arb]:

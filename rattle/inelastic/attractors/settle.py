@@ -83,7 +83,7 @@ def outcome_after_contact(tau, v, k, samples, states):
 
 @inline
 def inelastic_outcome(code):
-    """Return the outcome of a sample that does not return to Σ⁺: QUIET or FAILED, by the status `code` of `step`."""
+    """Return the outcome of a sample that does not return to Σ⁺, QUIET or FAILED, from the status `code` of `step`."""
     return Outcome.QUIET if code == IN_CONTACT else Outcome.FAILED
 
 

@@ -87,7 +87,7 @@ def trace(
 
 
 def _dampings_to_search(window: PlaneWindow, beta: float) -> Array:
-    """Return the dampings at which a curve is searched for: values spread over the window, and its two edges."""
+    """Return the dampings at which a curve is searched for: values spread over the window, and its edges in δ."""
     low, high = window.delta
     spread = interior_points(low, high)
     if low < REACH * beta < high - low:  # in a wide window equal spacing would miss the curves

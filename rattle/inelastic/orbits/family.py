@@ -88,7 +88,7 @@ def family_amplitude(sigma, delta, beta, r):
 
 @kernel
 def root_of_amplitude(level, lo, hi, delta, beta, r):
-    """Return the σ in (lo, hi) at which ε(σ), as of `family_amplitude`, equals `level`, by secant steps."""
+    """Return the σ in (lo, hi) at which ε(σ), computed by `family_amplitude`, equals `level`, by secant steps."""
     f_lo, f_hi = family_amplitude(lo, delta, beta, r) - level, family_amplitude(hi, delta, beta, r) - level
     side, last = 0, math.nan
     for _ in range(MOST_STEPS):

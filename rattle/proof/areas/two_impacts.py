@@ -54,7 +54,7 @@ def closure_equations(s: arb_series, delta: arb_series, beta: arb) -> tuple[Equa
 
 
 def speed_series(s: arb_series, delta: arb_series, x: arb_series, y: arb_series) -> tuple[arb_series, arb_series]:
-    """Return the speeds v after the impact on Σ⁺ and u after that on Σ⁻, (16.4) to (16.7) of docs/proofs.md."""
+    """Return the speeds v after the impact on Σ⁺ and u after the impact on Σ⁻, (16.4) to (16.7) of docs/proofs.md."""
     later = y * (2 * PI() * s).cos() + x * (2 * PI() * s).sin()
     a, b, lost = (-delta * s).exp(), (-delta * (1 - s)).exp(), 1 - (-delta).exp()
     p = 4 * PI() * (2 - y - b * (2 - later)) / lost
@@ -127,7 +127,7 @@ class SolutionCell:
         return SolutionCell(start, end, self.delta, self.beta)
 
     def _mean_value(self, centre: Iterable[arb], by_s: Iterable[arb], by_delta: Iterable[arb]) -> list[arb]:
-        """Return enclosures over the cell from values at its centre and derivatives over the cell."""
+        """Return enclosures of functions over the cell, from values at its centre and derivatives over the cell."""
         ds, dd = self.s - self.s.mid(), self.delta - self.delta.mid()
         return [m + f * ds + g * dd for m, f, g in zip(centre, by_s, by_delta, strict=True)]
 
@@ -240,7 +240,7 @@ class SolutionCell:
         low, high = square_range(epsilon)
         if v < 0 or u < 0 or self.epsilon_squared < low or self.epsilon_squared > high:
             return True
-        # where u ≥ 0, ±ε² ≤ ±ε² + λu, so these bounds show that ε is outside the ball
+        # motions have u > 0, so ±ε² ≤ ±ε² + λu (λ ≥ 0): an upper bound may show that ε is outside the ball `epsilon`
         return bool(self.square_plus_speed(1) < low or self.square_plus_speed(-1) < -high)
 
     def all_solutions_are(self, letter: str, epsilon: arb) -> bool | None:
@@ -264,7 +264,8 @@ class SolutionCell:
             return None
         low, high = square_range(epsilon)
         reaches_sigma_minus = self.solution.over[3] > 0
-        # where u ≤ 0, ±ε² ≥ ±ε² + λu, so it is enough if these bounds show that ε is outside the ball there
+        # motions need u > 0. Where u ≤ 0, ±ε² ≥ ±ε² + λu (λ ≥ 0): if a lower bound of a right side shows that ε is
+        # outside the ball `epsilon` there, every solution with an ε in the ball has u > 0
         reaches_sigma_minus = (
             reaches_sigma_minus or self.square_plus_speed(1) > high or self.square_plus_speed(-1) > -low
         )
@@ -366,7 +367,7 @@ def cells_of_motions(
     Parameters
     ----------
     cells : tuple[SolutionCell, SolutionCell]
-        The cells of `initial_cells`. They keep what is computed about them for other claims.
+        The cells of `initial_cells`. They keep computed enclosures for other claims.
     letter : str
         "B" or "D".
 
@@ -390,9 +391,7 @@ def cells_of_motions(
         else:
             decided.append((answer, cell))
     if decided[0][0] or decided[-1][0]:
-        raise NotProvedError(
-            f"it is not proved that no motion {letter} has both impacts at the same phase: try a smaller block"
-        )
+        raise NotProvedError(f"a motion {letter} may have both impacts at the same phase: try a smaller block")
     runs = [[cell for _, cell in group] for answer, group in groupby(decided, lambda each: each[0]) if answer]
     return [run for run in runs if _crosses_block(piece, run, letter)]
 
@@ -420,7 +419,9 @@ def attracts(piece: PlanePiece, run: Iterable[SolutionCell]) -> bool:
             else:
                 verdicts.add(verdict)
         if len(verdicts) > 1:
-            raise NotProvedError("a motion P(1,1,1) changes its stability within the block: try a smaller block")
+            raise NotProvedError(
+                "a motion P(1,1,1) is not proved to have the same stability on the whole block: try a smaller block"
+            )
     return True in verdicts
 
 

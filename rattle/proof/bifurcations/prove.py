@@ -134,7 +134,7 @@ def certify_event(event: Event, beta: Exact | None = None) -> BifurcationCertifi
     Parameters
     ----------
     event : Event
-        The event. The proof takes its damping as exact.
+        The event. The proof takes the event's damping as exact.
     beta : Exact | None
         The half-backlash as an exact number, equal to that of the event up to rounding. If None, the event's double.
 
@@ -218,7 +218,7 @@ def _prove_solution(
 
 
 def _null_vector(motion: CurveMotion, x: Array, beta: float) -> Array:
-    """Return the null vector φ (n,) of the Jacobian J(μ), with length 1, μ = ±1; an empty array for a graze."""
+    """Return the unit null vector φ (n,) of J(μ), μ = 1 at a saddle-node, −1 at a flip; an empty array at a graze."""
     if motion.kind is Kind.GRAZING:
         return np.empty(0)
     itinerary = Itinerary(motion.walls, motion.m, beta)

@@ -1,4 +1,4 @@
-"""Prove chaos at one point of the plane: search for a horseshoe in doubles, then prove that its sets cover the next."""
+"""Prove chaos at one point of the plane: find a horseshoe in doubles, and prove that each set covers the next."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def are_separated(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
 
 
 def entropy_lower_bound(lengths: Sequence[int]) -> Fraction:
-    """Return a lower bound h of the entropy: Σ e^(−h length) ≥ 1 (Lemma 13 of docs/proofs.md); 0 if none is found."""
+    """Return a lower bound h ≥ 0 of the entropy, with Σ e^(−h length) ≥ 1 over loops (Lemma 13, docs/proofs.md)."""
     h = Fraction(math.floor(search.entropy_of_lengths(lengths) / ENTROPY_UNIT)) * ENTROPY_UNIT
     while h > 0:
         if sum(((-ball(h) * length).exp() for length in lengths), arb(0)) >= 1:

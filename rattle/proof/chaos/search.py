@@ -251,7 +251,7 @@ def _is_stretched_evenly(pi: ReturnMap, hub: StateBox) -> bool:
 
 
 def _returns_to_hub(hub: StateBox, states: Array, words: NDArray[np.int64]) -> Iterator[OrbitSegment]:
-    """Yield motions from the hub until they return to the hub, the shortest first; few have equal words."""
+    """Yield motions from the hub back to the hub, the shortest first; few have the same numbers of impacts on Σ⁻."""
     inside = np.all(np.abs(state_difference(states, hub.centre) @ np.linalg.inv(hub.sides).T) < 1, axis=-1)
     found: list[tuple[int, int, int]] = []
     for column in np.flatnonzero(inside.sum(0) > 1):

@@ -40,7 +40,7 @@ def _between(share, one, other):
 
 @inline
 def stiff_outcome(code):
-    """Return the outcome of a sample that does not return to Σ⁺: QUIET or FAILED, by the status `code` of `step`."""
+    """Return the outcome of a sample that does not return to Σ⁺, QUIET or FAILED, from the status `code` of `step`."""
     return Outcome.QUIET if code == flow.QUIET else Outcome.FAILED
 
 

@@ -112,7 +112,7 @@ def doubled_branch(event: StiffEvent, direction: Array, span: tuple[float, float
     start = start_of_doubled_branch(event.itinerary, event.unknowns)
     path = _follower(line, span, resolution).follow(*start, MOST_POINTS, FIRST_OF_DOUBLED)
     tangents = path.tangents.copy()
-    # at the flip, its first point, the doubled branch turns back in the parameter, which is no saddle-node
+    # the doubled branch turns back in the parameter at its first point, the flip, which is no saddle-node
     tangents[0] = tangents[min(1, len(tangents) - 1)]
     return _branch_of_points(line, path.points, tangents, 0, (_BranchEnd("flip"), _end_of_path(line, path, span)))
 
@@ -207,7 +207,7 @@ def _branch_of_points(
 
 
 def _rate_of_parameter(problem: ContinuationProblem, a: Array, b: Array) -> Callable[[Array], float]:
-    """Return the function of a motion y that is the parameter's rate along the branch from a to b, 0 at a fold."""
+    """Return a function of solutions y from a to b on a branch: the parameter's rate along the branch, 0 at a fold."""
     return lambda y: float(tangent_at(problem, y, b - a)[-1])
 
 

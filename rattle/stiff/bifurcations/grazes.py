@@ -88,7 +88,7 @@ def _admissible_nearby(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Ar
 
 
 def _with_one_more_contact(line: MotionsOnLine, y: Array, tangent: Array) -> tuple[MotionsOnLine, Array] | None:
-    """Return the motion with one contact more as which a branch continues beyond its end y; None if not found."""
+    """Return the motion with one contact more that continues a branch beyond its end y; None if it is not found."""
     for reach in DISTANCES_TO_TRY:
         there = newton_on_curve(line.problem, y + reach * tangent, tangent)
         failure = (

@@ -108,7 +108,7 @@ def forced_responses(s, delta, kappa):
     sine, lost, defect = responses(s, delta, kappa)
     omc, siny, forced_defect = versines(s)
     in_phase, behind, _size = compliance(delta, kappa)
-    p, q = lost - omc, TWO_PI * defect - forced_defect  # cos 2πs − C and sin 2πs − 2πS
+    p, q = lost - omc, TWO_PI * defect - forced_defect  # cos 2πs − C and sin 2πs − 2πS, with C and S as above
     dp, dq = 2.0 * kappa * sine - TWO_PI * siny, TWO_PI * (lost + delta * sine - omc)
     x_c, x_s = in_phase * p + behind * q, in_phase * q - behind * p
     v_c, v_s = in_phase * dp + behind * dq, in_phase * dq - behind * dp
@@ -117,7 +117,7 @@ def forced_responses(s, delta, kappa):
 
 @inline
 def contact_state(s, contact):
-    """Return depth x, velocity x' and force h of a contact at the time s, and the responses S and 1 − C."""
+    """Return depth x, velocity x' and force h of a contact at the time s, and the responses S, 1 − C (`responses`)."""
     x0, w0, mean, a, b, delta, kappa = contact
     sine, lost, x_c, x_s, v_c, v_s, omc, siny = forced_responses(s, delta, kappa)
     stiffness = 2.0 * kappa
@@ -227,7 +227,7 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     Returns
     -------
     tuple
-        (ENDS, LASTS, STAYS or TOO_LONG; the time s; depth x, x' and the responses S and 1 − C at s).
+        (ENDS, LASTS, STAYS or TOO_LONG; the time s; at s, x, x' and the responses S and 1 − C of `responses`).
     """
     sin0, cos0 = phase_at(tau)
     mean, a, b = force_ahead(wall, sin0, cos0, delta, epsilon)

@@ -87,7 +87,7 @@ class StiffFamily:
 
     @property
     def saddle_flags(self) -> list[bool]:
-        """A flag for each part between folds: whether its motions are saddles with a Floquet multiplier above 1."""
+        """A flag for each part of the family between folds: True if the part consists of saddles (multiplier > 1)."""
         edges, found = [0, *self.folds.tolist(), len(self.points) - 1], []
         for i, j in pairwise(edges):
             y = self.points[(i + j) // 2] if j > i + 1 else 0.5 * (self.points[i] + self.points[j])
@@ -98,9 +98,10 @@ class StiffFamily:
 
     @property
     def motions_at_breaks(self) -> list[Array]:
-        """The admissible motions at those ends of the family at which its continuation failed.
+        """Admissible motions at which the family breaks off, so that further motions may be missing; empty if none.
 
-        If it failed at both ends, or a fold could not be located, these are all admissible motions of the family.
+        They are at the ends at which the continuation failed. If it failed at both ends, or a fold could not be
+        located, all admissible points of the family are returned.
         """
         ends = [i for i, why in zip((0, -1), self.ends, strict=True) if why == BROKEN]
         return [y for y in (self.points if len(ends) == 2 else self.points[ends]) if is_admissible(y, self.cycle)]
@@ -135,7 +136,7 @@ def family_lost_error(cycle: Cycle, epsilon: float) -> RattleError:
 
 
 def span_of_family(delta: float, epsilon: float) -> float:
-    """Return the largest ε up to which families are followed for a point (δ, ε), which depends on this point only."""
+    """Return the largest ε up to which families are followed for a point (δ, ε); it depends on this point only."""
     least = LEAST_SPAN * plane_scale(delta)
     return max(least, float(2.0 ** np.ceil(np.log2(1.5 * epsilon)))) if epsilon > 0.0 else least
 
@@ -249,7 +250,7 @@ def families_on_both_walls(cycle: Cycle, span: float, plus: Sequence[StiffFamily
 
 
 def _guesses_on_both_walls(cycle: Cycle, plus: Sequence[StiffFamily]) -> Iterator[tuple[Array, Array]]:
-    """Yield guesses of P(1,1,1), each with a row of Newton's equations that keeps one combination of the unknowns."""
+    """Yield guesses of P(1,1,1), each with a row of Newton's equations that fixes a combination of the unknowns."""
     p = softness(cycle.kappa)
     for family in plus:
         for y in guesses_at_grazes(family):
@@ -302,7 +303,7 @@ def _letters_of_parts(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple
 
 
 def _letter_of_continuation(family: StiffFamily, end: int, plus: Sequence[StiffFamily]) -> str:
-    """Return the letter of the P(1,1,0) as which a P(1,1,1) family continues at end 0 or −1; "" if it does not."""
+    """Return the letter of the P(1,1,0) that continues a P(1,1,1) family at its end 0 or −1; "" if none does."""
     y = family.points[end]
     if family.ends[end] != LOST or y[3] > 2.0 * LEAST_CONTACT:
         return ""

@@ -66,7 +66,7 @@ def prove_on_whole_block(claim: str, beta: Fraction, delta: Ends, epsilon: Ends)
 
 
 def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, depth: int = 0) -> None:
-    """Raise BlockRefused unless motions that leave Σ⁺ slower than `speed` are proved to become quiet, on a block."""
+    """Raise BlockRefused unless, on a block, motions that leave Σ⁺ slower than `speed` provably become quiet."""
     try:
         Capture(
             interval_between(*delta), interval_between(*epsilon), interval_between(beta, beta)
@@ -84,9 +84,10 @@ def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, 
 def state_of_one_impact(
     letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]
 ) -> str:
-    """Return the proved state of A or C on a block; its stability only if the claimed `state` names it.
+    """Return the existence and stability of A or C that are proved on a block.
 
-    squares: the least and the largest ε² of the block.
+    The stability is proved only if the claimed `state` is ATTRACTING or SADDLE. squares: the least and the largest ε²
+    of the block.
 
     Returns
     -------
@@ -100,9 +101,10 @@ def state_of_one_impact(
 
 
 def state_of_two_impacts(slope: int, state: str, cells: Column, squares: tuple[Interval, Interval]) -> str:
-    """Return the proved state of B (slope −1) or D (1) on a block; its stability only if the claimed `state` names it.
+    """Return the existence and stability of B (slope −1) or D (slope 1) that are proved on a block.
 
-    squares: the least and the largest ε² of the block.
+    The stability is proved only if the claimed `state` is ATTRACTING or SADDLE. squares: the least and the largest ε²
+    of the block.
 
     Returns
     -------

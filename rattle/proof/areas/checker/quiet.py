@@ -37,7 +37,10 @@ class Capture:
         require(is_less(ZERO, self.weakest), "the block is not proved to be below the quiet limit")
 
     def require_captures_below(self, speed: Interval) -> None:
-        """Raise BlockRefused unless v³/g falls at each impact of every motion that leaves Σ⁺ slower than `speed`."""
+        """Raise BlockRefused unless v³/g provably falls at all impacts of motions that leave Σ⁺ slower than `speed`.
+
+        v is the speed after an impact, g the contact force there.
+        """
         places = [interval_between(Fraction(i, PARTS), Fraction(i + 1, PARTS)) for i in range(PARTS)]
         longest = ZERO
         for part in places:  # v³/g is largest for a departure with `speed` where g is least
@@ -69,7 +72,7 @@ class Capture:
         return found
 
     def growth_coefficient(self, t: Interval, h: Interval) -> Interval:
-        """Return Q, (20.4) of docs/proofs.md, for bounces around a time in t that last at most 2h in the time x."""
+        """Return Q of (20.4), docs/proofs.md, for bounces around a time in t that last at most 2h in x, (20.2)."""
         late, early = (IV.ln(1 / (1 - self.d * h)) * UP).b, (IV.ln(1 + self.d * h) * UP).b
         span = IV.mpf([-early, late])
         one, _, _, centre = self.log_derivatives(t, ZERO)
@@ -82,7 +85,9 @@ class Capture:
         return (third / 5 - one * second / 3) / below + 2 * ratio**3 * IV.mpf([1, more.b]) - p3 / 3
 
     def log_derivatives(self, t: Interval, z: Interval) -> tuple[Interval, Interval, Interval, Interval]:
-        """Return derivatives of ln a by the time x of (20.2), docs/proofs.md, where a = e^(2z) g with z = δ(t − t₀).
+        """Return derivatives of ln a by x, with the acceleration a = e^(2z) g and the time x of (20.2), docs/proofs.md.
+
+        z: δ(t − t₀), with t₀ a time during the bounce.
 
         Returns
         -------

@@ -43,7 +43,7 @@ def half_way_equations(t: EquationTerms, beta: Interval) -> list[Jet]:
 
 
 def speeds_and_square(t: EquationTerms, z: list[Jet]) -> list[Jet]:
-    """Return the speeds v after Σ⁺ and u after Σ⁻, (16.12) and (16.13) of docs/proofs.md, and ε² = Z₁² + Z₂²."""
+    """Return the speeds v after Σ⁺ and u after Σ⁻, (16.12) and (16.13) of docs/proofs.md, and ε²; z: Z₁, Z₂."""
     mean, apart, lost = t.cosine * z[0], t.sine * z[1], 1 - t.end
     p = ((1 - t.b) * (2 - mean) + (1 + t.b) * apart) / lost
     q = ((1 - t.a) * (2 - mean) - (1 + t.a) * apart) / lost
@@ -53,10 +53,11 @@ def speeds_and_square(t: EquationTerms, z: list[Jet]) -> list[Jet]:
 
 
 def stability_margins(t: EquationTerms, z: list[Jet]) -> list[Jet]:
-    """Return the stability margins (1 + E − T) uv and (1 + E + T) uv, where E = e^(−δ), v and u are the speeds.
+    """Return the stability margins (1 + E − T) uv and (1 + E + T) uv of a P(1,1,1).
 
-    T is the trace of the tangent map, a product of matrices: [[1, S], [0, 1 − δS]] of each flight of duration t, with
-    S = (1 − e^(−δt))/δ, and [[−1, 0], [2g/w, −1]] of each impact that is reached with velocity w.
+    E is e^(−δ), and v and u are the speeds after Σ⁺ and after Σ⁻. T is the trace of the tangent map, a product of
+    matrices: [[1, S], [0, 1 − δS]] of each flight of duration t, with S = (1 − e^(−δt))/δ, and [[−1, 0], [2g/w, −1]] of
+    each impact that is reached with velocity w.
 
     Returns
     -------
@@ -117,7 +118,7 @@ class Cell(ParameterBox):
         return self.known[of]
 
     def has_no_motion(self, low: Interval, high: Interval) -> bool:
-        """Return whether no solution of the cell has speeds v > 0 and u > 0 and low ≤ ε² ≤ high."""
+        """Return whether it is proved that no solution of the cell has low ≤ ε² ≤ high and both speeds above 0."""
         if any(is_less(high, bound) for bound in self.least_squares):
             return True
         if not self.solvable:
@@ -129,7 +130,9 @@ class Cell(ParameterBox):
         return is_less(self.square_plus_speed(1), low) or is_less(self.square_plus_speed(-1), -high)
 
     def all_solutions_are(self, slope: int, low: Interval, high: Interval) -> bool | None:
-        """Return whether all solutions with low ≤ ε² ≤ high are admissible and dε/ds has the sign `slope`.
+        """Return whether all solutions with low ≤ ε² ≤ high are admissible motions B (slope −1) or D (slope 1).
+
+        They are where dε/ds has the sign `slope`, s being the time from Σ⁺ to Σ⁻.
 
         Returns
         -------
@@ -189,7 +192,7 @@ class Cell(ParameterBox):
 
 
 class Column:
-    """The cells with 0 ≤ s ≤ 1, s the time from Σ⁺ to Σ⁻, over an interval of δ, kept for all claims about it."""
+    """The cells with 0 ≤ s ≤ 1, s the time from Σ⁺ to Σ⁻, over an interval of δ, kept for all claims about this δ."""
 
     def __init__(self, delta: Part, beta: Fraction) -> None:
         self.d, self.beta = interval_between(*delta), interval_between(beta, beta)
@@ -203,7 +206,13 @@ class Column:
         return self.cells[low, high]
 
     def parts_of_motions(self, slope: int, low: Interval, high: Interval) -> list[list[Part]]:
-        """Return the motions D (slope 1) or B (slope −1) with low ≤ ε² ≤ high, each as a run of parts of 0 ≤ s ≤ 1."""
+        """Return the motions D (slope 1) or B (slope −1) with low ≤ ε² ≤ high.
+
+        Returns
+        -------
+        list[list[Part]]
+            For each motion a run of neighbouring parts of the interval 0 ≤ s ≤ 1 of the time s from Σ⁺ to Σ⁻.
+        """
         decided, parts = [], [(Fraction(0), Fraction(1))]
         while parts:
             first, last = parts.pop()
@@ -218,13 +227,15 @@ class Column:
                 decided.append((answer, (first, last)))
         require(
             not decided[0][0] and not decided[-1][0],
-            "it is not proved that no motion B or D has both impacts at the same phase",
+            "a motion B or D may have both impacts at the same phase",
         )
         runs = [[part for _, part in group] for answer, group in groupby(decided, lambda each: each[0]) if answer]
         return [run for run in runs if self.crosses_block(run, slope, low, high)]
 
     def crosses_block(self, run: list[Part], slope: int, low: Interval, high: Interval) -> bool:
         """Return whether ε²(s), monotone along a run of parts, takes each value from low to high exactly once.
+
+        s is the time from Σ⁺ to Σ⁻.
 
         Returns
         -------
@@ -236,7 +247,8 @@ class Column:
         BlockRefused
             If neither is proved.
         """
-        # at each end of the run ε² is outside low … high, and by continuity on one side at every δ: one δ decides which
+        # at each end of the run ε² is outside low … high, and by continuity on the same side at every δ,
+        # so one δ shows the side
         sides = []
         for s in (run[0][0], run[-1][1]):
             square = Cell(interval_between(s, s), midpoint(self.d), self.beta).square.x
@@ -247,7 +259,7 @@ class Column:
         return sides == [-slope, slope]
 
     def attracts(self, run: list[Part], low: Interval, high: Interval) -> bool:
-        """Return True if the motion in a run of parts attracts at all points of the block, False if at none."""
+        """Return whether the motion in a run of parts attracts: True at all points of the block or False at all."""
         verdicts, parts = set(), list(run)
         while parts:
             first, last = parts.pop()
@@ -258,7 +270,7 @@ class Column:
             inside = is_less(ZERO, above) and is_less(ZERO, below)
             if inside or is_less(above, ZERO) or is_less(below, ZERO):
                 verdicts.add(inside)
-                require(len(verdicts) == 1, "B or D attracts at some points of the block and not at others")
+                require(len(verdicts) == 1, "B or D is not proved to have the same stability on the whole block")
             else:
                 require(last - first > self.narrowest, "it is undecided whether B or D attracts on the whole block")
                 parts += [(first, (first + last) / 2), ((first + last) / 2, last)]
