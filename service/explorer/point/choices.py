@@ -8,6 +8,7 @@ from dataclasses import replace
 from html import escape
 
 import rattle
+from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.design import rattling, tolerance
 from gear_rattle.service.explorer.design.fields import machine_at_other_point
 from gear_rattle.service.explorer.design.tolerance import Tolerance
@@ -59,6 +60,7 @@ class Choices:
         self._shown_motion: tuple[object, ...] | None = None
         self._known_diagram: DiagramLines | None = None
         self._drawn_diagram: DiagramLines | None = None
+        self._chaos: list[tuple[str, str, Pair, str]] = []
         self._attractors: tuple[rattle.Attractor, ...] = ()
         self._motion: asyncio.Task[None] | None = None
         self._diagram: asyncio.Task[None] | None = None
@@ -284,12 +286,18 @@ class Choices:
         found = self._known_diagram
         if found is None:
             return
-        self._panel.events.html = diagram.diagram_table(found)
+        self._panel.events.html = diagram.diagram_table(found, self._chaos)
         if self.tab == DIAGRAM:
             self._drawn_diagram = found
             self._panel.diagram.show(found, self._diagram_position)
             said = f'<p class="faint">{escape(diagram.diagram_caption(found))}</p>'
             self._panel.under_diagram.html = diagram.diagram_legend(found, self._panel.theme) + said
+
+    def show_chaos(self, chaos: list[tuple[str, str, Pair, str]]) -> None:
+        """List beginnings and ends of chaos among the events of the diagram."""
+        self._chaos = chaos
+        if self._known_diagram is not None:
+            self._panel.events.html = diagram.diagram_table(self._known_diagram, chaos)
 
     def _on_tap(self, tau: float, v: float) -> None:
         self._choose(replace(self._chosen, start=(tau, v), tab=MOTION))
