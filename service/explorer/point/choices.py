@@ -27,6 +27,7 @@ POINTS = 3000  # computed points of a motion
 PERIODS, MOST_PERIODS, CHAOTIC_PERIODS = 12.0, 60.0, 30.0  # forcing periods shown: 3 m of a P(m, n₊, n₋) within limits
 CLICKED = -1  # number of the motion from the clicked state, in the list of motions
 NO_ATTRACTOR = "#8a96a3"  # colour of the motion from a clicked state
+QUIET_LINE = "#8f8000"  # colour of lines of quiet motion: its yellow, dark enough for a white background
 
 
 class Choices:
@@ -191,7 +192,8 @@ class Choices:
                 "No attractor is known here. Click in the basins to see the motion from that state."
             )
         else:
-            tau, v, shade, what = attractor.tau, attractor.v, self._palette.colour(attractor), legend_name(attractor)
+            tau, v, what = attractor.tau, attractor.v, legend_name(attractor)
+            shade = QUIET_LINE if attractor.kind == "quiet" else self._palette.colour(attractor)
             whole = min(max(PERIODS, 3.0 * attractor.m), MOST_PERIODS)
             periods = CHAOTIC_PERIODS if attractor.kind == "chaotic" else whole
         found = await self._work.compute(parts.motion_from, gear, tau, v, periods, POINTS, what="The motion")
