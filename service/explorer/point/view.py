@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from html import escape
 
@@ -231,15 +232,18 @@ class PointView:
             known.append(found)
             await self.work.change(partial(self._show_extents, known))
         if extents.has_swept_chaos(attractors, known):
-            with_crisis = await self.work.compute(
-                extents.add_crisis, self.gear, known, what="The boundary crisis", slow=True
-            )
-            await self.work.change(partial(self._show_extents, with_crisis))
+            with suppress(UnavailableError):  # then the end stays the bracket of the sweep
+                known[:] = await self.work.compute(
+                    extents.add_crisis, self.gear, known, what="The boundary crisis", slow=True
+                )
+            await self.work.change(partial(self._show_extents, known))
+        chaos = words.chaos_events(self.gear, attractors, known)
+        if chaos:  # once: a table that is replaced folds its rows again
+            await self.work.change(partial(self._choices.show_chaos, chaos))
 
     def _show_extents(self, known: Sequence[extents.Extent | None]) -> None:
         if self._found is not None:
             self.panel.extents.html = words.extents_table(self._found, known, self._machine, self._palette)
-            self._choices.show_chaos(words.chaos_events(self.gear, self._found.attractors, known))
 
     async def _show_closed_form_orbits(self) -> None:
         await self.work.wait_for_kernels()

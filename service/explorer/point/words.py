@@ -14,6 +14,7 @@ from gear_rattle.service.explorer.design.extents import (
     FLIP,
     GRAZING,
     LOST,
+    MOST_FOLLOWED,
     QUIET_LIMIT,
     RANGE,
     SADDLE_NODE,
@@ -370,9 +371,9 @@ def extents_table(
             seen = f", with {count_in_words(extent.windows, 'periodic window')}" if extent.windows else ""
             ends = ends[0], ends[1] + seen
         rows.append((f"{swatch}{escape(_name_with_letter(each, letter))}", *map(escape, ends)))
-    return html_table(
-        "Where each motion begins and ends as the eccentricity grows", ("Motion", f"From {unit}", f"To {unit}"), rows
-    )
+    few = f" (the {MOST_FOLLOWED} with the largest basins)" if len(found.attractors) > MOST_FOLLOWED else ""
+    caption = f"Where each motion begins and ends as the eccentricity grows{few}"
+    return html_table(caption, ("Motion", f"From {unit}", f"To {unit}"), rows)
 
 
 def chaos_events(
