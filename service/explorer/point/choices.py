@@ -8,6 +8,7 @@ from dataclasses import replace
 from html import escape
 
 import rattle
+from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.design import rattling, tolerance
 from gear_rattle.service.explorer.design.fields import machine_at_other_point
 from gear_rattle.service.explorer.design.tolerance import Tolerance
@@ -26,6 +27,7 @@ POINTS = 3000  # computed points of a motion
 PERIODS, MOST_PERIODS, CHAOTIC_PERIODS = 12.0, 60.0, 30.0  # forcing periods shown: 3 m of a P(m, n₊, n₋) within limits
 CLICKED = -1  # number of the motion from the clicked state, in the list of motions
 NO_ATTRACTOR = "#8a96a3"  # colour of the motion from a clicked state
+QUIET_LINE = "#8f8000"  # colour of lines of quiet motion: its yellow, dark enough for a white background
 
 
 class Choices:
@@ -59,6 +61,7 @@ class Choices:
         self._shown_motion: tuple[object, ...] | None = None
         self._known_diagram: DiagramLines | None = None
         self._drawn_diagram: DiagramLines | None = None
+        self._chaos: list[tuple[str, str, Pair, str]] = []
         self._attractors: tuple[rattle.Attractor, ...] = ()
         self._motion: asyncio.Task[None] | None = None
         self._diagram: asyncio.Task[None] | None = None
@@ -189,7 +192,8 @@ class Choices:
                 "No attractor is known here. Click in the basins to see the motion from that state."
             )
         else:
-            tau, v, shade, what = attractor.tau, attractor.v, self._palette.colour(attractor), legend_name(attractor)
+            tau, v, what = attractor.tau, attractor.v, legend_name(attractor)
+            shade = QUIET_LINE if attractor.kind == "quiet" else self._palette.colour(attractor)
             whole = min(max(PERIODS, 3.0 * attractor.m), MOST_PERIODS)
             periods = CHAOTIC_PERIODS if attractor.kind == "chaotic" else whole
         found = await self._work.compute(parts.motion_from, gear, tau, v, periods, POINTS, what="The motion")
@@ -284,12 +288,18 @@ class Choices:
         found = self._known_diagram
         if found is None:
             return
-        self._panel.events.html = diagram.diagram_table(found)
+        self._panel.events.html = diagram.diagram_table(found, self._chaos)
         if self.tab == DIAGRAM:
             self._drawn_diagram = found
             self._panel.diagram.show(found, self._diagram_position)
             said = f'<p class="faint">{escape(diagram.diagram_caption(found))}</p>'
             self._panel.under_diagram.html = diagram.diagram_legend(found, self._panel.theme) + said
+
+    def show_chaos(self, chaos: list[tuple[str, str, Pair, str]]) -> None:
+        """List beginnings and ends of chaos among the events of the diagram."""
+        self._chaos = chaos
+        if self._known_diagram is not None:
+            self._panel.events.html = diagram.diagram_table(self._known_diagram, chaos)
 
     def _on_tap(self, tau: float, v: float) -> None:
         self._choose(replace(self._chosen, start=(tau, v), tab=MOTION))

@@ -57,10 +57,10 @@ class PointPanel:
             self._new_text() for _ in range(4)
         )
         self.under_spectrum, self.heard, self.take = self._new_text(), self._new_text(), self._new_text()
-        self.table, self.loud, self.orbits, self.events = (self._new_text() for _ in range(4))
+        self.table, self.loud, self.orbits, self.events, self.extents = (self._new_text() for _ in range(5))
         self._tolerance = pn.Column(sizing_mode="stretch_width", margin=0)
         texts = {
-            ANSWER: (self.shares, self.loudest, self.safe, self.where),
+            ANSWER: (self.shares, self.loudest, self.extents, self.safe, self.where),
             BASINS: (self.under_basins, self.about_lines),
             MOTION: (self.under_motion,),
             DIAGRAM: (self.under_diagram,),
@@ -104,7 +104,7 @@ class PointPanel:
     def clear_results(self) -> None:
         """Remove all results of a point, but not the text with its position, which may be the next point's already."""
         for text in (
-            self.take, self.likely, self.shares, self.loudest, self.safe,
+            self.take, self.likely, self.shares, self.loudest, self.extents, self.safe,
             self.table, self.loud, self.orbits, self.events,
             self.under_basins, self.about_lines, self.under_motion, self.under_diagram, self.under_spectrum, self.heard,
         ):  # fmt: skip

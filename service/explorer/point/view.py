@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from html import escape
 
 import panel as pn
 
 import rattle
+from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.explorer.common.text import Text
-from gear_rattle.service.explorer.design import rattling
+from gear_rattle.service.explorer.design import extents, rattling
 from gear_rattle.service.explorer.point import basins, loudness, parts, words
 from gear_rattle.service.explorer.point.choices import Choices
 from gear_rattle.service.explorer.point.panel import PointPanel
@@ -19,7 +21,7 @@ from gear_rattle.service.explorer.point.parts import PlaneLines
 from gear_rattle.service.explorer.point.state import ANSWER, BASINS, DIAGRAM, MOTION, NUMBERS, PointState
 from gear_rattle.service.explorer.point.work import PointTasks, waiting_html
 from gear_rattle.service.explorer.state.events import PointChanged
-from gear_rattle.service.explorer.state.store import Store
+from gear_rattle.service.explorer.state.store import Store, window_of
 from gear_rattle.service.state import Front
 from rattle import Machine
 from rattle.models import Capability, Model, lacking
@@ -129,7 +131,7 @@ class PointView:
             (panel.orbits, "the period-one orbits"),
             (panel.likely, "how likely quiet running is"), (panel.under_basins, "the basins"),
             (panel.under_motion, "a motion"), (panel.under_diagram, "the diagram"), (panel.events, "the diagram"),
-            (panel.safe, "the margin"),
+            (panel.safe, "the margin"), (panel.extents, "where each motion begins and ends"),
         ):  # fmt: skip
             text.html = waiting_html(what)
         if not ready:
@@ -155,6 +157,7 @@ class PointView:
             await self.work.set_text(panel.orbits, f"<p>{OF_ONE_COSINE}</p>")
         elif not self._model.in_closed_form:
             await part(panel.orbits, self._compute_orbits)
+        await part(panel.extents, self._compute_extents)
 
     def _fill_tab(self) -> None:
         """Compute the content of the open tab, unless it is known or being computed."""
@@ -211,6 +214,36 @@ class PointView:
         await self.work.set_text(self.panel.loud, said)
         loudest = loudness.loudest_in_words(attractors, found, self.gear.delta, self._machine)
         await self.work.set_text(self.panel.loudest, f"<p>{escape(loudest)}</p>" if loudest else "")
+
+    async def _compute_extents(self) -> None:
+        """Compute one motion after the other, so that the table grows and each computation is short."""
+        if self._found is None:
+            return
+        attractors, request = self._found.attractors, self.store.request
+        within = extents.followed_range(self.gear, None if request is None else window_of(request)[1])
+        known: list[extents.Extent | None] = []
+        for each in attractors[: extents.MOST_FOLLOWED]:
+            try:
+                found = await self.work.compute(
+                    extents.motion_extent, self.gear, each, within, what="The range of a motion", slow=True
+                )
+            except UnavailableError:  # it takes too long: the other motions are followed nevertheless
+                found = None
+            known.append(found)
+            await self.work.change(partial(self._show_extents, known))
+        if extents.has_swept_chaos(attractors, known):
+            with suppress(UnavailableError):  # then the end stays the bracket of the sweep
+                known[:] = await self.work.compute(
+                    extents.add_crisis, self.gear, known, what="The boundary crisis", slow=True
+                )
+            await self.work.change(partial(self._show_extents, known))
+        chaos = words.chaos_events(self.gear, attractors, known)
+        if chaos:  # once: a table that is replaced folds its rows again
+            await self.work.change(partial(self._choices.show_chaos, chaos))
+
+    def _show_extents(self, known: Sequence[extents.Extent | None]) -> None:
+        if self._found is not None:
+            self.panel.extents.html = words.extents_table(self._found, known, self._machine, self._palette)
 
     async def _show_closed_form_orbits(self) -> None:
         await self.work.wait_for_kernels()

@@ -9,6 +9,19 @@ from urllib.parse import urlencode
 
 import rattle
 from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.service.explorer.design.extents import (
+    CRISIS,
+    FLIP,
+    GRAZING,
+    LOST,
+    MOST_FOLLOWED,
+    QUIET_LIMIT,
+    RANGE,
+    SADDLE_NODE,
+    SWEPT,
+    End,
+    Extent,
+)
 from gear_rattle.service.explorer.design.fields import ERRORS
 from gear_rattle.service.explorer.point.parts import Margin, PeriodOneOrbits, SampledAttractors
 from gear_rattle.service.harmonics import harmonic_texts
@@ -24,6 +37,15 @@ MOST_HARMONICS = 6  # most harmonics that a sentence lists
 MOST_NAMED = 6  # most attractors that are named below the bar of basin fractions
 ROWS = 6  # rows of a table that are shown before a viewer unfolds it
 PERIOD, REVOLUTION = "forcing period", "revolution"
+#: Words for the event at the lower and at the upper end of the range in which a motion attracts.
+BEGINS = {SADDLE_NODE: "begins by a saddle-node", FLIP: "begins by period doubling", GRAZING: "begins at a graze"}
+ENDS = {
+    SADDLE_NODE: "ends by a saddle-node",
+    FLIP: "ends by period doubling",
+    GRAZING: "ends at a graze",
+    CRISIS: "ends in the boundary crisis",
+    QUIET_LIMIT: "ends at the quiet limit",
+}
 
 
 def number_text(value: float, digits: int = 4) -> str:
@@ -276,3 +298,92 @@ def attractors_table(found: SampledAttractors, palette: Palette) -> str:
         )
     heads = ("Motion", "Share of starts (95 %)", "Exponent λ₁", "λ₂", "Multipliers")
     return html_table(f"Attractors from {count_in_words(found.starts, 'start')}", heads, rows)
+
+
+def bracket_text(value: float, error: float) -> str:
+    """Return a number with the half-width of its bracket, and no more digits than the bracket allows."""
+    if error == 0.0:
+        return number_text(value)
+    places = max(0, -math.floor(math.log10(error)))
+    return f"{value:.{places}f} ± {math.ceil(error * 10**places) / 10**places:.{places}f}".replace("-", MINUS)
+
+
+def end_in_words(end: End, is_upper: bool, scale: float = 1.0) -> str:
+    """Return one end of the range in which a motion attracts, and the event there.
+
+    Parameters
+    ----------
+    end : End
+        The end.
+    is_upper : bool
+        True for the end at the larger eccentricity.
+    scale : float
+        Factor from ε to the unit that is shown.
+
+    Returns
+    -------
+    str
+        Such as "0.05964: begins by a saddle-node (SN1)".
+    """
+    at, side = bracket_text(scale * end.epsilon, scale * end.error), "above" if is_upper else "below"
+    if end.kind == RANGE:
+        return f"does not end up to {at}" if is_upper else at
+    if end.kind == LOST:
+        return f"{at}: could not be followed farther"
+    if end.kind == SWEPT:
+        return f"seen {'up to' if is_upper else 'from'} {at} (swept): {side}, {end.beyond}"
+    if end.kind == FLIP and end.remains:
+        what = "loses stability by period doubling" if is_upper else "becomes stable by period doubling"
+    else:
+        what = (ENDS if is_upper else BEGINS)[end.kind]
+    more = f" ({end.curve})" if end.curve else f" ({side}, {end.beyond})" if end.beyond and end.kind == GRAZING else ""
+    return f"{at}: {what}{more}"
+
+
+def extents_table(
+    found: SampledAttractors, extents: Sequence[Extent | None], machine: Machine | None, palette: Palette
+) -> str:
+    """Return a table of the eccentricities between which each attractor attracts, with the event at each end.
+
+    Parameters
+    ----------
+    found : SampledAttractors
+        The attractors of the point.
+    extents : sequence of Extent or None
+        The extents of the first attractors; None for an attractor that could not be followed.
+    machine : Machine | None
+        Machine whose eccentricities are shown, in µm; None for ε.
+    palette : Palette
+        Colours of the motions.
+
+    Returns
+    -------
+    str
+        The table in HTML.
+    """
+    scale, unit = (1.0, "ε") if machine is None else (1e6 * machine.units.length, "µm")
+    rows = []
+    for each, letter, extent in zip(found.attractors, found.letters, extents, strict=False):
+        swatch = f'<span class="swatch" style="background:{palette.colour(each)}"></span>'
+        ends = ("–", "–")
+        if extent is not None:
+            ends = end_in_words(extent.low, False, scale), end_in_words(extent.high, True, scale)
+            seen = f", with {count_in_words(extent.windows, 'periodic window')}" if extent.windows else ""
+            ends = ends[0], ends[1] + seen
+        rows.append((f"{swatch}{escape(_name_with_letter(each, letter))}", *map(escape, ends)))
+    few = f" (the {MOST_FOLLOWED} with the largest basins)" if len(found.attractors) > MOST_FOLLOWED else ""
+    caption = f"Where each motion begins and ends as the eccentricity grows{few}"
+    return html_table(caption, ("Motion", f"From {unit}", f"To {unit}"), rows)
+
+
+def chaos_events(
+    gear: AnyGear, attractors: Sequence[rattle.Attractor], extents: Sequence[Extent | None]
+) -> list[tuple[str, str, Pair, str]]:
+    """Return the beginning and the end of each chaotic attractor as events: name, motion, point (δ, ε), and its ε."""
+    return [
+        (what, legend_name(each), (gear.delta, end.epsilon), bracket_text(end.epsilon, end.error))
+        for each, extent in zip(attractors, extents, strict=False)
+        if each.kind == "chaotic" and extent is not None
+        for what, end in (("beginning of chaos", extent.low), ("end of chaos", extent.high))
+        if end.kind in (SWEPT, CRISIS)
+    ]

@@ -1,5 +1,6 @@
 """Colours that mean something else are told apart, by people without green cones too; viewers say what they span."""
 
+from functools import partial
 from itertools import combinations, pairwise
 from unittest.mock import Mock
 
@@ -13,9 +14,11 @@ from gear_rattle.service.explorer.map.controls import LIMIT_NAMES, LOG, OWN, Map
 from gear_rattle.service.explorer.places.example import REQUEST
 from gear_rattle.service.explorer.state.events import MapDrawn
 from gear_rattle.service.explorer.state.store import Store
-from gear_rattle.workers.pictures.largest import family_colours
+from gear_rattle.workers.pictures.largest import FLAG_COLOURS, family_colours
+from gear_rattle.workers.pictures.look import AMONG, LARGEST
+from gear_rattle.workers.pictures.maps import COLOURS_OF_KINDS, colours_of_codes
 from rattle import KINDS
-from rattle.plot.colours import REGION_COLOURS
+from rattle.plot.colours import NAMED, REGION_COLOURS, Palette, colour
 from rattle.plot.plane import STYLES
 
 
@@ -44,6 +47,28 @@ def test_families_that_follow_one_another_are_told_apart() -> None:
     seen = [lab_of(each, as_seen=np.eye(3)) for each in colours]
     assert min(difference(*pair) for pair in pairwise(seen)) > 12
     assert min(difference(*pair) for pair in combinations(seen, 2)) > 7
+
+
+def test_quiet_has_one_colour_and_no_rattle_is_near_it() -> None:
+    quiet = colour("quiet")
+    kinds = dict(zip(KINDS, COLOURS_OF_KINDS, strict=True))
+    assert kinds["quiet"] == quiet
+    for seen in (partial(lab_of, as_seen=np.eye(3)), lab_of):
+        assert min(difference(*map(seen, pair)) for pair in combinations(kinds.values(), 2)) > 20
+    rng = np.random.default_rng(11)
+    types = [tuple(map(int, each)) for each in rng.integers(1, 30, (400, 3))]
+    palette = Palette()
+    rattling = [palette.colour(each) for each in (*NAMED, *types)]  # with colours by rule and spare colours
+    for seen, least in ((partial(lab_of, as_seen=np.eye(3)), 20), (lab_of, 10)):
+        assert min(difference(seen(quiet), seen(each)) for each in rattling) > least
+
+
+@pytest.mark.parametrize(("among", "same"), [("all", False), ("rattling", True)])
+def test_the_map_of_families_shows_only_quiet_cells_as_quiet(among: str, same: bool) -> None:
+    attributes = {"flag_meanings": "none quiet 1:_chaos", FLAG_COLOURS: f"#f4efe3 {colour('quiet')} #d7191c"}
+    plane = xr.DataArray(np.zeros((2, 2)), coords={AMONG: among}, dims=("epsilon", "delta"), attrs=attributes)
+    colours = colours_of_codes(plane.rename(LARGEST))
+    assert (colours[0] == colours[1]) == same
 
 
 def test_regions_and_lines_are_told_apart_without_green() -> None:

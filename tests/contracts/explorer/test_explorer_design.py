@@ -26,6 +26,7 @@ from gear_rattle.service.operations import design_limits
 from gear_rattle.service.operations.design_limits import DesignLimits, dampings_coarse_first
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
+from rattle.intensity import natural_energy
 from rattle.models import AnyGear, Impacting, Stiff
 
 MACHINE = rattle.Machine(0.003, 5e-4, 100e-6, 15e-6, 0.05, rpm=3000)
@@ -129,6 +130,13 @@ def test_intensities_are_told_in_both_units() -> None:
     assert "<td>100</td>" in si  # impacts a second, as in docs/engineers.md
     assert "<td>103.2</td>" in si
     assert f"<td>{loudness.number_text(found[loud].energy)}</td>" in plain  # type: ignore[union-attr]
+    said = loudness.loudest_in_words(attractors, found, MACHINE.delta, None)
+    assert "0 dB is the energy of one impact of speed 2πδ in each forcing period" in said
+    natural = rattle.Gear(0.6, 0.1)
+    (c,) = (each for each in natural.orbits() if each.name == "C")
+    assert natural.intensity(c).level(natural_energy(0.6)) == pytest.approx(0.0, abs=1e-9)
+    assert c.v == pytest.approx(2 * np.pi * 0.6)
+    assert 'title="0 dB: the energy of one impact' in plain
     lost = replace(attractors[loud], tau=0.1, v=1.0)
     assert rattling.motion_intensities(MACHINE.gear, (lost,)) == (None,)
 
@@ -153,7 +161,7 @@ def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: 
         await eventually(lambda: "J per revolution" in panel.loud.html)
         assert "dB re 1 pW" in panel.loudest.html
         panel.on_tab("motion")
-        await eventually(lambda: "its lines" in panel.under_spectrum.html)
+        await eventually(lambda: "exact lines" in panel.under_spectrum.html)
         lines = panel.spectrum.lines.data
         np.testing.assert_allclose(lines["x"][:3], [0.0, 50.0, 100.0])
         assert lines["y"][0] == pytest.approx(4 * np.pi * MACHINE.delta * MACHINE.units.force)  # carries the drag
