@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple, TypeVar
+from functools import partial
+from typing import Literal, NamedTuple
 from urllib.parse import urlencode
 
+from gear_rattle.service.explorer.common.point_state import PointState, one_of, parse_pair, parse_point, read_text
 from gear_rattle.service.harmonics import harmonic_texts, read_harmonics
+from gear_rattle.service.operations.diagrams import Pair
 from gear_rattle.workers.pictures.look import LINES, POINTS, USUAL_SHARE
 from rattle import Machine
 from rattle.curves import NAMES
@@ -16,7 +19,6 @@ from rattle.models import ADDED, Model, model_of, with_harmonics
 from rattle.parameters import Harmonic
 from rattle.populations import MOST_SHARE
 
-Pair = tuple[float, float]
 Ranges = tuple[Pair, Pair]  # (low, high) of δ and of ε in a figure, which may show more than the plane δ > 0, ε ≥ 0
 Limits = Literal["auto", "robust", "full"]
 LIMITS: tuple[Limits, ...] = ("auto", "robust", "full")
@@ -32,8 +34,6 @@ POINT_STATE = "p."
 KEYBOARD = "keyboard"
 MOST_FURTHER = 3
 FURTHER = tuple(f"map{number}" for number in range(2, 2 + MOST_FURTHER))
-
-T = TypeVar("T")
 
 
 class EnteredMachine(NamedTuple):
@@ -203,12 +203,16 @@ class View:
         Map whose profile is drawn below the diagram, None for the map that is shown.
     theme : str
         Theme of the page, "light" or "dark"; empty for the theme of the viewer's system.
-    point_state : Mapping[str, str]
-        State of the open point's tabs, see `PointState`.
+    point_state : PointState
+        State of the open point's tabs.
     pins : tuple[Pin, ...]
         Points that are compared.
     is_variable_chosen : bool
         True if a viewer chose the variable. This field and all fields below it are not in the address.
+    sounds, yields : int
+        Numbers of requests: of the sound of a motion, and of the yield of the point's tolerances.
+    rpm : float | None
+        Speed of the machine whose sound was requested; None if a viewer entered none.
     pointer : Pointer | None
         Point that a viewer points at.
     seen : DrawnSettings | None
@@ -234,9 +238,12 @@ class View:
     profile: MapChoice | None = None
     profile_limits: Pair | None = None
     theme: str = ""
-    point_state: Mapping[str, str] = field(default_factory=dict)
+    point_state: PointState = field(default_factory=PointState)
     pins: tuple[Pin, ...] = ()
     is_variable_chosen: bool = field(default=False, compare=False)
+    sounds: int = field(default=0, compare=False)
+    yields: int = field(default=0, compare=False)
+    rpm: float | None = field(default=None, compare=False)
     pointer: Pointer | None = field(default=None, compare=False)
     seen: DrawnSettings | None = field(default=None, compare=False)
     before: tuple[Ranges | None, ...] = field(default=(), compare=False)
@@ -253,13 +260,8 @@ class View:
         firsts = {name: values[0].decode("utf-8", "replace") for name, values in query.items() if values}
         text = {name: value for name, value in firsts.items() if len(value) <= LONGEST}
 
-        def read(name: str, reader: Callable[[str], T], default: T) -> T:
-            try:
-                return reader(text[name]) if name in text else default
-            except ValueError:
-                return default
-
-        point = read("point", _parse_point, None)
+        read = partial(read_text, text)
+        point = read("point", parse_point, None)
         return cls(
             survey=read("survey", _parse_word, ""),
             variable=read("variable", _parse_word, ""),
@@ -277,12 +279,8 @@ class View:
             further=tuple(each for name in FURTHER if (each := read(name, ComparisonChoice.read, None)) is not None),
             profile=read("profile", MapChoice.read, None),
             profile_limits=read("profile_limits", _parse_window, None),
-            theme=text["theme"] if text.get("theme") in THEMES else "",
-            point_state={
-                name.removeprefix(POINT_STATE): value
-                for name, value in list(text.items())[:50]
-                if name.startswith(POINT_STATE) and value and point
-            },
+            theme=read("theme", partial(one_of, THEMES), ""),
+            point_state=PointState.read(_without_prefix(text)) if point else PointState(),
             pins=read("pins", _parse_pins, ()),
             is_variable_chosen=bool(read("variable", _parse_word, "")),
         )
@@ -309,7 +307,7 @@ class View:
         pairs["theme"] = self.theme
         pairs["pins"] = ";".join(pin.address_text for pin in self.pins)
         if self.point:
-            pairs |= {POINT_STATE + name: str(value) for name, value in self.point_state.items()}
+            pairs |= {POINT_STATE + name: value for name, value in self.point_state.text().items()}
         said = {name: value for name, value in pairs.items() if value}
         return "?" + urlencode(said, safe=",;") if said else ""
 
@@ -317,6 +315,10 @@ class View:
 def _pair_text(pair: Pair) -> str:
     # `repr` writes all digits of a number, so that it is read back unchanged
     return ",".join(repr(float(value)) for value in pair)
+
+
+def _without_prefix(texts: Mapping[str, str]) -> dict[str, str]:
+    return {name.removeprefix(POINT_STATE): text for name, text in texts.items() if name.startswith(POINT_STATE)}
 
 
 def _parse_word(text: str) -> str:
@@ -336,15 +338,8 @@ def _parse_family(text: str) -> int:
     return number
 
 
-def _parse_pair(text: str) -> Pair:
-    first, second = (float(part) for part in text.split(","))
-    if not (math.isfinite(first) and math.isfinite(second)):
-        raise ValueError(f"Two finite numbers with a comma between them are needed, not {text!r}.")
-    return first, second
-
-
 def _parse_window(text: str) -> Pair:
-    low, high = _parse_pair(text)
+    low, high = parse_pair(text)
     if not low < high or not math.isfinite(high - low):
         raise ValueError(f"A window needs a lower end below its upper end, not {text!r}.")
     return low, high
@@ -355,13 +350,6 @@ def _parse_positive_window(text: str) -> Pair:
     if high <= 0:
         raise ValueError(f"The upper end of a window of δ must be above 0, not {text!r}.")
     return low, high
-
-
-def _parse_point(text: str) -> Pair:
-    delta, epsilon = _parse_pair(text)
-    if delta <= 0 or epsilon < 0:
-        raise ValueError(f"A point needs a δ above 0 and an ε of at least 0, not {text!r}.")
-    return delta, epsilon
 
 
 def _parse_machine(text: str) -> EnteredMachine:
@@ -386,7 +374,7 @@ def _parse_pins(text: str) -> tuple[Pin, ...]:
         if len(added) < len(plain):
             raise ValueError(f"A pin has two values of one parameter: {text!r}.")
         harmonics = read_harmonics(one.removeprefix(HARMONIC) for one in more if one.startswith(HARMONIC))
-        pin = Pin(*_parse_point(f"{delta},{epsilon}"), float(beta), tuple(added.items()), harmonics)
+        pin = Pin(*parse_point(f"{delta},{epsilon}"), float(beta), tuple(added.items()), harmonics)
         pin.model.gear(pin.delta, pin.epsilon)  # raises a ParameterError, which is a ValueError, if no gear is possible
         found.append(pin)
     return tuple(dict.fromkeys(found))

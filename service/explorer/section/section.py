@@ -12,13 +12,14 @@ import panel as pn
 from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.explorer.common.address import MapChoice, View
 from gear_rattle.service.explorer.common.drawings import DrawingRunner, Show
+from gear_rattle.service.explorer.common.point_state import DIAGRAM
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import WidgetWatcher
 from gear_rattle.service.explorer.map.planes import map_names
 from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.point.panel import FigurePlace
-from gear_rattle.service.explorer.point.state import DIAGRAM, PointState, machine_and_model
+from gear_rattle.service.explorer.point.state import machine_and_model
 from gear_rattle.service.explorer.section.picture import ProfilePicture
 from gear_rattle.service.explorer.section.profile import Ends, profile_in_words, profile_of
 from gear_rattle.service.explorer.state.events import DiagramEndChosen, ProfileChosen
@@ -75,25 +76,25 @@ class ProfileSection:
 
     def _on_view_change(self) -> None:
         view, job = self._store.view, self._store.job
-        state = PointState.read(view.point_state, 0.0)
-        is_seen = view.point is not None and state.shown_tab == DIAGRAM
+        is_seen = view.point is not None and view.point_state.shown_tab == DIAGRAM
         if not is_seen or (view.survey and (job is None or not job.is_readable)):
             self.drawings.stop()
             self.below.panel.visible = False
             return
-        place = view.point, view.machine, state.direction, state.span, state.to
+        place = view.point, view.machine, view.point_state.way
         wanted = view.survey, view.slice, view.variable, view.index, view.profile, view.profile_limits, place
-        self.drawings.request(wanted, [job] if job is not None else [], partial(self._draw, view, job, state))
+        self.drawings.request(wanted, [job] if job is not None else [], partial(self._draw, view, job))
 
-    async def _draw(self, view: View, job: JobRow | None, state: PointState) -> AsyncGenerator[Show, None]:
+    async def _draw(self, view: View, job: JobRow | None) -> AsyncGenerator[Show, None]:
         assert view.point is not None
         whole = SurveyRequest.model_validate(job.request) if job is not None else self._shared.exact.request
         request = whole.at(whole.along(view.slice))
         _, model = machine_and_model(view.point, view.machine, request.machine, request.gear_model)
         try:
             gear = model.gear(*view.point)
-            ends = diagram_ends(gear, state.direction, state.span, state.to)
-            span = (0.0, 1.0) if state.to else diagram_span(gear, state.direction, state.span)
+            direction, either_way, to = view.point_state.way
+            ends = diagram_ends(gear, direction, either_way, to)
+            span = (0.0, 1.0) if to else diagram_span(gear, direction, either_way)
             chosen, options = _profile_options(request, view)
             if model != request.gear_model:
                 raise RattleError(OTHER_GEAR)
