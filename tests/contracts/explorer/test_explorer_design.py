@@ -18,8 +18,8 @@ from waiting import eventually
 import rattle
 from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import UnavailableError
-from gear_rattle.service.explorer.design import rattling, tolerance
 from gear_rattle.service.explorer.common.point_state import PointState, Tolerance
+from gear_rattle.service.explorer.design import rattling, tolerance
 from gear_rattle.service.explorer.design.tolerance import RADIUS
 from gear_rattle.service.explorer.point import loudness, parts
 from gear_rattle.service.explorer.state.events import SoundRequested, TabChosen

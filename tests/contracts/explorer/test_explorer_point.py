@@ -631,9 +631,9 @@ def test_basins_and_motion_follow_the_slider_along_the_diagram(tmp_path: Path, m
             return bool(labels and np.array_equal(labels[0], gear.basins(40, None, "cells").labels))
 
         async def motion_is_shown(gear: rattle.Gear, attractors: tuple[rattle.Attractor, ...]) -> None:
-            rattle_ = next(each for each in attractors if each.kind != "quiet")
+            moving = next(each for each in attractors if each.kind != "quiet")
             samples = view.panel.motions.samples
-            await eventually(lambda: samples.data["phi"][:1] == gear.trajectory(rattle_.tau, rattle_.v, 1.0, 2).phi[:1])
+            await eventually(lambda: samples.data["phi"][:1] == gear.trajectory(moving.tau, moving.v, 1.0, 2).phi[:1])
 
         monkeypatch.setattr(view.work, "compute", compute)
         own, slider = rattle.Gear(0.6, 0.089), view.panel.place_slider
