@@ -12,8 +12,8 @@ from bokeh.models import ColumnDataSource, CustomAction, CustomJS
 from bokeh.plotting import figure
 
 from gear_rattle.service.explorer.common.address import KEYBOARD, Pair, Ranges
+from gear_rattle.service.explorer.common.address_fields import parse_point
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
-from gear_rattle.service.explorer.common.point_state import parse_point
 from gear_rattle.service.explorer.files import asset
 from gear_rattle.service.explorer.state.events import (
     BackChosen,
