@@ -47,7 +47,7 @@ class CursorKeys:
         keys.on_change("data", handler_in_event_loop(self._on_keys))
         plot.tags = [keys]  # a tag puts the source into the document, so that a browser can send pressed keys
         for word, icon in (("back", "undo"), ("forward", "redo")):
-            code = f"keys.data = {{steps: [0, 0, 0, 0], word: ['{word}'], number: [Date.now()]}}"
+            code = f"keys.data = {{steps: [0], word: ['{word}'], number: [Date.now()]}}"
             act = CustomJS(args={"keys": keys}, code=code)
             plot.add_tools(CustomAction(icon=icon, description=WINDOWS[word], callback=act))
         document.js_on_event(DocumentReady, CustomJS(args={"keys": keys}, code=asset("keyboard.js")))
