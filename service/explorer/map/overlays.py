@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from functools import lru_cache, partial
 from typing import Any
 
@@ -81,14 +81,24 @@ class MapLines:
         self._of = ()
         self._figure.remove_lines()
 
+    def _change_lines(self, name: str, change: Callable[[], object]) -> None:
+        """Change the figure for the task that computes a line, unless this task is cancelled before the change."""
+        task = asyncio.current_task()
+
+        def change_unless_cancelled() -> None:
+            if name in self._tasks and self._tasks[name][1] is task:
+                change()
+
+        self._viewer.change(change_unless_cancelled)
+
     async def _compute_line(self, name: str, model: Model, window: Ranges) -> None:
         await self._viewer.front.kernels.wait_until_compiled(model.name, patience=math.inf)
         if name == POINTS:
             points = await self._viewer.run_in_thread(lambda: points_in_window(model, window))
-            self._viewer.change(lambda: self._figure.mark_points(points))
+            self._change_lines(name, lambda: self._figure.mark_points(points))
         elif name in model.curve_names:
             pieces, missing = await self._viewer.run_in_thread(lambda: curve_pieces(name, model, *window))
-            self._viewer.change(lambda: self._figure.draw_line(name, pieces))
+            self._change_lines(name, lambda: self._figure.draw_line(name, pieces))
             self._note_in_key(name, "", missing)
         else:
             self._note_in_key(name, "", _missing_capability(model))
@@ -176,12 +186,12 @@ class KeyedLines(MapLines):
         try:
             if name == CRISIS:
                 pieces = [await self._overlaid.crises.crisis_of(model)]
-                self._viewer.change(lambda: self._figure.draw_line(name, pieces))
+                self._change_lines(name, lambda: self._figure.draw_line(name, pieces))
             else:
                 async for delta, limits in self._overlaid.limits.limits_over(
                     model, self._delta_range, self._store.view.share
                 ):
-                    self._viewer.change(partial(self._show_limit, delta, limits))
+                    self._change_lines(name, partial(self._show_limit, delta, limits))
         except RattleError as error:
             self._note_in_key(name, "", str(error))
         else:
