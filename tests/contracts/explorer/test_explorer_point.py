@@ -630,13 +630,15 @@ def test_basins_and_motion_follow_the_slider_along_the_diagram(tmp_path: Path, m
             labels = view.panel.picture.figure.select_one({"level": "image"}).data_source.data["label"]
             return bool(labels and np.array_equal(labels[0], gear.basins(40, None, "cells").labels))
 
-        async def motion_is_shown(gear: rattle.Gear, attractors: tuple[rattle.Attractor, ...]) -> None:
-            moving = next(each for each in attractors if each.kind != "quiet")
-            samples = view.panel.motions.samples
-            await eventually(lambda: samples.data["phi"][:1] == gear.trajectory(moving.tau, moving.v, 1.0, 2).phi[:1])
+        def is_followed(gear: rattle.Gear, attractors: tuple[rattle.Attractor, ...]) -> bool:
+            named = [each for each in attractors if each.name == first.name]
+            shown = (named or [each for each in attractors if each.kind != "quiet"])[0]
+            t, phi = (view.panel.motions.samples.data[each] for each in ("t", "phi"))
+            return len(t) > 0 and np.array_equal(phi, gear.trajectory(shown.tau, shown.v, float(t[-1]), len(t)).phi)
 
         monkeypatch.setattr(view.work, "compute", compute)
         own, slider = rattle.Gear(0.6, 0.089), view.panel.place_slider
+        first = next(each for each in own.attractors(64) if each.kind != "quiet")
         await eventually(lambda: is_shown(own) and "Wˢ(A)" in view.panel.under_basins.html)
         low, high = diagrams.diagram_span(own, "epsilon")
         home, there = slider.value, rattle.Gear(0.6, 0.25 * low + 0.75 * high)
@@ -646,12 +648,13 @@ def test_basins_and_motion_follow_the_slider_along_the_diagram(tmp_path: Path, m
         await eventually(lambda: is_shown(there))
         assert "Wˢ(A)" not in view.panel.under_basins.html
         view.store.dispatch(TabChosen("motion"))
-        await motion_is_shown(there, there.basins(40, None, "cells").attractors)
+        attractors = there.basins(40, None, "cells").attractors
+        await eventually(lambda: is_followed(there, attractors))
         slider.value = home
         assert view.store.view.point_state == PointState(tab="motion")
         assert is_shown(own)
         assert "Wˢ(A)" in view.panel.under_basins.html
-        await motion_is_shown(own, own.attractors(64))
+        await eventually(lambda: is_followed(own, (first,)))
         view.store.dispatch(PlaceChosen(0.75))
         await eventually(lambda: is_shown(there))
         view.stop()
