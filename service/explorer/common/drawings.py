@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncGenerator, Callable, Hashable, Sequence
 from contextlib import aclosing
+from functools import partial
 
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common.viewer import Viewer
+from rattle import RattleError
 
 PAUSE = 1.0  # seconds between two drawings of a running survey
 
@@ -29,7 +31,13 @@ class DrawingRunner:
         self._pause = 0.0
         self._task: asyncio.Task[None] | None = None
 
-    def request(self, what: Hashable, jobs: Sequence[JobRow], draw: Callable[[], AsyncGenerator[Show, None]]) -> None:
+    def request(
+        self,
+        what: Hashable,
+        jobs: Sequence[JobRow],
+        draw: Callable[[], AsyncGenerator[Show, None]],
+        show_error: Callable[[RattleError], object],
+    ) -> None:
         """Request a drawing of surveys, unless the same drawing is finished or under way.
 
         Parameters
@@ -41,9 +49,14 @@ class DrawingRunner:
             made again.
         draw : Callable[[], AsyncGenerator[Show, None]]
             Yields functions that show the drawing so far. They are called only while `what` is the requested drawing.
+        show_error : Callable[[RattleError], object]
+            Called instead of these functions with an error that `draw` raises.
         """
         self._wanted = what, tuple((job.id, job.state, job.cells_done) for job in jobs)
-        self._draw, self._pause = draw, 0.0 if all(State(job.state).is_final for job in jobs) else PAUSE
+        self._draw, self._pause = (
+            partial(_draw_or_fail, draw, show_error),
+            0.0 if all(State(job.state).is_final for job in jobs) else PAUSE,
+        )
         if self._wanted != self._drawn and (self._task is None or self._task.done()):
             self._task = self._viewer.start(self._keep_drawing())
 
@@ -65,3 +78,14 @@ class DrawingRunner:
 
     def _show(self, what: Hashable, show: Show) -> None:
         self._viewer.change(lambda: show() if self._wanted[:1] == (what,) else None)
+
+
+async def _draw_or_fail(
+    draw: Callable[[], AsyncGenerator[Show, None]], show_error: Callable[[RattleError], object]
+) -> AsyncGenerator[Show, None]:
+    try:
+        async with aclosing(draw()) as shows:
+            async for show in shows:
+                yield show
+    except RattleError as error:
+        yield partial(show_error, error)

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from html import escape
 from typing import Any
 
 import panel as pn
 from bokeh.models.widgets import Div
 
 STYLE = ":host { font: 13px/1.45 system-ui, sans-serif; } .bk-clearfix { display: block !important; width: 100%; }"
+
+
+def alert_html(message: str, kind: str = "notice") -> str:
+    """Return the HTML of a message that screen readers read out at once. kind: CSS class, "notice" or "wrong"."""
+    return f'<p class="{kind}" role="alert">{escape(message)}</p>'
+
+
+def faint_html(text: str) -> str:
+    """Return the HTML of a less important text."""
+    return f'<p class="faint">{escape(text)}</p>'
 
 
 class Text:

@@ -8,7 +8,7 @@ from typing import Any
 import panel as pn
 
 from gear_rattle.service.explorer.common.point_state import Tolerance
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.text import Text, alert_html
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.design.fields import NUMBERS
 from gear_rattle.service.explorer.state.events import Event, YieldRequested
@@ -58,7 +58,7 @@ class ToleranceFields:
         """Request the yield with the entered tolerances, or say that a field is empty."""
         first, second, share = (each.value for each in self.widgets)
         if first is None or second is None or share is None:
-            self.said.html = '<p class="wrong" role="alert">A tolerance needs a number in each field.</p>'
+            self.said.html = alert_html("A tolerance needs a number in each field.", "wrong")
         else:
             entered = Tolerance(first / self._per[0], second / self._per[1], share)
             self._dispatch(YieldRequested(entered))

@@ -96,7 +96,7 @@ class FamiliesView:
             self._of = of
             self._clear_description()
         wanted = (*of, view.window, self._figure.pixels if view.window else ())
-        self.drawings.request(wanted, [job], partial(self._draw, view, job))
+        self.drawings.request(wanted, [job], partial(self._draw, view, job), self._show_error)
 
     async def _draw(self, view: View, job: JobRow) -> AsyncGenerator[Show, None]:
         window, is_too_close, pixels = view.window, self._figure.is_too_close, self._figure.pixels
@@ -111,11 +111,7 @@ class FamiliesView:
                 return known, known.plane.enlarged_block(window)
             return known, known.plane.block(window, pixels, anywhere=True)
 
-        try:
-            known, seen = await self._viewer.run_in_thread(read)
-        except RattleError as error:
-            yield partial(self._show_error, str(error))
-            return
+        known, seen = await self._viewer.run_in_thread(read)
         self._known = key, known
         yield partial(self._show_family, view.family, known, seen)
 
@@ -155,10 +151,10 @@ class FamiliesView:
         with self._watch.paused():
             self.which.param.update(options={NO_FAMILY: ""} | options, value=value, visible=True)
 
-    def _show_error(self, why: str) -> None:
+    def _show_error(self, error: RattleError) -> None:
         self._hide_choices()
         self.panel.visible = True
-        self._show_message(why)
+        self._show_message(str(error))
 
     def _hide_choices(self) -> None:
         self._clear_description()

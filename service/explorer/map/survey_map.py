@@ -55,6 +55,7 @@ class SurveyMap(ABC):
         self._refined: tuple[MapPlane, Ranges] | None = None
         self._refining: asyncio.Task[None] | None = None
         self._counting: asyncio.Task[None] | None = None
+        self._reading: asyncio.Task[None] | None = None
 
     @abstractmethod
     def show_shades(self, shades: Sequence[Shade]) -> None:
@@ -171,6 +172,20 @@ class SurveyMap(ABC):
         limits, log = self._how
         shades = await self._viewer.run_in_thread(lambda: colouring(plane, seen(), limits, log).shades)
         self._viewer.change(lambda: self.show_shades(shades))
+
+    def read_cell(self, read: Callable[[], str], text: Text) -> None:
+        """Show in `text` the HTML that `read` returns, which a thread runs; an earlier reading is cancelled."""
+        self.stop_reading()
+        self._reading = self._viewer.start(self._read_cell(read, text))
+
+    async def _read_cell(self, read: Callable[[], str], text: Text) -> None:
+        html = await self._viewer.run_in_thread(read)
+        self._viewer.change(lambda: setattr(text, "html", html))
+
+    def stop_reading(self) -> None:
+        """Cancel the reading of a cell."""
+        if self._reading is not None:
+            self._reading.cancel()
 
     def _show_progress(self, text: str) -> None:
         self._viewer.change(lambda: self.title.show_progress(text))

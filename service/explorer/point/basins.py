@@ -14,7 +14,7 @@ from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.figures import themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.point.parts import PlaneLine
-from gear_rattle.service.explorer.point.words import percent_text
+from gear_rattle.service.explorer.point.words import percent_text, swatch_html
 from gear_rattle.service.explorer.state.events import Event, InitialConditionChosen
 from rattle.attractors import PAPER_SPEED
 from rattle.plot import MANIFOLDS, Palette, legend_name
@@ -147,8 +147,7 @@ def basins_legend(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: 
     parts = []
     shares = np.bincount(basins.labels.ravel(), minlength=len(basins.attractors)) / basins.labels.size
     for each, share in zip(basins.attractors[:MOST_NAMED], shares, strict=False):
-        swatch = f'<span class="swatch" style="background:{palette.colour(each)}"></span>'
-        parts.append(f"<li>{swatch}{legend_name(each)} {percent_text(share)}</li>")
+        parts.append(f"<li>{swatch_html(palette.colour(each))}{legend_name(each)} {percent_text(share)}</li>")
     if len(shares) > MOST_NAMED:
         parts.append(f"<li>and {len(shares) - MOST_NAMED} more, {percent_text(shares[MOST_NAMED:].sum())} in all</li>")
     for line in lines:

@@ -60,12 +60,12 @@ class PointPanel:
         self.theme, self._dispatch, self._below = theme, dispatch, below or FigurePlace()
         self._own_stop = 0  # position of the slider for the point itself
         self._watch = WidgetWatcher()
-        self.likely, self.shares, self.where, self.loudest, self.safe = (self._new_text() for _ in range(5))
-        self.under_basins, self.about_lines, self.under_motion, self.under_diagram = (
-            self._new_text() for _ in range(4)
-        )
-        self.under_spectrum, self.heard, self.take = self._new_text(), self._new_text(), self._new_text()
-        self.table, self.loud, self.orbits, self.events = (self._new_text() for _ in range(4))
+        self._texts = [self._new_text() for _ in range(16)]
+        (
+            self.likely, self.shares, self.where, self.loudest, self.safe, self.under_basins, self.about_lines,
+            self.under_motion, self.under_diagram, self.under_spectrum, self.heard, self.take, self.table, self.loud,
+            self.orbits, self.events,
+        ) = self._texts  # fmt: skip
         self._tolerance = pn.Column(sizing_mode="stretch_width", margin=0)
         texts = {
             ANSWER: (self.shares, self.loudest, self.safe, self.where),
@@ -123,12 +123,9 @@ class PointPanel:
 
     def clear_results(self) -> None:
         """Remove all results of a point, but not the text with its position, which may be the next point's already."""
-        for text in (
-            self.take, self.likely, self.shares, self.loudest, self.safe,
-            self.table, self.loud, self.orbits, self.events,
-            self.under_basins, self.about_lines, self.under_motion, self.under_diagram, self.under_spectrum, self.heard,
-        ):  # fmt: skip
-            text.html = ""
+        for text in self._texts:
+            if text is not self.where:
+                text.html = ""
         self._tolerance.visible = False
         for name in ("picture", "motions", "spectrum", "diagram"):
             if name in self.__dict__:  # only pictures that have been made already

@@ -7,6 +7,7 @@ from html import escape
 
 import rattle
 from gear_rattle.service.explorer.common.point_state import DIAGRAM, MOTION, NUMBERS, Tolerance
+from gear_rattle.service.explorer.common.text import faint_html
 from gear_rattle.service.explorer.design import rattling, tolerance
 from gear_rattle.service.explorer.design.fields import machine_at_other_point
 from gear_rattle.service.explorer.point import diagram, loudness, motion, parts
@@ -79,8 +80,7 @@ class MotionTab:
             if requested != self._motion_key:
                 return  # another motion has been chosen meanwhile
             panel.motions.show(found, gear.beta, shade, point.period)
-            said = motion.motion_caption(found, what, point.period, attractor)
-            panel.under_motion.html = f'<p class="faint">{escape(said)}</p>'
+            panel.under_motion.html = faint_html(motion.motion_caption(found, what, point.period, attractor))
             panel.heard.html = ""
             panel.under_spectrum.html = ""
             panel.spectrum.clear()
@@ -97,8 +97,7 @@ class MotionTab:
         def show() -> None:
             if requested == self._motion_key:
                 self._panel.spectrum.show(found, machine, shade)
-                said = loudness.spectrum_caption(found, legend_name(attractor))
-                self._panel.under_spectrum.html = f'<p class="faint">{escape(said)}</p>'
+                self._panel.under_spectrum.html = faint_html(loudness.spectrum_caption(found, legend_name(attractor)))
 
         await point.work.change(show)
 
@@ -171,7 +170,7 @@ class DiagramTab:
         if self._point.state.shown_tab == DIAGRAM:
             self._drawn = found
             panel.diagram.show(found, self._position)
-            said = f'<p class="faint">{escape(diagram.diagram_caption(found))}</p>'
+            said = faint_html(diagram.diagram_caption(found))
             panel.under_diagram.html = diagram.diagram_legend(found, panel.theme) + said
 
 

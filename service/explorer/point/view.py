@@ -9,6 +9,7 @@ import panel as pn
 
 import rattle
 from gear_rattle.service.explorer.common.point_state import ANSWER
+from gear_rattle.service.explorer.common.text import faint_html
 from gear_rattle.service.explorer.design import rattling
 from gear_rattle.service.explorer.point import loudness, parts, words
 from gear_rattle.service.explorer.point.basins_tab import BasinsTab
@@ -100,7 +101,7 @@ class Answer:
         self._is_margin_requested = False
         is_compiled = front.kernels.is_compiled(self._model.name)
         if not is_compiled:
-            panel.likely.html = f'<p class="faint">{COMPILING}</p>'
+            panel.likely.html = faint_html(COMPILING)
         if self._model.in_closed_form and is_compiled:
             self._show_orbits(parts.period_one(self._gear))
         elif self._model.in_closed_form:

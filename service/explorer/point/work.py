@@ -14,7 +14,7 @@ import anyio
 
 import rattle
 from gear_rattle.service.explorer.common.changes import change_and_wait
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.text import Text, alert_html
 from gear_rattle.service.explorer.point import parts
 from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.state import Front
@@ -136,7 +136,7 @@ class PointTasks:
             )
 
     async def _show_error(self, text: Text, message: str) -> None:
-        await self.set_text(text, f'<p class="wrong" role="alert">{escape(message)}</p>')
+        await self.set_text(text, alert_html(message, "wrong"))
 
     async def set_text(self, text: Text, html: str) -> None:
         """Set the HTML of a text."""

@@ -154,7 +154,7 @@ def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: 
         await eventually(lambda: "J per revolution" in panel.loud.html)
         assert "dB re 1 pW" in panel.loudest.html
         dispatch(TabChosen("motion"))
-        await eventually(lambda: "its lines" in panel.under_spectrum.html)
+        await eventually(lambda: "exact lines" in panel.under_spectrum.html)
         lines = panel.spectrum.lines.data
         np.testing.assert_allclose(lines["x"][:3], [0.0, 50.0, 100.0])
         assert lines["y"][0] == pytest.approx(4 * np.pi * MACHINE.delta * MACHINE.units.force)  # carries the drag

@@ -15,6 +15,7 @@ from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common import drawings
 from gear_rattle.service.explorer.common.drawings import DrawingRunner, Show
 from gear_rattle.service.explorer.common.viewer import THREADS, Viewer
+from rattle import RattleError
 
 
 class Slow:
@@ -27,6 +28,7 @@ class Slow:
         self.drawings = DrawingRunner(viewer)
         self.begun: list[tuple[str, int]] = []
         self.shown: list[tuple[str, int]] = []
+        self.refused: list[RattleError] = []
         self.go_on = asyncio.Event()
         self.at_work = 0
 
@@ -39,9 +41,11 @@ class Slow:
             self.at_work -= 1
             if what == "wrong":
                 raise ValueError(what)
+            if what == "refused":
+                raise RattleError(what)
             yield lambda: self.shown.append((what, done))
 
-        self.drawings.request(what, [JobRow(id="a", state=state, cells_done=done)], draw)
+        self.drawings.request(what, [JobRow(id="a", state=state, cells_done=done)], draw, self.refused.append)
         await settled()
 
     async def end(self) -> None:
@@ -100,6 +104,18 @@ def test_what_fails_is_not_tried_again_until_there_is_more() -> None:
         assert slow.begun == [("wrong", 1), ("wrong", 2)]
         await slow.want("region", 2)
         assert slow.shown == [("region", 2)]
+
+    in_loop(body)
+
+
+def test_an_error_of_a_wanted_drawing_is_shown_in_its_place() -> None:
+    async def body(slow: Slow) -> None:
+        await slow.want("refused", 1)
+        await slow.want("region", 1)
+        await slow.end()
+        assert (slow.shown, slow.refused) == ([("region", 1)], [])
+        await slow.want("refused", 1)
+        assert [str(each) for each in slow.refused] == ["refused"]
 
     in_loop(body)
 
