@@ -93,14 +93,14 @@ def contracting_norm(a, b, c, d, q):
 
 @inline
 def is_contraction(a, b, c, d, m00, m01, m11):
-    """Return whether the matrix [[a, b], [c, d]] contracts in the norm zᵀMz, M = [[m00, m01], [m01, m11]]."""
+    """Return whether the matrix J = [[a, b], [c, d]] contracts in the norm zᵀMz, M = [[m00, m01], [m01, m11]]."""
     n00 = a * (m00 * a + m01 * c) + c * (m01 * a + m11 * c)
     n01 = a * (m00 * b + m01 * d) + c * (m01 * b + m11 * d)
     n11 = b * (m00 * b + m01 * d) + d * (m01 * b + m11 * d)
     whole = m00 * m11 - m01 * m01
     trace = (m11 * n00 - 2.0 * m01 * n01 + m00 * n11) / whole
     determinant = (n00 * n11 - n01 * n01) / whole
-    return trace < 2.0 and trace < 1.0 + determinant  # both eigenvalues of M⁻¹ DᵀMD below 1
+    return trace < 2.0 and trace < 1.0 + determinant  # both eigenvalues of M⁻¹ JᵀMJ are below 1
 
 
 @inline

@@ -12,7 +12,8 @@ from rattle.flight.contact_phase import is_captured
 from rattle.flight.forcing import DRIFT, contact_force, phase_at
 from rattle.numerics.compile import kernel
 
-UNSEEN, ON_THE_WAY = -1, -2  # instead of a group: no chain has met the cell yet, and the cell is in the present chain
+# Values in place of a group: no chain has met the cell yet; the cell is in the chain that is being followed.
+UNSEEN, ON_THE_WAY = -1, -2
 
 
 class Box(NamedTuple):

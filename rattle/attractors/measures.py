@@ -58,8 +58,8 @@ class Uncertainty(NamedTuple):
 def differing(a: Basins, b: Basins) -> NDArray[np.bool_]:
     """Return the cells (n, n) that two results on the same grid give to different attractors.
 
-    Attractors are identified by kind and label P(m, n₊, n₋). Where several match, they are paired so that the fewest
-    cells differ.
+    Attractors of both results are paired if they have the same kind and label P(m, n₊, n₋). Where several attractors
+    have the same kind and label, the pairs are those with which the fewest cells differ.
 
     Returns
     -------

@@ -50,7 +50,7 @@ def place_of_attractor(kind, which, orbits):
 
 @kernel
 def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, row):
-    """Fill the columns of `rows_of`, which must be zero before.
+    """Fill `whole`, `watched` and `row`, the results of `rows_of`; the first two must be zero before.
 
     A cell has at most `orbits` orbits. `room` (2, places) is scratch memory for the attractors of one cell.
 

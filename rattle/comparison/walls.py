@@ -3,8 +3,9 @@
 A flight from wall a at t₀ to wall b at t₁ has velocities w₀ and w₁ in closed form (`rattle.flight.between`). For the
 right walls w₀ points away from a and w₁ points towards b, and an elastic impact gives the next flight w₀ = −w₁. The
 walls that fit best are found by dynamic programming (Viterbi), for many offsets at once. An offset is the time of phase
-0. The cost of walls is the sum of the squared errors of w₀ + w₁, in units of the speed tolerance, of the measured
-speeds, and of penalties. Up to MOST_FALSE impacts in a row may be false: they do not belong to the motion.
+0. Up to MOST_FALSE impacts in a row may be false: they do not belong to the motion. The cost of a choice of walls is
+the sum of squared errors, in units of the speed tolerance, and of penalties. The errors are w₀ + w₁ at each impact, and
+the difference between |w₁| and the measured speed; penalties are for false impacts and for velocities of wrong sign.
 """
 
 from __future__ import annotations

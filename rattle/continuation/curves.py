@@ -136,7 +136,7 @@ class Curve(TabularResult):
             Unless exactly one of `delta` and `epsilon` is given.
         """
         given = [(name, x) for name, x in (("delta", delta), ("epsilon", epsilon)) if x is not None]
-        require(len(given) == 1, "give either delta or epsilon")
+        require(len(given) == 1, "exactly one of delta and epsilon must be given")
         name, value = given[0][0], require_number(*given[0])
         index = -2 if name == "delta" else -1
         found = (crossings(self._problem, points, index, value) for points in self._points)
@@ -398,7 +398,7 @@ def window_range(name: str, value: tuple[float, float], positive: bool = False) 
     """Return the range (low, high) of a window after a check. Raises ParameterError if the range is not allowed."""
     low, high = (require_number(name, number, positive=positive) for number in require_pair(name, value))
     require(low < high, f"{name} must be a pair (low, high) with low < high, got {value!r}")
-    require(max(-low, high) <= FARTHEST, f"{name} must be within {FARTHEST:g}, got {value!r}")
+    require(max(-low, high) <= FARTHEST, f"{name} must be within ±{FARTHEST:g}, got {value!r}")
     return low, high
 
 

@@ -145,7 +145,7 @@ class Sweeps:
             self._runs.append(_Run(direction, step, known.tau, known.v, back or {}, stops_at_known))
 
     def _finish_runs(self) -> None:
-        """Advance all runs, and the runs that they start, until they end; of several runs at a step only the first."""
+        """Advance all runs, and runs that these start, until they end; of several at one step, one at a time."""
         while self._runs:
             now: dict[int, _Run] = {}
             for run in self._runs:

@@ -33,7 +33,7 @@ from rattle.flight.proof import arc_in_single, clears_the_gap, has_single_turn, 
 from rattle.numerics.compile import inline, kernel
 
 OK = 0
-# These are np.int64, because for plain 1 and −1 the compiler would make variants of every kernel below.
+# The walls are np.int64, because for the Python integers 1 and −1 numba would compile variants of every kernel below.
 SIGMA_PLUS, SIGMA_MINUS = np.int64(1), np.int64(-1)
 # Status of a flight that has no impact within LONGEST forcing periods: backwards in time, at tiny damping, or if a
 # number is not finite.

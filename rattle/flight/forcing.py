@@ -250,9 +250,9 @@ def has_swing_beyond(share, delta, epsilon):
 
 @inline
 def relative_force(swing, share):
-    """Return the contact force over its mean, `share` of half a period away from the phase of its minimum.
+    """Return the contact force over its mean, at a phase that is share/2 away from the phase of the least force.
 
-    `swing` is the force's `relative_swing`.
+    swing: the amplitude of the contact force over its mean, as `relative_swing` returns it.
 
     Returns
     -------

@@ -37,6 +37,8 @@ def flight_tangent(w1, lost, sin1, cos1, flight):
 def carried_tangent(t, w, w1, bend, lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
     """Return a tangent vector (dt, dw) carried over one flight and its impact, and the flight's determinant.
 
+    t, w: dt and dw at the departure. w1, bend, lost: the velocity w₁ = F', F'' and 1 − e^(−δs) at the arrival.
+
     The determinant is e^(−δs) w₀/w₁ in absolute value:
 
         det = (w₁ ∂F'/∂w₀ − F'' ∂F/∂w₀ − ∂F/∂t₀ ∂F'/∂w₀ + ∂F/∂w₀ ∂F'/∂t₀)/w₁.

@@ -132,7 +132,7 @@ class InelasticGear(SampledGear, Rattling):
         ParameterError
             If the wall is not ±1, or the velocity is zero or points out of the gap.
         RattleError
-            If there is no impact within 1000 forcing periods.
+            If there is no impact within 1000 forcing periods, or a number leaves double precision.
         """
         require(require_finite("wall", wall) in (1, -1), f"wall must be +1 or -1, got {wall!r}")
         speed = -wall * require_finite("velocity", velocity)
@@ -160,7 +160,7 @@ class InelasticGear(SampledGear, Rattling):
         ParameterError
             If the state is outside its domain.
         RattleError
-            If the motion becomes quiet.
+            If the motion becomes quiet, has no impact within 1000 forcing periods, or leaves double precision.
         """
         v = require_number("v", v, positive=True)
         step = step_tangent(_folded_phase(tau), v, self._point)

@@ -188,8 +188,9 @@ def summed_periodograms(
 ) -> Array:
     """Return |∫ window e^(−2πikt/length) df|²/∫ window² dt, summed over all segments, for k = 0 … count − 1.
 
-    f are impulses of the sizes `weight` at the times `time`; the window is Hann's. Segment q begins at the time
-    begin[q], lasts `length`, and has the impulses from number first[q] to number last[q] − 1.
+    The integral over df is the sum over impulses of the sizes `weight` at the times `time`; the window is Hann's.
+    Segment q begins at the time begin[q], lasts `length`, and has the impulses from number first[q] to number
+    last[q] − 1.
 
     Returns
     -------

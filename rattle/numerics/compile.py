@@ -40,7 +40,7 @@ from rattle.numerics.processes import environment
 if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
     raise RattleError("NUMBA_DISABLE_JIT is set, and without the compiler nothing can be computed: unset it")
 
-log = logging.getLogger(__name__)  # INFO: kernels that are being compiled
+log = logging.getLogger(__name__)  # its messages of level INFO name the step of a compilation that begins
 
 #: Parts of the library that compute no number of a survey.
 COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience", "notebook.py", "precompile.py"}

@@ -153,7 +153,7 @@ class Periodic(ABC):
     times : (n,)
         Times at which the impacts or contacts begin, in forcing periods, the first in [0, 1).
     speeds : (n,)
-        Speed after each impact or contact; positive into the gap, negative where the motion is virtual.
+        Speed after each impact or contact; positive away from the wall, negative where the motion is virtual.
     multipliers
         Both Floquet multipliers over m forcing periods, the larger modulus first. Their product is e^(−δm) if impacts
         are elastic. At a graze of the impacting model they are infinite and 0.

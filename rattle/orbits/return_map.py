@@ -41,17 +41,17 @@ def step_tangent(tau, v, point):
 
 def inverse_step(tau, v, point):
     """Apply Π⁻¹ to (τ, v), and return (status, τ', v', elapsed time, number of contacts with Σ⁻)."""
-    raise NotImplementedError("this function exists inside kernels only: from Python use Gear.iterate")
+    raise NotImplementedError("this function exists inside kernels only: from Python use Gear.inverse_impact")
 
 
 def point_of(cell, cells):
     """Return the parameter point of cell number `cell` of a record of cells."""
-    raise NotImplementedError("this function exists inside kernels only: from Python use Gear.iterate")
+    raise NotImplementedError("point_of exists inside kernels only")
 
 
 def point_between(share, one, other):
     """Return the parameter point at `share` of the way from the point `one` to the point `other`."""
-    raise NotImplementedError("this function exists inside kernels only: from Python use Gear.iterate")
+    raise NotImplementedError("point_between exists inside kernels only")
 
 
 @kernel

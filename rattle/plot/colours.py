@@ -106,7 +106,7 @@ def legend_name(motion: Motion, contacts: int | None = None) -> str:
 
 
 def legend_order(motion: Motion) -> tuple[int, tuple[int, ...]]:
-    """Return the sort key of a motion in a legend: quiet, periodic by m, n₊, n₋, chaotic, undecided."""
+    """Return the sort key of a motion: quiet first, then periodic by (m, n₊, n₋), then chaotic, then undecided."""
     label = _type_of(motion)
     return (KINDS.index(label), ()) if isinstance(label, str) else (KINDS.index("periodic"), label)
 

@@ -169,7 +169,9 @@ class Labels:
         return False
 
     def widest_place(self, inside: NDArray[np.bool_]) -> tuple[Point, float]:
-        """Return the centre of the cell of a part that is farthest from lines, labels and the frame.
+        """Return the place in a part of the axes that is farthest from lines, labels and the frame.
+
+        inside: the cells of the part, as in `add_within`. The place is the centre of one of these cells.
 
         Returns
         -------
@@ -206,12 +208,12 @@ class Labels:
     def _cost(self, origin: Array, centre: Array, half: Array, most: float) -> float:
         """Return the cost of a label at `centre` for a point at `origin`.
 
-        half: half of the label's width and height.
+        half: half of the label's width and height. most: the cost at which the computation stops.
 
         Returns
         -------
         float
-            The cost. A result of `most` or more may be too low.
+            The cost if it is below `most`, else a number from `most` up to the cost.
         """
         cost = float(np.hypot(*(centre - origin)))
         if cost >= most:

@@ -196,7 +196,13 @@ def extrema(flight: FlightEnclosure, name: str) -> Iterator[tuple[int, arb]]:
 
 
 def force_zero_times(flight: FlightEnclosure) -> list[arb]:
-    """Return the times during a flight at which the contact force vanishes, in order, and perhaps times at its ends."""
+    """Return the times, in order, at which the contact force vanishes during a flight.
+
+    Returns
+    -------
+    list[arb]
+        The times. A time close to an end of the flight is included unless it is proved to be outside.
+    """
     found = []
     for edge in flight.plane.force_zero_phases:
         number = math.floor(float((flight.t0 - edge).mid())) - 1

@@ -131,7 +131,7 @@ class StiffGear(SampledGear, Rattling):
         ParameterError
             If an argument is outside its domain.
         RattleError
-            If contact with Σ⁺ never ends (quiet motion).
+            If contact with Σ⁺ never ends (quiet motion), or a number leaves double precision.
         """
         v = require_number("v", v, positive=True)
         status, tau1, v1, time, n_minus, *tangent, _ = return_map.step_tangent(_folded_phase(tau), v, self._point)

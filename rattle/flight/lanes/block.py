@@ -1,4 +1,7 @@
-"""A block of lanes: the data of every lane, and how trajectories are put on lanes and taken off (compiled)."""
+"""A block of lanes: the data of every lane, and how trajectories are put on lanes and taken off (compiled).
+
+The lanes of a block are divided into groups of GROUP lanes. Kernels compute only the groups in use, the first ones.
+"""
 
 import math
 from itertools import accumulate
@@ -138,7 +141,7 @@ def move(b, i, j):
 
 @kernel
 def move_to_front(b):
-    """Move the trajectories to the first lanes, and return the number of groups in use."""
+    """Move the trajectories to the first lanes, and return the number of groups of GROUP lanes that hold them."""
     i, j = 0, LANES - 1
     while True:
         while i < LANES and b.who[i] >= 0:
@@ -187,7 +190,7 @@ def clear_block(b):
 
 @inline
 def has_ended(b, i):
-    """Return whether lane i has made its impacts, or cannot go on because it only bounces on Σ⁻, and then stop it."""
+    """Stop lane i if it makes too many impacts on Σ⁻, and return whether it has made its impacts or was stopped."""
     if b.n_minus[i] > MOST_BOUNCES * (b.n_plus[i] + 1.0):
         b.stuck[i], b.limit[i] = ENDLESS, -1.0
     return not b.n_plus[i] < b.limit[i]
@@ -202,10 +205,9 @@ def recompute_phases(b, groups):
 
 @inline
 def prepare_flights(b, groups, none_waits):
-    """Prepare the block for flights, and return the number of groups in use.
+    """Recompute the sines and cosines of the phases, and return the number of groups in use.
 
-    If no trajectory waits for a lane, the trajectories are moved to the first lanes. Then sines and cosines are
-    recomputed.
+    If no trajectory waits for a lane (`none_waits`), the trajectories are moved to the first lanes before.
 
     Returns
     -------

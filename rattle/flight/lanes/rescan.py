@@ -65,14 +65,14 @@ def compact(b, groups):
 
 @inline
 def compacted_flight(b, i):
-    """Return the flight of compacted lane i, in single precision."""
+    """Return the flight at place i of the compacted lanes, in single precision."""
     k = np.uint64(i)  # an unsigned index, as in `flight32`
     return Flight(b.z_w[k], b.z_a[k], b.z_sin0[k], b.z_cos0[k], b.z_delta[k], b.z_epsilon[k])
 
 
 @inline
 def compacted_arc(b, i):
-    """Return the arc of negative contact force of compacted lane i."""
+    """Return the arc of negative contact force at place i of the compacted lanes, those without proof."""
     k = np.uint64(i)
     return NegativeArc(not b.z_no_arc[k] > ZERO, b.z_arc_exit[k], b.z_arc_length[k], b.z_sin_entry[k], b.z_sin_exit[k])
 

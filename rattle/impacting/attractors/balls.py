@@ -46,7 +46,15 @@ WORK = np.dtype(
 
 @inline
 def direction_of(lane, few):
-    """Return the number of the direction that a lane tries, and by how many halvings its radius is smaller."""
+    """Return the number of the direction that a lane tries, and the halvings of its radius below the group's largest.
+
+    few: the group tries four directions at four radii; otherwise all directions at one radius.
+
+    Returns
+    -------
+    tuple of int
+        The number of the direction, and the number of halvings.
+    """
     return (lane % FEW * (ALL // FEW), lane // FEW) if few else (lane, 0)
 
 

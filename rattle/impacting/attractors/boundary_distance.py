@@ -51,10 +51,10 @@ FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20
 # least speed of the cell by more than this many sizes of its pattern
 SHRINK, HOPE = 1.0 / 16.0, 8.0
 MOST_PATTERNS = 60  # most patterns of one search
-# bounds of the number of impacts for which a state after the first set is followed, at strong damping
+# least and largest limit of impacts, at strong damping, of all states but those that are classified first
 LEAST_IMPACTS, MOST_IMPACTS = 512, 4096
-# largest number of impacts of a state, divided by the largest number that a state of the first set needed to reach a
-# periodic orbit (in chaotic cells: a periodic orbit or quiet motion)
+# limit of impacts of these states, divided by the largest number of impacts that a state needed, of those that are
+# classified first, to reach a periodic orbit (in chaotic cells: a periodic orbit or quiet motion)
 PATIENCE = 2
 LASTING = 8  # at the end the slowest states that seem chaotic are followed for this many times their limit of impacts
 # least lower edge of the strip of small speeds, in natural speeds; it is used if the capture speed is smaller
@@ -109,7 +109,7 @@ class _Cells:
         self.longer = most_impacts_to_rest(delta) / LONGEST_REST
         self.tau, self.v = np.full((n, STARTS), np.nan), np.full((n, STARTS), np.inf)
         self.balls = np.zeros(n, np.int64)  # number of capture regions whose preimages are already computed
-        self.sampled = self.first_set(n)
+        self.sampled = self.first_states(n)
         tau, v = (each.copy() for each in self.sampled)
         at = Parameters(ImpactingClassifier.model, delta, epsilon, beta)
         self.classifier = ImpactingClassifier.classify(at, tau, v)
@@ -123,18 +123,18 @@ class _Cells:
         self.most = self.most.astype(np.int64)
         self.undecided = np.full(n, np.inf)
 
-    def first_set(self, n: int) -> tuple[Array, Array]:
-        """Return τ and v (n, 2 · SAMPLED) of the first states of n cells, half over the strip, half over all speeds."""
+    def first_states(self, n: int) -> tuple[Array, Array]:
+        """Return τ and v (n, 2 · SAMPLED) of the states to classify first: half uniform in ln v, half uniform in v."""
         (tau, v), (x, y) = self.states_in_strip(self.v_max, 0), sobol_points(SAMPLED).T
         plane = self.v_max[:, None] * (y + 0.5 / SAMPLED)
         return np.hstack([tau, np.tile(x, (n, 1))]), np.hstack([v, plane])
 
-    def keep_from_first_set(self) -> None:
-        """Keep the slowest states of the first set that leave quiet motion, and the slowest of their preimages."""
+    def keep_first_states(self) -> None:
+        """Keep the slowest states of `first_states` found to leave quiet motion, and the slowest of their preimages."""
         (tau, v), status = self.sampled, self.classifier.status
         away = (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[:, None])
         self.undecided = np.where((status != Outcome.QUIET) & ~away, v, np.inf).min(axis=1)
-        self.keep_lowest(tau, np.where(away, v, np.inf))
+        self.keep_slowest(tau, np.where(away, v, np.inf))
         self.keep_preimages(away, tau, v)
 
     def states_in_strip(self, below: Array, i: int) -> tuple[Array, Array]:
@@ -157,8 +157,8 @@ class _Cells:
         status = self.classifier.outcomes_of(cell, tau, v, times * self.most[cell])
         return (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[cell])
 
-    def keep_lowest(self, tau: Array, v: Array) -> None:
-        """Keep the slowest of the new states (n, k) and the kept states, at different phases; v = inf is no state."""
+    def keep_slowest(self, tau: Array, v: Array) -> None:
+        """Keep the slowest of the new (n, k) and the kept states, at different phases; v = inf means no state."""
         tau, v = np.append(self.tau, tau, axis=1), np.append(self.v, v, axis=1)
         for i in range(STARTS):
             each, one = np.arange(v.shape[0]), np.argmin(v, axis=1)
@@ -194,7 +194,7 @@ class _Cells:
         cell, tau, v = (np.append(x, y) for x, y in zip(states, self.new_edges(), strict=True))
         delta, epsilon, beta = (x[cell] for x in self.classifier.cells[:3])
         steps, ceiling = (PREIMAGES * self.longer[cell]).astype(np.int64), self.ceiling[cell]
-        tau, v = lowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta)
+        tau, v = slowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta)
         order = np.lexsort((tau, v, cell))
         rank = np.arange(cell.size) - np.searchsorted(cell[order], cell[order])
         order, rank = order[rank < TRIED], rank[rank < TRIED]
@@ -203,10 +203,10 @@ class _Cells:
         low[low] = self.leaves_quiet(cell[low], tau[low], v[low])
         found_tau, found = np.zeros((len(self.v), TRIED)), np.full((len(self.v), TRIED), np.inf)
         found_tau[cell, rank], found[cell, rank] = tau, np.where(low, v, np.inf)
-        self.keep_lowest(found_tau, found)
+        self.keep_slowest(found_tau, found)
 
     def search_strip(self) -> None:
-        """Classify further sets of states over the strip below the least speed so far, as long as this speed falls."""
+        """Classify sets of states below the least speed found to leave quiet motion, as long as this speed falls."""
         pending = np.arange(len(self.v))
         for i in range(1, ROUNDS + 1):
             if not pending.size:
@@ -216,7 +216,7 @@ class _Cells:
             away = np.zeros(v.shape, np.bool_)
             cell = np.repeat(pending, SAMPLED)
             away[pending] = self.leaves_quiet(cell, tau[pending].ravel(), v[pending].ravel()).reshape(-1, SAMPLED)
-            self.keep_lowest(tau, np.where(away, v, np.inf))
+            self.keep_slowest(tau, np.where(away, v, np.inf))
             self.keep_preimages(away, tau, v)
             pending = pending[self.v[pending, 0] < before[pending]]
 
@@ -269,7 +269,8 @@ def boundary_distances(
     """
     broadcast = broadcast_parameters(delta, epsilon, beta)
     d, e, b = (np.array(x, order="C").ravel() for x in broadcast)
-    require(d.size * STATES * (1 + COPIES) <= 64 * MOST_SAMPLES, f"{d.size} cells are too many at once: give fewer")
+    most = 64 * MOST_SAMPLES // (STATES * (1 + COPIES))
+    require(d.size <= most, f"{d.size:,} cells are too many at once: give at most {most:,}")
     highest = sampled_speeds(v_max, d, e, b)
     found = BoundaryDistance(np.zeros(d.size), np.full(d.size, np.nan), np.full(d.size, np.inf))
     below = e < quiet_limit(d)
@@ -278,7 +279,7 @@ def boundary_distances(
     quiet = np.flatnonzero(below & ~late)
     if quiet.size:
         cells = _Cells(d[quiet], e[quiet], b[quiet], highest[quiet])
-        cells.keep_from_first_set()
+        cells.keep_first_states()
         cells.search_strip()
         cells.search_patterns()
         cells.confirm_chaos()
@@ -291,7 +292,7 @@ def boundary_distances(
 
 
 @kernel
-def lowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta):
+def slowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta):
     """Return the slowest of the preimages Π⁻ᵏ, 0 ≤ k ≤ steps, of each state of flat arrays.
 
     A state is followed back no further than its first preimage with a speed above `ceiling`. All arguments are arrays

@@ -25,7 +25,7 @@ from rattle.parameters import Parameters
 def elastic_cells(
     delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: NDArray[np.float64], quiet: NDArray[np.float64]
 ) -> ImpactingCells:
-    """Return the record of n cells with elastic impacts that kernels take. quiet (n,): their `quiet_invariant`."""
+    """Return the record for kernels of n cells with elastic impacts. quiet (n,): its field `quiet_invariant`."""
     return ImpactingCells(delta, epsilon, beta, quiet, np.ones_like(delta), np.zeros_like(delta))
 
 
@@ -36,7 +36,7 @@ def cells_of(parameters: Parameters) -> ImpactingCells:
 
 
 def roughness_of(cells: Any) -> NDArray[np.float64]:
-    """Return the amplitude of the contact force of each cell (n_cells,), divided by its mean."""
+    """Return, for each cell (n_cells,), the amplitude of the contact force divided by the force's mean."""
     with np.errstate(over="ignore"):  # the ratio overflows for a subnormal δ
         return np.asarray(Forcing(cells.epsilon).relative_swing(cells.delta))
 
@@ -49,7 +49,7 @@ def sorted_by_roughness(
 
 
 def quiet_invariant(parameters: Parameters) -> float:
-    """Return the `capture_invariant` of the first of these points, the largest v³/g of bounces sure to become quiet."""
+    """Return `capture_invariant` at the first point: the limit of v³/g of bounces that are certain to become quiet."""
     point = parameters.point()
     return capture_invariant(point["delta"], point["epsilon"], point["beta"])
 
@@ -103,7 +103,7 @@ class ImpactingClassifier(Classifier):
         find_radii_in_lanes(self._block, centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
-        """Follow these samples in lanes until each has an outcome or reaches its limit of impacts."""
+        """Follow samples in lanes until each has an outcome or reaches its limit. early: check lanes more often."""
         flights = CHUNK if early else LONG_CHUNK
         which, tables = (
             sorted_by_roughness(which, samples, self._roughness),

@@ -10,7 +10,7 @@ import numpy as np
 
 from rattle.errors import RattleError, require_number
 from rattle.impacting.bifurcations.codimension_two import codimension_two
-from rattle.impacting.crisis.contact import Crisis, frame_at, solve_contact
+from rattle.impacting.crisis.contact import Crisis, saddle_manifolds_at, solve_contact
 from rattle.impacting.crisis.escape import (
     SAMPLES,
     FollowedManifold,
@@ -61,7 +61,7 @@ def _gaps_to_try(delta: float, beta: float) -> Array:
         last = min(last, HIGHEST * floor)
     if last <= first:
         raise RattleError(
-            f"at delta = {delta} the saddle A is born at the quiet limit, so no quiet motion exists to escape to"
+            f"at delta = {delta} the saddle A is born at the quiet limit or above it, where no quiet motion exists"
         )
     gaps = first * np.exp(STEP * np.arange(int(np.log(last / first) / STEP) + 1))
     return np.asarray(gaps[period_one(delta, floor + gaps, beta).exists[0]], np.float64)
@@ -122,7 +122,7 @@ def _returns_of_orbit(delta: float, beta: float, gap: float, s: float) -> tuple[
         The number of impacts on Σ⁺ until one impact before its first impact on Σ⁻ (−1 if there is none), and from there
         the numbers of impacts until each time at which the orbit comes close to W^s(A) near A.
     """
-    here = frame_at(delta, float(sn1_formula(delta)) + gap, beta)
+    here = saddle_manifolds_at(delta, float(sn1_formula(delta)) + gap, beta)
     states, met, entries, inside, farthest = here.unstable_manifold.image(np.array([s]), 0)[1], -1, [], True, 0.0
     for j in range(MOST_STEPS + int(20.0 / np.log(here.unstable_manifold.multiplier))):
         ok, states, _, bounces = here.unstable_manifold.map(states, 1)
@@ -178,7 +178,7 @@ def _contact_of_run(delta: float, beta: float, low: float, high: float, run: Arr
         raise RattleError(
             f"no contact was found at epsilon = {sn1_formula(delta) + high}: the escaping orbit does not return to A"
         )
-    here = frame_at(delta, float(sn1_formula(delta)) + high, beta)
+    here = saddle_manifolds_at(delta, float(sn1_formula(delta)) + high, beta)
     run = run * here.unstable_manifold.multiplier**met
     found, last = [], RattleError("")
     for n in entries:
@@ -221,7 +221,7 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
     Returns
     -------
     Crisis
-        With its ε, and whether a corner or a tangency touches W^s(A).
+        The crisis, with its ε and the shape of W^u(A) at the contact: a corner or a tangency.
 
     Raises
     ------

@@ -193,7 +193,7 @@ def trace_of_one_flight(delta, x):
 
 @kernel
 def single_impact_orbit(cosine, delta, epsilon, beta, offset):
-    """Return (admissible, τ, v, trace of the tangent map) of A if cosine < 0, of C if cosine > 0."""
+    """Return (admissible, τ, v, trace of tangent map) of A (cosine = −1) or C (1). offset: ε sin 2πτ of both."""
     v = TWO_PI * delta
     if epsilon < abs(offset) or epsilon == 0.0:
         return False, 0.0, v, 0.0
@@ -268,6 +268,8 @@ def period_one_cells(
     order: NDArray[np.int64], delta: Array, epsilon: Array, beta: Array, offset: Array
 ) -> tuple[NDArray[np.bool_], Array, Array, Array]:
     """Return all admissible A–D at flat arrays of parameters, visited in `order` so that equal (δ, β) are adjacent.
+
+    offset (n,): ε sin 2πτ of A and C.
 
     Returns
     -------

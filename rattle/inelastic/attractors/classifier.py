@@ -119,7 +119,7 @@ class InelasticClassifier(Classifier):
         return super().may_leak(cells) & (~self.is_lossy[cells] | self.weak[cells])
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return True for cells with elastic impacts; for others, `judge_by_probes` tests if samples leave chaos."""
+        """Return flags (k,) of cells with elastic impacts, whose probes wait until no more samples settle."""
         return ~self.is_lossy[cells]
 
     def judge_by_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -132,13 +132,15 @@ class InelasticClassifier(Classifier):
     def watch_for_contact(self, cells: NDArray[np.int64], decided: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Follow states close to the unresolved samples of these cells (k,), to see whether they leave the chaotic set.
 
-        If some states reach quiet motion or an orbit, the unresolved samples are assigned to these attractors in the
-        same proportions. decided (k,): flags of the cells that are decided already.
+        If some states reach quiet motion or an orbit, the cell is not chaotic: its unresolved samples are assigned to
+        these attractors in the same proportions. If a state reaches an orbit without contact, this is done in the last
+        stage only; before it, the samples are followed further. decided (k,): flags of the cells that are decided
+        already.
 
         Returns
         -------
         ndarray of bool, (k,)
-            True for cells that are decided now.
+            `decided` after this test.
         """
         if not cells.size:
             return decided
@@ -236,7 +238,7 @@ def attractors_of(
     harmonics : sequence of (int, float, float)
         The harmonics besides the first, the same for all cells: see `rattle.Gear`.
     count, v_max, seed, budget, tau, v_min
-        The sample of each cell, as in `rattle.attractors_of`.
+        The samples of each cell, as in `rattle.attractors_of`.
 
     Returns
     -------

@@ -19,7 +19,7 @@ from rattle.proof.balls import PI, arb, arb_series
 
 #: Number of parts of a forcing period; the bounds are computed over each part.
 PARTS = 128
-#: Largest allowed ratio of h²Q to 2δ, (20.5) of docs/proofs.md. v³/g decays from impact to impact if it is below 1.
+#: Largest allowed ratio of h²Q to 2δ, (20.5) of docs/proofs.md. v³/g decays from impact to impact if h²Q/2δ < 1.
 GROWTH_SHARE = 0.95
 
 
@@ -42,7 +42,7 @@ def require_captures(piece: PlanePiece, speed: Fraction) -> None:
 
 
 def _scaled_force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """Return the force g/4πδ = 1 − share cos 2πt and three derivatives of it, at a time t after a minimum."""
+    """Return the force g/4πδ = 1 − share cos 2πt and three derivatives of it, at a time t after a minimum of g."""
     sine, cosine = (2 * t).sin_cos_pi()
     turn = 2 * PI()
     return 1 - share * cosine, turn * share * sine, turn**2 * share * cosine, -(turn**3) * share * sine
@@ -53,8 +53,8 @@ def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
 
     x is the time of equation (20.2) of docs/proofs.md. invariant: an upper bound of v³/g at the impacts. Let v be the
     speed at which a bounce starts, at x = 0, and "least" the minimum of g during 2H, both in units in which the mean of
-    g is 1. A bounce returns within 2H if v < H · least, because its height is y ≤ x (v − x least/2). It stays lower
-    than y = v²/(2 least).
+    g is 1. A bounce returns within 2H if v < H · least, because its height is y ≤ x (v − x least/2). The bounce
+    stays lower than v²/(2 least).
 
     Returns
     -------
@@ -85,7 +85,7 @@ def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
 
 
 def _growth_coefficient(middle: arb, h: arb, delta: arb, share: arb) -> arb:
-    """Return Q, (20.4) of docs/proofs.md, for bounces with the middle in a ball that last at most 2h in the time x."""
+    """Return Q, (20.4) of docs/proofs.md, for bounces around the time `middle` that last at most 2h in the time x."""
     w = hull(1 / (1 + delta * h), 1 / (1 - delta * h))  # an enclosure of e^(δ(t − t₀)) along the bounce
     time = hull(-(1 + delta * h).log() / delta, -(1 - delta * h).log() / delta)
     a, a1, _, _ = _acceleration_derivatives(middle, arb(1), delta, share)

@@ -136,7 +136,7 @@ def _passes_sigma_minus(piece: PlanePiece, least: arb) -> bool:
 
 
 def _time_of_minimum(delta: float, x: float) -> float:
-    """Return a guess, in doubles, of the time s at which the displacement F is least. If it is bad, a proof fails."""
+    """Return a guess, in doubles, of the time s at which the displacement F is least; a bad guess makes proofs fail."""
     s, step = 0.5, 0.5
     for _ in range(4):
         near = s + np.linspace(-step, step, 101)[1:-1]

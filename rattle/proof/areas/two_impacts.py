@@ -102,7 +102,10 @@ def solve_linear(first: Sequence[arb], second: Sequence[arb]) -> list[arb]:
 
 
 class SolutionCell:
-    """The solutions of (16.2) and (16.3), docs/proofs.md, with start ≤ s ≤ end, at all δ of a ball and one β."""
+    """The solutions of (16.2) and (16.3), docs/proofs.md, with start ≤ s ≤ end, at all δ of a ball and one β.
+
+    s is the time from the impact on Σ⁺ to the impact on Σ⁻.
+    """
 
     def __init__(self, start: arb, end: arb, delta: arb, beta: arb) -> None:
         self.start, self.end, self.delta, self.beta = start, end, delta, beta
@@ -114,8 +117,8 @@ class SolutionCell:
         middle = (self.start + self.end) / 2
         if not self.end - self.start > NARROWEST:
             raise NotProvedError(
-                f"near s = {float(middle):.4f} a cell of width {NARROWEST:.0e} does not decide which motions B or D "
-                "exist: try a smaller block"
+                f"it is undecided whether a B or D takes {float(middle):.4f} forcing periods from Σ⁺ to Σ⁻: "
+                "try a smaller block"
             )
         return self.cell_between(self.start, middle), self.cell_between(middle, self.end)
 
@@ -269,7 +272,7 @@ class SolutionCell:
 
     @cached_property
     def is_monotone_between_impacts(self) -> bool:
-        """True if Φ is proved to fall all the way from Σ⁺ to Σ⁻ and to rise all the way back, by Lemma 18."""
+        """True if Φ is proved to fall from Σ⁺ to Σ⁻ and to rise all the way back, by Lemma 18 of docs/proofs.md."""
         falls = self._slope_has_sign(-1, arb(0), lower(self.s))
         return falls and self._slope_has_sign(1, upper(self.s), arb(1))
 
@@ -308,7 +311,13 @@ class SolutionCell:
         return force_at_phase(self.delta, x * cosine - y * sine, y * cosine + x * sine)
 
     def slope(self, t: arb, sign: int) -> arb:
-        """Return Φ' a time t after the impact on Σ⁺, on the flight to Σ⁻ (sign −1) or back (1), by (18.1)."""
+        """Return Φ' a time t after the impact on Σ⁺, on the flight to Σ⁻ (sign −1) or back (1).
+
+        Returns
+        -------
+        arb
+            The enclosure by (18.1) of docs/proofs.md.
+        """
         x, y, v, u = self.solution.over
         departure, start = (self.s, u) if sign > 0 else (arb(0), -v)
         sine, cosine = (2 * t).sin_cos_pi()
@@ -319,7 +328,7 @@ class SolutionCell:
 
     @cached_property
     def margins(self) -> list[arb]:
-        """The stability margins (1 + E − T) uv/2 and (1 + E + T) uv/2, (19.2) and (19.3), over the cell."""
+        """The stability margins (1 + E ∓ T) uv/2 over the cell: (19.2) and (19.3) of docs/proofs.md."""
         solution, s, delta = self.solution, self.s, self.delta
         along_s = [arb_series([x, slope]) for x, slope in zip(solution.over, solution.by_s, strict=True)]
         along_delta = [arb_series([x, slope]) for x, slope in zip(solution.over, solution.by_delta, strict=True)]
@@ -381,7 +390,9 @@ def cells_of_motions(
         else:
             decided.append((answer, cell))
     if decided[0][0] or decided[-1][0]:
-        raise NotProvedError(f"it is not proved that no motion {letter} has s = 0 or s = 1: try a smaller block")
+        raise NotProvedError(
+            f"it is not proved that no motion {letter} has both impacts at the same phase: try a smaller block"
+        )
     runs = [[cell for _, cell in group] for answer, group in groupby(decided, lambda each: each[0]) if answer]
     return [run for run in runs if _crosses_block(piece, run, letter)]
 

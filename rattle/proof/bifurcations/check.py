@@ -34,7 +34,7 @@ from rattle.proof.check import (
 #: Half-width, in times and parameters, of the box in which one zero is proved.
 RADIUS = IV.mpf(10) ** -16
 #: Half-width of this box in velocities, as a multiple of its half-width in times.
-FASTER = 1000
+VELOCITY_FACTOR = 1000
 #: Parameters that may be unknowns.
 FREE = ("delta", "epsilon")
 #: Walls and grazing impact of P(1,1,0), of P(1,1,1), and of P(1,1,1) with a graze on Σ⁻.
@@ -143,7 +143,7 @@ class Bifurcation:
         )
         require(
             len(known) + len(solved) == 3 and len(solved) == (2 if self.point else 1),
-            "`solved` must have one parameter, and two for a codimension-two point",
+            "`solved` must have one parameter, or two parameters for a codimension-two point",
         )
         self.known = {name: interval_of_text(value) for name, value in known.items()}
         self.free = [name for name in FREE if name in solved]
@@ -199,8 +199,9 @@ class Bifurcation:
     def bifurcation_condition(self, pieces: Sequence[Any], delta: ParameterJet) -> ParameterJet:
         """Return the function of the tangent map of (Φ, Φ') that is 0 at the bifurcation point.
 
-        The map starts at the grazing impact, or for a saddle-node or flip at the first impact. pieces: for each flight
-        of duration t (1 − e^(−δt))/δ, e^(−δt), −2g at its end (None at the graze), and the velocity after its end.
+        The map starts at the grazing impact, or for a saddle-node or flip at the first impact. pieces: one
+        tuple for each flight, with (1 − e^(−δt))/δ and e^(−δt) for its duration t, −2g at its end (None if it ends at
+        the graze), and the velocity after its end.
 
         Returns
         -------
@@ -227,7 +228,7 @@ class Bifurcation:
         """Return intervals that contain the only zero in the box (Lemma 2 of docs/proofs.md). Raises Refused."""
         x = self.box_centre()
         size = len(x)
-        radii = [RADIUS * (FASTER if i < 2 * self.n and i % 2 else 1) for i in range(size)]
+        radii = [RADIUS * (VELOCITY_FACTOR if i < 2 * self.n and i % 2 else 1) for i in range(size)]
         spread = [radius * UNIT for radius in radii]
         values, rows = self.equations(x)
         require(len(values) == size, "`kind` and `name` have not as many equations as there are unknowns")

@@ -114,7 +114,15 @@ class EvaluatedSystem:
         return arb_mat(columns).transpose()
 
     def _equation_values(self, at: list[Series]) -> list[Series]:
-        """Return the values of all equations: R; for a graze w₁ and a condition; otherwise J(μ) φ and ⟨l, φ⟩ − 1."""
+        """Return the values of all equations: R, then those of the bifurcation.
+
+        For a graze these are w₁ and, at a codimension-two point, the second condition; otherwise J(μ) φ and ⟨l, φ⟩ − 1.
+
+        Returns
+        -------
+        list[Series]
+            The values (N,).
+        """
         motion, (delta, epsilon) = self.system.motion, self.system.parameters(at)
         n, times = motion.n, at[: motion.n]
         zero = arb_series([0])

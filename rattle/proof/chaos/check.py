@@ -244,7 +244,7 @@ class HorseshoeClaim:
     def coordinates_in(
         self, target: int, periods: int, found: tuple[Vector, tuple[Vector, Vector]]
     ) -> tuple[Vector, list[Any]]:
-        """Return ξ and η of an image in the coordinates of the set `target`, and how much each side adds to them."""
+        """Return ξ and η of an image in the set `target`, and how much each side of the image adds to them."""
         (t, v, a, c, b, d), (middle, sides) = self.sets[target], found
         size = a * d - b * c
         require(is_positive(size) or is_positive(-size), "the sides of a set are parallel, so it has no area")
@@ -267,17 +267,19 @@ class HorseshoeClaim:
         self.sides_of_parts(source, target, word, periods, WHOLE, inside=True)
 
     def sides_of_parts(self, source: int, target: int, word: int, periods: int, part: Part, inside: bool) -> set[int]:
-        """Return the sides of the set `target` to which parts of the set `source` are mapped, once all are proved.
+        """Return where Π maps `part` of the set `source`, in the coordinates of the set `target`.
+
+        The part is halved until the place of every piece is proved.
 
         Returns
         -------
         set[int]
-            1 if points are mapped to ξ > 1, −1 if to ξ < −1, 0 if to |η| < 1, which only `inside` allows.
+            1 if a piece is mapped to ξ > 1, −1 if to ξ < −1, and, only if `inside`, 0 if another is mapped to |η| < 1.
 
         Raises
         ------
         Refused
-            If a side stays undecided.
+            If the place of a piece stays undecided.
         """
         parts, sides = [part], set()
         for _ in range(MOST_PARTS):
@@ -310,14 +312,22 @@ class HorseshoeClaim:
         t, v, *along = self.numbers[number]
         require(
             abs(t) + abs(along[0]) + abs(along[2]) < 1.5,
-            f"the times of set {number} must be in the first forcing period",
+            f"the times of set {number} must be within 1.5 forcing periods of 0",
         )
         signs = [(x, y) for x in (-1, 1) for y in (-1, 1)]
         return [(t + periods + x * along[0] + y * along[2], v + x * along[1] + y * along[3]) for x, y in signs]
 
 
 def halves(part: Part, added: list[float]) -> list[Part]:
-    """Return both halves of a part, cut across its more stretched side. Raises Refused if the part is too small."""
+    """Return both halves of a part, cut across its more stretched side. Raises Refused if the part is too small.
+
+    added: how much each side of the part adds to the coordinates of its image.
+
+    Returns
+    -------
+    list[Part]
+        The two halves.
+    """
     xi, eta, width, height = part
     require(max(width, height) > 2.0**-14, "a set is not proved to be stretched across the next set")
     if width and (not height or (added[0], width) >= (added[1], height)):

@@ -147,7 +147,7 @@ class MappedSet:
                     yield 0
                     continue
                 if _is_refuted(xi, eta, grown, inside):
-                    raise NotProvedError("a set is not stretched across the next set")
+                    raise NotProvedError("a set is not proved to be stretched across the next set")
             parts += _halves(here, grown)
 
 
@@ -160,7 +160,15 @@ def _coordinates_in(target: HSet, periods: int, found: Image) -> tuple[tuple[arb
 
 
 def _is_refuted(xi: arb, eta: arb, grown: Sequence[float], inside: bool) -> bool:
-    """Return whether cutting a part further cannot help, because its image is small or is where it must not be."""
+    """Return whether to give up, because the image of a part is where it must not be, or is small and still undecided.
+
+    grown: how much each side of the image adds to its coordinates.
+
+    Returns
+    -------
+    bool
+        True if cutting the part further cannot help.
+    """
     return max(grown) < FINEST * 8 or bool(abs(xi) < 1 and (abs(eta) > 1 or not inside))
 
 

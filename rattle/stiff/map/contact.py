@@ -23,7 +23,7 @@ ENDS, LASTS, STAYS, TOO_LONG = range(4)
 LONGEST = 1000.0  # longest search for the end of a contact, in forcing periods, besides DECAYS decay times
 DECAYS = 100.0  # number of decay times of a free motion that the longest search includes
 SHORT = 0.5  # value of (δ + √(2κ)) s below which the response S is computed by a Taylor series
-TERMS = 16  # number of terms of this series
+TERMS = 16  # number of terms of the Taylor series of the response S
 SAFETY_FACTOR = 0.999  # factor by which depths of permanent contact are reduced, against rounding errors
 
 
@@ -243,8 +243,9 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     s, x, v = 0.0, x0, w0
     while s < horizon:
         rest, rest_v = steady_contact(s, contact)
-        reach = math.sqrt((x - rest) ** 2 + (v - rest_v) ** 2 / (2.0 * kappa))  # bound of |x − rest| from here on
-        if delta < 0.0:  # backwards in time the difference grows without bound
+        # bound, from here on, of the difference of the depth x from that of permanent contact, `rest`
+        reach = math.sqrt((x - rest) ** 2 + (v - rest_v) ** 2 / (2.0 * kappa))
+        if delta < 0.0:  # backwards in time this difference grows without bound
             reach = math.inf
         if reach < SAFETY_FACTOR * least and horizon == math.inf:
             return STAYS, s, x, v, 0.0, 0.0

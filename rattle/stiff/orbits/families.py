@@ -4,8 +4,11 @@ A family is a connected curve of solutions at fixed δ, β and κ. It is followe
 virtual. Families of P(1,1,0) are sought at many durations of the contact; for a given duration the equations are linear
 in ε cos 2πt and ε sin 2πt. Families of P(1,1,1) are sought with Newton's method from the impacting limit, which is
 explicit too, at many times from Σ⁺ to Σ⁻, and from every graze of a P(1,1,0). These guesses hold for a forcing of one
-cosine. A letter belongs to a part of a family between folds, in this order: A, SN1, C, (graze, fold at G1), B, SN2, D,
-(fold at G2, graze), A.
+cosine.
+
+A letter belongs to a part of the curve between folds: A, SN1, C, fold at G1, B, SN2, D, fold at G2, A. At a graze just
+before the fold at G1, and at a graze just after the fold at G2, the families of P(1,1,1) and of P(1,1,0) meet, and the
+letter C or A continues from one to the other.
 """
 
 from collections.abc import Iterator, Sequence
@@ -182,9 +185,10 @@ def explicit_solutions(cycle: Cycle, offset: Array, duration: Array) -> Array:
 
 
 def _guess_of_sn1(cycle: Cycle) -> Array | None:
-    """Return unknowns (3,) close to SN1, the fold of P(1,1,0) whose σ is nearest to π; None if there is no fold."""
+    """Return unknowns (3,) close to SN1, the fold of P(1,1,0) whose duration σ is nearest to π; None if no fold."""
     p = softness(cycle.kappa)
-    hard = p * np.geomspace(1e-2, 1e4, DURATIONS)  # distances of σ from π: that of SN1 is about 2p · force / speed
+    # distances of the duration σ from π at which SN1 is sought; its own distance is about 2p · force / speed
+    hard = p * np.geomspace(1e-2, 1e4, DURATIONS)
     duration = np.concatenate([np.linspace(0.0, 4 * np.pi, DURATIONS), np.pi - hard, np.pi + hard])
     duration = np.unique(duration[(duration > 0.0) & (duration < 0.999 / p)])
     found = explicit_solutions(cycle, np.zeros((duration.size, 1)), duration[:, None])
@@ -276,8 +280,9 @@ def guesses_at_grazes(family: StiffFamily) -> list[Array]:
 def _letters_of_parts(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple[str, ...]:
     """Return the letters of a family of P(1,1,1).
 
-    Where the contact with Σ⁻ is lost the motion continues as a P(1,1,0), and the last part of the family has the letter
-    of this P(1,1,0). One exception: a part that continues as C but does not fold back to B is D (docs/stiff.md).
+    Where the family ends because the contact with Σ⁻ is lost, the motion continues as a P(1,1,0), and the part at this
+    end has the letter of this P(1,1,0). One exception: a part that continues as C but does not fold back to B is D
+    (docs/stiff.md). Other parts are B if their motions are saddles with a multiplier above 1, else D.
 
     Returns
     -------

@@ -18,7 +18,7 @@ def y_of_damping(d: Jet) -> Jet:
 
 
 def height_at(t: Jet, d: Jet, x: Interval) -> Jet:
-    """Return the displacement Φ − β at a time t after the impact, (15.3) of docs/proofs.md, for δ = d and X = x."""
+    """Return Φ − β at a time t after the impact, (15.3) of docs/proofs.md, for δ = d and ε cos 2πτ = x."""
     sine, cosine = t.sine_and_cosine(2)
     y = y_of_damping(d)
     rest = ((2 - y + d) * (2 * PI)) / d
@@ -28,8 +28,8 @@ def height_at(t: Jet, d: Jet, x: Interval) -> Jet:
 class OneImpact:
     """The motion A or C over a block: all δ of the interval d, and low ≤ ε² ≤ high.
 
-    born: True if (15.1) and (15.2) are proved to have a solution at all points of the block. unborn: True if they are
-    proved to have a solution at none. x: an enclosure of X over the block.
+    born: True if (15.1) and (15.2) of docs/proofs.md are proved to have a solution at all points of the block. unborn:
+    True if they are proved to have a solution at none. x: an enclosure of X = ε cos 2πτ over the block.
     """
 
     def __init__(self, letter: str, d: Interval, beta: Interval, low: Interval, high: Interval) -> None:
@@ -86,7 +86,7 @@ class OneImpact:
         box = ParameterBox(ZERO, self.d)
 
         def flip_x(d: Jet) -> Jet:
-            """Return the X at which C flips, (15.4) of docs/proofs.md; a motion with 0 < X < this value attracts."""
+            """Return the X = ε cos 2πτ at which C flips, (15.4) of docs/proofs.md; C attracts if 0 < X < this value."""
             end = d.exp_minus()
             return d * d * (1 + end) / (1 - end) * (1 / (2 * PI))
 

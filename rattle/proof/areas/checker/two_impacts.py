@@ -75,7 +75,10 @@ def stability_margins(t: EquationTerms, z: list[Jet]) -> list[Jet]:
 
 
 class Cell(ParameterBox):
-    """The solutions of (16.10) and (16.11), docs/proofs.md, with s in an interval, at all δ of another interval."""
+    """The solutions of (16.10) and (16.11), docs/proofs.md, with s in an interval, at all δ of another interval.
+
+    s is the time from the impact on Σ⁺ to the impact on Σ⁻.
+    """
 
     def __init__(self, s: Interval, d: Interval, beta: Interval) -> None:
         super().__init__(s, d)
@@ -84,7 +87,8 @@ class Cell(ParameterBox):
         over, centre = (half_way_equations(terms, beta) for terms in (self.over, self.mid))
         # the equations are a Z₁ + c Z₂ = b and e Z₁ + g Z₂ = h
         a, c, b, e, g, h = (self.mean_value(m.x, o) for m, o in zip(centre, over, strict=True))
-        self.least_squares = [b**2 / (a**2 + c**2), h**2 / (e**2 + g**2)]  # lower bounds of ε²: (16.8)
+        # lower bounds of ε², (16.8) of docs/proofs.md
+        self.least_squares = [b**2 / (a**2 + c**2), h**2 / (e**2 + g**2)]
         self.solvable = is_less(ZERO, a * g - c * e) or is_less(a * g - c * e, ZERO)
         if self.solvable:
 
@@ -106,7 +110,7 @@ class Cell(ParameterBox):
             self.middle = [each.x for each in speeds_and_square(self.mid, self.z0)]
 
     def enclose(self, of: Callable[..., list[Jet]]) -> list[Jet]:
-        """Return values and derivatives over the cell of the functions that `of` computes from the terms and Z₁, Z₂."""
+        """Return enclosures, with derivatives, of the functions that `of` computes from terms and (Z₁, Z₂)."""
         if of not in self.known:
             centre, over = of(self.mid, self.z0), of(self.over, self.z)
             self.known[of] = [Jet(self.mean_value(m.x, o), o.s, o.d) for m, o in zip(centre, over, strict=True)]
@@ -136,7 +140,7 @@ class Cell(ParameterBox):
             return False
         if not (self.solvable and is_less(ZERO, slope * self.square.s) and is_less(ZERO, self.v.x)):
             return None
-        # the motion reaches Σ⁻ if u > 0, at least wherever low ≤ ε² ≤ high
+        # the motion reaches Σ⁻ where u > 0; solutions with u ≤ 0 are allowed if their ε² is proved outside low … high
         reaches = is_less(ZERO, self.u.x) or is_less(high, self.square_plus_speed(1))
         if not (reaches or is_less(-low, self.square_plus_speed(-1))):
             return None
@@ -185,7 +189,7 @@ class Cell(ParameterBox):
 
 
 class Column:
-    """The cells with 0 ≤ s ≤ 1 over an interval of δ. They are kept: all claims about this interval use them."""
+    """The cells with 0 ≤ s ≤ 1, s the time from Σ⁺ to Σ⁻, over an interval of δ, kept for all claims about it."""
 
     def __init__(self, delta: Part, beta: Fraction) -> None:
         self.d, self.beta = interval_between(*delta), interval_between(beta, beta)
@@ -199,26 +203,39 @@ class Column:
         return self.cells[low, high]
 
     def parts_of_motions(self, slope: int, low: Interval, high: Interval) -> list[list[Part]]:
-        """Return for each motion D (slope 1) or B (slope −1) with low ≤ ε² ≤ high the parts of 0 ≤ s ≤ 1 with it."""
+        """Return the motions D (slope 1) or B (slope −1) with low ≤ ε² ≤ high, each as a run of parts of 0 ≤ s ≤ 1."""
         decided, parts = [], [(Fraction(0), Fraction(1))]
         while parts:
             first, last = parts.pop()
             answer = self.cell(first, last).all_solutions_are(slope, low, high)
             if answer is None:
                 wide = last - first > self.narrowest
-                require(wide, f"near s = {float(first):.4f} it is undecided whether B or D exists")
+                require(
+                    wide, f"it is undecided whether a B or D takes {float(first):.4f} forcing periods from Σ⁺ to Σ⁻"
+                )
                 parts += [((first + last) / 2, last), (first, (first + last) / 2)]
             else:
                 decided.append((answer, (first, last)))
         require(
             not decided[0][0] and not decided[-1][0],
-            "it is not proved that no motion B or D has its impacts at s = 0 or s = 1",
+            "it is not proved that no motion B or D has both impacts at the same phase",
         )
         runs = [[part for _, part in group] for answer, group in groupby(decided, lambda each: each[0]) if answer]
         return [run for run in runs if self.crosses_block(run, slope, low, high)]
 
     def crosses_block(self, run: list[Part], slope: int, low: Interval, high: Interval) -> bool:
-        """Return True if ε²(s) takes each value from low to high once along a run of parts, False if it takes none."""
+        """Return whether ε²(s), monotone along a run of parts, takes each value from low to high exactly once.
+
+        Returns
+        -------
+        bool
+            False if ε²(s) takes none of these values.
+
+        Raises
+        ------
+        BlockRefused
+            If neither is proved.
+        """
         # at each end of the run ε² is outside low … high, and by continuity on one side at every δ: one δ decides which
         sides = []
         for s in (run[0][0], run[-1][1]):
