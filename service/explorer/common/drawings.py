@@ -21,23 +21,22 @@ class DrawingRunner:
 
     If several drawings are requested meanwhile, only the newest follows. While a survey runs, PAUSE seconds pass
     between two drawings.
+
+    Parameters
+    ----------
+    show_error : Callable[[RattleError], object]
+        Shows an error that a drawing raises, while this drawing is the requested one.
     """
 
-    def __init__(self, viewer: Viewer) -> None:
-        self._viewer = viewer
+    def __init__(self, viewer: Viewer, show_error: Callable[[RattleError], object]) -> None:
+        self._viewer, self._show_error = viewer, show_error
         self._wanted: tuple[Hashable, ...] = ()
         self._drawn: tuple[Hashable, ...] = ()
         self._draw: Callable[[], AsyncGenerator[Show, None]] | None = None
         self._pause = 0.0
         self._task: asyncio.Task[None] | None = None
 
-    def request(
-        self,
-        what: Hashable,
-        jobs: Sequence[JobRow],
-        draw: Callable[[], AsyncGenerator[Show, None]],
-        show_error: Callable[[RattleError], object],
-    ) -> None:
+    def request(self, what: Hashable, jobs: Sequence[JobRow], draw: Callable[[], AsyncGenerator[Show, None]]) -> None:
         """Request a drawing of surveys, unless the same drawing is finished or under way.
 
         Parameters
@@ -49,14 +48,9 @@ class DrawingRunner:
             made again.
         draw : Callable[[], AsyncGenerator[Show, None]]
             Yields functions that show the drawing so far. They are called only while `what` is the requested drawing.
-        show_error : Callable[[RattleError], object]
-            Called instead of these functions with an error that `draw` raises.
         """
         self._wanted = what, tuple((job.id, job.state, job.cells_done) for job in jobs)
-        self._draw, self._pause = (
-            partial(_draw_or_fail, draw, show_error),
-            0.0 if all(State(job.state).is_final for job in jobs) else PAUSE,
-        )
+        self._draw, self._pause = draw, 0.0 if all(State(job.state).is_final for job in jobs) else PAUSE
         if self._wanted != self._drawn and (self._task is None or self._task.done()):
             self._task = self._viewer.start(self._keep_drawing())
 
@@ -69,23 +63,16 @@ class DrawingRunner:
     async def _keep_drawing(self) -> None:
         while self._draw is not None and self._wanted != self._drawn:
             drawn = self._drawn = self._wanted
-            async with aclosing(self._draw()) as shows:
-                async for show in shows:
-                    self._show(drawn[0], show)
-                    await asyncio.sleep(self._pause)
-                    if self._wanted != drawn:
-                        break
+            try:
+                async with aclosing(self._draw()) as shows:
+                    async for show in shows:
+                        self._show(drawn[0], show)
+                        await asyncio.sleep(self._pause)
+                        if self._wanted != drawn:
+                            break
+            except RattleError as error:
+                self._show(drawn[0], partial(self._show_error, error))
+                await asyncio.sleep(self._pause)
 
     def _show(self, what: Hashable, show: Show) -> None:
         self._viewer.change(lambda: show() if self._wanted[:1] == (what,) else None)
-
-
-async def _draw_or_fail(
-    draw: Callable[[], AsyncGenerator[Show, None]], show_error: Callable[[RattleError], object]
-) -> AsyncGenerator[Show, None]:
-    try:
-        async with aclosing(draw()) as shows:
-            async for show in shows:
-                yield show
-    except RattleError as error:
-        yield partial(show_error, error)

@@ -77,7 +77,7 @@ class FamiliesView:
             visible=False,
         )  # fmt: skip
         self._extents: dict[str, Extent] = {}
-        self.drawings = DrawingRunner(viewer)
+        self.drawings = DrawingRunner(viewer, self._show_error)
         # id of the survey, number of the slice, number of the family
         self._of: tuple[str, int, int | None] = ("", 0, None)
         self._known: tuple[tuple[Any, ...], FamilyData] | None = None
@@ -96,7 +96,7 @@ class FamiliesView:
             self._of = of
             self._clear_description()
         wanted = (*of, view.window, self._figure.pixels if view.window else ())
-        self.drawings.request(wanted, [job], partial(self._draw, view, job), self._show_error)
+        self.drawings.request(wanted, [job], partial(self._draw, view, job))
 
     async def _draw(self, view: View, job: JobRow) -> AsyncGenerator[Show, None]:
         window, is_too_close, pixels = view.window, self._figure.is_too_close, self._figure.pixels

@@ -20,7 +20,7 @@ from gear_rattle.service.explorer.common.address import (
 )
 from gear_rattle.service.explorer.common.drawings import Show
 from gear_rattle.service.explorer.common.heading import Heading
-from gear_rattle.service.explorer.common.text import Text, alert_html
+from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.further.difference import Difference, require_small
@@ -35,7 +35,6 @@ from gear_rattle.service.explorer.map.survey_map import SurveyMap
 from gear_rattle.service.explorer.state.events import MapChanged, MapRemoved
 from gear_rattle.service.explorer.state.store import Store, request_of_job
 from gear_rattle.workers import SurveyRequest
-from rattle import RattleError
 
 SHOWN = "shown"
 GONE = "This survey is no longer there. Choose another survey for this map."
@@ -88,7 +87,7 @@ class ComparisonMap(SurveyMap):
             return
         of_first = (view.survey, view.variable, view.index, view.slice) if further.minus else ()
         of = (job, first) if first is not None and further.minus else (job,)
-        self.drawings.request((further, of_first), of, partial(self._draw, further, view, *of), self._show_error)
+        self.drawings.request((further, of_first), of, partial(self._draw, further, view, *of))
         if self.plane is not None:
             self._show_window_and_lines(self.plane)
 
@@ -137,9 +136,6 @@ class ComparisonMap(SurveyMap):
             self._show_window_and_lines(plane)
 
         yield show
-
-    def _show_error(self, error: RattleError) -> None:
-        self.show_nothing(alert_html(str(error)))
 
     def _show_no_map(self, why: str) -> None:
         self.drawings.stop()

@@ -13,7 +13,7 @@ import numpy as np
 from gear_rattle.service.explorer.common.address import Limits, MapChoice, Pair, Ranges
 from gear_rattle.service.explorer.common.drawings import DrawingRunner
 from gear_rattle.service.explorer.common.heading import Heading
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.text import Text, alert_html
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring, shown_values, shown_window
 from gear_rattle.service.explorer.map.figure import MapFigure
@@ -48,7 +48,7 @@ class SurveyMap(ABC):
         self.plane: MapPlane | None = None
         self.colours: Colouring | None = None
         self.finer: MapBlock | None = None
-        self.drawings = DrawingRunner(viewer)
+        self.drawings = DrawingRunner(viewer, self.show_error)
         self._chosen: MapChoice | None = None
         self._how: tuple[Limits | Pair, bool] = "auto", False
         self._seen: Callable[[], MapBlock] | None = None  # returns the cells of the window; None for the whole survey
@@ -95,6 +95,10 @@ class SurveyMap(ABC):
         self.forget_window()
         self._count_shares()
         self.said.html = ""
+
+    def show_error(self, error: RattleError) -> None:
+        """Write why the map could not be drawn, in its place."""
+        self.show_nothing(alert_html(str(error)))
 
     def end(self) -> None:
         """Stop all work for a page that was closed."""

@@ -14,7 +14,7 @@ from gear_rattle.service.explorer.common.address import KEYBOARD, MapChoice, Pai
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.drawings import Show
 from gear_rattle.service.explorer.common.heading import Heading
-from gear_rattle.service.explorer.common.text import Text, alert_html
+from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade
 from gear_rattle.service.explorer.map.controls import meaning_of
@@ -109,8 +109,7 @@ class MapView(SurveyMap):
         # such a drawing depends on the pixels
         room = self.figure.pixels if is_large or view.variable == LARGEST else ()
         what = view.survey, view.slice, chosen, view.limits, view.log, room
-        draw, show_error = partial(self._draw, view, job), partial(self._show_error, job)
-        self.drawings.request(what, [] if job is None else [job], draw, show_error)
+        self.drawings.request(what, [] if job is None else [job], partial(self._draw, view, job))
 
     async def _draw(self, view: View, job: JobRow | None) -> AsyncGenerator[Show, None]:
         if job is None:
@@ -128,9 +127,14 @@ class MapView(SurveyMap):
             )
             yield partial(self._show, view, plane, block, colours)
 
-    def _show_error(self, job: JobRow | None, error: RattleError) -> None:
+    def show_error(self, error: RattleError) -> None:
+        """Write why the map could not be drawn, or that the first cells of the survey are being computed."""
+        job = self._store.job
         is_empty = job is not None and job.state == State.RUNNING and not job.cells_done
-        self.show_nothing(BEGINS if is_empty and isinstance(error, MissingError) else alert_html(str(error)))
+        if is_empty and isinstance(error, MissingError):
+            self.show_nothing(BEGINS)
+        else:
+            super().show_error(error)
 
     def show_nothing(self, why: str) -> None:
         """Remove all cells and all text about them, and write why no map is shown. why: HTML."""

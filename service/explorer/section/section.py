@@ -41,7 +41,7 @@ class ProfileSection:
         self.below = FigurePlace()
         self.said = Text("", sheet, margin=(0, 4))
         self._way: tuple[Any, ...] = ()
-        self.drawings = DrawingRunner(viewer)
+        self.drawings = DrawingRunner(viewer, self._show_error)
         self._watch = WidgetWatcher()
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 4)}
         self.variable = pn.widgets.Select(label="Profile of", options={}, width=230, **styled)
@@ -84,12 +84,8 @@ class ProfileSection:
             return
         place = view.point, view.machine, view.point_state.way
         wanted = view.survey, view.slice, view.variable, view.index, view.profile, view.profile_limits, place
-        self.drawings.request(
-            wanted,
-            [job] if job is not None else [],
-            partial(self._draw, view, job, request, opened[1]),
-            lambda error: self._show_error(str(error)),
-        )
+        jobs = [job] if job is not None else []
+        self.drawings.request(wanted, jobs, partial(self._draw, view, job, request, opened[1]))
 
     async def _draw(
         self, view: View, job: JobRow | None, request: SurveyRequest, model: Model
@@ -125,9 +121,9 @@ class ProfileSection:
             self.variable.param.update(options=options, value=chosen.address_text)
             self.delta.value, self.epsilon.value = ends[1]
 
-    def _show_error(self, why: str) -> None:
+    def _show_error(self, why: RattleError | str) -> None:
         self.picture.clear()
-        self.said.html = alert_html(why)
+        self.said.html = alert_html(str(why))
         self.below.panel.visible = True
 
     def _on_variable(self) -> None:

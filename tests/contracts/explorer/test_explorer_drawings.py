@@ -25,10 +25,10 @@ class Slow:
         viewer: Any = SimpleNamespace(
             start=lambda work: asyncio.get_running_loop().create_task(work), change=lambda what: what()
         )
-        self.drawings = DrawingRunner(viewer)
+        self.refused: list[RattleError] = []
+        self.drawings = DrawingRunner(viewer, self.refused.append)
         self.begun: list[tuple[str, int]] = []
         self.shown: list[tuple[str, int]] = []
-        self.refused: list[RattleError] = []
         self.go_on = asyncio.Event()
         self.at_work = 0
 
@@ -45,7 +45,7 @@ class Slow:
                 raise RattleError(what)
             yield lambda: self.shown.append((what, done))
 
-        self.drawings.request(what, [JobRow(id="a", state=state, cells_done=done)], draw, self.refused.append)
+        self.drawings.request(what, [JobRow(id="a", state=state, cells_done=done)], draw)
         await settled()
 
     async def end(self) -> None:
