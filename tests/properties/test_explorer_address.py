@@ -59,7 +59,7 @@ states = st.builds(
     tolerance=st.none() | st.builds(Tolerance, shares, shares, shares),
     at=st.none() | shares,
     tab=st.none() | st.sampled_from(TABS),
-).map(PointState.changed)
+).map(PointState.with_changes)
 views = st.builds(
     View,
     survey=words,

@@ -10,9 +10,10 @@ from typing import Literal, NamedTuple
 from urllib.parse import urlencode
 
 from gear_rattle.service.explorer.common.address_fields import (
+    address_field,
+    allowed_text,
+    bounded_number,
     field_texts,
-    in_address,
-    one_of,
     pair_text,
     parse_pair,
     parse_point,
@@ -209,10 +210,7 @@ def _parse_index(text: str) -> int:
 
 
 def _parse_family(text: str) -> int:
-    number = int(text)
-    if not 0 <= number < 2**31:
-        raise ValueError(f"The number of a family is from 0 to 2,147,483,647, not {text!r}.")
-    return number
+    return bounded_number(int(text), 0, 2**31 - 1)
 
 
 def _parse_window(text: str) -> Pair:
@@ -319,27 +317,27 @@ class View:
         Windows for Back and for Forward, the next window last; an entry None is the whole survey.
     """
 
-    survey: str = in_address("", _parse_word)
-    variable: str = in_address("", _parse_word)
-    index: int = in_address(0, _parse_index)
-    slice: int = in_address(0, _parse_index)
-    family: int | None = in_address(None, _parse_family)
-    limits: Limits | Pair = in_address(
+    survey: str = address_field("", _parse_word)
+    variable: str = address_field("", _parse_word)
+    index: int = address_field(0, _parse_index)
+    slice: int = address_field(0, _parse_index)
+    family: int | None = address_field(None, _parse_family)
+    limits: Limits | Pair = address_field(
         "auto", _parse_limits, lambda limits: limits if limits in LIMITS else pair_text(limits)
     )
-    log: bool = in_address(False, lambda text: text == "1", lambda _: "1")
-    overlays: tuple[str, ...] = in_address(DEFAULT_OVERLAYS, _parse_overlays, lambda names: ",".join(names) or "none")
-    delta: Pair | None = in_address(None, _parse_positive_window, pair_text)
-    epsilon: Pair | None = in_address(None, _parse_window, pair_text)
-    point: Pair | None = in_address(None, parse_point, pair_text)
-    machine: EnteredMachine | None = in_address(None, _parse_machine, address_text)
-    share: float = in_address(USUAL_SHARE, _parse_share, repr)
+    log: bool = address_field(False, lambda text: text == "1", lambda _: "1")
+    overlays: tuple[str, ...] = address_field(DEFAULT_OVERLAYS, _parse_overlays, lambda each: ",".join(each) or "none")
+    delta: Pair | None = address_field(None, _parse_positive_window, pair_text)
+    epsilon: Pair | None = address_field(None, _parse_window, pair_text)
+    point: Pair | None = address_field(None, parse_point, pair_text)
+    machine: EnteredMachine | None = address_field(None, _parse_machine, address_text)
+    share: float = address_field(USUAL_SHARE, _parse_share, repr)
     further: tuple[ComparisonChoice, ...] = ()
-    profile: MapChoice | None = in_address(None, MapChoice.read, address_text)
-    profile_limits: Pair | None = in_address(None, _parse_window, pair_text)
-    theme: str = in_address("", partial(one_of, THEMES))
+    profile: MapChoice | None = address_field(None, MapChoice.read, address_text)
+    profile_limits: Pair | None = address_field(None, _parse_window, pair_text)
+    theme: str = address_field("", partial(allowed_text, THEMES))
     point_state: PointState = field(default_factory=PointState)
-    pins: tuple[Pin, ...] = in_address((), _parse_pins, lambda pins: ";".join(map(address_text, pins)))
+    pins: tuple[Pin, ...] = address_field((), _parse_pins, lambda pins: ";".join(map(address_text, pins)))
     is_variable_chosen: bool = field(default=False, compare=False)
     sounds: int = field(default=0, compare=False)
     yields: int = field(default=0, compare=False)

@@ -13,7 +13,7 @@ T = TypeVar("T")
 N = TypeVar("N", int, float)
 
 
-def in_address(default: Any, parse: Callable[[str], Any], text: Callable[[Any], str] = str) -> Any:
+def address_field(default: Any, parse: Callable[[str], Any], text: Callable[[Any], str] = str) -> Any:
     """Return a dataclass field that an address has, unless it has its default.
 
     Parameters
@@ -55,7 +55,7 @@ def read_text(texts: Mapping[str, str], name: str, parse: Callable[[str], T], de
         return default
 
 
-def one_of(allowed: Collection[str], text: str) -> str:
+def allowed_text(allowed: Collection[str], text: str) -> str:
     """Return an allowed text unchanged. Raises ValueError for any other text."""
     if text not in allowed:
         raise ValueError(f"One of {', '.join(allowed)} is needed, not {text!r}.")
@@ -78,7 +78,7 @@ def parse_point(text: str) -> Pair:
     return delta, epsilon
 
 
-def within(number: N, low: float, high: float) -> N:
+def bounded_number(number: N, low: float, high: float) -> N:
     """Return a number unchanged. Raises ValueError unless low <= number <= high."""
     if not low <= number <= high:
         raise ValueError(f"A number from {low:g} to {high:g} is needed, not {number!r}.")

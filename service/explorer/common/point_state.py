@@ -9,15 +9,15 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from gear_rattle.service.explorer.common.address_fields import (
+    address_field,
+    allowed_text,
+    bounded_number,
     field_texts,
-    in_address,
-    one_of,
     pair_text,
     parse_pair,
     parse_point,
     read_fields,
     read_text,
-    within,
 )
 from gear_rattle.service.operations.diagrams import LEAST_SPAN, MOST_SPAN, SPANS, Pair
 
@@ -39,7 +39,7 @@ class Tolerance(NamedTuple):
 
 
 def _parse_attractor(text: str) -> int:
-    return within(int(text), 0, MOST_ATTRACTORS - 1)
+    return bounded_number(int(text), 0, MOST_ATTRACTORS - 1)
 
 
 def _parse_start(text: str) -> Pair:
@@ -50,15 +50,15 @@ def _parse_start(text: str) -> Pair:
 
 
 def _parse_span(text: str) -> float:
-    return within(float(text), LEAST_SPAN, MOST_SPAN)
+    return bounded_number(float(text), LEAST_SPAN, MOST_SPAN)
 
 
 def _parse_share(text: str) -> float:
-    return within(float(text), 0.0, 1.0)
+    return bounded_number(float(text), 0.0, 1.0)
 
 
 def _parse_tolerance(text: str) -> Tolerance:
-    first, second, share = (within(float(part), 0.0, LARGEST) for part in text.split(","))
+    first, second, share = (bounded_number(float(part), 0.0, LARGEST) for part in text.split(","))
     return Tolerance(first, second, share)
 
 
@@ -86,14 +86,14 @@ class PointState:
         Open tab; None if the other values decide which tab is open, see `shown_tab`.
     """
 
-    attractor: int | None = in_address(None, _parse_attractor)
+    attractor: int | None = address_field(None, _parse_attractor)
     start: Pair | None = None
-    direction: str = in_address("epsilon", partial(one_of, SPANS))
-    span: float | None = in_address(None, _parse_span, repr)
-    to: Pair | None = in_address(None, parse_point, pair_text)
-    tolerance: Tolerance | None = in_address(None, _parse_tolerance, lambda widths: ",".join(map(repr, widths)))
-    at: float | None = in_address(None, _parse_share, repr)
-    tab: str | None = in_address(None, partial(one_of, TABS))
+    direction: str = address_field("epsilon", partial(allowed_text, SPANS))
+    span: float | None = address_field(None, _parse_span, repr)
+    to: Pair | None = address_field(None, parse_point, pair_text)
+    tolerance: Tolerance | None = address_field(None, _parse_tolerance, lambda widths: ",".join(map(repr, widths)))
+    at: float | None = address_field(None, _parse_share, repr)
+    tab: str | None = address_field(None, partial(allowed_text, TABS))
 
     @property
     def way(self) -> tuple[str, float | None, Pair | None]:
@@ -115,7 +115,7 @@ class PointState:
         """Return the state, without its initial condition if the speed there is above v_max."""
         return self if self.start is None or self.start[1] <= v_max else replace(self, start=None)
 
-    def changed(self, **fields: Any) -> PointState:
+    def with_changes(self, **fields: Any) -> PointState:
         """Return the state with other values of some fields, as an address gives it back."""
         return PointState.read(replace(self, **fields).text())
 

@@ -143,7 +143,7 @@ def _open_point(view: View, point: Pair, machine: EnteredMachine | None, state: 
     if state is None:
         is_open = (view.point, view.machine) == (point, machine)
         state = view.point_state if is_open else PointState(tab=view.point_state.tab)
-    return replace(view, point=point, machine=machine, point_state=state.changed())
+    return replace(view, point=point, machine=machine, point_state=state.with_changes())
 
 
 def _close_point(view: View) -> View:
@@ -153,7 +153,7 @@ def _close_point(view: View) -> View:
 
 def _change_point(view: View, **fields: Any) -> View:
     """Change some fields of the state of the open point's tabs."""
-    return view if view.point is None else replace(view, point_state=view.point_state.changed(**fields))
+    return view if view.point is None else replace(view, point_state=view.point_state.with_changes(**fields))
 
 
 def _draw_diagram_to(view: View, to: Pair) -> View:
