@@ -19,8 +19,7 @@ from gear_rattle.service.explorer.common.address import (
     points_by_number,
 )
 from gear_rattle.service.explorer.common.drawings import Show
-from gear_rattle.service.explorer.common.heading import Heading
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.text import Heading, Text
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.further.difference import Difference, require_small

@@ -12,8 +12,7 @@ import numpy as np
 
 from gear_rattle.service.explorer.common.address import Limits, MapChoice, Pair, Ranges
 from gear_rattle.service.explorer.common.drawings import DrawingRunner
-from gear_rattle.service.explorer.common.heading import Heading
-from gear_rattle.service.explorer.common.text import Text, alert_html
+from gear_rattle.service.explorer.common.text import Heading, Text, alert_html
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring, shown_values, shown_window
 from gear_rattle.service.explorer.map.figure import MapFigure

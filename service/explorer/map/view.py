@@ -13,8 +13,7 @@ from gear_rattle.service.errors import MissingError
 from gear_rattle.service.explorer.common.address import KEYBOARD, MapChoice, Pair, View, points_by_number
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.drawings import Show
-from gear_rattle.service.explorer.common.heading import Heading
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.text import Heading, Text
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade
 from gear_rattle.service.explorer.map.controls import meaning_of
