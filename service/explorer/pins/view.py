@@ -15,7 +15,7 @@ from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.files import asset
 from gear_rattle.service.explorer.pins.table import PinResults, csv_text, results_of_point, table_lines
 from gear_rattle.service.explorer.point.state import open_point_as_pin
-from gear_rattle.service.explorer.point.work import PointTasks
+from gear_rattle.service.explorer.point.work import PointTasks, run_and_report
 from gear_rattle.service.explorer.state.events import PinAdded, PinRemoved, PointOpened
 from gear_rattle.service.explorer.state.store import JOBS, Store
 
@@ -107,7 +107,7 @@ class Pins:
             found = await work.compute(results_of_point, pin, count, what="The attractors of a pinned point", slow=True)
             await work.change(lambda: self._set_result(pin, found))
 
-        if message := await work.run_and_report(compute):
+        if message := await run_and_report(compute):
             await work.change(lambda: self._set_result(pin, message))
 
     def _set_result(self, pin: Pin, result: PinResults | str) -> None:

@@ -58,6 +58,18 @@ def waiting_html(what: str) -> str:
     return f'<p class="faint" role="status">computing {escape(what)} …</p>'
 
 
+async def run_and_report(work: Callable[[], Awaitable[None]]) -> str:
+    """Do some work, and return the message of its error; "" if there is none."""
+    try:
+        await work()
+    except RattleError as error:
+        return str(error)
+    except Exception:
+        log.exception("a part of the view of a point failed")
+        return FAILED
+    return ""
+
+
 class PointTasks:
     """Tasks, in the event loop, of the view of one point. document: None if no page shows the view, as in tests."""
 
@@ -126,19 +138,8 @@ class PointTasks:
 
     async def run_part(self, text: Text, work: Callable[[], Awaitable[None]]) -> None:
         """Do one part of a view. If it fails, `text` shows the reason, and the other parts go on."""
-        if message := await self.run_and_report(work):
+        if message := await run_and_report(work):
             await self.set_text(text, alert_html(message, "wrong"))
-
-    async def run_and_report(self, work: Callable[[], Awaitable[None]]) -> str:
-        """Do some work, and return the message of its error; "" if there is none."""
-        try:
-            await work()
-        except RattleError as error:
-            return str(error)
-        except Exception:
-            log.exception("a part of the view of a point failed")
-            return FAILED
-        return ""
 
     async def set_text(self, text: Text, html: str) -> None:
         """Set the HTML of a text."""
