@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -15,13 +16,16 @@ from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.files import asset
 from gear_rattle.service.explorer.pins.table import PinResults, csv_text, results_of_point, table_lines
 from gear_rattle.service.explorer.point.state import open_point_as_pin
-from gear_rattle.service.explorer.point.work import PointTasks, run_and_report
+from gear_rattle.service.explorer.point.work import PointTasks
 from gear_rattle.service.explorer.state.events import PinAdded, PinRemoved, PointOpened
 from gear_rattle.service.explorer.state.store import JOBS, Store
+from rattle import RattleError
 
 COUNT = 1024  # initial conditions of each pinned point
 FULL = f"{MOST_PINS} points are pinned already, and no more can be pinned. Remove a pinned point first."
 OTHER = "The map is not of the model of this pinned point. To go to the point, choose a survey of its model."
+FAILED = "The point could not be computed because of an error of the service, which is in its log."
+log = logging.getLogger(__name__)
 
 
 class PinTable(JSComponent):
@@ -102,17 +106,22 @@ class Pins:
 
     async def _compute_pin(self, pin: Pin, work: PointTasks) -> None:
         count = min(COUNT, self._viewer.front.settings.max_point_count)
+        result: PinResults | str
+        try:
+            result = await work.compute(
+                results_of_point, pin, count, what="The attractors of a pinned point", slow=True
+            )
+        except RattleError as error:
+            result = str(error)
+        except Exception:
+            log.exception("a pinned point could not be computed")
+            result = FAILED
 
-        async def compute() -> None:
-            found = await work.compute(results_of_point, pin, count, what="The attractors of a pinned point", slow=True)
-            await work.change(lambda: self._set_result(pin, found))
+        def show() -> None:
+            self._results[pin] = result
+            self._show()
 
-        if message := await run_and_report(compute):
-            await work.change(lambda: self._set_result(pin, message))
-
-    def _set_result(self, pin: Pin, result: PinResults | str) -> None:
-        self._results[pin] = result
-        self._show()
+        await work.change(show)
 
     def _show(self) -> None:
         pins, opened = self._store.view.pins, open_point_as_pin(self._store)

@@ -24,7 +24,6 @@ from rattle.models import DEFAULT_MODEL
 if TYPE_CHECKING:
     from bokeh.document import Document
 
-FAILED = "This part could not be shown because of an error of the service, which is in its log."
 GRACE_SECONDS = 15.0  # seconds for a running task to end by itself; cancelling the task would end its process
 
 Result = TypeVar("Result")
@@ -56,18 +55,6 @@ async def _prepare_one(front: Front) -> None:
 def waiting_html(what: str) -> str:
     """Return the HTML that is shown while `what` is being computed."""
     return f'<p class="faint" role="status">computing {escape(what)} …</p>'
-
-
-async def run_and_report(work: Callable[[], Awaitable[None]]) -> str:
-    """Do some work, and return the message of its error; "" if there is none."""
-    try:
-        await work()
-    except RattleError as error:
-        return str(error)
-    except Exception:
-        log.exception("a part of the view of a point failed")
-        return FAILED
-    return ""
 
 
 class PointTasks:
@@ -138,8 +125,18 @@ class PointTasks:
 
     async def run_part(self, text: Text, work: Callable[[], Awaitable[None]]) -> None:
         """Do one part of a view. If it fails, `text` shows the reason, and the other parts go on."""
-        if message := await run_and_report(work):
-            await self.set_text(text, alert_html(message, "wrong"))
+        try:
+            await work()
+        except RattleError as error:
+            await self._show_error(text, str(error))
+        except Exception:
+            log.exception("a part of the view of a point failed")
+            await self._show_error(
+                text, "This part could not be shown because of an error of the service, which is in its log."
+            )
+
+    async def _show_error(self, text: Text, message: str) -> None:
+        await self.set_text(text, alert_html(message, "wrong"))
 
     async def set_text(self, text: Text, html: str) -> None:
         """Set the HTML of a text."""
