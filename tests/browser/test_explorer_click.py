@@ -205,7 +205,7 @@ def test_a_slider_takes_basins_and_motion_along_the_diagram(page: Page, service:
     assert figure(page, "diagram", here) == 0.089
     open_tab(page, "Numbers")
     notebook = page.get_by_role("link", name="A notebook").get_attribute("href")
-    assert "gear(0.6, 0.089)" in httpx.get(f"{service}{notebook}", timeout=HANG).text
+    assert "gear(0.6, 0.089)" in httpx.get(f"{service}/{notebook}", timeout=HANG).text
     page.get_by_text(re.compile(r"All \d+ rows")).last.click()
     event = page.get_by_role("row", name="saddle-node").first.get_by_role("link")
     place = event.get_attribute("data-point")

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from functools import partial
-from html import escape
 from typing import Any
 
 import panel as pn
 
 from gear_rattle.service.explorer.common.address import EnteredMachine
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.text import Text, alert_html
 from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.design.fields import POINT, MachineFields
 from gear_rattle.service.explorer.design.places import Bookmark, bookmarks
@@ -111,4 +110,4 @@ class GoToPanel:
             self._store.dispatch(PointOpened((gear.delta, gear.epsilon), entered))
 
     def _show_error(self, why: str) -> None:
-        self.said.html = f'<p class="wrong" role="alert">{escape(why)}</p>'
+        self.said.html = alert_html(why, "wrong")

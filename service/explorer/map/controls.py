@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from html import escape
 from typing import Any, NamedTuple
 
 import panel as pn
 
 from gear_rattle.service.explorer.common.address import Pair
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.text import Text, alert_html
 from gear_rattle.service.explorer.common.watch import WidgetWatcher
 from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.state.events import IndexChosen, LimitsSet, SliceChosen, VariableChosen
@@ -169,7 +168,7 @@ class MapControls:
 
     def _on_entered_limits(self) -> None:
         own = entered_limits(self.low.value, self.high.value, self._store.view.log)
-        self.wrong.html = f'<p class="notice" role="alert">{escape(own)}</p>' if isinstance(own, str) else ""
+        self.wrong.html = alert_html(own) if isinstance(own, str) else ""
         if isinstance(own, tuple):
             self._store.dispatch(LimitsSet(own, self._store.view.log))
 

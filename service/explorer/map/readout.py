@@ -16,6 +16,7 @@ from gear_rattle.service.explorer.design.axes import coordinate_text
 from gear_rattle.service.explorer.design.fields import NUMBERS, text_in_unit
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.service.explorer.point.parts import listed_attractors
+from gear_rattle.service.explorer.point.words import complex_text, number_text
 from gear_rattle.workers import QUANTITIES
 from gear_rattle.workers.pictures.look import in_revolutions
 from gear_rattle.workers.pictures.maps import meanings_of, title_of, words_without_value
@@ -27,6 +28,7 @@ from rattle.models import Model
 from rattle.plot import legend_name
 
 Row = tuple[str, str]
+DIGITS = 5  # significant digits of numbers
 
 
 def readout(
@@ -133,7 +135,7 @@ def _value_in_words(plane: MapPlane, delta: float, epsilon: float) -> str:
 def _value_text(number: float, variable: xr.DataArray) -> str:
     if "flag_meanings" in variable.attrs:
         return meanings_of(variable)[int(number)]
-    return _number_text(bool(number) if variable.dtype == bool else number)
+    return _scalar_text(bool(number) if variable.dtype == bool else number)
 
 
 def _scalar_rows(cell: xr.Dataset) -> Iterator[Row]:
@@ -150,7 +152,7 @@ def _attractors_table(cell: xr.Dataset) -> str:
         if families:
             row.append(str(int(one[FAMILY])) if int(one[FAMILY]) >= 0 else "–")
         if exponents:
-            row += [_number_text(float(value)) for value in one["attractor_lyapunov"]]
+            row += [number_text(float(value), DIGITS) for value in one["attractor_lyapunov"]]
         rows.append(row)
     return _html_table(head + (["family"] if families else []) + (["λ₁", "λ₂"] if exponents else []), rows)
 
@@ -160,9 +162,9 @@ def _orbits_table(cell: xr.Dataset) -> str:
     for orbit in cell["orbit"].values:
         one = cell.sel(orbit=orbit)
         if bool(one["orbit_exists"]):
-            multipliers = ", ".join(_complex_text(complex(value)) for value in one["orbit_multiplier"].values)
+            multipliers = ", ".join(complex_text(complex(value), DIGITS) for value in one["orbit_multiplier"].values)
             stable = "stable" if bool(one["orbit_stable"]) else "unstable"
-            numbers = [_number_text(float(one[name])) for name in ("orbit_phase", "orbit_velocity")]
+            numbers = [number_text(float(one[name]), DIGITS) for name in ("orbit_phase", "orbit_velocity")]
             rows.append([str(orbit), stable, *numbers, multipliers])
     return _html_table(["orbit", "stability", "τ", "v", "multipliers"], rows)
 
@@ -179,15 +181,7 @@ def _html_table(head: list[str], rows: list[list[str]]) -> str:
     return f"<table><thead><tr>{titles}</tr></thead><tbody>{body}</tbody></table>"
 
 
-def _number_text(value: float) -> str:
+def _scalar_text(value: float) -> str:
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
-    if isinstance(value, int) or not np.isfinite(value):
-        return {"nan": "–", "inf": "∞", "-inf": "−∞"}.get(str(value), str(value))
-    return f"{value:.5g}".replace("-", "−")
-
-
-def _complex_text(value: complex) -> str:
-    if value.imag == 0:
-        return _number_text(value.real)
-    return f"{_number_text(value.real)} {'+' if value.imag > 0 else '−'} {_number_text(abs(value.imag))}i"
+    return str(value) if isinstance(value, int) else number_text(value, DIGITS)

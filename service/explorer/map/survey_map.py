@@ -12,8 +12,7 @@ import numpy as np
 
 from gear_rattle.service.explorer.common.address import Limits, MapChoice, Pair, Ranges
 from gear_rattle.service.explorer.common.drawings import DrawingRunner
-from gear_rattle.service.explorer.common.heading import Heading
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.text import Heading, Text, alert_html
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring, shown_values, shown_window
 from gear_rattle.service.explorer.map.figure import MapFigure
@@ -48,13 +47,14 @@ class SurveyMap(ABC):
         self.plane: MapPlane | None = None
         self.colours: Colouring | None = None
         self.finer: MapBlock | None = None
-        self.drawings = DrawingRunner(viewer)
+        self.drawings = DrawingRunner(viewer, self.show_error)
         self._chosen: MapChoice | None = None
         self._how: tuple[Limits | Pair, bool] = "auto", False
         self._seen: Callable[[], MapBlock] | None = None  # returns the cells of the window; None for the whole survey
         self._refined: tuple[MapPlane, Ranges] | None = None
         self._refining: asyncio.Task[None] | None = None
         self._counting: asyncio.Task[None] | None = None
+        self._reading: asyncio.Task[None] | None = None
 
     @abstractmethod
     def show_shades(self, shades: Sequence[Shade]) -> None:
@@ -94,6 +94,10 @@ class SurveyMap(ABC):
         self.forget_window()
         self._count_shares()
         self.said.html = ""
+
+    def show_error(self, error: RattleError) -> None:
+        """Write why the map could not be drawn, in its place."""
+        self.show_nothing(alert_html(str(error)))
 
     def end(self) -> None:
         """Stop all work for a page that was closed."""
@@ -171,6 +175,20 @@ class SurveyMap(ABC):
         limits, log = self._how
         shades = await self._viewer.run_in_thread(lambda: colouring(plane, seen(), limits, log).shades)
         self._viewer.change(lambda: self.show_shades(shades))
+
+    def read_cell(self, read: Callable[[], str], text: Text) -> None:
+        """Show in `text` the HTML that `read` returns, which a thread runs; an earlier reading is cancelled."""
+        self.stop_reading()
+        self._reading = self._viewer.start(self._read_cell(read, text))
+
+    async def _read_cell(self, read: Callable[[], str], text: Text) -> None:
+        html = await self._viewer.run_in_thread(read)
+        self._viewer.change(lambda: setattr(text, "html", html))
+
+    def stop_reading(self) -> None:
+        """Cancel the reading of a cell."""
+        if self._reading is not None:
+            self._reading.cancel()
 
     def _show_progress(self, text: str) -> None:
         self._viewer.change(lambda: self.title.show_progress(text))

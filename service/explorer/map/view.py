@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncGenerator, Sequence
 from functools import partial
 from html import escape
@@ -14,8 +13,7 @@ from gear_rattle.service.errors import MissingError
 from gear_rattle.service.explorer.common.address import KEYBOARD, MapChoice, Pair, View, points_by_number
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.drawings import Show
-from gear_rattle.service.explorer.common.heading import Heading
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.text import Heading, Text
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade
 from gear_rattle.service.explorer.map.controls import meaning_of
@@ -47,7 +45,6 @@ class MapView(SurveyMap):
         self.lines = KeyedLines(shared.overlaid, viewer, store, figure, sheet)
         self.keys = CursorKeys(viewer.document, figure.figure, store)
         self.readout = Text(HINT, sheet)
-        self._reading: asyncio.Task[None] | None = None
         self._settled: tuple[str, str] | None = None  # id and state of the survey when its map was last chosen
         self._marked: tuple[object, ...] = ()
         self._of: tuple[str, int] | None = None  # id of the survey and number of the slice that are drawn
@@ -124,22 +121,25 @@ class MapView(SurveyMap):
             return
         is_whole = False
         while not is_whole:  # each call reads for a limited time, and the cells read so far are drawn
-            try:
-                plane, is_whole, block, colours = await self._viewer.run_in_thread(
-                    partial(self._shared.map_of, job, view, self.figure.pixels)
-                )
-            except RattleError as error:
-                begins = isinstance(error, MissingError) and job.state == State.RUNNING and not job.cells_done
-                text = BEGINS if begins else f'<p class="notice" role="alert">{escape(str(error))}</p>'
-                yield partial(self.show_nothing, text)
-                return
+            plane, is_whole, block, colours = await self._viewer.run_in_thread(
+                partial(self._shared.map_of, job, view, self.figure.pixels)
+            )
             yield partial(self._show, view, plane, block, colours)
+
+    def show_error(self, error: RattleError) -> None:
+        """Write why the map could not be drawn, or that the first cells of the survey are being computed."""
+        job = self._store.job
+        is_empty = job is not None and job.state == State.RUNNING and not job.cells_done
+        if is_empty and isinstance(error, MissingError):
+            self.show_nothing(BEGINS)
+        else:
+            super().show_error(error)
 
     def show_nothing(self, why: str) -> None:
         """Remove all cells and all text about them, and write why no map is shown. why: HTML."""
         super().show_nothing(why)
         self._store.dispatch(MapDrawn(None))
-        self._stop_reading()
+        self.stop_reading()
         self.readout.html = HINT
         if self.plane is None:
             self.figure.show_window(self._store.window)
@@ -189,27 +189,14 @@ class MapView(SurveyMap):
             self._read_numbers(self._store.view.point)
 
     def _read_numbers(self, at: Pair) -> None:
-        """Show the numbers of the cell at a point, and cancel an earlier reading."""
-        self._stop_reading()
-        if self.plane is not None:
-            self._reading = self._viewer.start(self._read_cell(self.plane, at))
+        """Show the numbers of the cell at a point."""
+        if (plane := self.plane) is not None:
+            request, window, here = plane.request, self._store.window, finer_value(plane, self.finer, *at)
 
-    def _stop_reading(self) -> None:
-        if self._reading is not None:
-            self._reading.cancel()
+            def read() -> str:
+                return readout(plane.cell_at(*at), *at, request.gear_model, window, here, request.machine)
 
-    async def _read_cell(self, plane: MapPlane, at: Pair) -> None:
-        request, window, here = plane.request, self._store.window, finer_value(plane, self.finer, *at)
-
-        def read() -> str:
-            return readout(plane.cell_at(*at), *at, request.gear_model, window, here, request.machine)
-
-        found = await self._viewer.run_in_thread(read)
-
-        def show() -> None:
-            self.readout.html = found
-
-        self._viewer.change(show)
+            self.read_cell(read, self.readout)
 
     def _mark_point_and_pins(self) -> None:
         """Mark the open point with its tolerances, and the pins, if their model is the model of the map."""

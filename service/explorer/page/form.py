@@ -10,6 +10,7 @@ from typing import Any
 import panel as pn
 from pydantic import ValidationError
 
+from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.database.tables import Scope
 from gear_rattle.service.explorer.common.address import Ranges
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
@@ -253,12 +254,11 @@ class SurveyForm:
             self._show_cost(f"{size}, {cost_in_words(found)}")
 
     async def _submit(self) -> None:
-        def submit() -> str:
-            request = SurveyRequest.model_validate(self.fields())
-            return submit_survey(self._viewer.front, self._viewer.require(Scope.SUBMIT), request).id
+        def submit(caller: Caller) -> str:
+            return submit_survey(self._viewer.front, caller, SurveyRequest.model_validate(self.fields())).id
 
         try:
-            survey_id = await self._viewer.run_in_thread(submit, Scope.SUBMIT)
+            survey_id = await self._viewer.run_as_caller(submit, Scope.SUBMIT)
         except (ValidationError, RattleError) as error:
             self._show_cost(error_message(error), wrong=True)
         else:

@@ -17,7 +17,13 @@ from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.common.watch import WidgetWatcher
 from gear_rattle.service.explorer.files import asset
 from gear_rattle.service.explorer.point.parts import DiagramLines, EventImpacts
-from gear_rattle.service.explorer.point.words import count_in_words, html_table, multipliers_text, number_text
+from gear_rattle.service.explorer.point.words import (
+    ChaosEvent,
+    count_in_words,
+    html_table,
+    multipliers_text,
+    number_text,
+)
 
 MARKERS = {"SN": "circle", "PD": "diamond", "GR": "square"}
 SIGNS = {"SN": "●", "PD": "◆", "GR": "■"}
@@ -258,14 +264,14 @@ def axis_name(found: DiagramLines) -> str:
     return f"way from here to δ {found.to[0]:.6g}, ε {found.to[1]:.6g}"
 
 
-def diagram_table(found: DiagramLines, chaos: Sequence[tuple[str, str, Pair, str]] = ()) -> str:
+def diagram_table(found: DiagramLines, chaos: Sequence[ChaosEvent] = ()) -> str:
     """Return a table of events in HTML, first the events on curves of the map; a click on one opens its point.
 
     Parameters
     ----------
     found : DiagramLines
         The diagram.
-    chaos : sequence of tuples
+    chaos : Sequence[ChaosEvent]
         Beginnings and ends of chaos along ε, see `chaos_events`. They are listed first in a diagram along ε.
 
     Returns

@@ -14,7 +14,7 @@ import rattle
 from gear_rattle.service.explorer.common.figures import themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.design.rattling import HIGHEST
-from gear_rattle.service.explorer.point.words import html_table, number_text
+from gear_rattle.service.explorer.point.words import html_table, number_text, swatch_html
 from rattle import Density, Lines, Machine
 from rattle.intensity import natural_energy
 from rattle.plot import Palette, legend_name
@@ -36,11 +36,10 @@ def intensity_table(
     """Return the attractors' intensities as a table in HTML, in SI units if a machine is given; None gives dashes."""
     rows = []
     for attractor, each in zip(attractors, found, strict=True):
-        swatch = f'<span class="swatch" style="background:{palette.colour(attractor)}"></span>'
         cells = ["–"] * len(IN_SI if machine else PLAIN)
         if each is not None:
             cells = _si_texts(each, machine) if machine else _dimensionless_texts(each, delta)
-        rows.append((f"{swatch}{escape(legend_name(attractor))}", *cells))
+        rows.append((swatch_html(palette.colour(attractor)) + escape(legend_name(attractor)), *cells))
     *heads, level = IN_SI if machine else PLAIN
     zero = ZERO_LEVEL_IN_SI if machine else ZERO_LEVEL
     explained = f'<abbr title="0 dB: {zero}">{level}</abbr>'

@@ -81,11 +81,12 @@ def percent_text(share: float) -> str:
     return f"{100 * share:.3g} %"
 
 
-def complex_text(value: complex) -> str:
+def complex_text(value: complex, digits: int = 4) -> str:
     """Return a complex number as text. An imaginary part below 1e-12, which is a rounding error, is left out."""
     if abs(value.imag) < 1e-12 * max(1.0, abs(value.real)):
-        return number_text(value.real)
-    return f"{number_text(value.real)} {'+' if value.imag > 0 else MINUS} {number_text(abs(value.imag))}i"
+        return number_text(value.real, digits)
+    sign = "+" if value.imag > 0 else MINUS
+    return f"{number_text(value.real, digits)} {sign} {number_text(abs(value.imag), digits)}i"
 
 
 def multipliers_text(values: tuple[complex, complex] | None) -> str:
@@ -107,10 +108,15 @@ def motion_in_words(attractor: rattle.Attractor, letter: str = "", period: str =
     impacts = attractor.n_plus + attractor.n_minus
     held = f" and {count_in_words(attractor.contacts, 'contact phase')}" if attractor.contacts else ""
     often = recurrence_in_words(attractor.m, period)
-    return f"{count_in_words(impacts, 'impact')}{held} {often}, {_name_with_letter(attractor, letter)}"
+    return f"{count_in_words(impacts, 'impact')}{held} {often}, {name_with_letter(attractor, letter)}"
 
 
-def _name_with_letter(attractor: rattle.Attractor, letter: str) -> str:
+def swatch_html(colour: str) -> str:
+    """Return a small field of a colour, in HTML."""
+    return f'<span class="swatch" style="background:{colour}"></span>'
+
+
+def name_with_letter(attractor: rattle.Attractor, letter: str) -> str:
     """Return the label or the kind of an attractor, and its letter among A to D."""
     return f"{legend_name(attractor)} = {letter}" if letter else legend_name(attractor)
 
@@ -216,14 +222,11 @@ def margin_in_words(gear: AnyGear, found: Margin, period: str = PERIOD) -> str:
 def shares_bar(found: SampledAttractors, palette: Palette) -> str:
     """Return the basin fractions as one bar in HTML, with the names of the largest below it."""
     named = [
-        (palette.colour(each), f"{_name_with_letter(each, letter)} {percent_text(each.fraction)}", each.fraction)
+        (palette.colour(each), f"{name_with_letter(each, letter)} {percent_text(each.fraction)}", each.fraction)
         for each, letter in zip(found.attractors, found.letters, strict=True)
     ]
     pieces = "".join(f'<span style="flex-grow:{share:.6f};background:{shade}"></span>' for shade, _, share in named)
-    names = [
-        f'<li><span class="swatch" style="background:{shade}"></span>{escape(said)}</li>'
-        for shade, said, _ in named[:MOST_NAMED]
-    ]
+    names = [f"<li>{swatch_html(shade)}{escape(said)}</li>" for shade, said, _ in named[:MOST_NAMED]]
     if len(named) > MOST_NAMED:
         left = sum(share for _, _, share in named[MOST_NAMED:])
         names.append(f"<li>and {len(named) - MOST_NAMED} more, {percent_text(left)} in all</li>")
@@ -284,12 +287,11 @@ def attractors_table(found: SampledAttractors, palette: Palette) -> str:
     """Return the attractors, with fractions, exponents and multipliers."""
     rows = []
     for each, letter, multipliers in zip(found.attractors, found.letters, found.multipliers, strict=True):
-        swatch = f'<span class="swatch" style="background:{palette.colour(each)}"></span>'
         low, high = each.fraction_interval
         error = f" ± {number_text(each.lyapunov_error, 2)}" if each.lyapunov_error > 0 else ""
         rows.append(
             (
-                f"{swatch}{escape(_name_with_letter(each, letter))}",
+                f"{swatch_html(palette.colour(each))}{escape(name_with_letter(each, letter))}",
                 f"{percent_text(each.fraction)} <small>({percent_text(low)} to {percent_text(high)})</small>",
                 f"{number_text(each.lyapunov[0])}{error}",
                 number_text(each.lyapunov[1]),
@@ -370,15 +372,19 @@ def extents_table(
             ends = end_in_words(extent.low, False, scale), end_in_words(extent.high, True, scale)
             seen = f", with {count_in_words(extent.windows, 'periodic window')}" if extent.windows else ""
             ends = ends[0], ends[1] + seen
-        rows.append((f"{swatch}{escape(_name_with_letter(each, letter))}", *map(escape, ends)))
+        rows.append((f"{swatch}{escape(name_with_letter(each, letter))}", *map(escape, ends)))
     few = f" (the {MOST_FOLLOWED} with the largest basins)" if len(found.attractors) > MOST_FOLLOWED else ""
     caption = f"Where each motion begins and ends as the eccentricity grows{few}"
     return html_table(caption, ("Motion", f"From {unit}", f"To {unit}"), rows)
 
 
+#: The beginning or the end of chaos: the event's name, the motion's, the point (δ, ε), and its ε as text.
+ChaosEvent = tuple[str, str, Pair, str]
+
+
 def chaos_events(
     gear: AnyGear, attractors: Sequence[rattle.Attractor], extents: Sequence[Extent | None]
-) -> list[tuple[str, str, Pair, str]]:
+) -> list[ChaosEvent]:
     """Return the beginning and the end of each chaotic attractor as events: name, motion, point (δ, ε), and its ε."""
     return [
         (what, legend_name(each), (gear.delta, end.epsilon), bracket_text(end.epsilon, end.error))

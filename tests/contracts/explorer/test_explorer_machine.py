@@ -16,8 +16,9 @@ from waiting import eventually
 
 import rattle
 from gear_rattle.service.explorer.common.address import EnteredMachine, View
+from gear_rattle.service.explorer.common.point_state import PointState, Tolerance
 from gear_rattle.service.explorer.design.fields import POINT, MachineFields
-from gear_rattle.service.explorer.design.tolerance import Tolerance, population_numbers, tolerance_outline
+from gear_rattle.service.explorer.design.tolerance import population_numbers, tolerance_outline
 from gear_rattle.service.explorer.map.overlays import curve_pieces
 from gear_rattle.service.explorer.map.readout import readout
 from gear_rattle.service.explorer.point.state import machine_and_model
@@ -124,8 +125,9 @@ def test_the_tolerances_of_an_open_point_are_drawn(tmp_path: Path) -> None:
         shown.open((machine.delta, machine.epsilon))
         drawn = shown.map.ellipse_at
         assert not len(drawn.data["x"])
-        shown.change_point({"tolerance": "100.0,2e-06,0.9"})
-        expected = tolerance_outline(machine.delta, machine.epsilon, machine, Tolerance(100.0, 2e-6, 0.9))
+        widths = Tolerance(100.0, 2e-6, 0.9)
+        shown.change_point(PointState(tolerance=widths))
+        expected = tolerance_outline(machine.delta, machine.epsilon, machine, widths)
         np.testing.assert_allclose(np.column_stack([drawn.data["x"], drawn.data["y"]]), expected, rtol=1e-9)
         shown.close()
         assert not len(drawn.data["x"])
@@ -191,7 +193,7 @@ def test_a_point_of_a_machine_s_survey_is_read_in_si() -> None:
 def test_fields_of_a_machine_give_what_the_library_takes() -> None:
     fields = MachineFields(POINT, "")
     said = [pane.object for pane in fields.panel.select(pn.pane.HTML)]
-    assert any("those of the first gear" in text for text in said)
+    assert any("numbers of the first gear" in text for text in said)
     entered = {each.label: each for each in fields.panel.select(pn.widgets.FloatInput)}
     for label, value in {
         "Restitution (none: elastic)": 0.9, "Load torque, N m": 0.2, "Mesh error, µm": 0.08, "Teeth": 20,

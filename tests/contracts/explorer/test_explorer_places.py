@@ -9,11 +9,11 @@ from test_explorer_view import REGIONS, STIFF, Shown, accepted, cells, done, wit
 from waiting import eventually
 
 import rattle
+from gear_rattle.service.explorer.common.point_state import PointState
 from gear_rattle.service.explorer.design.places import CORNERS, CRISES, EITHER_WAY, bookmarks
 from gear_rattle.service.explorer.places.example import EXAMPLE, REQUEST, load_sampled
 from gear_rattle.service.explorer.point import parts
 from gear_rattle.service.explorer.point.diagram import diagram_table
-from gear_rattle.service.explorer.point.state import PointState
 from gear_rattle.service.explorer.state.events import DiagramEndChosen
 from gear_rattle.service.operations import diagrams
 from gear_rattle.service.state import Front
@@ -39,11 +39,12 @@ def test_a_figure_s_diagram_goes_as_far_as_the_paper_s() -> None:
     for name, (delta, span) in {"5": FIGURE_5, "9": FIGURE_9}.items():
         place = bookmarks()[f"Figure {name}: diagram at δ = {delta:g}"]
         assert place.point is not None
-        state = PointState.read(place.state, 7.0)
-        assert PointState.read(state.text(), 7.0) == state
+        state = place.state
+        assert state is not None
+        assert PointState.read(state.text()) == state
         assert diagrams.diagram_span(rattle.Gear(*place.point), "epsilon", state.span) == pytest.approx(span)
     for wrong in ("0", "-1", "nan", "inf", "1", "wide"):
-        assert PointState.read({"span": wrong}, 7.0).span is None
+        assert PointState.read({"span": wrong}).span is None
 
 
 def test_the_example_is_what_its_survey_finds() -> None:
@@ -109,11 +110,11 @@ def test_the_way_to_another_point_has_the_events_between() -> None:
         assert f'data-point="{each.delta!r},{each.epsilon!r}"' in said
     assert said.count("<tr>") == len(found.events) + 1
     assert ("∞, 0" in said) == any(each.kind == "GR" for each in found.events)
-    state = PointState.read({"to": "0.65,0.08"}, 7.0)
+    state = PointState.read({"to": "0.65,0.08"})
     assert state.to == to
-    assert PointState.read(state.text(), 7.0) == state
+    assert PointState.read(state.text()) == state
     for wrong in ("0,1", "1", "1,-1", "nan,1", "a,b"):
-        assert PointState.read({"to": wrong}, 7.0).to is None
+        assert PointState.read({"to": wrong}).to is None
 
 
 def test_a_click_with_shift_goes_through(tmp_path: Path) -> None:

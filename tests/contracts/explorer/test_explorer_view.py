@@ -18,6 +18,7 @@ from gear_rattle.service.app import create_app
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common.address import KEYBOARD, EnteredMachine, Pair, View
 from gear_rattle.service.explorer.common.news import JobStatus, StatusPublisher
+from gear_rattle.service.explorer.common.point_state import PointState
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.design.go_to import GoToPanel
 from gear_rattle.service.explorer.map import shared as map_shared
@@ -34,7 +35,6 @@ from gear_rattle.service.explorer.page.rows import survey_row
 from gear_rattle.service.explorer.places.exact import ExactMaps, ExactPlane
 from gear_rattle.service.explorer.point.panel import FigurePlace
 from gear_rattle.service.explorer.state.events import (
-    PointChanged,
     PointClosed,
     PointerMoved,
     PointOpened,
@@ -117,8 +117,9 @@ class Shown:
     def open(self, at: Pair, machine: EnteredMachine | None = None) -> None:
         self.store.dispatch(PointOpened(at, machine))
 
-    def change_point(self, state: dict[str, str]) -> None:
-        self.store.dispatch(PointChanged(state))
+    def change_point(self, state: PointState) -> None:
+        assert self.view.point is not None
+        self.store.dispatch(PointOpened(self.view.point, self.view.machine, state))
 
     def close(self) -> None:
         self.store.dispatch(PointClosed())
