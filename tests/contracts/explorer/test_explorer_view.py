@@ -24,7 +24,7 @@ from gear_rattle.service.explorer.map import shared as map_shared
 from gear_rattle.service.explorer.map import view as map_view
 from gear_rattle.service.explorer.map.beside import RightSide
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
-from gear_rattle.service.explorer.map.controls import MapControls
+from gear_rattle.service.explorer.map.controls import FEATURED, MapControls
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.planes import Atlas, MapPlane, maps_of
 from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form
@@ -398,7 +398,7 @@ def test_without_any_survey_the_plane_is_shown_as_it_is_known(tmp_path: Path) ->
         assert shown.view.variable == shown.controls.variable.value == "quiet_fraction"
         example = shown.plane
         assert isinstance(example, ExactPlane)
-        shown.controls.buttons.value = "lyapunov_max"
+        shown.controls.buttons.chosen = "lyapunov_max"
         await eventually(lambda: "chaotic where the exponent is above 0" in shown.title.html)
         assert shown.view.variable == shown.controls.variable.value == "lyapunov_max"
         example = shown.plane
@@ -424,6 +424,33 @@ def test_without_any_survey_the_plane_is_shown_as_it_is_known(tmp_path: Path) ->
         shown.choose(accepted(front, STIFF))
         await eventually(lambda: "waits for its turn" in shown.title.html)
         assert_nothing_of_another(shown)
+
+    with_map(tmp_path, body)
+
+
+def test_a_map_that_a_survey_lacks_keeps_its_button_and_says_what_to_compute(tmp_path: Path) -> None:
+    async def body(front: Front, shown: Shown) -> None:
+        def missing() -> dict[str, str]:
+            return {each["label"]: each["about"] for each in shown.controls.buttons.buttons if each["missing"]}
+
+        shown.follow(None)
+        await eventually(lambda: shown.controls.buttons.buttons)
+        assert [each["label"] for each in shown.controls.buttons.buttons] == [each.button for each in FEATURED]
+        assert missing() == {}  # the example has all of them
+        shown.choose(done(front, SurveyRequest(**BODY | {"quantities": ["region", "attractors", "lyapunov"]})))
+        await eventually(missing)
+        assert [each["label"] for each in shown.controls.buttons.buttons] == [each.button for each in FEATURED]
+        (about,) = missing().values()
+        assert about.startswith("Loudness: not computed in this survey.")
+        assert "intensity is ticked" in about
+        shown.controls.buttons.chosen = "worst_level"  # nobody can press it
+        assert shown.view.variable == "quiet_fraction"
+        for each in FEATURED:  # a survey with the named group has the map
+            maps = maps_of(SurveyRequest(**BODY | {"quantities": sorted({"attractors", str(each.group)})}))
+            assert set(each.variables) & set(maps), each.button
+        mesh = {"model": "inelastic", "restitution": 0.9, "harmonics": [(20, 0.003, 0.0)], "quantities": ["attractors"]}
+        shown.choose(accepted(front, SurveyRequest(**BODY | mesh)))
+        assert missing()["Regions"].endswith("because its model has no quantity region.")
 
     with_map(tmp_path, body)
 
