@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import panel as pn
 import pytest
+import xarray as xr
 from bokeh.document import Document
-from service_support import BODY, compute, no_cluster
+from service_support import BODY, IN_A_THREAD, compute, no_cluster, points_in
 from waiting import eventually
 
 import rattle
@@ -27,6 +29,7 @@ from gear_rattle.service.explorer.map.colouring import Colouring, colouring
 from gear_rattle.service.explorer.map.controls import FEATURED, MapControls
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.planes import Atlas, MapPlane, maps_of
+from gear_rattle.service.explorer.map.readout import cell_place
 from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form
 from gear_rattle.service.explorer.map.survey_map import block_of
 from gear_rattle.service.explorer.map.view import MapView
@@ -34,6 +37,7 @@ from gear_rattle.service.explorer.page.rows import survey_row
 from gear_rattle.service.explorer.places.exact import ExactMaps, ExactPlane
 from gear_rattle.service.explorer.point.panel import FigurePlace
 from gear_rattle.service.explorer.state.events import (
+    BookmarkChosen,
     PointChanged,
     PointClosed,
     PointerMoved,
@@ -507,6 +511,78 @@ def test_a_map_that_nobody_chose_fills_in_from_where_its_survey_begins(tmp_path:
         assert shown.view.variable == "quiet_fraction"
 
     with_map(tmp_path, body)
+
+
+def test_a_cell_is_read_again_once_it_is_computed(tmp_path: Path) -> None:
+    asked = SurveyRequest(**BODY | {"quantities": ["attractors"]})
+    at = float(asked.delta.values()[0]), float(asked.epsilon.values()[0])
+
+    async def body(front: Front, shown: Shown) -> None:
+        job = accepted(front, asked)
+        front.database.set_state(job.id, State.RUNNING)
+        shown.choose(front.database.job(job.id))
+        compute(front, job.id, asked, slice(1, 2))
+        shown.follow(front.database.job(job.id))
+        await eventually(lambda: cells(shown))
+        shown.hover(*at)
+        await eventually(lambda: "<p>not computed</p>" in shown.readout.html)
+        compute(front, job.id, asked, slice(1))
+        shown.follow(front.database.job(job.id))
+        await eventually(lambda: "<dt>quiet fraction</dt>" in shown.readout.html)  # the mouse does not move
+
+    with_map(tmp_path, body)
+
+
+def test_beside_an_open_point_its_cell_is_one_line_until_it_is_unfolded(tmp_path: Path) -> None:
+    asked = SurveyRequest(**BODY | {"quantities": ["region", "attractors"], "initial_conditions": {"count": 64}})
+    here, there = ((float(asked.delta.values()[i]), float(asked.epsilon.values()[i])) for i in (1, 3))
+
+    async def body(front: Front, shown: Shown) -> None:
+        shown.choose(done(front, asked))
+        await eventually(lambda: shown.plane is not None and cells(shown))
+        (unfold,) = shown.readout.pane.select(pn.widgets.Button)
+        assert "Point at the map" in shown.readout.html
+        shown.hover(*here)
+        await eventually(lambda: "Cell at" in shown.readout.html)
+        assert not shown.readout.is_folded
+        shown.open(there)
+        await eventually(lambda: shown.readout.is_folded)
+        assert shown.plane is not None
+        cell = shown.plane.cell_at(*there)
+        assert cell is not None
+        share, error = (100 * float(cell[name]) for name in ("quiet_fraction", "fraction_error"))
+        assert f": 64 starts, quiet {share:.0f} ± {error:.0f} %</p>" in shown.readout.line
+        assert "not of the open point" in shown.readout.html
+        unfold.clicks += 1
+        assert not shown.readout.is_folded
+        shown.hover(*here)
+        at = f"Survey&#x27;s grid cell at δ {here[0]:g}"
+        await eventually(lambda: at in shown.readout.line)
+        assert not shown.readout.is_folded  # as the viewer left it
+        shown.store.dispatch(BookmarkChosen(((0.5, 0.6), (0.1, 0.2)), None, {}))
+        await eventually(lambda: "Point at the map" in shown.readout.html)  # nothing of the old cell is left
+
+    with points_in(IN_A_THREAD):
+        with_map(tmp_path, body)
+
+
+@pytest.mark.parametrize(
+    ("num", "span", "expected"),
+    [
+        (200, (0.4015, 0.9985), "0.601"),
+        (31, (0.4, 1.0), "0.6"),
+        (30, (0.005, 0.3), "0.097"),
+        (9, (0.7, 0.700001), "0.70000063"),
+    ],
+)
+def test_a_cell_s_place_has_as_many_digits_as_tell_it_from_the_next(num: int, span: Pair, expected: str) -> None:
+    request = SurveyRequest(delta=(*span, num), epsilon=(0.1, 0.2, 2))
+    values = request.delta.values()
+    near = {"0.601": 0.6005560928, "0.6": 0.6, "0.097": 0.0966, "0.70000063": 0.700000625}[expected]
+    cell = xr.Dataset(coords={"delta": near, "epsilon": 0.1})
+    assert cell_place(cell, request) == f"δ {expected}, ε 0.1"
+    places = {cell_place(xr.Dataset(coords={"delta": each, "epsilon": 0.1}), request) for each in values}
+    assert len(places) == num
 
 
 def test_closed_forms_of_a_survey_are_shown_before_it_is_computed(tmp_path: Path) -> None:
