@@ -164,7 +164,7 @@ def test_what_is_entered_of_a_machine_is_checked(tmp_path: Path) -> None:
         fields = {each.label: each for each in machine.select(pn.widgets.FloatInput)}
         fields["Base radius, mm"].value = None
         show.clicks += 1
-        assert "needs radius too" in said.object.text
+        assert "enter radius too" in said.object.text
         fields["Base radius, mm"].value = 50e3
         show.clicks += 1
         assert "radius must be in metres" in said.object.text
@@ -191,7 +191,7 @@ def test_a_point_of_a_machine_s_survey_is_read_in_si() -> None:
 def test_fields_of_a_machine_give_what_the_library_takes() -> None:
     fields = MachineFields(POINT, "")
     said = [pane.object for pane in fields.panel.select(pn.pane.HTML)]
-    assert any("those of the first gear" in text for text in said)
+    assert any("numbers of the first gear" in text for text in said)
     entered = {each.label: each for each in fields.panel.select(pn.widgets.FloatInput)}
     for label, value in {
         "Restitution (none: elastic)": 0.9, "Load torque, N m": 0.2, "Mesh error, µm": 0.08, "Teeth": 20,
