@@ -11,7 +11,7 @@ from urllib.parse import urlencode
 from gear_rattle.service.harmonics import harmonic_texts, read_harmonics
 from gear_rattle.workers.pictures.look import LINES, POINTS, USUAL_SHARE
 from rattle import Machine
-from rattle.curves import NAMES
+from rattle.curves import NAMES, QUIET_LIMIT
 from rattle.models import ADDED, Model, model_of, with_harmonics
 from rattle.parameters import Harmonic
 from rattle.populations import MOST_SHARE
@@ -21,7 +21,8 @@ Ranges = tuple[Pair, Pair]  # (low, high) of δ and of ε in a figure, which may
 Limits = Literal["auto", "robust", "full"]
 LIMITS: tuple[Limits, ...] = ("auto", "robust", "full")
 OVERLAYS = LINES  # names of all lines and marks that can be drawn over a map
-DEFAULT_OVERLAYS = (*NAMES, POINTS)
+#: Lines over a map whose lines nobody has chosen: few; over regions all of their borders.
+FEW_LINES, BORDERS, REGION = ("SN1", "G1", QUIET_LIMIT), (*NAMES, POINTS), "region"
 UNCHOSEN: Ranges = (0.4, 1.0), (0.0, 0.3)  # window of (δ, ε) if no survey is chosen
 THEMES = ("light", "dark")
 MOST_PINS = 8
@@ -193,6 +194,8 @@ class View:
         Number of the highlighted family, while all other cells are dimmed; None for no family.
     limits : Limits | Pair
         Rule for the range of colours, or (low, high).
+    overlays : tuple[str, ...] | None
+        Lines that a viewer chose, None for the default lines of a map; `lines` are the lines that are drawn.
     delta, epsilon : Pair | None
         Window (low, high) along each axis, None for the whole survey.
     machine : EnteredMachine | None
@@ -224,7 +227,7 @@ class View:
     family: int | None = None
     limits: Limits | Pair = "auto"
     log: bool = False
-    overlays: tuple[str, ...] = DEFAULT_OVERLAYS
+    overlays: tuple[str, ...] | None = None
     delta: Pair | None = None
     epsilon: Pair | None = None
     point: Pair | None = None
@@ -247,6 +250,17 @@ class View:
         """Window that is shown, None for the whole survey."""
         return (self.delta, self.epsilon) if self.delta and self.epsilon else None
 
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Lines over the map: the chosen lines, or the default lines of the map."""
+        return self.lines_over(self.variable)
+
+    def lines_over(self, variable: str) -> tuple[str, ...]:
+        """Return the lines over a map of another variable."""
+        if self.overlays is not None:
+            return self.overlays
+        return BORDERS if variable == REGION else FEW_LINES
+
     @classmethod
     def parse(cls, query: Mapping[str, Sequence[bytes]]) -> View:
         """Return the view that a query describes; values that cannot be read are left at their defaults."""
@@ -268,7 +282,7 @@ class View:
             family=read("family", _parse_family, None),
             limits=read("limits", _parse_limits, "auto"),
             log=text.get("log") == "1",
-            overlays=read("overlays", _parse_overlays, DEFAULT_OVERLAYS),
+            overlays=read("overlays", _parse_overlays, None),
             delta=read("delta", _parse_positive_window, None),
             epsilon=read("epsilon", _parse_window, None),
             point=point,
@@ -296,7 +310,7 @@ class View:
         if self.limits != "auto":
             pairs["limits"] = self.limits if isinstance(self.limits, str) else _pair_text(self.limits)
         pairs["log"] = "1" if self.log else ""
-        if self.overlays != DEFAULT_OVERLAYS:
+        if self.overlays is not None:
             pairs["overlays"] = ",".join(self.overlays) or "none"
         for name, pair in (("delta", self.delta), ("epsilon", self.epsilon), ("point", self.point)):
             pairs[name] = _pair_text(pair) if pair else ""

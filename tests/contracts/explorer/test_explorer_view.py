@@ -1,6 +1,7 @@
 """The map of a page without a browser: what it shows of one survey after another."""
 
 import asyncio
+import re
 import sqlite3
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -22,12 +23,14 @@ from gear_rattle.service.explorer.common.address import KEYBOARD, EnteredMachine
 from gear_rattle.service.explorer.common.news import JobStatus, StatusPublisher
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.design.go_to import GoToPanel
+from gear_rattle.service.explorer.files import tour_html
 from gear_rattle.service.explorer.map import shared as map_shared
 from gear_rattle.service.explorer.map import view as map_view
 from gear_rattle.service.explorer.map.beside import RightSide
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
 from gear_rattle.service.explorer.map.controls import FEATURED, MapControls
 from gear_rattle.service.explorer.map.figure import MapFigure
+from gear_rattle.service.explorer.map.overlays import key_entries
 from gear_rattle.service.explorer.map.planes import Atlas, MapPlane, maps_of
 from gear_rattle.service.explorer.map.readout import cell_place
 from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form
@@ -142,7 +145,7 @@ def with_map(
             front: Front = app.state.front
             shared = SharedState(front, StatusPublisher(front), Atlas(front), app.state.overlaid, ExactMaps(), looked)
             viewer = Here(front, Caller(), Document())
-            shown = Shown(shared, viewer, View(overlays=(), is_variable_chosen="variable" in view, **view))
+            shown = Shown(shared, viewer, View(is_variable_chosen="variable" in view, **{"overlays": ()} | view))
             viewer.document.add_root(shown.map.figure)
             await body(front, shown)
             viewer.end()
@@ -511,6 +514,41 @@ def test_a_map_that_nobody_chose_fills_in_from_where_its_survey_begins(tmp_path:
         assert shown.view.variable == "quiet_fraction"
 
     with_map(tmp_path, body)
+
+
+def test_few_lines_are_on_until_a_viewer_chooses_and_over_regions_all_of_their_borders(tmp_path: Path) -> None:
+    async def body(_front: Front, shown: Shown) -> None:
+        shown.follow(None)
+        await eventually(lambda: cells(shown))
+        assert shown.lines.key.chosen == ["SN1", "G1", "quiet_limit"]
+        assert not shown.map.figure.select_one({"name": "SN2"}).visible
+        shown.controls.variable.value = "region"
+        await eventually(lambda: "region of the plane" in shown.title.html)
+        assert shown.lines.key.chosen == [*rattle.curves.NAMES, "points"]
+        assert shown.map.figure.select_one({"name": "SN2"}).visible
+        assert "overlays" not in shown.view.query()  # nobody has chosen them
+        shown.lines.key.chosen = ["G2", "SN1"]
+        assert shown.view.overlays == ("SN1", "G2")
+        shown.controls.variable.value = "quiet_fraction"
+        await eventually(lambda: "ends quiet" in shown.title.html)
+        assert shown.lines.key.chosen == ["SN1", "G2"]
+        assert "overlays=SN1,G2" in shown.view.query()
+
+    with_map(tmp_path, body, overlays=None)
+
+
+def test_each_line_has_the_sentence_of_the_help() -> None:
+    rows = dict(re.findall(r"<td>(.*?)</td>\s*<td>(.*?)</td>", tour_html()))
+    found = {each["label"]: each["meaning"] for each in key_entries(Impacting())}
+    points = found.pop("COD20–23")
+    assert found == {label: rows[label] for label in found}
+    assert set(found) == {*rattle.curves.NAMES} - {"quiet_limit"} | {
+        "quiet limit",
+        "crisis: chaos ends",
+        "design limit",
+    }
+    for point in ("COD20", "COD21", "COD22", "COD23"):
+        assert f"{point}: {rows[point]}" in points
 
 
 def test_a_cell_is_read_again_once_it_is_computed(tmp_path: Path) -> None:
