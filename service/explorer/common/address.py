@@ -31,6 +31,7 @@ HARMONIC = "harmonic:"  # prefix of a harmonic in the text of a pin
 LONGEST = 16_000  # longest value in characters: 2000 for each of MOST_PINS pins
 POINT_STATE = "p."
 KEYBOARD = "keyboard"
+EXAMPLE = "example"  # stands for the id of a survey: the example, which comes with the explorer
 MOST_FURTHER = 3
 FURTHER = tuple(f"map{number}" for number in range(2, 2 + MOST_FURTHER))
 
@@ -249,6 +250,11 @@ class View:
     def window(self) -> Ranges | None:
         """Window that is shown, None for the whole survey."""
         return (self.delta, self.epsilon) if self.delta and self.epsilon else None
+
+    @property
+    def is_example(self) -> bool:
+        """True if the example is shown: it was chosen, or no survey is."""
+        return self.survey in ("", EXAMPLE)
 
     @property
     def lines(self) -> tuple[str, ...]:

@@ -95,7 +95,7 @@ class MapView(SurveyMap):
             self._of, self.plane = (view.survey, view.slice), None
         if not store.has_surveys:
             return
-        if view.survey and (job is None or not job.is_readable):
+        if not view.is_example and (job is None or not job.is_readable):
             self.drawings.stop()
             self.plane = None
             self.show_nothing(GONE if job is None else f"<p>{UNREADABLE}</p>")

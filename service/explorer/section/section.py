@@ -77,7 +77,7 @@ class ProfileSection:
         view, job = self._store.view, self._store.job
         state = PointState.read(view.point_state, 0.0)
         is_seen = view.point is not None and state.shown_tab == DIAGRAM
-        if not is_seen or (view.survey and (job is None or not job.is_readable)):
+        if not is_seen or (not view.is_example and (job is None or not job.is_readable)):
             self.drawings.stop()
             self.below.panel.visible = False
             return

@@ -19,7 +19,7 @@ import rattle
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.app import create_app
 from gear_rattle.service.database.tables import JobRow, State
-from gear_rattle.service.explorer.common.address import KEYBOARD, EnteredMachine, Pair, View
+from gear_rattle.service.explorer.common.address import EXAMPLE, KEYBOARD, EnteredMachine, Pair, View
 from gear_rattle.service.explorer.common.news import JobStatus, StatusPublisher
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.design.go_to import GoToPanel
@@ -36,7 +36,7 @@ from gear_rattle.service.explorer.map.readout import cell_place
 from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form
 from gear_rattle.service.explorer.map.survey_map import block_of
 from gear_rattle.service.explorer.map.view import MapView
-from gear_rattle.service.explorer.page.rows import survey_row
+from gear_rattle.service.explorer.page.rows import example_row, survey_row
 from gear_rattle.service.explorer.places.exact import ExactMaps, ExactPlane
 from gear_rattle.service.explorer.point.panel import FigurePlace
 from gear_rattle.service.explorer.state.events import (
@@ -460,6 +460,28 @@ def test_a_map_that_a_survey_lacks_keeps_its_button_and_says_what_to_compute(tmp
         assert missing()["Regions"].endswith("because its model has no quantity region.")
 
     with_map(tmp_path, body)
+
+
+def test_the_example_is_still_there_beside_surveys(tmp_path: Path) -> None:
+    async def body(front: Front, shown: Shown) -> None:
+        shown.choose(done(front, STIFF))
+        await eventually(lambda: cells(shown))
+        shown.store.dispatch(SurveyChosen(EXAMPLE))
+        await eventually(lambda: cells(shown) and "which comes with the explorer" in shown.title.html)
+        assert isinstance(shown.plane, ExactPlane)
+        assert shown.store.request is shown.shared.exact.request
+        assert shown.store.model == Impacting()
+        assert shown.map.figure.x_range.start == pytest.approx(0.4)
+        assert shown.view.query() == "?survey=example&variable=quiet_fraction&overlays=none"
+        shown.open((0.6, 0.1))
+        await eventually(lambda: "64 starts, quiet" in shown.readout.line)
+        row = example_row(shown.shared.exact.request)
+        assert row["name"] == "Example: the paper's plane at β = 0.6"
+        assert (row["id"], row["size"]) == (EXAMPLE, "200 × 150")
+        assert ["sample", "64 initial conditions"] in row["facts"]
+
+    with points_in(IN_A_THREAD):
+        with_map(tmp_path, body)
 
 
 @pytest.mark.parametrize(
