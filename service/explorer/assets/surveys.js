@@ -36,7 +36,7 @@ function row_of(row, choose) {
 
 function fill(button, row, is_chosen) {
   const busy = row.state === "running" || row.state === "accepted"
-  button.className = `survey ${row.state}`
+  button.className = `survey ${row.state}${row.example ? " example" : ""}`
   button.dataset.state = row.state
   if (is_chosen) button.setAttribute("aria-current", "true")
   else button.removeAttribute("aria-current")
