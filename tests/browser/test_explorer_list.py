@@ -36,6 +36,11 @@ def test_the_example_stays_in_the_list_and_what_a_survey_lacks_is_said(
     loudness.click()
     page.wait_for_url("**variable=worst_level**")
     expect(loudness).to_have_attribute("aria-pressed", "true")
+    borders = page.get_by_role("checkbox", name="SN2", exact=True)
+    expect(borders).not_to_be_checked()
+    expect(borders).to_have_attribute("aria-description", "B and D begin as ε grows")
+    page.get_by_role("button", name="Regions").click()
+    expect(borders).to_be_checked()  # of the regions
     page.get_by_label("Named places").select_option("Figure 8: about COD21 and COD22")
     page.wait_for_url("**delta=**")
     page.get_by_role("button", name="New survey from this view").click()
