@@ -68,7 +68,8 @@ views = st.builds(
     slice=st.integers(0, 64),
     limits=st.sampled_from(LIMITS) | windows,
     log=st.booleans(),
-    overlays=st.sets(st.sampled_from(OVERLAYS)).map(lambda chosen: tuple(n for n in OVERLAYS if n in chosen)),
+    overlays=st.none()
+    | st.sets(st.sampled_from(OVERLAYS)).map(lambda chosen: tuple(n for n in OVERLAYS if n in chosen)),
     delta=st.none() | windows.filter(lambda pair: pair[1] > 0),
     epsilon=st.none() | windows,
     point=st.tuples(st.floats(1e-3, 10.0), st.floats(0.0, 10.0)),

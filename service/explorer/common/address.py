@@ -25,7 +25,7 @@ from gear_rattle.service.harmonics import harmonic_texts, read_harmonics
 from gear_rattle.service.operations.diagrams import Pair
 from gear_rattle.workers.pictures.look import LINES, POINTS, USUAL_SHARE
 from rattle import Machine
-from rattle.curves import NAMES
+from rattle.curves import NAMES, QUIET_LIMIT
 from rattle.models import ADDED, Model, model_of, with_harmonics
 from rattle.parameters import Harmonic
 from rattle.populations import MOST_SHARE
@@ -34,7 +34,8 @@ Ranges = tuple[Pair, Pair]  # (low, high) of δ and of ε in a figure, which may
 Limits = Literal["auto", "robust", "full"]
 LIMITS: tuple[Limits, ...] = ("auto", "robust", "full")
 OVERLAYS = LINES  # names of all lines and marks that can be drawn over a map
-DEFAULT_OVERLAYS = (*NAMES, POINTS)
+#: Lines over a map whose lines nobody has chosen: few; over regions all of their borders.
+FEW_LINES, BORDERS, REGION = ("SN1", "G1", QUIET_LIMIT), (*NAMES, POINTS), "region"
 UNCHOSEN: Ranges = (0.4, 1.0), (0.0, 0.3)  # window of (δ, ε) if no survey is chosen
 THEMES = ("light", "dark")
 MOST_PINS = 8
@@ -43,6 +44,7 @@ HARMONIC = "harmonic:"  # prefix of a harmonic in the text of a pin
 LONGEST = 16_000  # longest value in characters: 2000 for each of MOST_PINS pins
 POINT_STATE = "p."
 KEYBOARD = "keyboard"
+EXAMPLE = "example"  # stands for the id of a survey: the example, which comes with the explorer
 MOST_FURTHER = 3
 FURTHER = tuple(f"map{number}" for number in range(2, 2 + MOST_FURTHER))
 
@@ -289,6 +291,8 @@ class View:
         Number of the highlighted family, while all other cells are dimmed; None for no family.
     limits : Limits | Pair
         Rule for the range of colours, or (low, high).
+    overlays : tuple[str, ...] | None
+        Lines that a viewer chose, None for the default lines of a map; `lines` are the lines that are drawn.
     delta, epsilon : Pair | None
         Window (low, high) along each axis, None for the whole survey.
     machine : EnteredMachine | None
@@ -326,7 +330,7 @@ class View:
         "auto", _parse_limits, lambda limits: limits if limits in LIMITS else pair_text(limits)
     )
     log: bool = address_field(False, lambda text: text == "1", lambda _: "1")
-    overlays: tuple[str, ...] = address_field(DEFAULT_OVERLAYS, _parse_overlays, lambda each: ",".join(each) or "none")
+    overlays: tuple[str, ...] | None = address_field(None, _parse_overlays, lambda each: ",".join(each) or "none")
     delta: Pair | None = address_field(None, _parse_positive_window, pair_text)
     epsilon: Pair | None = address_field(None, _parse_window, pair_text)
     point: Pair | None = address_field(None, parse_point, pair_text)
@@ -351,6 +355,22 @@ class View:
     def window(self) -> Ranges | None:
         """Window that is shown, None for the whole survey."""
         return (self.delta, self.epsilon) if self.delta and self.epsilon else None
+
+    @property
+    def is_example(self) -> bool:
+        """True if the example is shown: it was chosen, or no survey is."""
+        return self.survey in ("", EXAMPLE)
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Lines over the map: the chosen lines, or the default lines of the map."""
+        return self.lines_over(self.variable)
+
+    def lines_over(self, variable: str) -> tuple[str, ...]:
+        """Return the lines over a map of another variable."""
+        if self.overlays is not None:
+            return self.overlays
+        return BORDERS if variable == REGION else FEW_LINES
 
     @classmethod
     def parse(cls, query: Mapping[str, Sequence[bytes]]) -> View:

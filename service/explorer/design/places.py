@@ -35,6 +35,25 @@ def bookmarks() -> dict[str, Bookmark]:
     return dict(_named_bookmarks())
 
 
+def shown_bookmark(window: Ranges | None, point: Pair | None) -> Bookmark | None:
+    """Return the bookmark that a view shows: its window with its point, else its window alone; None if there is none.
+
+    Parameters
+    ----------
+    window : Ranges | None
+        Window of the view, None for the whole survey.
+    point : Pair | None
+        Open point of the view.
+
+    Returns
+    -------
+    Bookmark | None
+        The bookmark.
+    """
+    there = [each for each in bookmarks().values() if each.window == window]
+    return next((each for wanted in (point, None) for each in there if each.point == wanted), None)
+
+
 def _named_bookmarks() -> Iterator[tuple[str, Bookmark]]:
     for name, (delta, epsilon) in CORNERS.items():
         wide, high = EITHER_WAY

@@ -157,7 +157,8 @@ class ComparisonMap(SurveyMap):
             self.refine()
         self.figure.mark_pins(points_by_number(view.pins, model))
         self.links.html = self._picture_links(plane, view)
-        self.lines.draw([name for name in view.overlays if name not in WHOLE], model, window)
+        lines = view.lines if self._further is None else view.lines_over(self._further.variable)
+        self.lines.draw([name for name in lines if name not in WHOLE], model, window)
 
     def show_pointer(self) -> None:
         """Mark the point that a viewer points at, and write the value of the cell there."""
@@ -165,7 +166,7 @@ class ComparisonMap(SurveyMap):
         self.figure.mark_cursor(None if pointer is None else pointer.at)
         if pointer is not None and self.plane is not None:
             read = partial(cell_in_words, self.plane, *pointer.at, self._store.window, self.finer)
-            self.read_cell(lambda: f"<p>{escape(read())}</p>", self.said)
+            self.read_cell(lambda: f"<p>{escape(read())}</p>", partial(setattr, self.said, "html"))
 
     def _picture_links(self, plane: MapPlane, first: View) -> str:
         """Return links to pictures of this map, in HTML; "" for a difference, which has no pictures."""
@@ -175,7 +176,7 @@ class ComparisonMap(SurveyMap):
         seen = drawn_settings(colours, self.figure.pixels if first.window else None)
         shown = replace(
             first, variable=further.variable, index=further.index, slice=further.slice, family=None,
-            overlays=tuple(name for name in first.overlays if name not in WHOLE),
+            overlays=tuple(name for name in first.lines_over(further.variable) if name not in WHOLE),
         )  # fmt: skip
         query = picture_query(self._store.jobs[further.survey].job.request, shown, seen)
         return f"<p class=faint>Picture: {picture_links(further.survey, further.variable, query)}</p>"

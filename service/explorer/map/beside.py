@@ -26,7 +26,7 @@ ANSWER_FIRST = f"@media (max-width: 1199px) {{ :host(.{OPENED}) > .go-to-place {
 
 
 class RightSide:
-    """Right side of the page: the panel `above`, the open point, and the pane `under`.
+    """Right side of the page: the panel `above`, the open point, and the panel `under`.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class RightSide:
         theme: str,
         below: FigurePlace,
         above: pn.Column,
-        under: pn.pane.Bokeh,
+        under: pn.Column,
     ) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
         self._theme, self._below = theme, below

@@ -1,75 +1,165 @@
-"""Write all numbers of a cell as tables, which are shown beside the map."""
+"""Show all numbers of a cell as tables beside the map, folded to one line while a point is open."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import suppress
 from html import escape
 from typing import Any
 
 import numpy as np
+import panel as pn
 import xarray as xr
 
 import rattle
 from gear_rattle.service.explorer.common.address import Ranges
+from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.design.axes import coordinate_text
 from gear_rattle.service.explorer.design.fields import NUMBERS, text_in_unit
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.service.explorer.point.parts import listed_attractors
 from gear_rattle.service.explorer.point.words import complex_text, number_text
-from gear_rattle.workers import QUANTITIES
+from gear_rattle.workers import QUANTITIES, Axis, SurveyRequest
 from gear_rattle.workers.pictures.look import in_revolutions
 from gear_rattle.workers.pictures.maps import meanings_of, title_of, words_without_value
 from gear_rattle.workers.survey.families import FAMILY
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from gear_rattle.workers.survey.values.evaluate import FAILED, STATUS
 from gear_rattle.workers.survey.values.schema import CELL
-from rattle.models import Model
 from rattle.plot import legend_name
 
 Row = tuple[str, str]
 DIGITS = 5  # significant digits of numbers
 
+HINT = "<p class=faint>Point at the map to read a cell; click or tap it to look closer.</p>"
+UNFOLD, FOLD = "All numbers of this cell", "Hide the numbers of this cell"
+OF_THE_CELL = "<p class=faint>Numbers of the survey's cell and its sample, not of the open point.</p>"
+INTERVAL = "The half-width of the 95 % interval follows ±. It is of the survey's sample in this cell."
 
-def readout(
-    cell: xr.Dataset | None,
-    delta: float,
-    epsilon: float,
-    model: Model,
-    window: Ranges,
-    here: Row | None = None,
-    machine: SurveyedMachine | None = None,
-) -> str:
-    """Return tables about a point (δ, ε), in HTML: its region, and the numbers of its cell.
 
-    cell: the survey's cell at the point, None if the point is outside of the survey. here: name and value of a finer
-    map at the point, None without a finer map. machine: machine of the survey, whose speed and eccentricity are written
-    too; None if the survey has no machine.
+class Readout:
+    """Numbers of a cell beside the map. pane: a line about the cell, a button that unfolds the rest, and the numbers.
+
+    Line and button show only while a point is open: the numbers of the cell are not the answer of the point.
+    """
+
+    def __init__(self, sheet: str) -> None:
+        self._line, self._tables = Text("", sheet), Text(HINT, sheet)
+        self._is_unfolded = False
+        self._button = pn.widgets.Button(label=UNFOLD, css_classes=["unfold"], stylesheets=[sheet], margin=(2, 0))
+        on_press(self._button, self._toggle)
+        row: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": 0}
+        self._head = pn.Column(self._line.pane, self._button, visible=False, **row)
+        self._numbers = pn.Column(self._tables.pane, **row)
+        self.pane = pn.Column(self._head, self._numbers, **row)
+
+    @property
+    def html(self) -> str:
+        """HTML of the numbers."""
+        return self._tables.html
+
+    @property
+    def line(self) -> str:
+        """HTML of the line about the cell."""
+        return self._line.html
+
+    @property
+    def is_folded(self) -> bool:
+        """True if only the line about the cell shows."""
+        return not self._numbers.visible
+
+    def clear(self) -> None:
+        """Say how a cell is read, in place of its numbers."""
+        self._tables.html = HINT
+        self._head.visible, self._numbers.visible = False, True
+
+    def show(self, line: str, tables: str, is_point_open: bool) -> None:
+        """Show the numbers of a cell (HTML), beside an open point only the line until a viewer unfolds the rest."""
+        self._line.html = line
+        self._tables.html = (OF_THE_CELL if is_point_open else "") + tables
+        self._head.visible = is_point_open
+        self._numbers.visible = self._is_unfolded or not is_point_open
+
+    def _toggle(self) -> None:
+        self._is_unfolded = not self._is_unfolded
+        self._numbers.visible = self._is_unfolded
+        self._button.label = FOLD if self._is_unfolded else UNFOLD
+
+
+def cell_line(cell: xr.Dataset | None, request: SurveyRequest) -> str:
+    """Return a line about a cell of a survey, in HTML: where it is, the size of its sample, and its quiet fraction.
+
+    cell: the cell, None outside of the survey.
 
     Returns
     -------
     str
         HTML.
     """
+    if cell is None:
+        return "<p>Outside of the survey's grid.</p>"
+    said = []
+    if (status := int(cell["status"])) in (0, FAILED):
+        said = [STATUS[status].replace("_", " ")]
+    elif "quiet_fraction" in cell:
+        count, share = request.initial_conditions.count, float(cell["quiet_fraction"])
+        low, high = rattle.wilson_interval(share * count, count)
+        said = [f"{count:,} starts", f"quiet {100 * share:.0f} ± {50 * float(high - low):.0f} %"]
+    place = f"Survey's grid cell at {cell_place(cell, request)}"
+    return f'<p title="{INTERVAL}">{escape(": ".join([place, ", ".join(said)]) if said else place)}</p>'
+
+
+def cell_place(cell: xr.Dataset, request: SurveyRequest) -> str:
+    """Return where a cell of a survey is, in as many digits as tell it from its neighbours."""
+    delta, epsilon = float(cell["delta"]), float(cell["epsilon"])
+    if request.machine is not None:
+        return ", ".join(value for _, value in _speed_and_eccentricity(request.machine, delta, epsilon))
+    return f"δ {_cell_text(delta, request.delta)}, ε {_cell_text(epsilon, request.epsilon)}"
+
+
+def _cell_text(value: float, axis: Axis) -> str:
+    """Return a coordinate of a cell, rounded to less than half a cell."""
+    digits = max(math.ceil(-math.log10((axis.stop - axis.start) / (axis.num - 1) / 2)), 1)
+    return f"{value:.{digits}f}".rstrip("0").rstrip(".")
+
+
+def readout(
+    cell: xr.Dataset | None,
+    delta: float,
+    epsilon: float,
+    request: SurveyRequest,
+    window: Ranges,
+    here: Row | None = None,
+) -> str:
+    """Return tables about a point (δ, ε), in HTML: its region, and the numbers of its cell.
+
+    cell: the survey's cell at the point, None if the point is outside of the survey. request: request of the survey;
+    of a machine's survey speed and eccentricity are written too. here: name and value of a finer map at the point, None
+    without a finer map.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    machine = request.machine
     rows: list[Row] = [("δ", coordinate_text(delta, window[0])), ("ε", coordinate_text(epsilon, window[1]))]
     if machine is not None and delta > 0:
         rows = [*_speed_and_eccentricity(machine, delta, epsilon), *rows]
     if delta > 0 and epsilon >= 0:
         # the error is raised if the forcing has harmonics, because regions are not defined then
         with suppress(rattle.RattleError):
-            region = int(rattle.classify_regions(model.period_one(delta, epsilon)))
+            region = int(rattle.classify_regions(request.gear_model.period_one(delta, epsilon)))
             rows.append(("region here", rattle.REGIONS[region]))
     if here is not None:
         rows.append(here)
     tables = [_definition_list(rows)]
     if cell is None:
         return "".join(tables) + "<p>Outside of the survey.</p>"
-    at = float(cell["delta"]), float(cell["epsilon"])
-    place = f"δ {at[0]:.10g}, ε {at[1]:.10g}"
-    if machine is not None:
-        place = ", ".join(value for _, value in _speed_and_eccentricity(machine, *at))
     status = int(cell["status"])
-    tables.append(f"<h2>Cell at {place}</h2>{_distance_note(cell, delta, epsilon, window)}")
+    tables.append(f"<h2>Cell at {cell_place(cell, request)}</h2>{_distance_note(cell, delta, epsilon, window)}")
     if status in (0, FAILED):
         return "".join(tables) + f"<p>{escape(STATUS[status].replace('_', ' '))}</p>"
     scalars = _definition_list(_scalar_rows(cell))

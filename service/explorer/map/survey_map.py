@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import aclosing
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
@@ -24,6 +25,8 @@ from gear_rattle.workers import Frame
 from gear_rattle.workers.pictures.look import is_survey_only
 from gear_rattle.workers.pictures.planes import drawn_numbers
 from rattle import RattleError
+
+Read = TypeVar("Read")
 
 SURVEY_ONLY = "This map has no finer cells than those of the survey."
 
@@ -176,14 +179,14 @@ class SurveyMap(ABC):
         shades = await self._viewer.run_in_thread(lambda: colouring(plane, seen(), limits, log).shades)
         self._viewer.change(lambda: self.show_shades(shades))
 
-    def read_cell(self, read: Callable[[], str], text: Text) -> None:
-        """Show in `text` the HTML that `read` returns, which a thread runs; an earlier reading is cancelled."""
+    def read_cell(self, read: Callable[[], Read], show: Callable[[Read], object]) -> None:
+        """Call `show` with what `read` returns, which a thread runs; an earlier reading is cancelled."""
         self.stop_reading()
-        self._reading = self._viewer.start(self._read_cell(read, text))
+        self._reading = self._viewer.start(self._read_and_show(read, show))
 
-    async def _read_cell(self, read: Callable[[], str], text: Text) -> None:
-        html = await self._viewer.run_in_thread(read)
-        self._viewer.change(lambda: setattr(text, "html", html))
+    async def _read_and_show(self, read: Callable[[], Read], show: Callable[[Read], object]) -> None:
+        found = await self._viewer.run_in_thread(read)
+        self._viewer.change(lambda: show(found))
 
     def stop_reading(self) -> None:
         """Cancel the reading of a cell."""

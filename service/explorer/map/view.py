@@ -10,7 +10,7 @@ import panel as pn
 
 from gear_rattle.service.database.tables import UNREADABLE, JobRow, State
 from gear_rattle.service.errors import MissingError
-from gear_rattle.service.explorer.common.address import KEYBOARD, MapChoice, Pair, View, points_by_number
+from gear_rattle.service.explorer.common.address import KEYBOARD, MapChoice, View, points_by_number
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.drawings import Show
 from gear_rattle.service.explorer.common.text import Heading, Text
@@ -22,7 +22,7 @@ from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import KeyedLines
 from gear_rattle.service.explorer.map.picture import drawn_settings
 from gear_rattle.service.explorer.map.planes import SIDE, MapBlock, MapPlane
-from gear_rattle.service.explorer.map.readout import cell_in_words, finer_value, readout
+from gear_rattle.service.explorer.map.readout import Readout, cell_in_words, cell_line, finer_value, readout
 from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form
 from gear_rattle.service.explorer.map.survey_map import SurveyMap
 from gear_rattle.service.explorer.point.state import point_marks
@@ -34,7 +34,6 @@ from rattle import RattleError
 BEGINS = "<p class=faint>The first cells of this survey are being computed.</p>"
 WAITS = "<p class=faint>This survey waits for its turn.</p>"
 GONE = "<p>This survey is no longer there. Choose another one.</p>"
-HINT = "<p class=faint>Point at the map to read a cell; click or tap it to look closer.</p>"
 
 
 class MapView(SurveyMap):
@@ -44,7 +43,7 @@ class MapView(SurveyMap):
         super().__init__(shared, viewer, store, figure, Heading(sheet), Text("", sheet, is_spoken=True))
         self.lines = KeyedLines(shared.overlaid, viewer, store, figure, sheet)
         self.keys = CursorKeys(viewer.document, figure.figure, store)
-        self.readout = Text(HINT, sheet)
+        self.readout = Readout(sheet)
         self._settled: tuple[str, str] | None = None  # id and state of the survey when its map was last chosen
         self._marked: tuple[object, ...] = ()
         self._of: tuple[str, int] | None = None  # id of the survey and number of the slice that are drawn
@@ -59,8 +58,8 @@ class MapView(SurveyMap):
         store.subscribe(self._choose_map, "survey", JOBS)
         store.subscribe(self._on_view_change, "survey", JOBS, "variable", "index", "slice", "limits", "log")
         store.subscribe(self._on_window_change, "delta", "epsilon")
-        store.subscribe(self._on_pointer_change, "pointer")
-        store.subscribe(self._read_open_point, "point")
+        store.subscribe(self._mark_pointer, "pointer")
+        store.subscribe(self._read_cell_at_pointer, "pointer", "point")
         store.subscribe(self._mark_point_and_pins, "point", "machine", "point_state", "pins", "survey", "slice", JOBS)
 
     def show_shades(self, shades: Sequence[Shade]) -> None:
@@ -93,7 +92,7 @@ class MapView(SurveyMap):
             self._of, self.plane = (view.survey, view.slice), None
         if not store.has_surveys:
             return
-        if view.survey and (job is None or not job.is_readable):
+        if not view.is_example and (job is None or not job.is_readable):
             self.drawings.stop()
             self.plane = None
             self.show_nothing(GONE if job is None else f"<p>{UNREADABLE}</p>")
@@ -140,7 +139,7 @@ class MapView(SurveyMap):
         super().show_nothing(why)
         self._store.dispatch(MapDrawn(None))
         self.stop_reading()
-        self.readout.html = HINT
+        self.readout.clear()
         if self.plane is None:
             self.figure.show_window(self._store.window)
 
@@ -154,8 +153,7 @@ class MapView(SurveyMap):
             self.figure.show_window(self._store.window)
         self.draw_map(plane, block, colours, MapChoice(view.variable, view.index), view.limits, view.log)
         self._dispatch_drawn()
-        if is_first:
-            self._read_open_point()
+        self._read_cell_at_pointer()
         self._shared.on_map_drawn()
 
     def _dispatch_drawn(self) -> None:
@@ -173,30 +171,38 @@ class MapView(SurveyMap):
         self.refine()
         self._dispatch_drawn()
 
-    def _on_pointer_change(self) -> None:
+    def show_finer(self, finer: MapBlock) -> None:
+        """Draw finer cells of the window, and read the cell under the pointer again."""
+        super().show_finer(finer)
+        self._viewer.change(self._read_cell_at_pointer)
+
+    def _mark_pointer(self) -> None:
         pointer = self._store.view.pointer
         is_here = pointer is None or pointer.source == self.figure.figure.name
         self.figure.mark_cursor(None if pointer is None or is_here else pointer.at)
-        self.said.html = ""
-        if pointer is not None and self.plane is not None:
-            if pointer.source == KEYBOARD:
-                said = cell_in_words(self.plane, *pointer.at, self._store.window, self.finer)
-                self.said.html = f"<p>{escape(said)}</p>"
-            self._read_numbers(pointer.at)
 
-    def _read_open_point(self) -> None:
-        if self._store.view.point is not None:
-            self._read_numbers(self._store.view.point)
-
-    def _read_numbers(self, at: Pair) -> None:
-        """Show the numbers of the cell at a point."""
-        if (plane := self.plane) is not None:
+    def _read_cell_at_pointer(self) -> None:
+        """Show the numbers of the cell at the pointer, else of the open point's cell, and cancel an earlier reading."""
+        self.stop_reading()
+        pointer, plane = self._store.view.pointer, self.plane
+        said = ""
+        if pointer is not None and plane is not None and pointer.source == KEYBOARD:
+            said = f"<p>{escape(cell_in_words(plane, *pointer.at, self._store.window, self.finer))}</p>"
+        self.said.html = said
+        at = self._store.view.point if pointer is None else pointer.at
+        if at is None:
+            self.readout.clear()
+        elif plane is not None:
             request, window, here = plane.request, self._store.window, finer_value(plane, self.finer, *at)
 
-            def read() -> str:
-                return readout(plane.cell_at(*at), *at, request.gear_model, window, here, request.machine)
+            def read() -> tuple[str, str]:
+                cell = plane.cell_at(*at)
+                return cell_line(cell, request), readout(cell, *at, request, window, here)
 
-            self.read_cell(read, self.readout)
+            def show(texts: tuple[str, str]) -> None:
+                self.readout.show(*texts, self._store.view.point is not None)
+
+            self.read_cell(read, show)
 
     def _mark_point_and_pins(self) -> None:
         """Mark the open point with its tolerances, and the pins, if their model is the model of the map."""

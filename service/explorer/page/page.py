@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.database.tables import JobKind, Scope
 from gear_rattle.service.errors import ServiceError, UnknownSurveyError
-from gear_rattle.service.explorer.common.address import FURTHER, View
+from gear_rattle.service.explorer.common.address import EXAMPLE, FURTHER, View
 from gear_rattle.service.explorer.common.lists import SurveyMenu
 from gear_rattle.service.explorer.common.news import JobStatus, overall_rate
 from gear_rattle.service.explorer.common.text import alert_html
@@ -31,7 +31,7 @@ from gear_rattle.service.explorer.map.shared import SharedState, default_survey
 from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.explorer.page.form import SurveyForm, error_message
 from gear_rattle.service.explorer.page.head import SCHEME, theme_of
-from gear_rattle.service.explorer.page.rows import survey_row
+from gear_rattle.service.explorer.page.rows import example_row, survey_row
 from gear_rattle.service.explorer.pins.view import Pins
 from gear_rattle.service.explorer.section.section import ProfileSection
 from gear_rattle.service.explorer.state.events import SurveyChosen
@@ -148,7 +148,7 @@ class Page:
     def _add_chosen_survey(self, statuses: Sequence[JobStatus]) -> Sequence[JobStatus]:
         """Return the statuses, and also the status of the survey in the address if the newest surveys lack it."""
         asked = self.store.view.survey
-        if asked and all(each.job.id != asked for each in statuses):
+        if not self.store.view.is_example and all(each.job.id != asked for each in statuses):
             with suppress(UnknownSurveyError):
                 job = find_job(self._shared.front, asked, JobKind.SURVEY)
                 return [*statuses, JobStatus(job, overall_rate(job), None)]
@@ -164,17 +164,18 @@ class Page:
             self.store.dispatch(SurveyChosen(first.id))
 
     def _on_survey_chosen(self) -> None:
-        """Show the survey that is chosen in the list."""
-        if self._list.chosen in self.store.jobs:
+        """Show the survey, or the example, that is chosen in the list."""
+        if self._list.chosen in (*self.store.jobs, EXAMPLE):
             self.store.dispatch(SurveyChosen(self._list.chosen))
 
     def _show_rows(self) -> None:
-        """Show the surveys in the list."""
+        """Show the surveys in the list, and the example as its last entry."""
         view, jobs, owns = self.store.view, self.store.jobs, self._viewer.caller.is_owner_of
         if self.store.has_surveys:
             rows = [survey_row(each, view, owns(each.job)) for each in jobs.values()]
+            rows.append(example_row(self._shared.exact.request))
             with self._watch.paused():
-                self._list.param.update(rows=rows, chosen=view.survey, ready=True)
+                self._list.param.update(rows=rows, chosen=EXAMPLE if view.is_example else view.survey, ready=True)
 
     def _show_address(self) -> None:
         """Write the view to the address. It is written again when the browser has replaced the address by its own."""
@@ -215,10 +216,12 @@ class Page:
         store = self.store
         form = self._open_form()
         form.fill_window(store.window, store.model, store.machine)
-        if store.view.survey and store.request is not None:
+        if not store.view.is_example and store.request is not None:
             form.sample.fill(store.request)
 
     def _on_list_action(self, action: str, survey_id: str, entered: Mapping[str, Any]) -> None:
+        if survey_id == EXAMPLE and action == "again":
+            self._open_form().fill(self._shared.exact.request)
         if survey_id not in self.store.jobs:
             return
         job = self.store.jobs[survey_id].job

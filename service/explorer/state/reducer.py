@@ -98,7 +98,7 @@ def reduce(view: View, event: Event) -> View:
         case events.PointClosed():
             return _close_point(view)
         case events.BookmarkChosen(window, point, state):
-            moved = _show_window(view, window)
+            moved = replace(_show_window(view, window), pointer=None)
             return _close_point(moved) if point is None else _open_point(moved, point, None, state)
         case events.ProfileChosen(profile, limits):
             return replace(view, profile=profile, profile_limits=limits)
@@ -143,7 +143,9 @@ def _open_point(view: View, point: Pair, machine: EnteredMachine | None, state: 
     if state is None:
         is_open = (view.point, view.machine) == (point, machine)
         state = view.point_state if is_open else PointState(tab=view.point_state.tab)
-    return replace(view, point=point, machine=machine, point_state=state.with_changes())
+    # without a pointer elsewhere, the numbers beside the map are of the point's cell
+    pointer = view.pointer if view.pointer is not None and view.pointer.at == point else None
+    return replace(view, point=point, machine=machine, point_state=state.with_changes(), pointer=pointer)
 
 
 def _close_point(view: View) -> View:

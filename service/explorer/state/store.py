@@ -94,7 +94,7 @@ class Store(Listeners):
     @property
     def whole_request(self) -> SurveyRequest | None:
         """Request of the chosen survey, of the example if none is chosen; None if the survey cannot be read."""
-        if not self.view.survey:
+        if self.view.is_example:
             return self._example
         job = self.job
         if job is None or not job.is_readable:

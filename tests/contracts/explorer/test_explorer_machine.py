@@ -183,11 +183,11 @@ def test_what_is_entered_of_a_machine_is_checked(tmp_path: Path) -> None:
 def test_a_point_of_a_machine_s_survey_is_read_in_si() -> None:
     machine = rattle.Machine(**NUMBERS, eccentricity=20e-6, rpm=3000)
     window = (0.02, 0.08), (0.0, 1e-3)
-    said = readout(None, machine.delta, machine.epsilon, MACHINE.gear_model, window, None, MACHINE.machine)
+    said = readout(None, machine.delta, machine.epsilon, MACHINE, window)
     assert "<dd>3000 rpm</dd>" in said
     assert "<dd>20 µm</dd>" in said
     assert said.index("3000 rpm") < said.index("δ")
-    assert "rpm" not in readout(None, 0.6, 0.1, SurveyRequest(**BODY).gear_model, ((0.4, 1.0), (0.0, 0.3)))
+    assert "rpm" not in readout(None, 0.6, 0.1, SurveyRequest(**BODY), ((0.4, 1.0), (0.0, 0.3)))
 
 
 def test_fields_of_a_machine_give_what_the_library_takes() -> None:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import panel as pn
 import pytest
 from service_support import IN_A_THREAD, points_in
 from test_explorer_view import REGIONS, STIFF, Shown, accepted, cells, done, with_map
@@ -74,21 +75,49 @@ def test_a_place_is_gone_to_and_left_again(tmp_path: Path) -> None:
         await eventually(lambda: cells(shown) and shown.plane is not None)
         named = shown.go_to.named
         whole = shown.store.window
-        named.value = bookmarks()["Figure 8: about COD21 and COD22"]
-        assert named.value == ""
+        named.value = about = bookmarks()["Figure 8: about COD21 and COD22"]
         assert shown.store.window == FIGURE_8
-        named.value = bookmarks()["Figure 9: diagram at δ = 0.762"]
+        assert named.value == about
+        named.value = diagram = bookmarks()["Figure 9: diagram at δ = 0.762"]
         assert shown.view.point == pytest.approx((0.762, 0.0967))
         assert "p.span=0.001" in shown.view.query()
+        assert named.value == diagram
+        shown.close()
+        assert named.value == about  # the window is still that of Figure 8
         shown.keys.execute("back")
         assert shown.store.window == whole
+        assert named.value == ""
         shown.keys.execute("forward")
         assert shown.map.figure.x_range.start == FIGURE_8[0][0]
         shown.choose(accepted(front, STIFF))
         named.value = bookmarks()["Figure 7: the plane"]
         assert "of the impacting gear" in shown.go_to.said.html
+        assert named.value == ""
 
     with_map(tmp_path, body)
+
+
+def test_the_form_of_a_point_closes_once_the_point_is_shown(tmp_path: Path) -> None:
+    async def body(_front: Front, shown: Shown) -> None:
+        shown.follow(None)
+        panel = shown.go_to.panel
+        (button,) = (each for each in panel.select(pn.widgets.Button) if "go-to" in each.css_classes)
+        button.clicks += 1
+        assert button.label == "Close this form"
+        (show,) = (each for each in panel.select(pn.widgets.Button) if each.label == "Show")
+        delta, _ = panel.select(pn.widgets.FloatInput)[:2]
+        delta.value = 0.0
+        show.clicks += 1
+        assert "above 0" in shown.go_to.said.html
+        assert panel[1].visible  # what is wrong is corrected there
+        delta.value = 0.7
+        show.clicks += 1
+        assert shown.view.point == (0.7, 0.1)
+        assert not panel[1].visible
+        assert button.label == "Go to a point"
+
+    with points_in(IN_A_THREAD):
+        with_map(tmp_path, body)
 
 
 def test_the_way_to_another_point_has_the_events_between() -> None:
