@@ -56,7 +56,7 @@ def test_a_cell_is_that_of_the_library(store: Path) -> None:
         for number in range(2):
             survey = whole.isel(restitution=number)
             model = surveyed_model(survey)
-            assert model == REQUEST.at((number,)).gear_model
+            assert model == REQUEST.slice_request((number,)).gear_model
             assert model.numbers["load"] == 0.3
             table = model.attractors_of(survey.delta.values, survey.epsilon.values[:, None], SampleSpec(8))
             rattles = model.intensities_of(survey.delta.values, survey.epsilon.values[:, None], table)
