@@ -189,7 +189,7 @@ def test_a_pointer_elsewhere_is_dropped_where_a_point_or_a_place_is_gone_to() ->
     assert reduce(view, events.PointOpened((0.6, 0.1))).pointer == view.pointer  # as a click opens it
     assert reduce(view, events.PointOpened((0.7, 0.1))).pointer is None
     assert reduce(view, events.BookmarkChosen(WINDOW, None, {})).pointer is None
-    assert reduce(view, events.BookmarkChosen(WINDOW, (0.7, 0.2), {})).pointer is None
+    assert reduce(view, events.BookmarkChosen(WINDOW, (0.7, 0.2), None)).pointer is None
 
 
 def test_maps_beside_the_first_are_added_changed_and_removed() -> None:
