@@ -21,10 +21,10 @@ import xarray as xr
 
 import rattle
 from gear_rattle.workers import SurveyRequest, open_survey
-from gear_rattle.workers.survey.refined.audit import upper_share
+from gear_rattle.workers.survey.refined.audit import share_upper_bound
 
 AT_ONCE = 500  # a process computes at most this many cells at a time
-SURELY = 1e-3  # a missing motion is an error if chance explains it with less than this probability
+CHANCE_LIMIT = 1e-3  # a missing motion is an error if chance explains it with less than this probability
 LABEL = "m", "n_plus", "n_minus"
 KINDS = "quiet", "chaotic", "undecided"
 READ = (
@@ -115,7 +115,7 @@ def compared(cells: Drawn) -> dict[str, np.ndarray]:
     for kind, share in cells.shares.items():
         of = found.kind == rattle.KINDS.index(kind)
         seen = np.bincount(found.cell[of], found.samples[of], n)
-        wrong[kind] = (seen > 0) & (share == 0.0) | (seen == 0) & ((1.0 - share) ** sample.count < SURELY)
+        wrong[kind] = (seen > 0) & (share == 0.0) | (seen == 0) & ((1.0 - share) ** sample.count < CHANCE_LIMIT)
     return wrong
 
 
@@ -144,11 +144,11 @@ def main() -> None:
                 pool.terminate()
                 break
         audit, asked = np.bincount(survey.audit.values.ravel(), minlength=3), survey.attrs.get("refined_bound_asked")
-    upper = upper_share(int(audit[2]), int(audit[1:].sum()))
+    upper = share_upper_bound(int(audit[2]), int(audit[1:].sum()))
     print(f"{n} filled cells in {time.monotonic() - began:.0f} s; asked for: {asked}")
     print(f"of {audit[1:].sum()} that the survey audited {audit[2]} disagreed: at most {upper:.2g} are wrong (95 %)")
     for what, many in wrong.items():
-        print(f"{what}: {many} wrong, {many / n:.2g}, at most {upper_share(many, n):.2g} (95 %)")
+        print(f"{what}: {many} wrong, {many / n:.2g}, at most {share_upper_bound(many, n):.2g} (95 %)")
 
 
 if __name__ == "__main__":

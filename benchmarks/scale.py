@@ -80,7 +80,7 @@ async def simulate(url: str, number: int) -> None:
 
     from gear_rattle.workers.cluster import cluster, runner
     from gear_rattle.workers.storage import store
-    from gear_rattle.workers.survey.manifest import digests
+    from gear_rattle.workers.survey.manifest import file_digests
     from gear_rattle.workers.survey.tiles import TileRecord
 
     encoding = threading.Lock()
@@ -92,24 +92,24 @@ async def simulate(url: str, number: int) -> None:
         tile = next(each for each in runner_tiles(request) if _shape(each) == shape)
         _, arrays, _ = store._blank(request)
         return list(
-            store._encoded(
+            store._encode_tile(
                 request,
                 tile,
                 {
-                    name: np.ones(np.broadcast_to(0, each.shape)[tile.at].shape, each.dtype)
+                    name: np.ones(np.broadcast_to(0, each.shape)[tile.selection].shape, each.dtype)
                     for name, each in arrays.items()
                 },
             ).values()
         )
 
     def nothing(request: Any, path: str, tile: Any, *_: Any) -> TileRecord:
-        keys = store._keys(request, tile).values()
+        keys = store._chunk_keys(request, tile).values()
         with encoding:  # the workers of this process share one encoder
             written = dict(zip(keys, contents(request, _shape(tile)), strict=True))
-        place = store._place(path, request)
+        place = store._checked_place(path, request)
         for key, content in written.items():
             place.put(key, content)
-        return TileRecord(tile.index, tile.n_cells, (), 0, 0.001, files=digests(written))
+        return TileRecord(tile.index, tile.n_cells, (), 0, 0.001, files=file_digests(written))
 
     def runner_tiles(request: Any) -> list[Any]:
         from gear_rattle.workers.survey.tiles import tiles_of

@@ -44,15 +44,15 @@ def kept_plane(restitution: float, directory: Path) -> RestitutionPlane:
 
 def tell_plane(plane: RestitutionPlane) -> None:
     """Print a row of the table of shares."""
-    chaos, quiet = plane.share_of(Outcome.CHAOTIC), plane.share_of(Outcome.QUIET)
+    chaos, quiet = plane.fraction_of(Outcome.CHAOTIC), plane.fraction_of(Outcome.QUIET)
     limit = np.array([inelastic.quiet_limit(delta, DRIFT) for delta in plane.delta])
     above = plane.epsilon[:, None] > limit
-    some, alone = chaos > 0, plane.contact_share > 0
+    some, alone = chaos > 0, plane.contact_fraction > 0
     strong = np.nanmax(plane.exponent)
     print(
         f"| {plane.restitution:g} | {quiet.mean():.3f} | {(quiet == 1).mean():.3f} | {some.mean():.3f} | "
         f"{some[~above].mean():.3f} | {some[above].mean():.3f} | {(chaos == 1).mean():.3f} | {alone.mean():.3f} | "
-        f"{plane.share_of(Outcome.UNDECIDED).mean():.4f} | {strong:.2f} |"
+        f"{plane.fraction_of(Outcome.UNDECIDED).mean():.4f} | {strong:.2f} |"
     )
 
 

@@ -38,8 +38,8 @@ from gear_rattle.service.commands.sound import sound
 from gear_rattle.service.commands.tolerance import tolerance
 from gear_rattle.service.commands.verify import verify
 
-FAILED, REFUSED = 1, 2
-START = (
+FAILED, REFUSED = 1, 2  # exit statuses of a failed command, and of one that was refused with a message
+FIRST_STEPS = (
     "Start here: `rattle orbits 0.6 0.1` describes one gear; `rattle run --delta 0.4:1:61 --epsilon 0.005:0.3:60 --out "
     "survey.zarr` computes a survey, and `rattle figure survey.zarr survey.png` draws it. `rattle COMMAND --help` has "
     "an example of each command."
@@ -50,42 +50,42 @@ class Commands(TyperGroup):
     """The group of all commands. It replaces pydantic's messages about wrong values by this project's."""
 
     def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
-        """Run the command. Errors about wrong values get this project's message."""
+        """Run the command; replace pydantic's message of an error about a wrong value by this project's message."""
         try:
             return super().invoke(ctx)
         except typer.BadParameter as error:
             if error.param is not None and hasattr(error.__cause__, "errors"):  # typer's error, caused by pydantic's
-                from gear_rattle.workers.survey.axes import reason
+                from gear_rattle.workers.survey.axes import first_message
 
-                error.message = reason(error.__cause__)  # type: ignore[arg-type]
+                error.message = first_message(error.__cause__)  # type: ignore[arg-type]
             raise
 
 
 app = typer.Typer(
     cls=Commands,
-    help=f"Survey the damping-eccentricity plane of an impacting gear model.\n\n{START}",
+    help=f"Survey the damping-eccentricity plane of an impacting gear model.\n\n{FIRST_STEPS}",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
 
 
-def _version(asked: bool) -> None:
+def _print_version(asked: bool) -> None:
     if asked:
         typer.echo(f"rattle {version('gear-rattle')}")  # importing the library would load the compiler
         raise typer.Exit
 
 
 @app.callback()
-def _rattle(
+def _top_level_options(
     _: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and stop.")
     ] = False,
 ) -> None:
     pass
 
 
-#: By group in `rattle --help`: the commands, each with an example.
+#: {group in `rattle --help`: its commands, each with an example}.
 COMMANDS: dict[str, tuple[tuple[Callable[..., Any], str], ...]] = {
     "Survey": (
         (run, "run --delta 0.4:1:61 --epsilon 0.005:0.3:60 --out survey.zarr"),
@@ -128,9 +128,9 @@ app.add_typer(key.app, name="key", rich_help_panel="Service", epilog="Example: r
 
 
 def main() -> None:
-    """Run a command. An error of this project is printed as a sentence without traceback; the exit status is 2."""
+    """Run a command. An error of this project is printed as a sentence without traceback; the exit status is then 2."""
     status: list[int] = []
-    atexit.register(_leave, status)  # the function that is registered first is called last
+    atexit.register(_end_process, status)  # the function that is registered first is called last
     atexit.register(gc.freeze)  # prevents a slow garbage collection among all modules at the end
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
@@ -142,8 +142,11 @@ def main() -> None:
         raise
 
 
-def _leave(status: list[int]) -> None:
-    """End the process at once if a thread still computes or compiles; Python would wait for it at the end."""
+def _end_process(status: list[int]) -> None:
+    """End the process at once if a thread still computes or compiles, because Python would wait for this thread.
+
+    status: a list with the exit status, or empty if the command failed with an unexpected error.
+    """
     if any(thread.daemon for thread in threading.enumerate()):
         for stream in (sys.stdout, sys.stderr):
             with suppress(OSError, ValueError):  # the program that reads the output may have ended
@@ -151,7 +154,7 @@ def _leave(status: list[int]) -> None:
         os._exit(status[0] if status else FAILED)
 
 
-def _with_home(argument: str) -> str:
+def _expand_home(argument: str) -> str:
     """Expand `~` in an argument such as `--out=~/x`, where shells do not expand it."""
     name, _, value = argument.partition("=")
     if name.startswith("--") and (value == "~" or value.startswith("~/")):
@@ -161,7 +164,7 @@ def _with_home(argument: str) -> str:
 
 def _run_command() -> None:
     try:
-        app([_with_home(each) for each in sys.argv[1:]])
+        app([_expand_home(each) for each in sys.argv[1:]])
     except ModuleNotFoundError as error:
         typer.echo(
             f"rattle: {error.name} is not installed. For the service: pip install 'gear-rattle[service]'", err=True

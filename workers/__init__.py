@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from gear_rattle.workers.cluster.refinement import refined_frames
     from gear_rattle.workers.cluster.runner import complete_on, run_tiles, template_on
 
-#: Names that are imported at their first use: they import dask's cluster, which takes a quarter of a second, and a
-#: survey in one process does not need it.
+#: {name: module from which it is imported at its first use}. These modules import dask's cluster, which takes a quarter
+#: of a second, and a survey in one process does not need it.
 _ON_CLUSTERS = {
     "Begun": "gear_rattle.workers.cluster.costs",
     "complete_on": "gear_rattle.workers.cluster.runner",

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import zarr
 
-from gear_rattle.workers.errors import SurveyError, reading
+from gear_rattle.workers.errors import SurveyError, report_damage
 from gear_rattle.workers.kinds import request_of
 from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.populations.variables import gears_of
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import manifest_of, said_by_root, whole_root
+from gear_rattle.workers.storage.manifest import manifest_of, unchecked_attributes, whole_root
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from rattle import Population
 
@@ -39,10 +39,10 @@ def population_of(where: str | Path | Place) -> Population:
     place = place_of(where)
     manifest = manifest_of(place)
     is_whole = manifest is None or whole_root(place, manifest) is not None  # old versions wrote no manifest
-    request = _request_of(said_by_root(place) if is_whole else {}, str(place))
-    with reading(f"the gears of {place}"):
+    request = _request_of(unchecked_attributes(place) if is_whole else {}, str(place))
+    with report_damage(f"the gears of {place}"):
         group = zarr.open_group(place.zarr(), mode="r")
-        return _population(request, lambda name: np.asarray(group[name]), str(place))
+        return _complete_population(request, lambda name: np.asarray(group[name]), str(place))
 
 
 def population_in(dataset: "xr.Dataset", name: str) -> Population:
@@ -59,26 +59,29 @@ def population_in(dataset: "xr.Dataset", name: str) -> Population:
         There is no population, it is not finished, or it is damaged.
     """
     request = _request_of(dataset.attrs, name)
-    with reading(f"the gears of {name}"):
-        return _population(request, lambda column: np.asarray(dataset[column]), name)
+    with report_damage(f"the gears of {name}"):
+        return _complete_population(request, lambda column: np.asarray(dataset[column]), name)
 
 
 def _request_of(attributes: Any, name: str) -> PopulationRequest:
+    """Return the request in a store's attributes. Raises SurveyError if the store has no readable population."""
     try:
         request = request_of(json.loads(attributes["request"])) if "request" in attributes else None
     except (KeyError, ValueError) as error:
         raise SurveyError(
-            f"{name} holds a population that this version cannot read ({error}): read it with the version that made it"
+            f"{name} holds a population that this version cannot read ({error}): use the version that computed it"
         ) from error
     if not isinstance(request, PopulationRequest):
-        raise SurveyError(f"{name} holds no population that can be read: name the store of a population")
+        raise SurveyError(f"{name} holds no population that can be read: give the store of a population")
     return request
 
 
-def _population(request: PopulationRequest, column: Callable[[str], np.ndarray], name: str) -> Population:
+def _complete_population(request: PopulationRequest, column: Callable[[str], np.ndarray], name: str) -> Population:
     status = column("status")
     if missing := int((status == 0).sum()):
-        raise SurveyError(f"{name} lacks {missing} gears: wait until it is finished, or run it again to resume it")
+        raise SurveyError(
+            f"{name} lacks {missing} gears: wait until all are computed, or run its command again to resume it"
+        )
     found = gears_of(request, column)
     failed = status == FAILED
     if failed.any():  # the store has fill values for failed gears, so their numbers and parts come from the plan

@@ -9,27 +9,27 @@ from typing import TypeVar
 
 from rattle.numerics import environment
 
-__all__ = ["CalledProcessError", "answer_call", "call_apart"]
+__all__ = ["CalledProcessError", "answer_call_from_stdin", "call_in_subprocess"]
 
 Answer = TypeVar("Answer")
 
 
-def call_apart(function: Callable[..., Answer], *arguments: object) -> Answer:
+def call_in_subprocess(function: Callable[..., Answer], *arguments: object) -> Answer:
     """Call a function of a module in a process of its own.
 
-    It blocks: use a thread for each process.
+    The call waits for the process: use a thread for each process that shall run at the same time.
 
     Parameters
     ----------
     function : Callable[..., Answer]
         A function that its module and name identify, because it is pickled.
     *arguments : object
-        Its arguments, which are pickled too.
+        The arguments of the function, which are pickled too.
 
     Returns
     -------
     Answer
-        What the function returns.
+        The result of the function.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def call_apart(function: Callable[..., Answer], *arguments: object) -> Answer:
     CalledProcessError
         The process was killed, or cannot import the function.
     """
-    command = [sys.executable, "-c", f"from {__name__} import answer_call; answer_call()"]
+    command = [sys.executable, "-c", f"from {__name__} import answer_call_from_stdin; answer_call_from_stdin()"]
     given = pickle.dumps((function, arguments))
     ran = subprocess.run(command, input=given, stdout=subprocess.PIPE, env=environment(), check=True)
     succeeded, found = pickle.loads(ran.stdout)
@@ -48,7 +48,7 @@ def call_apart(function: Callable[..., Answer], *arguments: object) -> Answer:
     return answer
 
 
-def answer_call() -> None:
+def answer_call_from_stdin() -> None:
     """Call the function that stdin names, and write its result or its error to stdout."""
     output, sys.stdout = sys.stdout.buffer, sys.stderr  # text that a library prints must not mix with the answer
     function, arguments = pickle.load(sys.stdin.buffer)

@@ -1,4 +1,4 @@
-"""Prove the blocks of a plane in several processes, and write them to one file, one block in each line."""
+"""Prove the blocks (rectangles) of a plane in several processes, and write them to a file, one block in each line."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
 
-from gear_rattle.workers.apart import call_apart
+from gear_rattle.workers.apart import call_in_subprocess
 from gear_rattle.workers.errors import storage_error
 from rattle.proof.areas.block import ProvedBlock
-from rattle.proof.areas.columns import columns, proved
+from rattle.proof.areas.columns import columns, prove_column
 from rattle.proof.certificate import Ends
 
 
@@ -46,7 +46,7 @@ def certify_areas(
     found: list[ProvedBlock] = []
     try:
         with out.open("w") as file:
-            for done, blocks in enumerate(_answers(columns(delta, number), epsilon, beta, processes), 1):
+            for done, blocks in enumerate(_blocks_of_columns(columns(delta, number), epsilon, beta, processes), 1):
                 file.writelines(block.json() + "\n" for block in blocks)
                 file.flush()
                 found += blocks
@@ -59,13 +59,15 @@ def certify_areas(
     return found
 
 
-def _answers(places: list[Ends], epsilon: Ends, beta: Fraction, processes: int) -> Iterator[list[ProvedBlock]]:
-    """Yield the blocks of each column, in the order of the columns."""
+def _blocks_of_columns(
+    places: list[Ends], epsilon: Ends, beta: Fraction, processes: int
+) -> Iterator[list[ProvedBlock]]:
+    """Yield the proved blocks of each column of δ, in the order of the columns. places: the columns' ranges of δ."""
     if processes == 1:
-        yield from (proved(beta, delta, epsilon) for delta in places)
+        yield from (prove_column(beta, delta, epsilon) for delta in places)
         return
     pool = ThreadPoolExecutor(processes)
     try:
-        yield from pool.map(lambda delta: call_apart(proved, beta, delta, epsilon), places)
+        yield from pool.map(lambda delta: call_in_subprocess(prove_column, beta, delta, epsilon), places)
     finally:
         pool.shutdown(cancel_futures=True)

@@ -12,28 +12,28 @@ from pathlib import Path
 import numpy as np
 import zarr
 
-from gear_rattle.workers.errors import reading, storage_error
-from gear_rattle.workers.storage.added import Each, here
+from gear_rattle.workers.errors import report_damage, storage_error
+from gear_rattle.workers.storage.added import Each, run_in_process
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import attributes_of, noting, tell
+from gear_rattle.workers.storage.manifest import attributes_of, recording_tiles, set_attributes
 from gear_rattle.workers.storage.store import write_tile
-from gear_rattle.workers.survey.refined.audit import AUDIT, DISAGREED, LEAF, ROUNDS, SOURCE_LEVEL, TOLD
-from gear_rattle.workers.survey.refined.rounds import KINDS, Counts, Round, next_round, upper_of
+from gear_rattle.workers.survey.refined.audit import AUDIT, AUDIT_ATTRIBUTES, DISAGREED, LEAF, ROUNDS, SOURCE_LEVEL
+from gear_rattle.workers.survey.refined.rounds import KINDS, AuditCounts, AuditRound, next_round, wrong_share_upper
 from gear_rattle.workers.survey.request import SurveyRequest
-from gear_rattle.workers.survey.tiles import Tile, compute_tile, first_audit, tiles_of
+from gear_rattle.workers.survey.tiles import Tile, compute_tile, first_audit_round, tiles_of
 
-COUNTED = (SOURCE_LEVEL, AUDIT, LEAF)
+COUNTED_VARIABLES = (SOURCE_LEVEL, AUDIT, LEAF)  # stored variables from which the audit counts of a tile follow
 
 
 def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Return whether a survey requests a bound that is not known to be met. All its tiles must be computed."""
-    return request.is_bounded and TOLD[-1] not in attributes_of(place_of(where))
+    """Return whether a survey requests a bound that its store does not record as met. All tiles must be computed."""
+    return request.has_bound and AUDIT_ATTRIBUTES[-1] not in attributes_of(place_of(where))
 
 
 def meet_bound(
     request: SurveyRequest,
     where: str | Path | Place,
-    each: Each = here,
+    each: Each = run_in_process,
     at_once: int = 1,
     should_pause: Callable[[], bool] = lambda: False,
 ) -> bool:
@@ -46,7 +46,7 @@ def meet_bound(
     Parameters
     ----------
     each : Each
-        Function that runs a task for each of several items, such as `here`.
+        Function that runs a task for each of several items, such as `run_in_process`.
     at_once : int
         Number of tiles in a group; each tile is one task.
     should_pause : Callable[[], bool]
@@ -67,75 +67,78 @@ def meet_bound(
     assert request.refine is not None
     assert request.refine.bound is not None
     place = place_of(where)
-    later = tuple(Round(*asked) for asked in json.loads(attributes_of(place).get(ROUNDS, "[]")))
+    later = tuple(AuditRound(*asked) for asked in json.loads(attributes_of(place).get(ROUNDS, "[]")))
     while True:
         tiles = [(replace(tile, rounds=later),) for tile in tiles_of(request)]
         # The counts of all tiles are read in one group, because a pause between groups could end the call before
         # any tile is computed.
-        found = each(found_in, request, str(place), tiles)
+        found = each(audit_counts_of_tile, request, str(place), tiles)
         waiting = iter([tile for tile, counts in zip(tiles, found, strict=True) if counts is None])
-        with noting(place) as note:
+        with recording_tiles(place) as note:
             while part := list(islice(waiting, at_once)):
-                taken = each(take_through, request, str(place), part)
+                taken = each(recompute_tile, request, str(place), part)
                 note({tile.index: files for (tile,), (_, files) in zip(part, taken, strict=True)})
                 found += [counts for counts, _ in taken]
                 if should_pause():
                     return False
-        counts = reduce(_sum, (one for one in found if one is not None))
-        more = next_round(request.refine.bound, (first_audit(request), *later), counts)
+        counts = reduce(_add_counts, (one for one in found if one is not None))
+        more = next_round(request.refine.bound, (first_audit_round(request), *later), counts)
         if more is None:
             break
         later = (*later, more)
-        _tell(place, {ROUNDS: json.dumps(later)})
+        _write_attributes(place, {ROUNDS: json.dumps(later)})
     told = (int(x.sum()) for x in (counts.filled, counts.audited, counts.disagreed))
-    _tell(place, dict(zip(TOLD, (*told, upper_of(counts, len(later))), strict=True)))
+    _write_attributes(place, dict(zip(AUDIT_ATTRIBUTES, (*told, wrong_share_upper(counts, len(later))), strict=True)))
     return True
 
 
-def found_in(_request: SurveyRequest, path: str, tile: Tile) -> Counts | None:
-    """Read a tile's audit counts of the last of `tile.rounds`; None if the store has the tile with other rounds."""
+def audit_counts_of_tile(_request: SurveyRequest, path: str, tile: Tile) -> AuditCounts | None:
+    """Read a tile's audit counts of its last round from the store; None if the stored tile has other rounds."""
     place = place_of(path)
-    with reading(f"the audit of {place}"):
-        stored = {name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[tile.at]) for name in COUNTED}
-    return _counts(tile, stored)
+    with report_damage(f"the audit of {place}"):
+        stored = {
+            name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[tile.selection])
+            for name in COUNTED_VARIABLES
+        }
+    return _audit_counts(tile, stored)
 
 
-def take_through(request: SurveyRequest, path: str, tile: Tile) -> tuple[Counts, dict[str, str]]:
+def recompute_tile(request: SurveyRequest, path: str, tile: Tile) -> tuple[AuditCounts, dict[str, str]]:
     """Compute a tile with its rounds of audits (`tile.rounds`), and write it. A repetition writes the same bytes.
 
     Returns
     -------
-    tuple[Counts, dict[str, str]]
+    tuple[AuditCounts, dict[str, str]]
         Audit counts of the last round, and digests of the tile's chunks by key.
     """
     values, _ = compute_tile(request, tile)
     files = write_tile(request, path, tile, values)
-    counts = _counts(tile, values)
+    counts = _audit_counts(tile, values)
     assert counts is not None, "every filled cell has gone through all rounds"
     return counts, files
 
 
-def _counts(tile: Tile, values: Mapping[str, np.ndarray]) -> Counts | None:
-    """Return the audit counts of the last of `tile.rounds`; None if `values` were computed with other rounds."""
-    source, audit, leaf = (values[name] for name in COUNTED)
+def _audit_counts(tile: Tile, values: Mapping[str, np.ndarray]) -> AuditCounts | None:
+    """Return a tile's audit counts of its last round; None if `values` were computed with other rounds."""
+    source, audit, leaf = (values[name] for name in COUNTED_VARIABLES)
     now = (leaf > 0) & (leaf // KINDS == len(tile.rounds))
     filled = source > 0
     if (filled & ~now).any() or (leaf // KINDS > len(tile.rounds)).any():
         return None
-    return Counts(*(_by_kind(leaf[now & of]) for of in (True, audit > 0, audit == DISAGREED, filled)))
+    return AuditCounts(*(_counts_by_kind(leaf[now & of]) for of in (True, audit > 0, audit == DISAGREED, filled)))
 
 
-def _by_kind(leaf: np.ndarray) -> np.ndarray:
+def _counts_by_kind(leaf: np.ndarray) -> np.ndarray:
     return np.bincount(leaf % KINDS, minlength=KINDS)
 
 
-def _sum(one: Counts, other: Counts) -> Counts:
-    return Counts(*(a + b for a, b in zip(one, other, strict=True)))
+def _add_counts(one: AuditCounts, other: AuditCounts) -> AuditCounts:
+    return AuditCounts(*(a + b for a, b in zip(one, other, strict=True)))
 
 
-def _tell(place: Place, told: Mapping[str, str | int | float]) -> None:
+def _write_attributes(place: Place, told: Mapping[str, str | int | float]) -> None:
     try:
-        tell(place, told)
+        set_attributes(place, told)
     except OSError as error:
         refusal = storage_error(f"{place} cannot be written", error)
         raise refusal from error

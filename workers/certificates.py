@@ -24,28 +24,28 @@ from gear_rattle.workers.errors import SurveyError, storage_error
 from gear_rattle.workers.storage.added import Each
 from gear_rattle.workers.storage.integrity import COMPLETED
 from gear_rattle.workers.storage.location import CERTIFICATES as BESIDE
-from gear_rattle.workers.storage.location import Directory, certificates_of, place_of
+from gear_rattle.workers.storage.location import Directory, certificates_path, place_of
 from gear_rattle.workers.storage.location import Place as Location
-from gear_rattle.workers.storage.manifest import said_by_root
+from gear_rattle.workers.storage.manifest import unchecked_attributes
 from gear_rattle.workers.storage.store import open_survey
 from gear_rattle.workers.survey.manifest import ROOT, digest
 from gear_rattle.workers.survey.request import SurveyRequest
-from gear_rattle.workers.survey.slices import surveyed_model, value_along
+from gear_rattle.workers.survey.slices import surveyed_model, third_axis_value
 from gear_rattle.workers.survey.values.schema import CELL
 from rattle.models import Capability, Model, lacking
 
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Files with a document in each line: the certificates of proved attractors, and the reasons for unproved ones.
+#: Files with a document in each line: the certificates of proved attractors, and the reasons why others are not proved.
 CERTIFICATES, REFUSED = "certificates.jsonl", "refused.jsonl"
 #: File with the checksums of all other files. It is written when the proof of every attractor has been attempted.
 SEAL = "checksums.json"
-MEANINGS = ("none", "orbit")
+MEANINGS = ("none", "orbit")  # meanings of the codes 0 and 1 of the variable `attractor_certificate`
 ORBIT = MEANINGS.index("orbit")
 SLOT = ("attractor", *CELL)
-AT_ONCE = 32  # motions in one task
-KNOWN = "survey_content_hash"  # attribute that names the survey of a store of certificates
+AT_ONCE = 32  # number of motions that one task proves
+IDENTITY_ATTRIBUTE = "survey_content_hash"  # attribute of a store of certificates that identifies the survey
 
 Place = tuple[int, int, int]  # slot, and index of the cell along ε and along δ
 #: For each attractor its certificate as a document, or the reason why there is none.
@@ -53,7 +53,10 @@ Answers = list[tuple[Place, dict[str, Any] | str]]
 
 
 class AttractorClaim(NamedTuple):
-    """A periodic attractor to prove. place: its slot and cell. tau, v: one of its states. label: (m, n₊, n₋)."""
+    """A periodic attractor to prove.
+
+    place: the slot and the cell of the attractor. tau, v: a state on it. label: (m, n₊, n₋).
+    """
 
     place: Place
     model: Model
@@ -70,7 +73,7 @@ def claims_of(survey: xr.Dataset) -> list[AttractorClaim]:
     Returns
     -------
     list[AttractorClaim]
-        One for each occupied slot of kind periodic.
+        One entry for each slot with a periodic attractor.
 
     Raises
     ------
@@ -117,15 +120,15 @@ def certify_claims(claims: Iterable[AttractorClaim]) -> Answers:
     return found
 
 
-def proved_here(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
-    """Prove groups of attractors in this process."""
+def prove_here(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
+    """Prove groups of attractors in this process; return the answers of `certify_claims` for each group."""
     return [certify_claims(part) for part in parts]
 
 
 def certify_survey(
     survey: xr.Dataset,
     out: Path,
-    prove: Callable[[Sequence[list[AttractorClaim]]], list[Answers]] = proved_here,
+    prove: Callable[[Sequence[list[AttractorClaim]]], list[Answers]] = prove_here,
     at_once: int = 1,
     on_done: Callable[[int, int], None] = lambda _done, _number: None,
     should_stop: Callable[[], bool] = lambda: False,
@@ -142,7 +145,8 @@ def certify_survey(
     at_once : int
         Number of lists in a call of `prove`; their results are stored together.
     on_done : Callable[[int, int], None]
-        Called with the number of attractors whose proof was attempted, in this run or earlier ones, and their total.
+        Called with the number of attractors whose proof was attempted, in this run or earlier runs, and the number of
+        all attractors.
     should_stop : Callable[[], bool]
         Called after each call of `prove`. If it returns true, the run ends with the results so far.
 
@@ -162,7 +166,7 @@ def certify_survey(
     """
     claims = claims_of(survey)
     try:
-        radii = _begun(survey, out)
+        radii = _open_or_create(survey, out)
         left = [claim for claim in claims if claim.place not in radii]
         through = len(claims) - len(left)
         on_done(through, len(claims))
@@ -184,37 +188,52 @@ def certify_survey(
                 on_done(through, len(claims))
                 if should_stop():
                     break
-        found = _written(survey, out, radii)
+        found = _write_variables(survey, out, radii)
         if through == len(claims):
             ours = [
-                path for name in (ROOT, CERTIFICATES, REFUSED, *found.variables) for path in _below(out / str(name))
+                path
+                for name in (ROOT, CERTIFICATES, REFUSED, *found.variables)
+                for path in _files_below(out / str(name))
             ]
             files = _checksums(out, sorted(path.relative_to(out).as_posix() for path in ours))
-            (out / SEAL).write_text(json.dumps({KNOWN: _known(survey), "files": files}))
+            (out / SEAL).write_text(json.dumps({IDENTITY_ATTRIBUTE: _survey_identity(survey), "files": files}))
         return found
     except OSError as error:
         refusal = storage_error(f"{out} cannot be written", error)
         raise refusal from error
 
 
-def _begun(survey: xr.Dataset, out: Path) -> dict[Place, float]:
-    """Create the store, or return the radii that an earlier run proved, by place. Raises OSError and SurveyError."""
+def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
+    """Open the store, or create it. Return {place: radius} of the attractors that earlier runs proved.
+
+    Returns
+    -------
+    dict[Place, float]
+        Half-widths in time of the boxes in which the motions are unique.
+
+    Raises
+    ------
+    OSError
+        The store cannot be read or written.
+    SurveyError
+        The directory has other contents.
+    """
     import xarray as xr  # here, because it takes half a second to load
 
-    sealed, files = _sealed(out)
-    is_damaged = sealed == _known(survey) and files != _checksums(out, files)
-    if is_damaged:  # damaged documents cannot be told from whole ones, so all attractors are proved again
+    sealed, files = _read_seal(out)
+    is_damaged = sealed == _survey_identity(survey) and files != _checksums(out, files)
+    if is_damaged:  # it is not known which documents are damaged, so all attractors are proved again
         for key in files:
             (out / key).unlink(missing_ok=True)
     if is_damaged or not out.exists() or not any(out.iterdir()):
         out.mkdir(parents=True, exist_ok=True)
-        _written(survey, out, {})
+        _write_variables(survey, out, {})
     try:
         with xr.open_zarr(out, chunks=None) as before:
-            known = before.attrs.get(KNOWN)
+            known = before.attrs.get(IDENTITY_ATTRIBUTE)
     except (FileNotFoundError, ValueError):
         known = None
-    if known != _known(survey):
+    if known != _survey_identity(survey):
         raise SurveyError(f"{out} holds other things than certificates of this survey: choose another path")
     (out / SEAL).unlink(missing_ok=True)
     certificates = out / CERTIFICATES
@@ -233,18 +252,18 @@ def _begun(survey: xr.Dataset, out: Path) -> dict[Place, float]:
     return radii
 
 
-def _known(survey: xr.Dataset) -> str:
+def _survey_identity(survey: xr.Dataset) -> str:
     """Return the identity that ties a store of certificates to its survey, or to a slice of the survey."""
-    third = (f" {name}={value!r}" for name, value in value_along(survey).items())
+    third = (f" {name}={value!r}" for name, value in third_axis_value(survey).items())
     return "".join([survey.attrs["content_hash"], *third])
 
 
 def lacks_certificates(request: SurveyRequest, where: str | Path | Location) -> bool:
-    """Return whether a completed survey has requested certificates that are missing or damaged."""
+    """Return whether a completed survey requests certificates that are missing or damaged."""
     if not request.certify:
         return False
-    out = certificates_of(where)
-    known, files = _sealed(out)
+    out = certificates_path(where)
+    known, files = _read_seal(out)
     return known != request.content_hash() or files != _checksums(out, files)
 
 
@@ -259,26 +278,26 @@ def prove_survey(
     """Prove the periodic attractors of a survey with `certify_survey`, and store the certificates beside the survey."""
 
     def prove(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
-        return each(_certified, request, str(where), [(part,) for part in parts])
+        return each(_certify_task, request, str(where), [(part,) for part in parts])
 
     with open_survey(where) as survey:
-        certify_survey(survey, certificates_of(where), prove, at_once, on_done, should_stop)
+        certify_survey(survey, certificates_path(where), prove, at_once, on_done, should_stop)
 
 
-def _certified(_request: SurveyRequest, _path: str, claims: list[AttractorClaim]) -> Answers:
+def _certify_task(_request: SurveyRequest, _path: str, claims: list[AttractorClaim]) -> Answers:
     return certify_claims(claims)
 
 
-def require_proofs() -> None:
+def require_proof_extra() -> None:
     """Raise MissingExtraError if the extra packages for proofs are not installed."""
     import rattle.proof.balls  # noqa: F401 - raises MissingExtraError
 
 
 def require_certifiable(request: object, where: str | Path | Location) -> None:
-    """Raise SurveyError or MissingExtraError if the certificates that a request asks for cannot be made here."""
+    """Raise SurveyError or MissingExtraError if the certificates that a request names cannot be made here."""
     if isinstance(request, SurveyRequest) and request.certify:
-        certificates_of(where)
-        require_proofs()
+        certificates_path(where)
+        require_proof_extra()
 
 
 @dataclass(frozen=True)
@@ -286,17 +305,18 @@ class CertificatesIntegrity:
     """Result of checking every file of a store of certificates."""
 
     path: Path
-    survey: str  # content hash and slice of the survey; empty if the store has lost them
+    survey: str  # content hash and slice of the survey; empty if the store has lost this information
     files: int  # how many files were compared with their checksums
     damaged: tuple[str, ...]  # keys of lost or damaged files
-    complete: bool  # False if there are no checksums yet, because the run has not ended
+    complete: bool  # False if the store has no checksums yet, because the run has not ended
 
 
 def holds_certificates(where: str | Path | Location) -> bool:
     """Return whether a directory is a store of certificates, damaged or not."""
     place = place_of(where)
     return isinstance(place, Directory) and (
-        KNOWN in said_by_root(place) or any((place.path / name).is_file() for name in (SEAL, CERTIFICATES))
+        IDENTITY_ATTRIBUTE in unchecked_attributes(place)
+        or any((place.path / name).is_file() for name in (SEAL, CERTIFICATES))
     )
 
 
@@ -315,27 +335,27 @@ def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrit
     CertificatesIntegrity
         Number of compared files, and lost or damaged files.
     """
-    known, files = _sealed(out)
+    known, files = _read_seal(out)
     complete = ended or (out / SEAL).exists()
     if not known:
-        known = str(said_by_root(Directory(out)).get(KNOWN, ""))
+        known = str(unchecked_attributes(Directory(out)).get(IDENTITY_ATTRIBUTE, ""))
         return CertificatesIntegrity(out, known, 0, (SEAL,) if complete else (), complete)
     found = _checksums(out, files)
     lost = tuple(key for key, of in files.items() if found.get(key) != of)
     return CertificatesIntegrity(out, known, len(files), lost, complete)
 
 
-def examine_beside(where: str | Path | Location) -> list[CertificatesIntegrity]:
-    """Examine the stores of certificates beside a survey and its slices. A survey in a bucket has no such stores."""
+def examine_certificates_beside(where: str | Path | Location) -> list[CertificatesIntegrity]:
+    """Examine the stores of certificates beside a survey and its slices. Beside a survey in a bucket there are none."""
     place = place_of(where)
     if not isinstance(place, Directory):
         return []
-    attributes = said_by_root(place)
+    attributes = unchecked_attributes(place)
     try:
         certify = json.loads(attributes["request"])["certify"] is True
     except (KeyError, TypeError, ValueError):
         certify = False
-    due = certificates_of(place)
+    due = certificates_path(place)
     stem = due.name.removesuffix(BESIDE)
     ours = re.compile(rf"{re.escape(stem)}(\.slice\d+)?{re.escape(BESIDE)}")
     there = {each for each in due.parent.iterdir() if ours.fullmatch(each.name)}
@@ -343,22 +363,22 @@ def examine_beside(where: str | Path | Location) -> list[CertificatesIntegrity]:
     return [examine_certificates(each, is_due and each == due) for each in sorted(there | ({due} if is_due else set()))]
 
 
-def _sealed(out: Path) -> tuple[str, dict[str, str]]:
+def _read_seal(out: Path) -> tuple[str, dict[str, str]]:
     """Return the identity of the survey and the checksums of a finished store; both empty if it is not finished."""
     try:
         seal = json.loads((out / SEAL).read_bytes())
-        return str(seal[KNOWN]), dict(seal["files"])
+        return str(seal[IDENTITY_ATTRIBUTE]), dict(seal["files"])
     except (OSError, ValueError, KeyError, TypeError):
         return "", {}
 
 
-def _below(path: Path) -> list[Path]:
+def _files_below(path: Path) -> list[Path]:
     """Return the files below a path, or the path itself if it is a file."""
     return [path] if path.is_file() else [each for each in path.rglob("*") if each.is_file()]
 
 
 def _checksums(out: Path, files: Iterable[str]) -> dict[str, str]:
-    """Return the checksums of files by key. Files that cannot be read are left out."""
+    """Return {key: checksum} of files. Files that cannot be read are left out."""
     found: dict[str, str] = {}
     for key in files:
         with suppress(OSError):
@@ -366,8 +386,16 @@ def _checksums(out: Path, files: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def _written(survey: xr.Dataset, out: Path, radii: dict[Place, float]) -> xr.Dataset:
-    """Write the variables that follow from the certificates, and return them."""
+def _write_variables(survey: xr.Dataset, out: Path, radii: dict[Place, float]) -> xr.Dataset:
+    """Write the variables that follow from the certificates, and return them as a dataset.
+
+    radii: for each proved attractor, by its place, the half-width in time of the box in which the motion is unique.
+
+    Returns
+    -------
+    xr.Dataset
+        `attractor_certificate`, and `attractor_certificate_radius`, which is NaN where nothing is proved.
+    """
     import xarray as xr
     from zarr.errors import ZarrUserWarning
 
@@ -387,7 +415,7 @@ def _written(survey: xr.Dataset, out: Path, radii: dict[Place, float]) -> xr.Dat
     attributes = {
         "Conventions": "CF-1.11",
         "title": "Certificates of the periodic attractors of a survey",
-        KNOWN: _known(survey),
+        IDENTITY_ATTRIBUTE: _survey_identity(survey),
         "documents": CERTIFICATES,
     }
     found = xr.Dataset(variables, coordinates, attributes)

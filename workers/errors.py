@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from rattle import RattleError
 from rattle.errors import did_you_mean
 
-LONGEST = 80  # a message quotes at most this many characters of a name
+LONGEST_NAME = 80  # a message quotes at most this many characters of a name
 
 
 class SurveyError(RattleError):
@@ -32,7 +32,7 @@ class ClusterLostError(SurveyError):
 
 
 class StorageError(SurveyError):
-    """The disk is full, read-only or missing. The survey is undamaged, and continues when the store is writable."""
+    """The disk is full, read-only or missing. The survey is undamaged, and continues once its store is writable."""
 
     __module__ = "gear_rattle"
     code = "storage_unavailable"
@@ -45,40 +45,48 @@ class DamageError(SurveyError):
     code = "store_damaged"
 
 
-def no_map(variable: str, maps: Iterable[str]) -> str:
-    """Return the message for a missing map. It suggests a map of similar name, or lists all maps."""
+def missing_map_message(variable: str, maps: Iterable[str]) -> str:
+    """Return the message for a map that does not exist. The message suggests a similar name, or lists all maps."""
     known = sorted(maps)
     meant = did_you_mean(variable, known)
-    return f"there is no map {variable[:LONGEST]!r}{meant or ': there are ' + ', '.join(known)}"
+    return f"there is no map {variable[:LONGEST_NAME]!r}{meant or ': there are ' + ', '.join(known)}"
 
 
 @contextmanager
-def reading(what: str) -> Iterator[None]:
-    """Turn errors of file systems, object stores and codecs during a read into DamageError."""
+def report_damage(what: str) -> Iterator[None]:
+    """Turn errors of file systems, object stores and codecs during a read into DamageError. what: the read data."""
     try:
         yield
     except (RattleError, MemoryError):
         raise
     except FileNotFoundError as error:
         raise DamageError(
-            f"{what} cannot be read because its store is gone ({error}): restore it, or compute it again with the "
-            "command that made it or with POST /v1/surveys/ID/verify"
+            f"{what} cannot be read because its store is gone ({error}): restore the store, or compute it again with "
+            "the command that made it or with POST /v1/surveys/ID/verify"
         ) from error
     except Exception as error:
         raise DamageError(
-            f"{what} cannot be read ({str(error) or type(error).__name__}): if its store is damaged, repair it with "
-            "the command that made it or with POST /v1/surveys/ID/verify"
+            f"{what} cannot be read ({str(error) or type(error).__name__}): if the store is damaged, repair the store "
+            "with the command that made it or with POST /v1/surveys/ID/verify"
         ) from error
 
 
-#: Error numbers of failures that may pass, so that the same survey can continue later.
-_PASSING = {
+#: Error numbers of failures that may end by themselves or by the user's action, so that the survey can continue.
+_TRANSIENT_ERRORS = {
     errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.ESTALE, errno.ENOMEM, errno.EMFILE, errno.ENFILE,
 }  # fmt: skip
 
 
 def storage_error(what: str, error: OSError) -> SurveyError:
-    """Return the exception for a failed write: a StorageError if the cause may pass, else a SurveyError."""
-    if error.errno in _PASSING:
-        return StorageError(f"{what} ({error}): free space or make it writable, and the same survey continues")
-    return SurveyError(f"{what} ({error}): make it writable, or choose another path")
+    """Return the exception for a failed write: a StorageError if the cause may pass, else a SurveyError.
+
+    what: the beginning of the message, which names the file and the failure.
+
+    Returns
+    -------
+    SurveyError
+        Its message says what to do.
+    """
+    if error.errno in _TRANSIENT_ERRORS:
+        return StorageError(f"{what} ({error}): free space or make the store writable, and the same survey continues")
+    return SurveyError(f"{what} ({error}): make the path writable, or choose another path")

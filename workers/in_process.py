@@ -11,21 +11,21 @@ from queue import Empty, SimpleQueue
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, compute_tile, tile_error
 from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import noting
-from gear_rattle.workers.storage.store import before_tiles, require_aligned, write_tile
+from gear_rattle.workers.storage.manifest import recording_tiles
+from gear_rattle.workers.storage.store import prepare_for_tiles, require_aligned, write_tile
 from gear_rattle.workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, TileRecord
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.models import MODELS
 
-#: Milliseconds for a cell in closed form, for a sample, and for the basins of a cell. These are round constants, not
-#: measured times, so that a command behaves alike on all machines.
+#: Milliseconds for a cell in closed form, for a sample, and for the basins of a cell. These are round constants instead
+#: of measured times, so that a command behaves alike on all machines.
 CLOSED_FORM, SAMPLE, BASINS = 0.05, 1 / 64, 40.0
-SLOW_BELOW = 0.3  # below this δ, the time of a sample grows like 1/δ
+SLOW_BELOW = 0.3  # damping δ below which the time of a sample grows like 1/δ
 FEW_SECONDS = 3.0  # a survey is short if it takes at most this many seconds
 
 
 def is_short(request: AnyRequest, cells: int) -> bool:
-    """Return whether a number of cells of a survey takes at most a few seconds, by a rough estimate."""
+    """Return whether the computation of a number of cells takes at most FEW_SECONDS, by a rough estimate."""
     groups, whole = set(request.quantities), MODELS[request.model].cell_milliseconds
     if isinstance(request, PopulationRequest):
         samples = SAMPLE * request.samples / request.n_cells if whole is None else whole
@@ -60,7 +60,7 @@ def run_tiles_here(
     Raises
     ------
     StorageError
-        A tile cannot be written now (the disk is full or read-only); the message names it.
+        A tile cannot be written now (the disk is full or read-only); the message names the tile.
     SurveyError
         A tile cannot be computed, or another run has locked the store.
     """
@@ -70,13 +70,13 @@ def run_tiles_here(
     stopping, left = threading.Event(), threading.Event()
     ended: SimpleQueue[TileRecord | Exception | None] = SimpleQueue()
 
-    def compute() -> None:
+    def compute_tiles() -> None:
         for tile in tiles:
             if stopping.is_set():
                 break
             try:
                 values, record = compute_tile(request, tile)
-                if left.is_set():  # the store is no longer locked
+                if left.is_set():  # the run has ended, so the store is no longer locked
                     break
                 record = replace(record, files=write_tile(request, str(place), tile, values))
             except Exception as error:
@@ -85,11 +85,11 @@ def run_tiles_here(
             ended.put(record)
         ended.put(None)
 
-    with place.writing():
+    with place.lock_for_writing():
         if tiles:
-            before_tiles(request, place)
-        with noting(place) as note:
-            threading.Thread(target=compute, name="tiles", daemon=True).start()
+            prepare_for_tiles(request, place)
+        with recording_tiles(place) as note:
+            threading.Thread(target=compute_tiles, name="tiles", daemon=True).start()
             try:
                 deadline = math.inf
                 while time.monotonic() < deadline:

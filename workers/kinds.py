@@ -34,12 +34,12 @@ def request_of(document: Any) -> AnyRequest:
 
 def tiles_of(request: AnyRequest) -> list[Any]:
     """Return the tiles that cover all cells, in the order of their index."""
-    found: list[Any] = _tiles(request).tiles_of(request)
+    found: list[Any] = _tile_module(request).tiles_of(request)
     return found
 
 
 def compile_for(request: AnyRequest) -> None:
-    """Compile the kernels that tiles need if they are not in the cache, because only cached kernels compute tiles."""
+    """Compile the kernels that tiles need, unless the cache has them, because only cached kernels compute tiles."""
     if SAMPLED & set(request.quantities) or isinstance(request, PopulationRequest):
         by_request = bool(OPTIONAL.intersection(request.quantities))
         rattle.precompile(preload=False, optional=by_request, **request.added_numbers)
@@ -61,7 +61,7 @@ def compute_tile(
         The arrays of the tile by variable, and its record.
     """
     compile_for(request)
-    found: tuple[TileArrays, TileRecord] = _tiles(request).compute_tile(request, tile, outcomes)
+    found: tuple[TileArrays, TileRecord] = _tile_module(request).compute_tile(request, tile, outcomes)
     return found
 
 
@@ -70,29 +70,45 @@ def cell_outcomes(
 ) -> Iterator[CellOutcome]:
     """Evaluate each cell of a tile alone, from number `first`, so that a failing cell does not affect the others."""
     compile_for(request)
-    found: Iterator[CellOutcome] = _tiles(request).cell_outcomes(request, tile, first, failing)
+    found: Iterator[CellOutcome] = _tile_module(request).cell_outcomes(request, tile, first, failing)
     return found
 
 
 def template_of(request: AnyRequest, created: str | None = None) -> Template:
-    """Return the files of a store before its first tile. created: date of its creation, by default now."""
-    found: Template = _template(request).template_of(request, created)
+    """Return the files of a store before its first tile. created: the date of creation; None: now."""
+    found: Template = _template_module(request).template_of(request, created)
     return found
 
 
-def blank(request: AnyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
-    """Create empty arrays in memory. Return their files by key, the arrays, and patterns of chunk keys by variable."""
-    found: tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]] = _template(request).blank(request)
+def empty_arrays(request: AnyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
+    """Create empty arrays in memory, which encode tiles.
+
+    Returns
+    -------
+    tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]
+        The files in memory by key, the arrays by variable, and the patterns of chunk keys by variable.
+    """
+    found: tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]] = _template_module(request).empty_arrays(
+        request
+    )
     return found
 
 
-def described(request: AnyRequest, tile: AnyTile) -> str:
-    """Return the name of a tile for messages."""
-    return str(_tiles(request).described(request, tile))
+def tile_name(request: AnyRequest, tile: AnyTile) -> str:
+    """Return the name of a tile for messages: its number, and the cells or gears that it has."""
+    return str(_tile_module(request).tile_name(request, tile))
 
 
-def place_of_cell(request: AnyRequest, i: int, j: int) -> dict[str, int]:
-    """Return the position of a failed cell: its indices by name of the axis, or the row of a gear in a population."""
+def position_of_cell(request: AnyRequest, i: int, j: int) -> dict[str, int]:
+    """Return the position of a failed cell: {axis: index} of a survey's cell, or {"gear": row} in a population.
+
+    i, j: the cell's row, counted through all slices, and its column; in a population only j counts.
+
+    Returns
+    -------
+    dict[str, int]
+        Indices from 0.
+    """
     if isinstance(request, PopulationRequest):
         return {"gear": j}
     along, i = divmod(i, request.shape[0])
@@ -101,7 +117,7 @@ def place_of_cell(request: AnyRequest, i: int, j: int) -> dict[str, int]:
 
 def tile_error(request: AnyRequest, tile: AnyTile, error: BaseException) -> SurveyError:
     """Return the exception that ends a run if a tile cannot be computed or written."""
-    what = described(request, tile)
+    what = tile_name(request, tile)
     if isinstance(error, StorageError):
         return StorageError(f"{what} cannot be written: {error}")
     if isinstance(error, OSError):
@@ -109,9 +125,9 @@ def tile_error(request: AnyRequest, tile: AnyTile, error: BaseException) -> Surv
     return SurveyError(f"{what} failed: {type(error).__name__}: {error}")
 
 
-def _tiles(request: AnyRequest) -> ModuleType:
+def _tile_module(request: AnyRequest) -> ModuleType:
     return population_tiles if isinstance(request, PopulationRequest) else survey_tiles
 
 
-def _template(request: AnyRequest) -> ModuleType:
+def _template_module(request: AnyRequest) -> ModuleType:
     return population_template if isinstance(request, PopulationRequest) else survey_template

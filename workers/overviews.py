@@ -13,13 +13,19 @@ import zarr
 from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
-from gear_rattle.workers.errors import reading, storage_error
-from gear_rattle.workers.storage.added import Each, here
+from gear_rattle.workers.errors import report_damage, storage_error
+from gear_rattle.workers.storage.added import Each, run_in_process
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.store import added_to_store, has_added
+from gear_rattle.workers.storage.store import add_to_store, has_added
 from gear_rattle.workers.survey.levels import reduce
-from gear_rattle.workers.survey.levels.grid import GROUP, LevelBlock, level_blocks, levels_of, steps_of
-from gear_rattle.workers.survey.levels.template import create, files_of_levels, level_arrays, maps, meanings
+from gear_rattle.workers.survey.levels.grid import GROUP, LevelBlock, level_blocks, levels_of, reduction_steps
+from gear_rattle.workers.survey.levels.template import (
+    code_meanings,
+    create_level_array,
+    files_of_levels,
+    level_arrays,
+    level_variables,
+)
 from gear_rattle.workers.survey.manifest import digest
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.values.evaluate import FAILED
@@ -28,11 +34,11 @@ from rattle.attractors import PERIODIC
 
 
 def lacks_levels(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Return whether a survey needs levels and has none yet. Its tiles must be computed, and its families joined."""
+    """Return whether a survey is large enough for levels and has none. Tiles and families must be complete."""
     return bool(levels_of(request.shape)) and not has_added(where, GROUP)
 
 
-def make_levels(request: SurveyRequest, where: str | Path | Place, each: Each = here) -> None:
+def make_levels(request: SurveyRequest, where: str | Path | Place, each: Each = run_in_process) -> None:
     """Build and store the levels of a survey whose tiles are final.
 
     The caller holds the lock of the store. The result depends on the cells alone, not on the shape or order of tiles. A
@@ -46,77 +52,77 @@ def make_levels(request: SurveyRequest, where: str | Path | Place, each: Each = 
         The store cannot be written now.
     """
     place = place_of(where)
-    found = each(make_block, request, str(place), [(block,) for block in level_blocks(request)])
+    found = each(build_level_block, request, str(place), [(block,) for block in level_blocks(request)])
     try:
-        added_to_store(place, files_of_levels(request), {key: of for sums in found for key, of in sums.items()})
+        add_to_store(place, files_of_levels(request), {key: of for sums in found for key, of in sums.items()})
     except OSError as error:
         refusal = storage_error(f"the levels of {place} cannot be written", error)
         raise refusal from error
 
 
-def make_block(request: SurveyRequest, path: str, block: LevelBlock) -> dict[str, str]:
-    """Write one block of all levels, and return the digests of the written chunks by key. It may be repeated."""
+def build_level_block(request: SurveyRequest, path: str, block: LevelBlock) -> dict[str, str]:
+    """Write one block of all levels, and return {key: digest} of the written chunks. The call may be repeated."""
     place = place_of(path)
     found: dict[str, str] = {}
-    status = _read(place, block, "status")
-    for quantity in maps(request):
-        values = _values(place, block, quantity)
+    status = _read_array(place, block, "status")
+    for quantity in level_variables(request):
+        values = _read_values(place, block, quantity)
         known = status > 0 if quantity.name == "status" else (status > 0) & (status != FAILED)
         if quantity.name in OF_PERIODIC:
-            known = known & (_read(place, block, "attractor_kind") == PERIODIC)
-        for key, content in _chunks(request, block, quantity, values, known):
+            known = known & (_read_array(place, block, "attractor_kind") == PERIODIC)
+        for key, content in _chunks_of_levels(request, block, quantity, values, known):
             place.put(key, content)
             found[key] = digest(content)
     return found
 
 
-def _read(place: Place, block: LevelBlock, name: str) -> np.ndarray:
-    with reading(f"{name} of {place}"):
+def _read_array(place: Place, block: LevelBlock, name: str) -> np.ndarray:
+    with report_damage(f"{name} of {place}"):
         array = zarr.open_array(place.zarr(), path=name, mode="r")
-        return np.asarray(array[block.at])
+        return np.asarray(array[block.selection])
 
 
-def _values(place: Place, block: LevelBlock, quantity: Quantity) -> np.ndarray:
-    """Read the values of a variable in a block; the moduli of a complex variable."""
-    parts = [_read(place, block, part.name) for part in quantity.parts]
+def _read_values(place: Place, block: LevelBlock, quantity: Quantity) -> np.ndarray:
+    """Read the values of a variable in a block. A complex variable is represented by its moduli."""
+    parts = [_read_array(place, block, part.name) for part in quantity.parts]
     found: np.ndarray = np.hypot(*parts) if len(parts) > 1 else parts[0]
     return found
 
 
-def _chunks(
+def _chunks_of_levels(
     request: SurveyRequest, block: LevelBlock, quantity: Quantity, values: np.ndarray, known: np.ndarray
 ) -> Iterator[tuple[str, bytes]]:
-    """Yield the chunks of a block in each level, by key. Codes (regions) also have arrays of shares and occurrences."""
+    """Yield (key, content) of the block's chunks in each level. known: flags of the cells that have a value."""
     levels = levels_of(request.shape)
     arrays = level_arrays(quantity)
     beside = values.shape[:-2]
-    found: list[list[tuple[np.ndarray, ...]]] = [[] for _ in levels]  # for each level the arrays of each map
+    found: list[list[tuple[np.ndarray, ...]]] = [[] for _ in levels]  # for each level, the arrays of all maps
     for at in np.ndindex(*beside):
         of = known[at] if known.ndim > 2 else known
-        for made, each in zip(found, _reduced(quantity, values[at], of, request), strict=True):
+        for made, each in zip(found, _reduced_arrays(quantity, values[at], of, request), strict=True):
             made.append(each)
     for level, made in zip(levels, found, strict=True):
         kept: dict[str, Buffer] = {}
         root = zarr.create_group(MemoryStore(kept), zarr_format=3)
         for number, array in enumerate(arrays):
-            stored = create(root, request, level, array)
-            stored[block.at_level(level)] = _stacked([each[number] for each in made], beside)
+            stored = create_level_array(root, request, level, array)
+            stored[block.selection_at_level(level)] = _stacked_maps([each[number] for each in made], beside)
         yield from ((key, kept[key].to_bytes()) for key in sorted(kept) if "/c/" in key)
 
 
-def _reduced(
+def _reduced_arrays(
     quantity: Quantity, values: np.ndarray, known: np.ndarray, request: SurveyRequest
 ) -> Iterator[tuple[np.ndarray, ...]]:
     """Reduce one map to each level, and yield the resulting arrays of the level, in the order of `level_arrays`."""
-    steps = steps_of(levels_of(request.shape))
-    if words := meanings(quantity):
-        yield from reduce.codes(values, known, steps, len(words))
+    steps = reduction_steps(levels_of(request.shape))
+    if words := code_meanings(quantity):
+        yield from reduce.reduced_codes(values, known, steps, len(words))
     else:
-        made = reduce.phases if is_phase(quantity.name) else reduce.numbers
+        made = reduce.reduced_phases if is_phase(quantity.name) else reduce.reduced_numbers
         yield from ((each,) for each in made(values, known, steps))
 
 
-def _stacked(made: Sequence[np.ndarray], beside: tuple[int, ...]) -> np.ndarray:
+def _stacked_maps(made: Sequence[np.ndarray], beside: tuple[int, ...]) -> np.ndarray:
     """Stack the maps of a variable into one array. beside: lengths of the variable's dimensions other than δ and ε."""
     statistics = made[0].shape[:-2]
     return np.stack(made, axis=len(statistics)).reshape(*statistics, *beside, *made[0].shape[-2:])

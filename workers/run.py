@@ -16,7 +16,7 @@ from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.in_process import is_short, run_tiles_here
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import create_store, finish_store, open_survey, tiles_done
-from gear_rattle.workers.survey.axes import place_and_reason
+from gear_rattle.workers.survey.axes import field_and_message
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.tiles import Tile, TileRecord, tiles_of
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     import xarray as xr
     from distributed import Client
 
-PROCESSES = 2
+PROCESSES = 2  # number of processes that a survey starts by default
 
-Progress = Callable[[int, int], None]
+Progress = Callable[[int, int], None]  # a function of the number of computed cells and of all cells
 
 
 def run_survey(
@@ -66,40 +66,40 @@ def run_survey(
     SurveyError
         The request is invalid, `out` has other contents or cannot be written, or there is no cluster.
     """
-    wanted = _request(request, fields)
+    wanted = _validated_request(request, fields)
     if out is not None:
         require_certifiable(wanted, out)
-        return _run(wanted, place_of(out), cluster, progress)
+        return _run_and_open(wanted, place_of(out), cluster, progress)
     if wanted.certify:
-        raise SurveyError("certificates are stored beside a survey: give `out`, or leave out `certify`")
+        raise SurveyError("certificates are stored beside a survey's store: give `out`, or leave out `certify`")
     with (
         tempfile.TemporaryDirectory(prefix="rattle-") as directory,
-        _run(wanted, place_of(Path(directory) / "survey.zarr"), cluster, progress) as survey,
+        _run_and_open(wanted, place_of(Path(directory) / "survey.zarr"), cluster, progress) as survey,
     ):
         return survey.load()
 
 
-def _request(request: SurveyRequest | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> SurveyRequest:
+def _validated_request(request: SurveyRequest | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> SurveyRequest:
     given = request.model_dump(exclude_unset=True) if isinstance(request, SurveyRequest) else request or {}
     try:
         return SurveyRequest.model_validate({**given, **fields})
     except ValidationError as error:
-        raise SurveyError(place_and_reason(error)) from None
+        raise SurveyError(field_and_message(error)) from None
 
 
-def _run(
+def _run_and_open(
     request: SurveyRequest, place: Place, cluster: str | Client | int | None, progress: Progress | None
 ) -> xr.Dataset:
     create_store(request, place)
     done = tiles_done(request, place)
     missing = [tile for tile in tiles_of(request) if tile.index not in done]
     if missing or is_incomplete(request, place):
-        _compute(request, place, missing, cluster, progress)
+        _compute_and_complete(request, place, missing, cluster, progress)
     finish_store(place)
     return open_survey(place)
 
 
-def _compute(
+def _compute_and_complete(
     request: SurveyRequest,
     place: Place,
     missing: list[Tile],
@@ -115,15 +115,15 @@ def _compute(
             progress(done, request.n_cells)
 
     if cluster is None and is_short(request, request.n_cells):
-        run_tiles_here(request, place, missing, on_tile, _never)
-        with place.writing():
+        run_tiles_here(request, place, missing, on_tile, _never_stop)
+        with place.lock_for_writing():
             complete(request, place)
         return
     from gear_rattle.workers.cluster.runner import complete_on, run_tiles
 
     with _client(cluster) as client:
-        run_tiles(request, place, missing, client, on_tile, _never)
-        complete_on(client, request, place, _never)
+        run_tiles(request, place, missing, client, on_tile, _never_stop)
+        complete_on(client, request, place, _never_stop)
 
 
 def _client(cluster: str | Client | int | None) -> AbstractContextManager[Client]:
@@ -136,5 +136,5 @@ def _client(cluster: str | Client | int | None) -> AbstractContextManager[Client
     return nullcontext(cluster)
 
 
-def _never() -> bool:
+def _never_stop() -> bool:
     return False

@@ -111,7 +111,7 @@ class Classifier(ABC):
 
     @staticmethod
     def damping(cells: Any) -> NDArray[np.float64]:
-        """Return the least contraction rate (n_cells,) of areas of states, per forcing period."""
+        """Return the rate (n_cells,) at which areas of states shrink per forcing period, with one impact per period."""
         return np.asarray(cells.delta)
 
     @classmethod

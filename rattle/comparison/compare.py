@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.speeds import NATURAL
 from rattle.attractors.table import Attractor
-from rattle.comparison.measured import MeasuredImpacts, period_of
-from rattle.comparison.walls import AS_GOOD, Fit, Fitting, fit, fits, interval
+from rattle.comparison.measured import MeasuredImpacts, repeating_label
+from rattle.comparison.walls import AS_GOOD, Fit, FitProblem, find_fits, fit_at_offset, interval_of_offset
 from rattle.errors import require_finite, require_integer, require_number
 from rattle.flight.law import speed_unit
 from rattle.intensity.intensity import Intensity
@@ -141,28 +141,36 @@ def compare(
     tolerance = require_number("tolerance", tolerance, positive=True)
     offset = None if offset is None else require_finite("offset", offset)
     point = gear.delta, gear.epsilon, gear.beta
-    fitting = Fitting(measured, gear, float(speed_unit(*point)), model_at(gear).dwell)
+    fitting = FitProblem(measured, gear, float(speed_unit(*point)), model_at(gear).dwell)
     attractors = gear.attractors(count, NATURAL, seed)
-    known = [_known(each, gear, bins) for each in attractors if each.kind != "undecided"]
+    known = [_follow_attractor(each, gear, bins) for each in attractors if each.kind != "undecided"]
     if offset is not None:
-        given = fit(fitting, offset)
-        return _compared(measured, given, known, bins, tolerance)
-    found = [(_compared(measured, each, known, bins, tolerance), each) for each in fits(fitting)]
+        given = fit_at_offset(fitting, offset)
+        return _compare_fit(measured, given, known, bins, tolerance)
+    found = [(_compare_fit(measured, each, known, bins, tolerance), each) for each in find_fits(fitting)]
     best, chosen = min(found, key=lambda each: _badness(each[0]))
     near = [each for one, each in found if one is not best and _badness(one) <= _badness(best) + AS_GOOD[1]]
-    return _with_errors(fitting, best, [chosen, *near])
+    return _with_offset_intervals(fitting, best, [chosen, *near])
 
 
 def _badness(found: Comparison) -> float:
-    """Return how badly the offset of a comparison fits: the misfit plus the distance of the nearest attractor."""
+    """Return how badly the offset of a comparison fits: the misfit plus the nearest attractor's distance, if any."""
     return found.misfit + (found.near[0].distance if found.near else 0.0)
 
 
-def _with_errors(fitting: Fitting, found: Comparison, near: list[Fit]) -> Comparison:
-    """Return the comparison with its intervals and `is_sure`; near: its own fit, then other fits as good."""
-    own, *others = (interval(fitting, each) for each in near)
+def _with_offset_intervals(fitting: FitProblem, found: Comparison, near: list[Fit]) -> Comparison:
+    """Return the comparison with the intervals of its offset and of other offsets, and with `is_sure`.
+
+    near: the comparison's own fit, followed by the other fits that are about as good.
+
+    Returns
+    -------
+    Comparison
+        A copy with these fields set.
+    """
+    own, *others = (interval_of_offset(fitting, each) for each in near)
     sharp = fitting._replace(unit=near[0].unit)
-    walls = [fit(sharp, end).wall for end in own] + [each.wall for each in near]
+    walls = [fit_at_offset(sharp, end).wall for end in own] + [each.wall for each in near]
     return replace(
         found,
         offset_interval=own,
@@ -171,7 +179,7 @@ def _with_errors(fitting: Fitting, found: Comparison, near: list[Fit]) -> Compar
     )
 
 
-class _Known(NamedTuple):
+class _AttractorImpacts(NamedTuple):
     """An attractor with the sorted phases of its impacts on Σ⁺ and Σ⁻.
 
     rate: the number of impacts per forcing period that each of these phases stands for.
@@ -184,21 +192,23 @@ class _Known(NamedTuple):
     histogram: Array
 
 
-def _known(attractor: Attractor, gear: AnyGear, bins: int) -> _Known:
+def _follow_attractor(attractor: Attractor, gear: AnyGear, bins: int) -> _AttractorImpacts:
     """Compute the impacts and the intensity of an attractor."""
     periods = None if attractor.kind == "periodic" else WATCHED
     impacts, rate = gear.impacts(attractor, periods), 1.0 / (attractor.m if periods is None else periods)
-    phases = _phases(impacts.time, impacts.wall)
-    return _Known(attractor, gear.intensity(attractor), phases, rate, _histogram(phases, rate, bins))
+    phases = _phases_by_wall(impacts.time, impacts.wall)
+    return _AttractorImpacts(attractor, gear.intensity(attractor), phases, rate, _histogram(phases, rate, bins))
 
 
-def _compared(measured: MeasuredImpacts, fit: Fit, known: list[_Known], bins: int, tolerance: float) -> Comparison:
+def _compare_fit(
+    measured: MeasuredImpacts, fit: Fit, known: list[_AttractorImpacts], bins: int, tolerance: float
+) -> Comparison:
     """Compare the measured impacts, with the walls and the offset of a fit, with all known attractors."""
     true = fit.wall != 0
     time, wall, number = measured.time[true], fit.wall[true], int(np.count_nonzero(true))
-    label = period_of(time, wall, tolerance)
+    label = repeating_label(time, wall, tolerance)
     impacts = (number - 1) / float(time[-1] - time[0]) if label is None else (label[1] + label[2]) / label[0]
-    here, rate = _phases(time - fit.offset, wall), impacts / number
+    here, rate = _phases_by_wall(time - fit.offset, wall), impacts / number
     near = [
         Near(
             each.attractor,
@@ -223,14 +233,22 @@ def _compared(measured: MeasuredImpacts, fit: Fit, known: list[_Known], bins: in
     )
 
 
-def _phases(time: ArrayLike, wall: NDArray[np.int64]) -> list[Array]:
+def _phases_by_wall(time: ArrayLike, wall: NDArray[np.int64]) -> list[Array]:
     """Return the sorted phases of the impacts on Σ⁺, and of those on Σ⁻."""
     phase = np.asarray(time, np.float64) % 1.0
     return [np.sort(phase[wall == side]) for side in (1, -1)]
 
 
 def _histogram(phases: list[Array], rate: float, bins: int) -> Array:
-    """Return impacts per forcing period (2, bins) on Σ⁺ and Σ⁻ in equal intervals of the phase."""
+    """Return the number of impacts per forcing period on each wall, in equal intervals of the phase.
+
+    phases: the phases of the impacts on Σ⁺, and on Σ⁻. rate: the impacts per forcing period that each phase stands for.
+
+    Returns
+    -------
+    Array
+        Numbers (2, bins) for Σ⁺ and Σ⁻.
+    """
     return np.array([rate * np.histogram(each, bins, (0.0, 1.0))[0] for each in phases])
 
 

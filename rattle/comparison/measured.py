@@ -51,7 +51,7 @@ class MeasuredImpacts(NamedTuple):
         return float(self.time[-1] - self.time[0])
 
     @property
-    def impacts(self) -> float:
+    def impact_rate(self) -> float:
         """The number of impacts per forcing period."""
         return (self.time.size - 1) / self.span
 
@@ -81,7 +81,10 @@ def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | 
     times = real_array("time", time)
     require(times.ndim == 1, f"time must be a list of times, got an array of shape {times.shape}")
     require(times.size >= LEAST, f"there are {times.size} impacts: give at least {LEAST}")
-    require(bool(np.isfinite(times).all() and (np.diff(times) > 0).all()), "times must be finite and rise")
+    require(
+        bool(np.isfinite(times).all() and (np.diff(times) > 0).all()),
+        "times must be finite and increase: sort the impacts by time",
+    )
     require(
         times[-1] - times[0] > SHORTEST,
         f"all impacts are within {times[-1] - times[0]:g} forcing periods: give the times in forcing periods",
@@ -125,7 +128,7 @@ def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) 
     return measured(found["time"] / time_unit, speed, found.get("wall"))
 
 
-def period_of(time: Array, wall: NDArray[np.int64], tolerance: float) -> tuple[int, int, int] | None:
+def repeating_label(time: Array, wall: NDArray[np.int64], tolerance: float) -> tuple[int, int, int] | None:
     """Return the label (m, n₊, n₋) of impacts that repeat, or None if they do not.
 
     The label is that of the shortest period, unless a longer period, such as after a doubling, has a scatter smaller by
@@ -134,7 +137,8 @@ def period_of(time: Array, wall: NDArray[np.int64], tolerance: float) -> tuple[i
     Parameters
     ----------
     tolerance : float
-        Largest root mean square of the time differences after m forcing periods, over the mean time between impacts.
+        Largest allowed scatter of a repetition's duration: its root mean square difference from m forcing periods,
+        divided by the mean time between impacts.
 
     Returns
     -------

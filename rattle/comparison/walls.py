@@ -38,7 +38,7 @@ SAME_OFFSET = 1e-4
 MORE, ROUNDS = 16, 4
 #: Accuracy of an offset in forcing periods.
 RESOLUTION = (2.0 / MORE) ** ROUNDS / PHASES
-#: Number of impacts, the first ones, from which the offset is found.
+#: The offset is found from this number of impacts, the first ones.
 LISTENED = 256
 #: Fits are kept if their misfit is at most this factor times the least one plus this summand: before refinement, and at
 #: the end.
@@ -49,15 +49,16 @@ AS_GOOD = 3.0, 0.02
 SHARPENINGS, SHARPER, FINEST = 5, 4.0, 1e-3
 #: Least value of the reduced speed tolerance over the median error of speeds.
 SCATTER = 4.0
-#: Largest cost of an impact, and cost of a flight in the wrong direction.
+#: Largest cost of an error of a speed. It is also the cost of each end of a flight at which the velocity has the wrong
+#: direction.
 WORST = 4.0
 #: Cost of a false impact, and most false impacts in a row.
 FALSE, MOST_FALSE = 6.0, 2
-#: Misfit that a false impact counts.
+#: Misfit of a false impact.
 AT_RANDOM = 0.5
 #: Largest distance from an offset in which its interval is searched, in forcing periods, and the number of steps.
 FARTHEST, STEPS = 0.25, 128
-#: Number of neighbouring impacts whose errors are correlated: an impact that is late changes the misfits of others.
+#: Number of successive impacts whose errors are correlated, because an error of one time changes the misfits of others.
 TOGETHER = 4
 #: The walls at which a flight may begin and end.
 ENDS = np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
@@ -75,9 +76,10 @@ class Fit(NamedTuple):
     offset
         The time of phase 0, in [0, 1).
     misfit
-        The mean of |w₀ + w₁|/(|w₀| + |w₁|) over the impacts, with 1/2 for each false impact; 0 for motions of the gear.
+        The mean of |w₀ + w₁|/(|w₀| + |w₁|) over the impacts, where w₁ and w₀ are the velocities before and after an
+        impact. A false impact counts as 1/2. The misfit is 0 for motions of the gear.
     unit
-        The speed tolerance, in units of which errors of speeds are counted.
+        The speed tolerance, by which errors of speeds are divided.
     """
 
     wall: Walls
@@ -86,10 +88,10 @@ class Fit(NamedTuple):
     unit: float
 
 
-class Fitting(NamedTuple):
+class FitProblem(NamedTuple):
     """Measured impacts, and the gear to which they are fitted.
 
-    unit: the speed tolerance, in units of which errors of speeds are counted.
+    unit: the speed tolerance, by which errors of speeds are divided.
     dwell: the duration of a contact in forcing periods; 0 for a gear with rigid teeth.
     """
 
@@ -99,49 +101,53 @@ class Fitting(NamedTuple):
     dwell: float
 
     @property
-    def listened(self) -> Fitting:
+    def first_impacts(self) -> FitProblem:
         """The first LISTENED impacts, from which the offset is found."""
         time, speed, wall = self.measured
         some = None if speed is None else speed[:LISTENED]
         return self._replace(measured=MeasuredImpacts(time[:LISTENED], some, None if wall is None else wall[:LISTENED]))
 
 
-def fits(fitting: Fitting) -> list[Fit]:
-    """Return the fits of impacts to a gear. There may be several, because A and C, for example, have the same times.
+def find_fits(fitting: FitProblem) -> list[Fit]:
+    """Return the fits of impacts to a gear. There may be several: impacts of A and C, for example, are equally spaced.
 
     Returns
     -------
     list[Fit]
         The fits by rising misfit.
     """
-    few = fitting.listened
+    few = fitting.first_impacts
     rough = []
     for unit, phases in ((few.unit, PHASES), (few.unit / FINER, FINER_PHASES)):
         sharper = few._replace(unit=unit)
-        lowest = _lowest(_followed(sharper, np.arange(phases) / phases)[0])
-        rough += _good([fit(sharper, _refined(sharper, i / phases, 1.0 / phases)) for i in lowest], HOPEFUL)
-    sharp = _good([_sharpened(few._replace(unit=each.unit), each) for each in rough], AS_GOOD)
+        lowest = _lowest_minima(_find_best_walls(sharper, np.arange(phases) / phases)[0])
+        rough += _best_fits(
+            [fit_at_offset(sharper, _refine_offset(sharper, i / phases, 1.0 / phases)) for i in lowest], HOPEFUL
+        )
+    sharp = _best_fits([_fit_with_smaller_tolerance(few._replace(unit=each.unit), each) for each in rough], AS_GOOD)
     offsets = [each.offset for each in sharp]
     for each in [found for found in sharp if found.misfit < POOR][:MOST_TWINNED]:
-        costs = _costs(few, each.wall, np.arange(TWINS) / TWINS).sum(axis=1)
-        for offset in _lowest(costs) / TWINS:
+        costs = _impact_costs(few, each.wall, np.arange(TWINS) / TWINS).sum(axis=1)
+        for offset in _lowest_minima(costs) / TWINS:
             if all(abs(wrapped(offset - other)) > 2.0 / TWINS for other in offsets):
                 offsets.append(float(offset))
-                sharp.append(_sharpened(few._replace(unit=each.unit), each._replace(offset=float(offset))))
+                sharp.append(
+                    _fit_with_smaller_tolerance(few._replace(unit=each.unit), each._replace(offset=float(offset)))
+                )
     found: list[Fit] = []
-    for each in _good(sharp, AS_GOOD):
+    for each in _best_fits(sharp, AS_GOOD):
         if all(abs(wrapped(each.offset - other.offset)) > SAME_OFFSET for other in found):
-            found.append(fit(fitting._replace(unit=each.unit), each.offset))
+            found.append(fit_at_offset(fitting._replace(unit=each.unit), each.offset))
     return found
 
 
-def _lowest(costs: Array) -> NDArray[np.int64]:
+def _lowest_minima(costs: Array) -> NDArray[np.int64]:
     """Return the indices of the FEW lowest local minima of costs around a circle."""
     found = np.flatnonzero((costs <= np.roll(costs, 1)) & (costs <= np.roll(costs, -1)))
     return found[np.argsort(costs[found], kind="stable")][:FEW]
 
 
-def _good(found: list[Fit], margin: tuple[float, float]) -> list[Fit]:
+def _best_fits(found: list[Fit], margin: tuple[float, float]) -> list[Fit]:
     """Return the fits whose misfit is at most factor · least misfit + summand, the best first.
 
     margin: (factor, summand).
@@ -156,29 +162,29 @@ def _good(found: list[Fit], margin: tuple[float, float]) -> list[Fit]:
     return [each for each in found if each.misfit <= times * found[0].misfit + more]
 
 
-def _sharpened(few: Fitting, found: Fit) -> Fit:
+def _fit_with_smaller_tolerance(few: FitProblem, found: Fit) -> Fit:
     """Fit again with smaller speed tolerances, down to the scatter of speeds, so that false impacts stand out."""
     finest = min(few.unit, FINEST * float(speed_unit(few.gear.delta, few.gear.epsilon, few.gear.beta)))
     for _ in range(SHARPENINGS):
         leaves, arrives = _velocities(few, found.wall, np.array([found.offset]))
         scatter = SCATTER * float(np.median(np.abs(leaves + arrives))) if leaves.size else few.unit
         few = few._replace(unit=min(max(few.unit / SHARPER, scatter, finest), few.unit))
-        found = fit(few, _refined(few, found.offset))
+        found = fit_at_offset(few, _refine_offset(few, found.offset))
     return found
 
 
-def _refined(few: Fitting, offset: float, width: float = 1.0 / PHASES) -> float:
+def _refine_offset(few: FitProblem, offset: float, width: float = 1.0 / PHASES) -> float:
     """Return the offset of least cost among those at most `width` forcing periods from the given offset."""
     for _ in range(ROUNDS):
         near = offset + width * np.linspace(-1.0, 1.0, MORE + 1)
-        offset = float(near[np.argmin(_followed(few, near)[0])])
+        offset = float(near[np.argmin(_find_best_walls(few, near)[0])])
         width *= 2.0 / MORE
     return offset
 
 
-def fit(fitting: Fitting, offset: float) -> Fit:
+def fit_at_offset(fitting: FitProblem, offset: float) -> Fit:
     """Return the fit of impacts to a gear at an offset, with the walls of least cost."""
-    wall = _followed(fitting, np.array([offset]))[1]
+    wall = _find_best_walls(fitting, np.array([offset]))[1]
     leaves, arrives = _velocities(fitting, wall, np.array([offset]))
     off = np.abs(leaves + arrives) / (np.abs(leaves) + np.abs(arrives))
     false = wall.size - np.count_nonzero(wall)
@@ -186,7 +192,7 @@ def fit(fitting: Fitting, offset: float) -> Fit:
     return Fit(wall, offset % 1.0, misfit, fitting.unit)
 
 
-def interval(fitting: Fitting, found: Fit) -> tuple[float, float]:
+def interval_of_offset(fitting: FitProblem, found: Fit) -> tuple[float, float]:
     """Return the 95 % interval of the offset of a fit.
 
     The interval contains the offsets whose cost exceeds the cost of the fit by at most the standard error of this
@@ -198,11 +204,11 @@ def interval(fitting: Fitting, found: Fit) -> tuple[float, float]:
     tuple[float, float]
         Both ends of the interval.
     """
-    few, offset = fitting.listened._replace(unit=found.unit), found.offset
+    few, offset = fitting.first_impacts._replace(unit=found.unit), found.offset
     steps = np.geomspace(RESOLUTION, FARTHEST, STEPS)
     ends = []
     for side in (-1.0, 1.0):
-        costs = _costs(few, found.wall[:LISTENED], offset + side * np.append(0.0, steps))
+        costs = _impact_costs(few, found.wall[:LISTENED], offset + side * np.append(0.0, steps))
         higher = costs[1:] - costs[0]
         blocks = np.add.reduceat(higher, np.arange(0, higher.shape[1], TOGETHER), axis=1)
         beyond = blocks.sum(axis=1) > np.sqrt((blocks**2).sum(axis=1))
@@ -210,8 +216,16 @@ def interval(fitting: Fitting, found: Fit) -> tuple[float, float]:
     return ends[0], ends[1]
 
 
-def _costs(fitting: Fitting, wall: Walls, offsets: Array) -> Array:
-    """Return the cost (k, n − 2) of each impact but the first and the last, with these walls, at offsets (k,)."""
+def _impact_costs(fitting: FitProblem, wall: Walls, offsets: Array) -> Array:
+    """Return the cost of each impact except the first and the last, if phase 0 is at the times `offsets` (k,).
+
+    wall: the wall of each impact, 0 for a false impact.
+
+    Returns
+    -------
+    Array
+        Costs (k, n − 2), where n is the number of impacts that are not false.
+    """
     leaves, arrives = _velocities(fitting, wall, offsets)
     costs = np.minimum(((leaves + arrives) / fitting.unit) ** 2, WORST)
     if fitting.measured.speed is not None:
@@ -220,23 +234,31 @@ def _costs(fitting: Fitting, wall: Walls, offsets: Array) -> Array:
     return costs
 
 
-def _velocities(fitting: Fitting, wall: Walls, offsets: Array) -> tuple[Array, Array]:
-    """Return w₀ after and w₁ before each impact but the first and the last, with these walls, at offsets (k,)."""
+def _velocities(fitting: FitProblem, wall: Walls, offsets: Array) -> tuple[Array, Array]:
+    """Return the velocities after and before each impact except the first and the last.
+
+    offsets (k,): times of phase 0. wall: the wall of each impact, 0 for a false impact.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        Velocities (k, n − 2) after and before the impacts, where n is the number of impacts that are not false.
+    """
     gear, time = fitting.gear, fitting.measured.time[wall != 0]
     gaps = gear.beta * np.diff(wall[wall != 0]).astype(np.float64)
     w0, w1 = (np.empty((offsets.size, gaps.size)) for _ in range(2))
-    _between(time, gaps, offsets, fitting.dwell, gear.delta, gear.epsilon, w0, w1)
+    _write_flight_velocities(time, gaps, offsets, fitting.dwell, gear.delta, gear.epsilon, w0, w1)
     return w0[:, 1:], w1[:, :-1]
 
 
-def _followed(fitting: Fitting, offsets: Array) -> tuple[Array, Walls]:
+def _find_best_walls(fitting: FitProblem, offsets: Array) -> tuple[Array, Walls]:
     """Return the cost of the best walls at each offset (k,), and the best walls (n,) at the last offset."""
     (time, speed, wall), gear = fitting.measured, fitting.gear
     n, cost, point = time.size, np.empty(offsets.size), (gear.delta, gear.epsilon, gear.beta)
     before, last = np.empty((n, MOST_FALSE + 1, len(ENDS)), np.int64), np.empty(2, np.int64)
     known = np.zeros(n, np.int64) if wall is None else wall
     speeds = np.full(n, np.nan) if speed is None else speed
-    _best(time, speeds, known, offsets, fitting.dwell, *point, fitting.unit, cost, before, last)
+    _write_least_costs(time, speeds, known, offsets, fitting.dwell, *point, fitting.unit, cost, before, last)
     found, (arrival, choice) = np.zeros(n, np.int64), last.tolist()
     while choice >= 0:
         skipped, ends = divmod(choice, len(ENDS))
@@ -247,7 +269,7 @@ def _followed(fitting: Fitting, offsets: Array) -> tuple[Array, Walls]:
 
 
 @inline
-def _ends(t0, t1, dwell):
+def _flight_ends(t0, t1, dwell):
     """Return when the flight between impacts at t0 and t1 begins and ends, and sine and cosine of the phase then.
 
     The flight begins when the contact after the impact ends: `dwell` after t0, but at the latest half way to t1.
@@ -257,31 +279,35 @@ def _ends(t0, t1, dwell):
     tuple
         Both times, and (sine, cosine) at each.
     """
-    a = complex(min(t0 + dwell, 0.5 * (t0 + t1)))  # the contact must be over before t1
+    a = complex(min(t0 + dwell, 0.5 * (t0 + t1)))  # the contact must end before t1
     b = complex(t1)
     return a, b, analytic_phase(a), analytic_phase(b)
 
 
 @kernel
-def _between(time, gaps, offsets, dwell, delta, epsilon, w0, w1):
-    """Write velocities (k, n) of the flights between impacts at times (n + 1,) over distances (n,), at offsets (k,)."""
+def _write_flight_velocities(time, gaps, offsets, dwell, delta, epsilon, w0, w1):
+    """Write to w0 and w1 (k, n) the velocities at the beginning and at the end of each of n flights.
+
+    time (n + 1,): the times of the impacts. gaps (n,): the distances that the flights cover. offsets (k,): the times of
+    phase 0. dwell: the duration of a contact.
+    """
     for j in range(offsets.size):
         for i in range(gaps.size):
             t0, t1 = time[i] - offsets[j], time[i + 1] - offsets[j]
-            a, b, turn0, turn1 = _ends(t0, t1, dwell)
+            a, b, turn0, turn1 = _flight_ends(t0, t1, dwell)
             found = flight_between(a, b, turn0, turn1, gaps[i], complex(delta), complex(epsilon))
             w0[j, i], w1[j, i] = found[0].real, found[1].real
 
 
 @inline
-def _square(off):
-    """Return the cost of an error `off` of a speed, in units of the speed tolerance."""
+def _capped_square(off):
+    """Return the cost of an error of a speed, which is at most WORST. off: the error over the speed tolerance."""
     cost = off * off
     return cost if cost < WORST else WORST  # WORST also if the error is not finite
 
 
 @kernel
-def _best(time, speed, known, offsets, dwell, delta, epsilon, beta, unit, cost, before, last):
+def _write_least_costs(time, speed, known, offsets, dwell, delta, epsilon, beta, unit, cost, before, last):
     """Write the least cost of walls at each offset (k,), by dynamic programming.
 
     For the flight that arrives at impact i there are (MOST_FALSE + 1) × 4 choices: the number of false impacts that the
@@ -299,7 +325,7 @@ def _best(time, speed, known, offsets, dwell, delta, epsilon, beta, unit, cost, 
         for i in range(1, n):
             for skipped in range(before.shape[1]):
                 k = max(i - 1 - skipped, 0)
-                a, b, turn0, turn1 = _ends(time[k] - offsets[j], time[i] - offsets[j], dwell)
+                a, b, turn0, turn1 = _flight_ends(time[k] - offsets[j], time[i] - offsets[j], dwell)
                 for ends in range(before.shape[2]):
                     total[i, skipped, ends] = np.inf
                     begin, end = ENDS[ends]
@@ -310,14 +336,14 @@ def _best(time, speed, known, offsets, dwell, delta, epsilon, beta, unit, cost, 
                     w0, w1 = found[0].real, found[1].real
                     alone = FALSE * skipped + WORST * ((begin * w0 >= 0.0) + (end * w1 <= 0.0))
                     if not math.isnan(speed[i]):
-                        alone += _square((abs(w1) - speed[i]) / unit)
+                        alone += _capped_square((abs(w1) - speed[i]) / unit)
                     least, which = np.inf, -1
                     if k <= MOST_FALSE:
                         least = FALSE * k  # this flight is the first of the motion
                     for way in range(ways):
                         step, other = way // before.shape[2], way % before.shape[2]
                         if k > 0 and ENDS[other, 1] == begin:
-                            joined = total[k, step, other] + _square((arrives[k, step, other] + w0) / unit)
+                            joined = total[k, step, other] + _capped_square((arrives[k, step, other] + w0) / unit)
                             if joined < least:
                                 least, which = joined, way
                     total[i, skipped, ends], arrives[i, skipped, ends] = least + alone, w1

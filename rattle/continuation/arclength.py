@@ -14,44 +14,45 @@ import numpy as np
 
 from rattle.numerics.complex_step import Array, Function, derivatives
 
-#: Most Newton corrections of a step.
+#: Largest number of Newton corrections of a step.
 MOST_CORRECTIONS = 8
 #: Correction, relative to the unknowns and their scale, at which Newton's method has converged.
 SMALLEST_CORRECTION = 1e-13
-#: Correction below which the next one would be smaller than rounding, if the previous one was 1000 times as large.
+#: Correction below which the next correction would be smaller than rounding, if the one before was 1000 times as large.
 QUADRATIC_CORRECTION = 1e-8
 #: Correction above which a step is given up.
 LARGEST_CORRECTION = 0.3
-#: Correction above which the equations are prepared again, which takes as long as evaluating them.
+#: Correction above which the equations are prepared again, which takes as long as to evaluate them once.
 LARGE_CORRECTION = 1e-3
-#: Correction that rounding may leave where the equations are nearly singular.
+#: Correction below which Newton's method may stop if corrections no longer become smaller, as near singular equations.
 ACCEPTED_CORRECTION = 1e-11
-#: Step below which a curve is not followed further.
+#: Step length below which a curve is not followed further.
 SHORTEST_STEP = 1e-10
-#: Lower limit of the rate |dp/ds| of the parameter p along a branch, where the step is limited to a step of p.
+#: Lower limit of the rate |dp/ds| of the parameter p along a branch, by which a limit on steps of p is divided.
 LEAST_RATE = 1e-12
 #: Largest angle between the tangents of neighbouring points, in radians.
 LARGEST_TURN = 0.2
-#: Largest number of points of a path, and of bisections for the edge at which it ends.
+#: Largest number of points of a path; largest number of bisections to find the edge at which a path ends.
 MOST_POINTS = 4000
 MOST_BISECTIONS = 200
-#: Largest distance between points that count as the same, and between solutions that count as the same.
+#: Largest difference of an unknown between points of a path that count as the same; and between a solution and the
+#: start of its curve, at which the curve counts as closed.
 SAME_POINT = 1e-12
 SAME_SOLUTION = 1e-8
 CLOSED = "closed: it comes back to its start"
-#: Damping below which tolerances of δ and ε are relative to the damping; above it they are absolute.
+#: Damping below which tolerances of δ and ε are relative to the damping; at larger dampings they are absolute.
 SMALL_DAMPING = 0.25
 
 
 def plane_scale(delta: float) -> float:
-    """Return the scale of differences of δ and ε near this damping.
+    """Return the scale relative to which differences of δ and ε count near this damping.
 
-    At small damping motions depend on differences of δ and ε relative to the damping.
+    At small damping motions depend on differences relative to the damping.
 
     Returns
     -------
     float
-        The scale, at most 1.
+        The scale: in proportion to the damping, and at most 1.
     """
     return min(max(abs(float(delta)) / SMALL_DAMPING, 1e-300), 1.0)
 
@@ -60,10 +61,10 @@ def plane_scale(delta: float) -> float:
 class ContinuationProblem:
     """N equations in N + 1 unknowns, whose solution curve is to be followed.
 
-    equations: the function (…, N + 1) → (…, N).
-    prepare: a function that is called with points (…, N + 1) before the equations are evaluated near these points, at
-    N + 1 points (…, N + 1, N + 1) for each. It may rescale the equations.
-    scale: the size of each unknown at a point, a number or (N + 1,), relative to which corrections are small.
+    equations: the function that maps points (…, N + 1) to residuals (…, N). prepare: a function that is called with
+    points (…, N + 1) before the equations are evaluated near these points. It may rescale the equations. scale: a
+    function that maps a point to the size of each unknown, a number or (N + 1,). Corrections are measured relative to
+    this size.
     """
 
     equations: Function
@@ -72,14 +73,14 @@ class ContinuationProblem:
 
 
 def line_scale(origin: Array, direction: Array) -> Callable[[Array], Array]:
-    """Return the `scale` of a `ContinuationProblem` whose parameters are on a line, origin + p direction.
+    """Return the `scale` of a `ContinuationProblem` whose parameters are on a line, origin + p · direction.
 
-    The last of the N unknowns is p; δ and ε are the first two parameters.
+    The last of the N unknowns is p. δ and ε are the first two parameters in origin and direction.
 
     Returns
     -------
     callable
-        Function of the unknowns (N,) that returns the size of each, (N,).
+        A function that maps unknowns (N,) to their sizes (N,).
     """
     length = float(np.hypot(*direction[:2]))
     last = min(1.0, plane_scale(origin[0]) / length) if length else 1.0
@@ -92,8 +93,8 @@ def line_scale(origin: Array, direction: Array) -> Callable[[Array], Array]:
     return scale
 
 
-def with_row(jacobian: Array, row: Array) -> Array:
-    """Return the square matrix of a Jacobian (N, N + 1) with one more row below it."""
+def append_row(jacobian: Array, row: Array) -> Array:
+    """Return the square matrix (N + 1, N + 1) of a Jacobian (N, N + 1) with a further row below it."""
     matrix = np.empty((row.size, row.size))
     matrix[:-1], matrix[-1] = jacobian, row
     return matrix
@@ -104,8 +105,8 @@ class Path:
     """A curve that was followed in one direction.
 
     points, tangents: points (k, N + 1) and unit tangents.
-    outside: the first point outside the bounds or not admissible; None if the curve closed, could not be followed
-    further, or has the largest allowed number of points.
+    outside: the first point that is outside the bounds or not admissible; None if the curve closed, could not be
+    followed further, or has the largest allowed number of points.
     closed: whether the curve returned to its start, which is then the last point too.
     """
 
@@ -115,7 +116,7 @@ class Path:
     closed: bool = False
 
 
-class Course(NamedTuple):
+class FollowedCurve(NamedTuple):
     """A curve that was followed in both directions from a start.
 
     points, tangents: points (k, N + 1) and unit tangents (k, N + 1). start: the index of the start in `points`.
@@ -129,14 +130,20 @@ class Course(NamedTuple):
 
 
 def newton_on_curve(problem: ContinuationProblem, x: Array, constraint: Array) -> tuple[Array, int] | None:
-    """Return (solution, number of corrections) in the hyperplane through x normal to `constraint`; None on failure."""
+    """Solve for a point of the curve near x, in the hyperplane through x that is normal to `constraint`.
+
+    Returns
+    -------
+    tuple[Array, int] | None
+        The solution (N + 1,) and the number of Newton corrections; None if Newton's method fails.
+    """
     x, scale = x.copy(), problem.scale(x)
     size, right = np.inf, np.zeros(x.size)
     for i in range(MOST_CORRECTIONS):
         if size > LARGE_CORRECTION:
             problem.prepare(x)
         value, jacobian = derivatives(problem.equations, x)
-        matrix = with_row(jacobian, constraint)
+        matrix = append_row(jacobian, constraint)
         np.negative(value, out=right[:-1])
         if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
             return None
@@ -161,7 +168,7 @@ def _diverges(i: int, size: Any, last: Any) -> Any:
     Returns
     -------
     Any
-        A bool, or an array of them of the shape of the sizes.
+        A bool, or an array of bools of the shape of the sizes.
     """
     return (size > LARGEST_CORRECTION) | ((i > 2) & (size > last) & (last > ACCEPTED_CORRECTION))
 
@@ -172,8 +179,8 @@ def _has_converged(size: Any, last: Any) -> Any:
     return (size < SMALLEST_CORRECTION) | quadratic | ((size < ACCEPTED_CORRECTION) & (size > 0.1 * last))
 
 
-def with_values(problem: ContinuationProblem, guesses: Array, index: int) -> Array:
-    """Return the solutions near guesses (k, N + 1), each with unknown number `index` fixed at its guess.
+def solutions_with_values(problem: ContinuationProblem, guesses: Array, index: int) -> Array:
+    """Return the solutions near guesses (k, N + 1), where component `index` of each keeps its guessed value.
 
     Returns
     -------
@@ -192,7 +199,7 @@ def with_values(problem: ContinuationProblem, guesses: Array, index: int) -> Arr
         value, jacobian = derivatives(problem.equations, at)
         matrix, right = np.empty((*at.shape, at.shape[-1])), np.zeros(at.shape)
         matrix[:, :-1], matrix[:, -1], right[:, :-1] = jacobian, fixed, -value
-        step = _solved_each(matrix, right)
+        step = _solve_each(matrix, right)
         scale = np.stack([np.broadcast_to(problem.scale(each), each.shape) for each in at])
         size = (np.abs(step) / (scale + np.abs(at))).max(axis=-1)
         x[active] += step
@@ -203,18 +210,18 @@ def with_values(problem: ContinuationProblem, guesses: Array, index: int) -> Arr
     return found
 
 
-def _solved_each(matrix: Array, right: Array) -> Array:
-    """Return the solutions (k, n) of linear systems (k, n, n), NaN for singular ones."""
+def _solve_each(matrix: Array, right: Array) -> Array:
+    """Return the solutions (k, n) of k linear systems with matrices (k, n, n); NaN for a singular matrix."""
     try:
         return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0], np.float64)
     except np.linalg.LinAlgError:
         if len(matrix) == 1:
             return np.full(right.shape, np.nan)
-        return np.concatenate([_solved_each(*each) for each in zip(matrix[:, None], right[:, None], strict=True)])
+        return np.concatenate([_solve_each(*each) for each in zip(matrix[:, None], right[:, None], strict=True)])
 
 
-def with_value(problem: ContinuationProblem, x: Array, index: int, value: float) -> Array | None:
-    """Return the solution near x whose unknown number `index` has this value, or None if Newton's method fails."""
+def solution_with_value(problem: ContinuationProblem, x: Array, index: int, value: float) -> Array | None:
+    """Return the solution near x in which component `index` has this value; None if Newton's method fails."""
     guess, fixed = x.copy(), np.zeros(x.size)
     guess[index], fixed[index] = value, 1.0
     found = newton_on_curve(problem, guess, fixed)
@@ -222,7 +229,7 @@ def with_value(problem: ContinuationProblem, x: Array, index: int, value: float)
 
 
 def tangent_at(problem: ContinuationProblem, x: Array, direction: Array) -> Array:
-    """Return the unit tangent (N + 1,) of the solution curve at x, on the side of `direction`."""
+    """Return the unit tangent (N + 1,) of the solution curve at x, at an acute angle with `direction`."""
     return oriented_tangent(problem, x, direction)[0]
 
 
@@ -241,15 +248,21 @@ def oriented_tangent(problem: ContinuationProblem, x: Array, direction: Array) -
     onwards = np.zeros(x.size)
     onwards[-1] = 1.0
     try:
-        tangent = np.linalg.solve(with_row(jacobian, direction), onwards)
+        tangent = np.linalg.solve(append_row(jacobian, direction), onwards)
     except np.linalg.LinAlgError:  # the tangent is normal to `direction`
         tangent = np.linalg.svd(jacobian)[2][-1]
     unit: Array = np.asarray(tangent / np.linalg.norm(tangent), np.float64)
-    return unit, float(np.linalg.slogdet(with_row(jacobian, unit))[0])
+    return unit, float(np.linalg.slogdet(append_row(jacobian, unit))[0])
 
 
 def solution_above_chord(problem: ContinuationProblem, a: Array, b: Array, share: float) -> Array | None:
-    """Return the solution in the hyperplane normal to the chord from a to b, at a share of it; None on failure."""
+    """Return the solution in the hyperplane normal to the chord from a to b, at `share` of the way from a to b.
+
+    Returns
+    -------
+    Array | None
+        The solution (N + 1,); None if Newton's method fails.
+    """
     found = newton_on_curve(problem, a + share * (b - a), b - a)
     return None if found is None else found[0]
 
@@ -262,7 +275,7 @@ class Bound:
     low: float
     high: float
 
-    def crossed(self, x: Array) -> float | None:
+    def exceeded_limit(self, x: Array) -> float | None:
         """Return the limit that x exceeds, or None if x is within the bounds."""
         value = x[self.index]
         return self.low if value < self.low else self.high if value > self.high else None
@@ -274,7 +287,8 @@ def last_inside(
     """Return the last admissible solution between a and b, and the first one that is not admissible.
 
     a is admissible and b is not. Bisection finds both solutions to rounding. If Newton's method fails near a singular
-    solution, the bisection steps along the tangent instead, because b may belong to another branch, with shorter steps.
+    solution, the bisection steps along the tangent instead, because b may belong to another branch. If this fails too,
+    it tries a shorter step.
 
     Returns
     -------
@@ -300,7 +314,7 @@ def last_inside(
 
 
 def longest_step(span: tuple[float, float], resolution: int, longest: float) -> Callable[[Array], float]:
-    """Return a function of a unit tangent that returns the longest step.
+    """Return a function that maps a unit tangent to the longest allowed step along it.
 
     The step is at most `longest`, and gives at least `resolution` points over the span (low, high) of the last unknown.
 
@@ -319,7 +333,7 @@ class Follower:
 
     bounds, is_admissible: the curve is followed as long as its points are "inside": within the bounds and admissible.
     longest: the longest step, as a function of the unit tangent, in the Euclidean norm of the unknowns.
-    twins(start, x): all ways (…, N + 1) to write the solution `start`, each as near to x as possible.
+    twins(start, x): all arrays of unknowns (…, N + 1) that describe the same solution as `start`, near x.
     """
 
     problem: ContinuationProblem
@@ -328,15 +342,16 @@ class Follower:
     longest: Callable[[Array], float]
     twins: Callable[[Array, Array], Array] = lambda start, _: start[None]
 
-    def inside(self, x: Array) -> bool:
+    def is_inside(self, x: Array) -> bool:
         """Return whether x is within the bounds and admissible."""
-        return all(bound.crossed(x) is None for bound in self.bounds) and self.is_admissible(x)
+        return all(bound.exceeded_limit(x) is None for bound in self.bounds) and self.is_admissible(x)
 
     def follow(self, start: Array, tangent: Array, most: int = MOST_POINTS, first: float = np.inf) -> Path:
-        """Follow the curve from a solution inside, in the direction of `tangent`, until it leaves the inside or closes.
+        """Follow the curve from a solution in the direction of `tangent`, until it goes outside or closes.
 
-        If the curve leaves the inside, the last point is the edge of the inside, to rounding. `most` is the largest
-        number of points. `first` is the largest first step; it is given if curves cross at the start.
+        "Inside" and "outside" are those of `Follower`; the start is inside. If the curve goes outside, the last point
+        is the edge of the inside, to rounding. `most` is the largest number of points. `first` is the largest first
+        step; it is given if curves cross at the start.
 
         Returns
         -------
@@ -361,13 +376,13 @@ class Follower:
                 step *= 0.4
                 continue
             sign = new_sign
-            back = self._closing(start, x, new) if len(points) > 1 else None
+            back = self._closing_twin(start, x, new) if len(points) > 1 else None
             if back is not None:
                 points.append(back)
                 tangents.append(tangent_at(self.problem, back, direction))
                 return Path(np.array(points), np.array(tangents), None, closed=True)
-            if not self.inside(new):
-                edge = self._edge(x, new)
+            if not self.is_inside(new):
+                edge = self._edge_between(x, new)
                 if np.max(np.abs(edge - x)) > SAME_POINT:
                     points.append(edge)
                     tangents.append(tangent_at(self.problem, edge, direction))
@@ -377,21 +392,21 @@ class Follower:
             step *= min(2.0, 0.5 * LARGEST_TURN / max(turn, 1e-9)) if corrections <= 4 else 0.7
         return Path(np.array(points), np.array(tangents), None)
 
-    def both_ways(self, start: Array, index: int, most: int = MOST_POINTS) -> Course:
-        """Follow the curve in both directions from a solution inside; forward is where unknown number `index` rises."""
+    def follow_both_ways(self, start: Array, index: int, most: int = MOST_POINTS) -> FollowedCurve:
+        """Follow the curve in both directions from a solution inside. Forward is where component `index` rises."""
         rising = np.zeros(start.size)
         rising[index] = 1.0
         tangent = tangent_at(self.problem, start, rising)
         on = self.follow(start, tangent, most)
         if on.closed:
-            return Course(on.points, on.tangents, 0, None)
+            return FollowedCurve(on.points, on.tangents, 0, None)
         back = self.follow(start, -tangent, most)
         points = np.concatenate([back.points[:0:-1], on.points])
         tangents = np.concatenate([-back.tangents[:0:-1], on.tangents])
-        return Course(points, tangents, len(back.points) - 1, (back, on))
+        return FollowedCurve(points, tangents, len(back.points) - 1, (back, on))
 
-    def _closing(self, start: Array, a: Array, b: Array) -> Array | None:
-        """Return the twin of `start` that lies between the points a and b of the curve; None if no twin does."""
+    def _closing_twin(self, start: Array, a: Array, b: Array) -> Array | None:
+        """Return the solution equivalent to `start` between the points a and b of the curve; None if there is none."""
         chord = b - a
         for twin in self.twins(start, b):
             share = float((twin - a) @ chord / (chord @ chord))
@@ -401,15 +416,15 @@ class Follower:
                     return found
         return None
 
-    def _edge(self, a: Array, b: Array) -> Array:
-        """Return the last point inside between a, which is inside, and b, which is not."""
+    def _edge_between(self, a: Array, b: Array) -> Array:
+        """Return the last inside point of the curve between a, which is inside, and b, which is outside."""
         for bound in self.bounds:
-            limit = bound.crossed(b)
+            limit = bound.exceeded_limit(b)
             if limit is not None:
                 share = (limit - a[bound.index]) / (b[bound.index] - a[bound.index])
-                found = with_value(self.problem, a + share * (b - a), bound.index, limit)
+                found = solution_with_value(self.problem, a + share * (b - a), bound.index, limit)
                 b = b if found is None else found
-        return b if self.inside(b) else last_inside(self.problem, a, b, self.inside)[0]
+        return b if self.is_inside(b) else last_inside(self.problem, a, b, self.is_inside)[0]
 
 
 def root_between(
@@ -417,7 +432,7 @@ def root_between(
 ) -> Array | None:
     """Return the solution between a and b at which a test function is 0.
 
-    The function changes its sign between a and b. tolerance: accuracy, as a share of the way from a to b.
+    The function has different signs at a and b. tolerance: the accuracy, as a share of the way from a to b.
 
     Returns
     -------
@@ -432,7 +447,7 @@ def root_between(
             raise ArithmeticError
         return test(x)
 
-    from scipy.optimize import brentq  # imported here, because it takes a quarter of a second
+    from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load
 
     try:
         ends = value(0.0), value(1.0)

@@ -1,4 +1,4 @@
-"""Equations of saddle-nodes, flips and grazes of any periodic motion in the (δ, ε) plane."""
+"""Equations whose solutions are the saddle-nodes, flips and grazes of a periodic motion in the (δ, ε) plane."""
 
 from enum import StrEnum
 
@@ -24,7 +24,7 @@ MULTIPLIER = {Kind.SADDLE_NODE: 1.0, Kind.FLIP: -1.0}
 
 
 def scale_at(x: Array) -> Array:
-    """Return the scale of unknowns (N,), the last two of which are δ and ε."""
+    """Return the sizes (N,) relative to which corrections of unknowns are measured; δ and ε are the last two."""
     scale = np.ones(x.size)
     scale[-2:] = plane_scale(x[-2])
     return scale
@@ -49,7 +49,7 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Co
     """
     if kind is Kind.GRAZING:
         if impact is None:
-            raise RattleError("give `impact`, the number of the impact that grazes")
+            raise RattleError("the condition of a graze needs `impact`, the number of the impact that grazes")
         return ContinuationProblem(lambda x: itinerary.with_graze(x, impact), scale=scale_at)
     multiplier = MULTIPLIER[kind]
     borders: list[Array] = []

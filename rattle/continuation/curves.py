@@ -1,4 +1,4 @@
-"""Bifurcation curves in the (δ, ε) plane: the result `Curve`, and how a curve is followed through a window.
+"""Follow bifurcation curves through a window of the (δ, ε) plane; the result is a `Curve`.
 
 A curve consists of connected pieces. A piece is followed in both directions from one of its solutions, until it ends or
 leaves the window.
@@ -20,9 +20,9 @@ from rattle.continuation.arclength import (
     Path,
     plane_scale,
     root_between,
+    solution_with_value,
+    solutions_with_values,
     tangent_at,
-    with_value,
-    with_values,
 )
 from rattle.errors import require, require_number, require_pair
 from rattle.notebook import Columns, TabularResult
@@ -30,18 +30,18 @@ from rattle.numerics.complex_step import Array
 
 #: Largest distance in δ and ε, in units of `plane_scale`, between points that count as the same.
 SAME_POINT = 1e-9
-#: Longest step in the times of a motion, in forcing periods.
+#: Longest step along a curve in the times of its motion, in forcing periods.
 LONGEST = 0.05
 #: Largest difference in an unknown between solutions that count as the same.
 SAME_SOLUTION = 1e-7
 #: Least number of points of a curve across the width of the window.
 POINTS_ACROSS = 60
 Test = Callable[[Array], str | None]
-#: Number of dampings at which a curve is searched. Every piece that is wider than the spacing of these is found.
+#: Number of dampings at which a curve is searched. Every piece that is wider in δ than their spacing is found.
 STARTS = 33
 #: Largest allowed δ and ε of a window; for larger ones double precision has too few digits.
 FARTHEST = 1e6
-#: The only curve on which no orbit bifurcates.
+#: Name of the only curve on which no orbit bifurcates.
 QUIET_LIMIT = "quiet_limit"
 
 
@@ -56,8 +56,8 @@ class End:
 class CurvePiece(NamedTuple):
     """A connected piece of a curve.
 
-    points: unknowns (k, N), the last two of which are δ and ε. reasons: in words, why the
-    piece ends at its first and at its last point.
+    points: unknowns (k, N), the last two of which are δ and ε. reasons: the reasons in words why the piece ends at its
+    first and at its last point.
     """
 
     points: Array
@@ -144,10 +144,10 @@ class Curve(TabularResult):
 
 
 def crossings(problem: ContinuationProblem, points: Array, index: int, value: float) -> list[Array]:
-    """Return the solutions with δ (index −2) or ε (−1) equal to `value` on a piece (k, N), each once."""
+    """Return all solutions on a piece (k, N) at which δ (index −2) or ε (index −1) is equal to `value`, each once."""
     found: list[Array] = []
-    for guess in _between(points, index, value):
-        x = with_value(problem, guess, index, value)
+    for guess in _chord_points(points, index, value):
+        x = solution_with_value(problem, guess, index, value)
         if x is None:
             continue
         near = SAME_POINT * plane_scale(x[-2])
@@ -156,8 +156,16 @@ def crossings(problem: ContinuationProblem, points: Array, index: int, value: fl
     return found
 
 
-def _between(points: Array, index: int, value: float) -> Array:
-    """Return the points (any, N) at which the chords of a piece (k, N) have δ (index −2) or ε (−1) equal to `value`."""
+def _chord_points(points: Array, index: int, value: float) -> Array:
+    """Return the points (any, N) on the chords between the points of a piece (k, N) at a value of δ or ε.
+
+    index: −2 for δ, −1 for ε.
+
+    Returns
+    -------
+    Array
+        The points; no solutions, but close to solutions.
+    """
     d = points[:, index] - value
     i = np.flatnonzero((d[:-1] <= 0) & (d[1:] >= 0) | (d[:-1] >= 0) & (d[1:] <= 0))
     rise = d[i + 1] - d[i]
@@ -167,7 +175,7 @@ def _between(points: Array, index: int, value: float) -> Array:
     return found
 
 
-def build(
+def build_curve(
     name: str,
     beta: float,
     problem: ContinuationProblem,
@@ -209,7 +217,7 @@ def _arclength(plane: Array) -> Array:
 
 
 def _folds(delta: Array) -> list[int]:
-    """Return the numbers of the points at which δ turns back."""
+    """Return the indices of the points at which δ turns back along a curve."""
     rises = np.sign(np.diff(delta))
     return [int(i) + 1 for i in np.flatnonzero(rises[:-1] * rises[1:] < 0)]
 
@@ -230,19 +238,19 @@ class PlaneWindow:
         """The bounds of the last two unknowns, δ and ε."""
         return Bound(-2, *self.delta), Bound(-1, *self.epsilon)
 
-    def left(self, x: Array) -> str | None:
-        """Return in words the side of the window that a point is beyond, or None if it is inside."""
-        limits = zip(("delta", "epsilon"), (bound.crossed(x) for bound in self.bounds), strict=True)
+    def why_outside(self, x: Array) -> str | None:
+        """Return in words the side of the window that a point x is beyond; None if x is inside the window."""
+        limits = zip(("delta", "epsilon"), (bound.exceeded_limit(x) for bound in self.bounds), strict=True)
         return next((f"window: {name} = {limit:g}" for name, limit in limits if limit is not None), None)
 
-    def step(self, tangent: Array) -> float:
-        """Return the longest step along a unit tangent."""
+    def longest_step(self, tangent: Array) -> float:
+        """Return the longest allowed step along a unit tangent."""
         sizes = (self.delta[1] - self.delta[0], self.epsilon[1] - self.epsilon[0])
         rates = [self.resolution * abs(rate) / size for rate, size in zip(tangent[-2:], sizes, strict=True)]
         return 1.0 / max(*rates, float(np.max(np.abs(tangent[:-2]))) / LONGEST)
 
 
-def pieces(
+def pieces_in_window(
     problem: ContinuationProblem, starts: Iterable[Array], window: PlaneWindow, left: Test, times: int | None = None
 ) -> list[CurvePiece]:
     """Return the pieces of a curve inside a window that pass through solutions near the starts, each once.
@@ -256,8 +264,8 @@ def pieces(
     window : PlaneWindow
         The window.
     left : Test
-        Function of a solution in the window: the reason in words why it is not on the curve, such as that its motion is
-        virtual; None if it is on the curve.
+        A function of a solution in the window that returns None if the solution is on the curve, else the reason in
+        words why it is not, such as that its motion is virtual.
     times : int | None
         The number of unknowns that are times, by default all but δ and ε.
 
@@ -267,79 +275,93 @@ def pieces(
         The pieces, in the order of δ and ε at their first points.
     """
     found: list[CurvePiece] = []
-    twins = partial(_periods_later, times)
-    follower = Follower(problem, window.bounds, lambda x: left(x) is None, window.step, twins)
+    twins = partial(_shifted_near, times)
+    follower = Follower(problem, window.bounds, lambda x: left(x) is None, window.longest_step, twins)
     guesses = [*starts]
-    solved = with_values(problem, np.array(guesses), -2) if guesses else np.empty((0, 2))
+    solved = solutions_with_values(problem, np.array(guesses), -2) if guesses else np.empty((0, 2))
     solved = solved[~np.isnan(solved[:, 0])]
     while len(solved):
         x, solved = solved[0], solved[1:]
-        if not follower.inside(x):
+        if not follower.is_inside(x):
             continue
-        new = _both_ways(follower, x, lambda y: window.left(y) or left(y))
+        new = _follow_piece(follower, x, lambda y: window.why_outside(y) or left(y))
         # rounding may have ended an earlier piece too early, before this start: then the new piece replaces it
-        found = [piece for piece in found if not _on(problem, new, piece.points[None, len(piece.points) // 2], times)]
+        found = [
+            piece
+            for piece in found
+            if not _lie_on_piece(problem, new, piece.points[None, len(piece.points) // 2], times)
+        ]
         found.append(new)
-        solved = solved[~_on(problem, new, solved, times)]
+        solved = solved[~_lie_on_piece(problem, new, solved, times)]
     return sorted(found, key=lambda piece: (piece.points[0, -2], piece.points[0, -1]))
 
 
-def _periods_later(times: int | None, start: Array, x: Array) -> Array:
-    """Return the unknowns of a motion, shifted by whole forcing periods so that they are near x."""
+def _shifted_near(times: int | None, start: Array, x: Array) -> Array:
+    """Return the unknowns `start` of a motion (1, N), with its times shifted by whole forcing periods to be near x."""
     twin = start.copy()
     twin[: -2 if times is None else times] += np.rint(x[0] - start[0])
     return twin[None]
 
 
-def _on(problem: ContinuationProblem, piece: CurvePiece, solved: Array, times: int | None) -> NDArray[np.bool_]:
-    """Return whether each solution (k, N) is on a piece, up to a shift by whole forcing periods."""
+def _lie_on_piece(
+    problem: ContinuationProblem, piece: CurvePiece, solved: Array, times: int | None
+) -> NDArray[np.bool_]:
+    """Return flags of the solutions (k, N) that are on a piece, up to a shift by whole forcing periods."""
     on = np.zeros(len(solved), bool)
-    guesses = [_between(piece.points, -2, x[-2]) for x in solved]
+    guesses = [_chord_points(piece.points, -2, x[-2]) for x in solved]
     whose = np.repeat(np.arange(len(solved)), [len(each) for each in guesses])
     if whose.size:
-        for i, y in zip(whose, with_values(problem, np.concatenate(guesses), -2), strict=True):
-            on[i] |= bool(np.max(np.abs(_periods_later(times, solved[i], y)[0] - y)) < SAME_SOLUTION)
+        for i, y in zip(whose, solutions_with_values(problem, np.concatenate(guesses), -2), strict=True):
+            on[i] |= bool(np.max(np.abs(_shifted_near(times, solved[i], y)[0] - y)) < SAME_SOLUTION)
     return on
 
 
-def _both_ways(follower: Follower, x: Array, why: Test) -> CurvePiece:
-    """Return the piece through a solution, with its folds among the points, and the end with smaller δ first."""
-    followed = follower.both_ways(x, -2)
-    points = _with_folds(follower.problem, followed.points, followed.tangents)
+def _follow_piece(follower: Follower, x: Array, why: Test) -> CurvePiece:
+    """Return the piece that contains a solution, with the end at smaller δ first.
+
+    Its points include all folds. why: a function of a point that returns the reason why the piece ends there.
+
+    Returns
+    -------
+    CurvePiece
+        The piece.
+    """
+    followed = follower.follow_both_ways(x, -2)
+    points = _insert_folds(follower.problem, followed.points, followed.tangents)
     if followed.paths is None:
         return CurvePiece(points, (CLOSED, CLOSED))
-    reasons = _reason(followed.paths[0], why), _reason(followed.paths[1], why)
+    reasons = _why_path_ends(followed.paths[0], why), _why_path_ends(followed.paths[1], why)
     if tuple(points[0, -2:]) > tuple(points[-1, -2:]):
         return CurvePiece(points[::-1], (reasons[1], reasons[0]))
     return CurvePiece(points, reasons)
 
 
-def _with_folds(problem: ContinuationProblem, points: Array, tangents: Array) -> Array:
-    """Return the points and one more at each turn of δ or ε, so that both are monotone between neighbouring points."""
+def _insert_folds(problem: ContinuationProblem, points: Array, tangents: Array) -> Array:
+    """Return the points with a further point at each turn of δ or ε: then both are monotone from point to point."""
     turns = [
         (int(i), index) for index in (-2, -1) for i in np.flatnonzero(tangents[:-1, index] * tangents[1:, index] < 0)
     ]
     for i, index in sorted(turns, reverse=True):
         chord = points[i + 1] - points[i]
-        fold = root_between(problem, points[i], points[i + 1], partial(_rate, problem, chord, index))
+        fold = root_between(problem, points[i], points[i + 1], partial(_rate_along, problem, chord, index))
         if fold is not None:
             points = np.insert(points, i + 1, fold, axis=0)
     return points
 
 
-def _rate(problem: ContinuationProblem, direction: Array, index: int, x: Array) -> float:
-    """Return the rate of δ (index −2) or ε (−1) along the curve at a solution."""
+def _rate_along(problem: ContinuationProblem, direction: Array, index: int, x: Array) -> float:
+    """Return the rate of δ (index −2) or ε (index −1) along the curve at a solution."""
     return float(tangent_at(problem, x, direction)[index])
 
 
-def _reason(path: Path, why: Test) -> str:
-    """Return in words why a path ends."""
+def _why_path_ends(path: Path, why: Test) -> str:
+    """Return the reason in words why a path ends; `why` returns the reason for a point outside."""
     if path.outside is None:
         return "the equations become singular: the curve cannot be followed further"
     return why(path.outside) or "the edge of its existence"
 
 
-def traced(
+def trace_problem(
     name: str,
     beta: float,
     problem: ContinuationProblem,
@@ -350,9 +372,9 @@ def traced(
     named: Callable[[Array, str], str],
     times: int | None = None,
 ) -> Curve:
-    """Return the curve of a problem in a window. The arguments that are not explained here are those of `pieces`.
+    """Return the curve of a problem in a window. Arguments without explanation are those of `pieces_in_window`.
 
-    describe: a function that returns the motion at a solution. named: a function of the unknowns at an end and of the
+    describe: a function of a solution that returns its motion. named: a function of the unknowns at an end and of the
     reason why the curve ends there, which returns a better reason, such as the name of a codimension-two point.
 
     Returns
@@ -362,28 +384,30 @@ def traced(
     """
     found = [
         CurvePiece(piece.points, (named(piece.points[0], piece.reasons[0]), named(piece.points[-1], piece.reasons[1])))
-        for piece in pieces(problem, starts, window, left, times)
+        for piece in pieces_in_window(problem, starts, window, left, times)
     ]
-    return build(name, beta, problem, found, [[describe(x) for x in piece.points] for piece in found])
+    return build_curve(name, beta, problem, found, [[describe(x) for x in piece.points] for piece in found])
 
 
-def spread_between(low: float, high: float) -> Array:
-    """Return STARTS evenly spaced numbers between two numbers, without the ends."""
+def interior_points(low: float, high: float) -> Array:
+    """Return STARTS evenly spaced numbers between low and high, without these two."""
     return np.linspace(low, high, 2 * STARTS + 1)[1::2]
 
 
 def window_range(name: str, value: tuple[float, float], positive: bool = False) -> tuple[float, float]:
-    """Return the range (low, high) of a window after checking it. Raises ParameterError if it is not allowed."""
+    """Return the range (low, high) of a window after a check. Raises ParameterError if the range is not allowed."""
     low, high = (require_number(name, number, positive=positive) for number in require_pair(name, value))
     require(low < high, f"{name} must be a pair (low, high) with low < high, got {value!r}")
     require(max(-low, high) <= FARTHEST, f"{name} must be within {FARTHEST:g}, got {value!r}")
     return low, high
 
 
-def limit_of_contact(beta: float, problem: ContinuationProblem, guesses: Iterable[Array], window: PlaneWindow) -> Curve:
-    """Return the quiet limit as a curve in the unknowns (phase at which contact is lost, δ, ε)."""
+def quiet_limit_curve(
+    beta: float, problem: ContinuationProblem, guesses: Iterable[Array], window: PlaneWindow
+) -> Curve:
+    """Return the quiet limit as a `Curve`. The unknowns are the phase at which contact is lost, δ and ε."""
     nothing = np.full(2, complex(np.nan, np.nan))
-    return traced(
+    return trace_problem(
         QUIET_LIMIT,
         beta,
         problem,

@@ -39,20 +39,21 @@ from rattle.notebook import (
 from rattle.notebook import motion_label as label_of
 from rattle.parameters import Parameters
 
-#: Least length of a segment, in units of `plane_scale`.
+#: Least allowed length of a segment, in units of `plane_scale`.
 LEAST_LENGTH = 1e-6
+#: Largest allowed number of steps of a diagram.
 MOST_STEPS = 20_000
 #: Largest allowed number of impacts per period of a motion, and of branches of a diagram.
 LARGEST_PERIOD, MOST_BRANCHES = 64, 1000
-#: Number of impacts that show a chaotic attractor at one step.
+#: Number of impacts by which a chaotic attractor is shown at one step.
 CHAOTIC_POINTS = 200
-#: An attractor that seems to stay on its branch is checked at each CHECKED-th step.
+#: Number of steps after which a branch is searched again near an attractor that seems to stay on its branch.
 CHECKED = 10
-#: Largest change between steps at which an attractor counts as the same, in phase, or in units of speed.
+#: Largest change between steps, in phase and in units of speed, at which an attractor counts as the same.
 JUMP = 0.05
 #: Largest distance between states that count as the same state of an orbit.
 SAME_ORBIT = 1e-6
-#: Most repetitions of sweeps and search.
+#: Largest number of repetitions of sweeps and search.
 ROUNDS = 3
 Array = NDArray[np.float64]
 
@@ -65,7 +66,7 @@ class HasParameters(Protocol):
         """The parameters (…, d), in the order of the segment."""
 
 
-class IsEvent(HasParameters, Protocol):
+class BranchEvent(HasParameters, Protocol):
     """An event of a branch, such as a flip, at a parameter point on a segment."""
 
     @property
@@ -85,12 +86,12 @@ class HasEvents(HasParameters, Protocol):
 
 
 AnyBranch = TypeVar("AnyBranch", bound=HasEvents)
-AnyEvent = TypeVar("AnyEvent", bound=IsEvent)
+AnyEvent = TypeVar("AnyEvent", bound=BranchEvent)
 
 
 @dataclass(frozen=True)
 class BranchPiece:
-    """A stable part of branch number `branch`, between the positions low and high (fractions of the way to the end)."""
+    """A stable part of branch number `branch` of a diagram, between the positions `low` and `high` on the segment."""
 
     branch: int
     low: float
@@ -137,7 +138,7 @@ class Diagram(TabularResult, Generic[AnyBranch, AnyEvent]):
         events = [(event, float(self.positions(event))) for event in self.events]
         return {
             "event": [str(event.kind) for event, _ in events],
-            "motion": [_motion_at(event) for event, _ in events],
+            "motion": [_motion_label(event) for event, _ in events],
             "curve": [self.curve_of(event) or "" for event, _ in events],
             "position": [position for _, position in events],
             "delta": [event.parameters[0] for event, _ in events],
@@ -195,7 +196,7 @@ class Diagram(TabularResult, Generic[AnyBranch, AnyEvent]):
         return float(self.segment.end[0]), float(self.segment.end[1])
 
     def positions(self, of: AnyBranch | AnyEvent) -> Array:
-        """Return the positions (k,) of a branch, or the position () of an event: fractions of the way to the end."""
+        """Return the position () of an event, or the positions (k,) of a branch, as fractions of the way to the end."""
         return self.segment.position(of.parameters)
 
 
@@ -213,16 +214,16 @@ def diagram_of(
     position = np.linspace(0.0, 1.0, steps + 1)
     parameters = model.steps(position)
     unit = float(replace(sample, v_max=None).highest_speeds(parameters).max()) / PAPER_SPEED
-    sampled = model.sampled(parameters, sample)
+    sampled = model.sample_attractors(parameters, sample)
     sweeps, search = Sweeps(model, parameters, sampled), Search(model, impacts, most)
     for motion in model.period_one(parameters):
         search.add(motion)
     small: list[BranchPiece] = []
     for _ in range(ROUNDS):
         sweeps.run()
-        for motion in _seen(sweeps, parameters, search, unit):
+        for motion in _motions_of_attractors(sweeps, parameters, search, unit):
             search.add(motion)
-        small, new = _unseen(sweeps, search, position, unit)
+        small, new = _unsampled_pieces(sweeps, search, position, unit)
         if not new:
             break
     branches = [found for found in search.branches if found.admissible.any()]
@@ -244,8 +245,8 @@ def diagram_of(
     )
 
 
-def _motion_at(event: Any) -> str:
-    """Return the label of the motion of an event."""
+def _motion_label(event: Any) -> str:
+    """Return the label of an event's motion as text, such as "P(1,1,0)"."""
     return label_of(*event.itinerary.label)
 
 
@@ -255,8 +256,8 @@ def require_end(name: str, value: ArrayLike) -> Array:
     return np.array([require_number(f"δ of {name}", delta, positive=True), require_number(f"ε of {name}", epsilon)])
 
 
-def _seen(sweeps: Sweeps, parameters: Parameters, search: Search, unit: float) -> Iterator[Motion]:
-    """Yield motions on periodic attractors of the sweeps: where an attractor appears, then at each CHECKED-th step."""
+def _motions_of_attractors(sweeps: Sweeps, parameters: Parameters, search: Search, unit: float) -> Iterator[Motion]:
+    """Yield a motion near each periodic attractor of the sweeps where it appears, then at each CHECKED-th step."""
     last: dict[tuple[int, int, int], list[tuple[int, KnownAttractor]]] = {}
     for step, here in enumerate(sweeps.known):
         now: dict[tuple[int, int, int], list[tuple[int, KnownAttractor]]] = {}
@@ -267,44 +268,42 @@ def _seen(sweeps: Sweeps, parameters: Parameters, search: Search, unit: float) -
             if n_plus + n_minus > search.impacts:
                 search.left_out.add((m, n_plus, n_minus))
                 continue
-            near = [age for age, before in last.get(known.label, []) if _close(known, before, unit)]
+            near = [age for age, before in last.get(known.label, []) if _is_close(known, before, unit)]
             age = near[0] + 1 if near else 0
             now.setdefault(known.label, []).append((age, known))
             if age % CHECKED == 0:
-                found = search.model.near(parameters.point(step), known.tau, known.v, n_plus)
+                found = search.model.motion_near(parameters.point(step), known.tau, known.v, n_plus)
                 if found is not None:
                     yield found
         last = now
 
 
-def _close(one: KnownAttractor, other: KnownAttractor, unit: float) -> bool:
-    """Return whether the states of two attractors differ by less than JUMP in phase, and in speed over its unit."""
+def _is_close(one: KnownAttractor, other: KnownAttractor, unit: float) -> bool:
+    """Return whether the states of two attractors differ by less than JUMP, in phase and in units of speed."""
     return abs(wrapped(one.tau - other.tau)) < JUMP and abs(one.v - other.v) < JUMP * unit
 
 
-def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tuple[list[BranchPiece], bool]:
-    """Return the stable parts of branches that no sample found, and whether the sweeps missed any of their motions.
-
-    Motions that the sweeps missed are added to their known attractors.
+def _unsampled_pieces(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tuple[list[BranchPiece], bool]:
+    """Return the stable parts of branches that no sample found, and add motions that the sweeps missed to the sweeps.
 
     Returns
     -------
     tuple[list[BranchPiece], bool]
-        The parts, and True if a motion was added.
+        The parts, and whether a motion was added to the known attractors of the sweeps.
     """
     small, new = [], False
     for piece, inside, tau, v in _stable_pieces(search, position):
         sampled = False
         for step, phases, speeds in zip(inside, tau, v, strict=True):
             label = search.branches[piece.branch].label
-            match = _nearest(sweeps.known[step], label, phases, speeds, JUMP, unit)
+            match = _find_known(sweeps.known[step], label, phases, speeds, JUMP, unit)
             if match is None:
                 orbit = search.stable_orbit(piece.branch, float(position[step]))
                 if orbit is None:
                     continue
                 upper = np.array(orbit.walls) > 0
                 there = orbit.departures[upper], orbit.speeds[upper]
-                match = _nearest(sweeps.known[step], label, *there, SAME_ORBIT, unit)
+                match = _find_known(sweeps.known[step], label, *there, SAME_ORBIT, unit)
                 if match is None:
                     sweeps.known[step].append(
                         KnownAttractor(Outcome.PERIODIC, label, orbit.tau, orbit.v, sampled=False)
@@ -317,7 +316,15 @@ def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tup
 
 
 def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[BranchPiece, NDArray[np.int64], Array, Array]]:
-    """Yield each stable part of a branch, its steps, and τ and v (steps, n_plus) on Σ⁺, interpolated at these steps."""
+    """Yield each stable part of the branches, its steps, and τ and v (steps, n_plus) on Σ⁺ at these steps.
+
+    The phases and speeds are interpolated between the points of the branch.
+
+    Yields
+    ------
+    tuple[BranchPiece, NDArray[np.int64], Array, Array]
+        The part, its steps, τ and v.
+    """
     for i, found in enumerate(search.branches):
         upper, at = np.flatnonzero(np.array(found.itinerary.walls) > 0), search.paths[i][:, -1]
         events = {event.after: float(search.model.segment.position(event.parameters)) for event in found.events}
@@ -332,10 +339,18 @@ def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[BranchPiec
             yield BranchPiece(i, float(low), float(high)), inside, tau, v
 
 
-def _nearest(
+def _find_known(
     known: list[KnownAttractor], label: tuple[int, int, int], tau: Array, v: Array, within: float, unit: float
 ) -> KnownAttractor | None:
-    """Return the known attractor with this label and a state closer than `within` to an impact (n_plus,), or None."""
+    """Return the known attractor with this label whose state is closer than `within` to one of n_plus impacts.
+
+    tau, v (n_plus,): the impacts on Σ⁺. unit: the unit of speed.
+
+    Returns
+    -------
+    KnownAttractor | None
+        The attractor; None if there is none.
+    """
     for each in known:
         near = np.abs(wrapped(tau - each.tau)) + np.abs(v - each.v) / unit
         if each.kind == Outcome.PERIODIC and each.label == label and near.min() < within:

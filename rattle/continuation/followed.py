@@ -51,7 +51,7 @@ class FollowedBranch(ABC):
     ends: tuple[str, str]
 
     def __len__(self) -> int:
-        """Return the number of points."""
+        """Return the number of points of the branch."""
         return len(self.unknowns)
 
     @property
@@ -110,7 +110,7 @@ class FollowedBranch(ABC):
         return self.speeds[:, 0]
 
     def motion(self, index: int) -> tuple[Any, Array]:
-        """Return the itinerary and the unknowns (N,) of one point."""
+        """Return the itinerary of the branch, and the unknowns (N,) of the motion at point number `index`."""
         return self.itinerary, self.unknowns[index]
 
     def _caption(self) -> str:
@@ -133,7 +133,7 @@ class FollowedBranch(ABC):
         }
 
     def __repr__(self) -> str:
-        """Return a one-line description."""
+        """Return a description of the branch in one line."""
         return line_of(self)
 
     def _repr_html_(self) -> str:
@@ -155,7 +155,7 @@ class FollowedBranch(ABC):
         return figure_of(self, "branch_figure")
 
     def to_dataframe(self) -> DataFrame:
-        """Return a table with a row for each point. Raises MissingExtraError without pandas."""
+        """Return a table with a row for each point. Raises MissingExtraError if pandas is not installed."""
         return dataframe_of(self)
 
     def to_xarray(self) -> Dataset:
@@ -193,16 +193,16 @@ class FollowedBranch(ABC):
         )
 
 
-def first_of_doubled(itinerary: Equations, x: Array) -> tuple[Array, Array]:
-    """Return the first point of the doubled branch at a flip x (N,), and the unit tangent of the branch there.
+def start_of_doubled_branch(itinerary: Equations, x: Array) -> tuple[Array, Array]:
+    """Return the first point of the branch of doubled period that starts at a flip x (N,), and its unit tangent there.
 
     The first point is the orbit of the flip run through twice.
 
     Returns
     -------
     tuple[Array, Array]
-        The point (2n + 1,): the unknowns (2n,) of the doubled orbit, then 0, the offset of the parameter from the flip.
-        And the unit tangent (2n + 1,).
+        The point (2n + 1,), which holds the unknowns (2n,) of the doubled orbit and then 0, the offset of the parameter
+        from the flip; and the unit tangent (2n + 1,).
     """
     n, impacts = itinerary.n, len(itinerary.walls)
     each = x[:n].reshape(-1, impacts)

@@ -8,16 +8,17 @@ from rattle.continuation.arclength import plane_scale
 from rattle.errors import require, require_integer, require_pair
 from rattle.numerics.complex_step import Array
 
-#: Least number of points over the span.
+#: Default of the least number of points of a branch over its span.
 POINTS_ACROSS = 50
-#: First step along a doubled branch. It is short, because the difference of the doubled orbit from the orbit at the
-#: flip grows as the square root of the distance from the flip.
+#: Length of the first step along a doubled branch. It is short, because the difference of the doubled orbit from the
+#: orbit at the flip grows as the square root of the distance from the flip.
 FIRST_OF_DOUBLED = 1e-4
+#: Largest number of points of a branch in one direction, and largest allowed resolution.
 MOST_POINTS = 1000
 HALF_PERIOD = "the period halves: a flip"
 #: Least damping on a line, relative to the damping of the orbit.
 LEAST_DAMPING = 1e-3
-#: Default span on either side of the orbit, in units of `plane_scale`.
+#: Default range of the parameter on either side of the orbit, in units of `plane_scale`.
 NEAR = 0.02
 DIRECTIONS = {"delta": (1.0, 0.0), "epsilon": (0.0, 1.0)}
 Parameter = str | tuple[float, float]
@@ -26,19 +27,22 @@ Span = tuple[float, float] | None
 
 @dataclass(frozen=True)
 class ParameterLine:
-    """A line (δ, ε) = origin + p direction, with p in `span` and at least `resolution` points over the span."""
+    """A line (δ, ε) = origin + p · direction, with p in `span`.
+
+    resolution: the least number of points of a branch over the span.
+    """
 
     origin: Array
     direction: Array
     span: tuple[float, float]
     resolution: int
 
-    def plane(self, y: Array) -> Array:
-        """Return the unknowns (n + 2,), which are the n times, δ and ε, at y = (times, p)."""
+    def unknowns_at(self, y: Array) -> Array:
+        """Return the unknowns (n + 2,), which are n times, δ and ε, at y = (times, p)."""
         return np.concatenate([y[:-1], self.origin + y[-1] * self.direction])
 
-    def across(self, n: int) -> Array:
-        """Return the normal (n + 2,) of the hyperplane of unknowns whose (δ, ε) is on the line."""
+    def line_normal(self, n: int) -> Array:
+        """Return the normal (n + 2,) of the hyperplane of the unknowns (n times, δ, ε) with (δ, ε) on the line."""
         return np.concatenate([np.zeros(n), [-self.direction[1], self.direction[0]]])
 
 

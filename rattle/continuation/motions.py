@@ -19,12 +19,16 @@ from rattle.parameters import Parameters
 #: Least number of points of a branch across a segment.
 POINTS_ACROSS = 60
 
-Motion = tuple[Any, Array]  # (itinerary, array of the n unknowns of a motion followed by its d parameters)
+# (itinerary of a motion, array of its n unknowns followed by its d parameters)
+Motion = tuple[Any, Array]
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A segment between two points of d parameters, δ and ε first. A position is a fraction of the way to `end`."""
+    """A segment from `start` to `end`, two points of d parameters, δ and ε first.
+
+    A position is a fraction of the way from start to end.
+    """
 
     start: Array
     end: Array
@@ -34,7 +38,7 @@ class Segment:
         """The difference end − start."""
         return self.end - self.start
 
-    def at(self, position: NDArray[np.float64]) -> Array:
+    def parameters_at(self, position: NDArray[np.float64]) -> Array:
         """Return the parameters (…, d) at positions (…); at 0 and 1 they are exactly the ends."""
         found = self.start + np.asarray(position)[..., None] * self.direction
         found[..., 1] = np.maximum(found[..., 1], 0.0)
@@ -50,8 +54,8 @@ class Segment:
 class Motions(ABC):
     """The periodic motions of one model along a segment, as a bifurcation diagram needs them.
 
-    A step is a point of the segment. One step is a mapping of parameters by name, n steps are `Parameters` (n,).
-    Branches and events are classes of the model, with the fields of `rattle.Branch` and `rattle.Event`.
+    A step is a point of the segment. One step is given as {name: value} of its parameters, n steps as `Parameters`
+    (n,). Branches and events are classes of the model, with the fields of `rattle.Branch` and `rattle.Event`.
     """
 
     segment: Segment
@@ -63,49 +67,49 @@ class Motions(ABC):
     def steps(self, position: Array) -> Parameters:
         """Return the parameters of the steps at these positions (n,)."""
 
-    def sampled(self, steps: Parameters, sample: SampleSpec) -> AttractorTable:
+    def sample_attractors(self, steps: Parameters, sample: SampleSpec) -> AttractorTable:
         """Return the attractors that samples of initial conditions reach; cell i of the table is step i."""
         return attractors_of_samples(self.classifier, steps, sample)
 
     def classify(self, steps: Parameters, tau: Array, v: Array) -> Classifier:
-        """Follow k states (n, k) at each of n steps until each state reaches an attractor or its budget ends."""
+        """Follow states (n, k), k at each of n steps, until each state reaches an attractor or its budget ends."""
         return self.classifier.classify(steps, tau, v)
 
-    def returned(self, steps: Parameters, tau: Array, v: Array) -> tuple[Array, Array]:
-        """Return τ and v (n,) after one return to Σ⁺, for one state at each step."""
+    def states_after_return(self, steps: Parameters, tau: Array, v: Array) -> tuple[Array, Array]:
+        """Return τ and v (n,) after one return to Σ⁺, of one state at each of the n parameter points `steps`."""
         return self.classifier.states_after(steps, tau, v, 1)[:2]
 
     @abstractmethod
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
-        """Yield A to D, at one or more steps of each of their branches."""
+        """Yield the motions A to D, at one or more steps of each of their branches."""
 
     @abstractmethod
-    def near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
+    def motion_near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
         """Return the periodic motion with n_plus impacts on Σ⁺ near the state (τ, v), or None if there is none."""
 
     @abstractmethod
     def problem(self, itinerary: Any) -> ContinuationProblem:
-        """Return the equations of the motions with an itinerary, in the unknowns y = (unknowns (n,), position)."""
+        """Return the equations of the motions with an itinerary along the segment; y = (unknowns (n,), position)."""
 
     @abstractmethod
-    def solved(self, itinerary: Any, y: Array) -> Periodic | None:
-        """Return the motion near a guess y = (unknowns (n,), position), at this position; None if there is none."""
+    def solve_motion(self, itinerary: Any, y: Array) -> Periodic | None:
+        """Return the motion near a guess y = (unknowns (n,), position) at this position; None if none is found."""
 
     @abstractmethod
-    def through(self, motion: Motion, span: tuple[float, float]) -> Any:
-        """Return the branch through a motion. span: range of positions, relative to the position of the motion."""
+    def follow_branch(self, motion: Motion, span: tuple[float, float]) -> Any:
+        """Return the branch that contains a motion. span: range of positions, relative to that of the motion."""
 
     @abstractmethod
-    def doubled(self, event: Any, span: tuple[float, float]) -> Any:
-        """Return the branch of doubled period from a flip. span: range of positions, relative to that flip."""
+    def follow_doubled_branch(self, event: Any, span: tuple[float, float]) -> Any:
+        """Return the branch of doubled period that starts at a flip. span: range of positions, relative to the flip."""
 
     @abstractmethod
-    def events(self, found: Any) -> tuple[Any, ...]:
+    def events_of(self, found: Any) -> tuple[Any, ...]:
         """Return all events of a branch."""
 
     @abstractmethod
-    def beside(self, event: Any) -> Iterator[Motion]:
-        """Yield motions at an event, one for each branch through the event, also those with another itinerary."""
+    def motions_at_event(self, event: Any) -> Iterator[Motion]:
+        """Yield one motion of each branch that passes through an event, also of branches with another itinerary."""
 
 
 def runs(steps: NDArray[np.int64]) -> list[NDArray[np.int64]]:

@@ -1,7 +1,7 @@
-"""Search for all branches of periodic motions along a segment that are connected by flips and grazes, each once.
+"""Find all branches of periodic motions along a segment that flips and grazes connect with given motions, each once.
 
-The search follows the branch of each given motion. At a flip it goes on to the doubled branch; from a doubled branch it
-goes on to the branch at whose flip it starts. At a graze it goes on to the branch of the motion with or without the
+The search follows the branch of each given motion. At a flip it goes on to the doubled branch, and at the start of a
+doubled branch to the branch that has this flip. At a graze it goes on to the branch of the motion with or without the
 grazing impact. A motion is on a known branch if it is a solution between two points of that branch.
 """
 
@@ -16,7 +16,7 @@ from rattle.continuation.arclength import LARGEST_TURN, plane_scale, solution_ab
 from rattle.continuation.conditions import Kind
 from rattle.continuation.motions import Motion, Motions
 from rattle.numerics.complex_step import Array
-from rattle.orbits.periodic import Equations, Periodic, begun_at
+from rattle.orbits.periodic import Equations, Periodic, unknowns_from_impact
 
 #: Largest difference in an unknown between solutions that count as the same motion.
 SAME_MOTION = 1e-7
@@ -24,15 +24,15 @@ SAME_MOTION = 1e-7
 SAME_PLACE = 1e-8
 
 
-def begun_at_impact(motion: Motion, first: int) -> Motion:
-    """Return a motion in the form that begins at impact number `first`, with the time of this impact in [0, 1)."""
+def motion_from_impact(motion: Motion, first: int) -> Motion:
+    """Return a motion with its impacts counted from impact number `first`, whose time is shifted into [0, 1)."""
     itinerary, x = motion
-    x = begun_at(itinerary, x, first)
+    x = unknowns_from_impact(itinerary, x, first)
     x[: len(itinerary.walls)] -= np.floor(x[0])
-    return itinerary.begun_at(first), x
+    return itinerary.with_first_impact(first), x
 
 
-def same_motion(one: Motion, other: Motion) -> bool:
+def is_same_motion(one: Motion, other: Motion) -> bool:
     """Return whether two solutions are the same motion at the same parameters; they may begin at different impacts."""
     (a, x), (b, y) = one, other
     apart = np.max(np.abs(x[a.n :] - y[b.n :]))
@@ -42,19 +42,19 @@ def same_motion(one: Motion, other: Motion) -> bool:
 
 
 def _twins(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
-    """Yield all equivalent unknowns of a motion that meet the walls in the order of `like` and begin near `phase`."""
+    """Yield all unknowns that describe a motion, in the order of walls of the itinerary `like`, begun near `phase`."""
     impacts = len(motion[0].walls)
     for first in range(impacts):
-        itinerary, x = begun_at_impact(motion, first)
+        itinerary, x = motion_from_impact(motion, first)
         if itinerary.walls == like.walls:
             x[:impacts] += np.rint(phase - x[0])
             yield x
 
 
 class Search:
-    """The branches and events found so far, and the queue of events that are not yet examined.
+    """A search for branches: those found so far, their events, and a queue of events that are not yet examined.
 
-    paths: for each branch its points (unknowns, position), with times that are not folded into one period.
+    paths: for each branch its points as rows (unknowns, position), with times that change continuously.
     left_out: the labels of motions that exceed the limits on impacts or branches.
     """
 
@@ -69,32 +69,32 @@ class Search:
         self._order = count()
 
     def add(self, motion: Motion) -> None:
-        """Add the branch through a motion, and all branches that are connected with it."""
+        """Add the branch that contains a motion, and all branches that flips and grazes connect with it."""
         self._follow(motion)
         while self._queue:
             _, _, event = heapq.heappop(self._queue)
-            for neighbour in self.model.beside(event):
+            for neighbour in self.model.motions_at_event(event):
                 self._follow(neighbour)
             if event.kind is Kind.FLIP:
-                self._double(event)
+                self._follow_doubled(event)
 
-    def index(self, motion: Motion) -> int | None:
-        """Return the number of the branch that a motion is on, or None."""
-        return next((i for i in range(len(self.branches)) if self._lies_on(i, motion)), None)
+    def branch_number(self, motion: Motion) -> int | None:
+        """Return the number of the known branch that a motion is on; None if it is on none."""
+        return next((i for i in range(len(self.branches)) if self._is_on_branch(i, motion)), None)
 
     def stable_orbit(self, i: int, position: float) -> Periodic | None:
-        """Return the stable motion of branch number i at a position, or None."""
+        """Return the stable motion of branch number i at a position; None if the branch has none there."""
         path, stable = self.paths[i], self.branches[i].stable
         d = path[:, -1] - position
         for k in np.flatnonzero((stable[:-1] | stable[1:]) & (d[:-1] * d[1:] <= 0.0)):
             share = d[k] / (d[k] - d[k + 1]) if d[k] != d[k + 1] else 0.0
             guess = path[k, :-1] + share * (path[k + 1, :-1] - path[k, :-1])
-            orbit = self.model.solved(self.branches[i].itinerary, np.append(guess, position))
+            orbit = self.model.solve_motion(self.branches[i].itinerary, np.append(guess, position))
             if orbit is not None and orbit.stable:
                 return orbit
         return None
 
-    def _lies_on(self, i: int, motion: Motion) -> bool:
+    def _is_on_branch(self, i: int, motion: Motion) -> bool:
         """Return whether a motion is on branch number i."""
         itinerary, x = motion
         like, path = self.branches[i].itinerary, self.paths[i]
@@ -116,43 +116,43 @@ class Search:
                     return True
         return False
 
-    def _span(self, parameters: Array) -> tuple[float, float]:
+    def _span_around(self, parameters: Array) -> tuple[float, float]:
         """Return the positions of the segment's ends relative to the position of a point with these parameters."""
         position = float(np.clip(self.model.segment.position(parameters), 0.0, 1.0))
         return -position, 1.0 - position
 
-    def _allowed(self, itinerary: Equations) -> bool:
-        """Return whether a new branch is within the limits; if not, record its label."""
+    def _is_allowed(self, itinerary: Equations) -> bool:
+        """Return whether a new branch with this itinerary is within the limits; if not, add its label to `left_out`."""
         allowed = len(itinerary.walls) <= self.impacts and len(self.branches) < self.most
         if not allowed:
             self.left_out.add(itinerary.label)
         return allowed
 
     def _follow(self, motion: Motion) -> None:
-        """Add the branch through a motion, unless it is known."""
+        """Add the branch that contains a motion, unless the branch is known."""
         if 1 not in motion[0].walls:  # the motion never meets Σ⁺, so it is not an orbit of the impact map Π
             return
-        itinerary, x = begun_at_impact(motion, motion[0].walls.index(1))
-        if self.index((itinerary, x)) is None and self._allowed(itinerary):
-            self._keep(self.model.through((itinerary, x), self._span(x[itinerary.n :])))
+        itinerary, x = motion_from_impact(motion, motion[0].walls.index(1))
+        if self.branch_number((itinerary, x)) is None and self._is_allowed(itinerary):
+            self._add_branch(self.model.follow_branch((itinerary, x), self._span_around(x[itinerary.n :])))
 
-    def _double(self, event: Any) -> None:
-        """Add the doubled branch that starts at a flip, unless it is known."""
-        if not self._allowed(event.itinerary.doubled()):
+    def _follow_doubled(self, event: Any) -> None:
+        """Add the doubled branch that starts at a flip, unless the branch is known."""
+        if not self._is_allowed(event.itinerary.with_doubled_period()):
             return
-        found = self.model.doubled(event, self._span(event.unknowns[event.itinerary.n :]))
-        if len(found) > 2 and self.index(found.motion(len(found) // 2)) is None:
-            self._keep(found)
+        found = self.model.follow_doubled_branch(event, self._span_around(event.unknowns[event.itinerary.n :]))
+        if len(found) > 2 and self.branch_number(found.motion(len(found) // 2)) is None:
+            self._add_branch(found)
 
-    def _keep(self, found: Any) -> None:
-        """Keep a branch, and put its new admissible events into the queue."""
+    def _add_branch(self, found: Any) -> None:
+        """Add a branch to the known branches, and put its new admissible events into the queue."""
         self.branches.append(found)
-        self.paths.append(np.column_stack([found.unfolded, self.model.segment.position(found.parameters)]))
-        for event in self.model.events(found):
+        self.paths.append(np.column_stack([found.unfolded_times, self.model.segment.position(found.parameters)]))
+        for event in self.model.events_of(found):
             motion = event.itinerary, event.unknowns
             if not event.admissible:
                 continue
             known = (each for each in self.events if each.kind is event.kind)
-            if not any(same_motion(motion, (each.itinerary, each.unknowns)) for each in known):
+            if not any(is_same_motion(motion, (each.itinerary, each.unknowns)) for each in known):
                 self.events.append(event)
                 heapq.heappush(self._queue, (len(event.itinerary.walls), next(self._order), event))

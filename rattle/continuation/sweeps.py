@@ -1,4 +1,4 @@
-"""Sweeps: attractors are followed step by step along a line of parameters, forward and backward, as in an experiment.
+"""Follow attractors step by step along a line of parameters, forward and backward, as in an experiment.
 
     known = the attractors that a sample of states finds at every step
     start a run forward from each known attractor at the first step, and backward from each at the last step; finish
@@ -27,14 +27,14 @@ from rattle.continuation.motions import Motions
 from rattle.parameters import Parameters
 
 FORWARD, BACKWARD = 0, 1
-#: Change of the step's number in each direction.
+#: Change of the number of the step in a forward run and in a backward run.
 STEP = (1, -1)
 Array = NDArray[np.float64]
 
 
 @dataclass
 class KnownAttractor:
-    """A known attractor at one step.
+    """An attractor that is known at one step, from a sample or from a run.
 
     kind: the number of its kind in KINDS. label: (m, n_plus, n_minus). tau, v: a state on the attractor.
     sampled: whether the initial conditions sampled at this step found it.
@@ -49,8 +49,8 @@ class KnownAttractor:
     reached: list[bool] = field(default_factory=lambda: [False, False])
 
 
-class Visit(NamedTuple):
-    """An attractor that a run reached at one step.
+class ReachedAttractor(NamedTuple):
+    """The attractor that a run reached at one step.
 
     direction: FORWARD or BACKWARD. kind: the number of the attractor's kind in KINDS. tau, v: a state on the attractor.
     """
@@ -86,7 +86,7 @@ class SweepPoints(NamedTuple):
 
 @dataclass
 class _Run:
-    """A motion that is followed in one direction.
+    """A run: a motion that is followed from step to step in one direction.
 
     step: the step at which the run arrives next. tau, v: its state at the step before; at first, a state at `step`.
     trail: the attractors that the run reached, by step. back: the trail of the run in the other direction whose end
@@ -104,12 +104,12 @@ class _Run:
 
 
 class Sweeps:
-    """Sweeps over the steps of a model. At first the attractors of `table`, whose cells are the steps, are known."""
+    """Sweeps over the steps of a model. At first the attractors of `table` are known; cell i of the table is step i."""
 
     def __init__(self, model: Motions, steps: Parameters, table: AttractorTable) -> None:
         self.model, self.steps = model, steps
         self.known: list[list[KnownAttractor]] = [[] for _ in range(steps.size)]
-        self.visits: list[Visit] = []
+        self.visits: list[ReachedAttractor] = []
         self._runs: list[_Run] = []
         for i in np.flatnonzero((table.kind != Outcome.QUIET) & (table.kind != Outcome.UNDECIDED)):
             state, sampled = (float(table.tau[i]), float(table.v[i])), bool(table.samples[i])
@@ -117,22 +117,22 @@ class Sweeps:
             self.known[table.cell[i]].append(known)
 
     def run(self) -> None:
-        """Follow all known attractors, each in one direction at least."""
+        """Follow all known attractors, each at least in one direction."""
         for direction, step in ((FORWARD, 0), (BACKWARD, len(self.known) - 1)):
             for known in self.known[step]:
-                self._begin(known, direction, step)
-        self._finish()
+                self._start_run(known, direction, step)
+        self._finish_runs()
         for step in range(len(self.known)):
             while True:
                 left = [known for known in self.known[step] if not any(known.reached)]
                 if not left:
                     break
                 for known in left:
-                    self._begin(known, FORWARD, step, stops_at_known=not known.sampled)
-                self._finish()
+                    self._start_run(known, FORWARD, step, stops_at_known=not known.sampled)
+                self._finish_runs()
                 self.known[step] = [known for known in self.known[step] if any(known.reached) or known not in left]
 
-    def _begin(
+    def _start_run(
         self,
         known: KnownAttractor | None,
         direction: int,
@@ -140,20 +140,20 @@ class Sweeps:
         back: dict[int, KnownAttractor] | None = None,
         stops_at_known: bool = False,
     ) -> None:
-        """Start a run from an attractor, unless `known` is None or was reached in this direction."""
+        """Start a run from a known attractor, unless a run in this direction has reached it, or `known` is None."""
         if known is not None and not known.reached[direction]:
             self._runs.append(_Run(direction, step, known.tau, known.v, back or {}, stops_at_known))
 
-    def _finish(self) -> None:
-        """Advance all runs, and the runs that they start, until they end; at any time only one run is at a step."""
+    def _finish_runs(self) -> None:
+        """Advance all runs, and the runs that they start, until they end; of several runs at a step only the first."""
         while self._runs:
             now: dict[int, _Run] = {}
             for run in self._runs:
                 now.setdefault(run.step, run)
-            self._advance(list(now.values()))
+            self._advance_runs(list(now.values()))
 
-    def _advance(self, runs: list[_Run]) -> None:
-        """Follow the state of each run at its step to an attractor, together with the known attractors of the step."""
+    def _advance_runs(self, runs: list[_Run]) -> None:
+        """Follow each run's state, and the known attractors of its step, to the attractors that they reach there."""
         states = [[(run.tau, run.v), *((known.tau, known.v) for known in self.known[run.step])] for run in runs]
         count = max(map(len, states))
         tau, v = (np.array([[s[i] for s in (here * count)[:count]] for here in states]) for i in (0, 1))
@@ -163,9 +163,11 @@ class Sweeps:
         for i, run in enumerate(runs):
             first = i * count
             end = float(classifier.samples.tau[first]), float(classifier.samples.v[first])
-            self._arrive(run, table, rows[first : first + len(states[i])], end)
+            self._record_arrival(run, table, rows[first : first + len(states[i])], end)
 
-    def _arrive(self, run: _Run, table: AttractorTable, rows: NDArray[np.int64], end: tuple[float, float]) -> None:
+    def _record_arrival(
+        self, run: _Run, table: AttractorTable, rows: NDArray[np.int64], end: tuple[float, float]
+    ) -> None:
         """Record the attractor that a run reached, and move the run on; if the attractor is not new, end the run.
 
         A run that ends starts a run in the opposite direction from the step before. If this opposite run ends in quiet
@@ -179,10 +181,10 @@ class Sweeps:
         if kind == Outcome.QUIET or any(before):
             self._runs.remove(run)
             last = run.step - STEP[run.direction]
-            self._begin(run.trail.get(last), 1 - run.direction, last, run.trail)
+            self._start_run(run.trail.get(last), 1 - run.direction, last, run.trail)
             again = run.step if run.trail else run.step + STEP[run.direction]
             if kind == Outcome.QUIET:
-                self._begin(run.back.get(again), run.direction, again, run.back)
+                self._start_run(run.back.get(again), run.direction, again, run.back)
             return
         label = int(table.m[row]), int(table.n_plus[row]), int(table.n_minus[row])
         if kind == Outcome.PERIODIC:
@@ -192,7 +194,7 @@ class Sweeps:
             here += same
         for known in same:
             known.reached[run.direction] = True
-        self.visits.append(Visit(run.step, run.direction, kind, label, *end))
+        self.visits.append(ReachedAttractor(run.step, run.direction, kind, label, *end))
         run.trail[run.step] = same[0]
         run.step += STEP[run.direction]
         run.tau, run.v = end
@@ -200,9 +202,10 @@ class Sweeps:
             self._runs.remove(run)
 
     def points(self, position: Array, chaotic: int) -> SweepPoints:
-        """Return impacts on Σ⁺ of all visited attractors: every impact of a periodic one, `chaotic` impacts of others.
+        """Return impacts on Σ⁺ of all attractors that runs reached.
 
-        position: the positions (steps,) of the steps.
+        A periodic attractor has all its impacts, any other attractor `chaotic` impacts. position (steps,): the
+        positions of the steps.
 
         Returns
         -------
@@ -220,9 +223,15 @@ class Sweeps:
         return SweepPoints(at, position[at], tau, v, kind[owner], m, n_plus, n_minus, direction[owner] == FORWARD)
 
     def _impacts(
-        self, visits: Iterable[Visit], size: NDArray[np.int64], steps: Parameters
+        self, visits: Iterable[ReachedAttractor], size: NDArray[np.int64], steps: Parameters
     ) -> tuple[NDArray[np.int64], Array, Array]:
-        """Return the number of the visit, τ and v of `size[i]` successive states from visit i on, visit by visit."""
+        """Return `size[i]` successive states on the attractor visits[i], for all i in order.
+
+        Returns
+        -------
+        tuple[NDArray[np.int64], Array, Array]
+            The number i, τ and v of each state.
+        """
         states = np.array([(visit.tau, visit.v) for visit in visits]).reshape(-1, 2)
         owner, order, tau, v = [], [], [], []
         which, (t, speed) = np.arange(size.size), states.T
@@ -233,7 +242,7 @@ class Sweeps:
             order.append(np.full(which.size, i))
             tau.append(t)
             v.append(speed)
-            t, speed = self.model.returned(steps.take(which), t, speed)
+            t, speed = self.model.states_after_return(steps.take(which), t, speed)
         if not owner:
             return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
         numbers = np.concatenate(owner)

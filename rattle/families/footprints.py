@@ -18,7 +18,7 @@ LONGER = 2048
 
 
 @kernel
-def overlapping(one, other, prints, overlap):
+def write_overlaps(one, other, prints, overlap):
     """Write to overlap[i] whether footprints one[i] and other[i] share more than SAME_FOOTPRINT of the smaller one."""
     for i in range(one.size):
         in_one, in_other, shared = 0, 0, 0
@@ -30,7 +30,7 @@ def overlapping(one, other, prints, overlap):
         overlap[i] = shared > SAME_FOOTPRINT * min(in_one, in_other)
 
 
-def overlaps(
+def overlapping_pairs(
     cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], shape: tuple[int, int], cells: Any
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the pairs of chaotic attractors in neighbouring cells whose footprints overlap.
@@ -55,13 +55,13 @@ def overlaps(
         others.append(np.arange(one.size) - np.repeat(np.cumsum(number) - number, number) + first[one])
     one, other = np.concatenate(ones), np.concatenate(others)
     overlap = np.zeros(one.size, np.bool_)
-    overlapping(one, other, prints, overlap)
+    write_overlaps(one, other, prints, overlap)
     apart = np.flatnonzero(~overlap)
     again = np.unique(np.append(one[apart], other[apart]))
     longer = np.zeros((again.size, GRID), np.uint64)
     mark_footprints(again, LONGER, cells, states, longer)
     prints[again] = longer
     later = np.zeros(apart.size, np.bool_)
-    overlapping(one[apart], other[apart], prints, later)
+    write_overlaps(one[apart], other[apart], prints, later)
     overlap[apart] = later
     return one[overlap], other[overlap]

@@ -13,19 +13,19 @@ from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import SampleSpec
 from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.errors import real_array, require, require_number
-from rattle.families.footprints import overlaps
-from rattle.families.spread import NOWHERE, OF_ORBIT, Linked, Rectangle, lead, spread
+from rattle.families.footprints import overlapping_pairs
+from rattle.families.spread import NOWHERE, ORBIT_COLUMNS, LinkedOrbits, Rectangle, spread_orbits, write_arrivals
 from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, numbers_of, sums_of
 from rattle.families.table import Families, tabulate_families
 from rattle.parameters import Parameters
 
-#: Two of the four sides of a cell, as columns of `Linked.to`; the other two are such sides of its neighbours.
+#: Two of the four sides of a cell, as columns of `LinkedOrbits.to`. The other two sides are these sides of neighbours.
 AHEAD = (0, 1)
 #: Number of small steps to the next cell, for an orbit whose continuation there does not continue back to it.
 STEPS = 64
 
 
-def axis(name: str, values: ArrayLike) -> NDArray[np.float64]:
+def checked_axis(name: str, values: ArrayLike) -> NDArray[np.float64]:
     """Return the checked values of one axis of a grid. Raises ParameterError unless they rise or fall."""
     array = real_array(name, values)
     require(
@@ -45,7 +45,7 @@ def families_over(
     sample: SampleSpec,
 ) -> Families:
     """Return a gear's families as `rattle.families_of` does; `others` has β and the parameters that the model adds."""
-    delta, epsilon = axis("delta", delta), axis("epsilon", epsilon)
+    delta, epsilon = checked_axis("delta", delta), checked_axis("epsilon", epsilon)
     others = {name: require_number(name, x, positive=True) for name, x in others.items()}
     cells = Parameters.from_values(classifier.model, delta, epsilon[:, None], **others).flat()
     table = attractors_of_samples(classifier, cells, sample)
@@ -65,11 +65,11 @@ def joined(
     Families
         The families, and the attractors of all cells with the orbits that were continued from neighbours.
     """
-    attractors, entered, family, sums = _joined(table, (epsilon.size, delta.size), cells)
+    attractors, entered, family, sums = _join_with_sums(table, (epsilon.size, delta.size), cells)
     return Families(delta, epsilon, count, attractors, entered, family, tabulate_families(delta, epsilon, count, sums))
 
 
-def joined_rows(
+def join_rows(
     table: AttractorTable, shape: tuple[int, int], cells: Any
 ) -> tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64]]:
     """Return the attractors of a grid together with the orbits that were continued into its cells.
@@ -79,16 +79,16 @@ def joined_rows(
     tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64]]
         The attractors; flags (rows,) of those that were continued from neighbours; and their families (rows,).
     """
-    return _joined(table, shape, cells)[:3]
+    return _join_with_sums(table, shape, cells)[:3]
 
 
-def _joined(
+def _join_with_sums(
     table: AttractorTable, shape: tuple[int, int], cells: Any
 ) -> tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64], Sums]:
-    """Return the results of `joined_rows`, and the sums from which the table of families is made."""
-    orbits, n = continued(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
+    """Return the results of `join_rows`, and the sums from which the table of families is made."""
+    orbits, n = continue_orbits(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
     periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
-    attractors = together(table, entered(orbits, periodic.size, n))
+    attractors = together(table, table_of_continued(orbits, periodic.size, n))
     row = np.append(periodic, np.arange(table.cell.size, attractors.cell.size))  # the row of each orbit
     component = components(attractors, row, orbits, shape, cells)
     order = in_order(attractors)
@@ -117,7 +117,7 @@ def in_order(table: AttractorTable) -> NDArray[np.int64]:
 
 
 def components(
-    table: AttractorTable, row: NDArray[np.int64], orbits: Linked, shape: tuple[int, int], cells: Any
+    table: AttractorTable, row: NDArray[np.int64], orbits: LinkedOrbits, shape: tuple[int, int], cells: Any
 ) -> NDArray[np.int64]:
     """Return a number for each row of a table; rows with the same number are one attractor in several cells.
 
@@ -137,12 +137,12 @@ def components(
     NDArray[np.int64]
         The numbers (rows,): QUIET_FAMILY for quiet motion, NO_FAMILY for undecided samples.
     """
-    from scipy.sparse import coo_array  # imported here, because it takes an eighth of a second
+    from scipy.sparse import coo_array  # imported here, because this takes an eighth of a second
     from scipy.sparse.csgraph import connected_components
 
     chaotic = np.flatnonzero(table.kind == Outcome.CHAOTIC)
-    overlap = overlaps(table.cell[chaotic], table.tau[chaotic], table.v[chaotic], shape, cells)
-    pairs = zip(linked(orbits, row.size, cells), overlap, strict=True)
+    overlap = overlapping_pairs(table.cell[chaotic], table.tau[chaotic], table.v[chaotic], shape, cells)
+    pairs = zip(linked_pairs(orbits, row.size, cells), overlap, strict=True)
     one, other = (np.append(row[orbit], chaotic[chaos]) for orbit, chaos in pairs)
     graph = coo_array((np.ones(one.size, np.int8), (one, other)), (table.cell.size,) * 2)
     component = 1 + connected_components(graph, directed=False)[1].astype(np.int64)
@@ -151,13 +151,15 @@ def components(
     return component
 
 
-def continued(table: AttractorTable, columns: int, inside: Rectangle, cells: Any, first: int = 0) -> tuple[Linked, int]:
+def continue_orbits(
+    table: AttractorTable, columns: int, inside: Rectangle, cells: Any, first: int = 0
+) -> tuple[LinkedOrbits, int]:
     """Continue the periodic orbits of a table into the cells of a rectangle, until nothing new is found.
 
     Parameters
     ----------
     table : AttractorTable
-        The attractors; the rows of one cell are neighbours.
+        The attractors; rows of the same cell follow each other.
     columns : int
         The number of columns of the grid.
     inside : Rectangle
@@ -172,8 +174,8 @@ def continued(table: AttractorTable, columns: int, inside: Rectangle, cells: Any
     """
     periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     n = periodic.size
-    orbits = room_for(n + n // 4 + 64, cells[0].size)
-    for name in OF_ORBIT:
+    orbits = empty_orbits(n + n // 4 + 64, cells[0].size)
+    for name in ORBIT_COLUMNS:
         getattr(orbits, name)[:n] = getattr(table, name)[periodic]
     cell = orbits.cell[:n]
     orbits.before[1:n] = np.where(cell[1:] == cell[:-1], np.arange(n - 1), NOWHERE)
@@ -181,16 +183,18 @@ def continued(table: AttractorTable, columns: int, inside: Rectangle, cells: Any
     return spread_all(first, n, columns, inside, cells, orbits)
 
 
-def spread_all(done: int, n: int, columns: int, inside: Rectangle, cells: Any, orbits: Linked) -> tuple[Linked, int]:
-    """Continue the orbits with numbers from `done` to n as `spread` does, and enlarge the arrays when they are full."""
+def spread_all(
+    done: int, n: int, columns: int, inside: Rectangle, cells: Any, orbits: LinkedOrbits
+) -> tuple[LinkedOrbits, int]:
+    """Continue the orbits with numbers from `done` to n as `spread_orbits` does, and enlarge arrays that are full."""
     while done < n:
-        done, n = spread(done, n, columns, inside, cells, orbits)
+        done, n = spread_orbits(done, n, columns, inside, cells, orbits)
         if done < n:
-            orbits = longer(orbits)
+            orbits = with_more_room(orbits)
     return orbits, n
 
 
-def linked(orbits: Linked, n: int, cells: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def linked_pairs(orbits: LinkedOrbits, n: int, cells: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the pairs among the first n orbits that are one orbit in neighbouring cells.
 
     The orbits of a pair are continuations of each other. Or one is the continuation of the other and remains so in
@@ -210,7 +214,7 @@ def linked(orbits: Linked, n: int, cells: Any) -> tuple[NDArray[np.int64], NDArr
         back = to[other, (side + 2) % 4]
         sure = (back == one) & (side in AHEAD)
         doubtful = np.flatnonzero(back != one)
-        sure[doubtful] = _lead(one[doubtful], other[doubtful], orbits, cells)
+        sure[doubtful] = _is_continued_to(one[doubtful], other[doubtful], orbits, cells)
         ones.append(one[sure])
         others.append(other[sure])
     return np.concatenate(ones), np.concatenate(others)
@@ -239,32 +243,34 @@ def cells_between(cells: Any, here: NDArray[np.int64], there: NDArray[np.int64],
     return type(cells)._make((x[here, None] * (1.0 - share) + x[there, None] * share).ravel() for x in cells)
 
 
-def _lead(one: NDArray[np.int64], other: NDArray[np.int64], orbits: Linked, cells: Any) -> NDArray[np.bool_]:
+def _is_continued_to(
+    one: NDArray[np.int64], other: NDArray[np.int64], orbits: LinkedOrbits, cells: Any
+) -> NDArray[np.bool_]:
     """Return for each pair whether orbit `one` becomes orbit `other` in STEPS small steps of continuation."""
     share = np.arange(1, STEPS + 1) / STEPS
     here, there = orbits.cell[one], orbits.cell[other]
     way = cells_between(cells, here, there, share)
     arrives = np.zeros(one.size, np.bool_)
-    lead(one, other, STEPS, way, orbits, arrives)
+    write_arrivals(one, other, STEPS, way, orbits, arrives)
     return arrives
 
 
-def room_for(n: int, n_cells: int) -> Linked:
+def empty_orbits(n: int, n_cells: int) -> LinkedOrbits:
     """Return empty arrays with room for n orbits in n_cells cells."""
     labels = (np.zeros(n, np.int32) for _ in range(4))
     values = (np.zeros(n) for _ in range(4))
     links = np.full(n, NOWHERE, np.int32), np.full(n_cells, NOWHERE, np.int32), np.full((n, 4), NOWHERE, np.int32)
-    return Linked._make([*labels, *values, *links])
+    return LinkedOrbits._make([*labels, *values, *links])
 
 
-def longer(orbits: Linked) -> Linked:
+def with_more_room(orbits: LinkedOrbits) -> LinkedOrbits:
     """Return the orbits in arrays that have room for half as many orbits again."""
     more = orbits.cell.size // 2 + 64
     wider = [np.concatenate([x, np.zeros((more, *x.shape[1:]), x.dtype)]) for x in orbits]
-    return Linked._make(wider)._replace(last=orbits.last)
+    return LinkedOrbits._make(wider)._replace(last=orbits.last)
 
 
-def entered(orbits: Linked, n_known: int, n: int) -> AttractorTable:
+def table_of_continued(orbits: LinkedOrbits, n_known: int, n: int) -> AttractorTable:
     """Return a table of the orbits with numbers n_known to n, which were found by continuation; they have 0 samples."""
     new = slice(n_known, n)
     many = n - n_known

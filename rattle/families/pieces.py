@@ -9,8 +9,16 @@ from numpy.typing import NDArray
 
 from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
-from rattle.families.join import components, continued, entered, longer, room_for, spread_all, together
-from rattle.families.spread import OF_ORBIT, Rectangle, enter
+from rattle.families.join import (
+    components,
+    continue_orbits,
+    empty_orbits,
+    spread_all,
+    table_of_continued,
+    together,
+    with_more_room,
+)
+from rattle.families.spread import ORBIT_COLUMNS, Rectangle, add_orbits
 
 no_attractors = AttractorTable.empty
 
@@ -18,23 +26,23 @@ no_attractors = AttractorTable.empty
 class GridPiece:
     """A grid whose attractors become known some cells at a time. Known orbits are continued into all of its cells.
 
-    orbits: the orbits found so far, in the arrays that `spread` fills. n: their number.
+    orbits: the orbits found so far, in the arrays that `spread_orbits` fills. n: their number.
     samples (n,): the number of samples that reach an orbit in its cell, −1 for an orbit that continuation found.
     """
 
     def __init__(self, shape: tuple[int, int], cells: Any) -> None:
         self.shape, self._cells = shape, cells
-        self.orbits, self.n = room_for(64, shape[0] * shape[1]), 0
+        self.orbits, self.n = empty_orbits(64, shape[0] * shape[1]), 0
         self.samples = np.zeros(0, np.int64)
 
-    def learn(self, table: AttractorTable) -> None:
+    def add_attractors(self, table: AttractorTable) -> None:
         """Add the periodic attractors of a table of cells that were not known so far, and continue the new orbits."""
         table = table.take(table.kind == Outcome.PERIODIC)
         before, which = self.n, np.zeros(table.cell.size, np.int64)
         while self.orbits.cell.size < before + which.size:
-            self.orbits = longer(self.orbits)
-        columns = (getattr(table, name) for name in OF_ORBIT)
-        n = int(enter(*columns, before, self._cells, self.orbits, which))
+            self.orbits = with_more_room(self.orbits)
+        columns = (getattr(table, name) for name in ORBIT_COLUMNS)
+        n = int(add_orbits(*columns, before, self._cells, self.orbits, which))
         inside = Rectangle(0, self.shape[0], 0, self.shape[1])
         self.orbits, self.n = spread_all(before, n, self.shape[1], inside, self._cells, self.orbits)
         self.samples = np.append(self.samples, np.full(self.n - before, -1))
@@ -49,7 +57,7 @@ def entering(
     Parameters
     ----------
     inside, beside : AttractorTable
-        The attractors in the piece, and the attractors in cells next to it; the rows of one cell are neighbours.
+        The attractors in the piece, and the attractors in cells next to it; rows of the same cell follow each other.
     tried : bool
         Whether the orbits in the piece were continued before.
     columns : int
@@ -63,8 +71,8 @@ def entering(
         A row for each cell of the piece and each orbit that continuation found there and that was not known there.
     """
     n, m = (int(np.count_nonzero(table.kind == Outcome.PERIODIC)) for table in (inside, beside))
-    orbits, end = continued(together(inside, beside), columns, piece, cells, n if tried else 0)
-    return entered(orbits, n + m, end)
+    orbits, end = continue_orbits(together(inside, beside), columns, piece, cells, n if tried else 0)
+    return table_of_continued(orbits, n + m, end)
 
 
 def connected(table: AttractorTable, shape: tuple[int, int], cells: Any) -> NDArray[np.int64]:
@@ -77,5 +85,5 @@ def connected(table: AttractorTable, shape: tuple[int, int], cells: Any) -> NDAr
     NDArray[np.int64]
         The numbers (rows,); rows with the same number are one attractor.
     """
-    orbits, _n = continued(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
+    orbits, _n = continue_orbits(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
     return components(table, np.flatnonzero(table.kind == Outcome.PERIODIC), orbits, shape, cells)

@@ -10,26 +10,26 @@ from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
 from rattle.numerics.compile import inline, kernel
 from rattle.orbits.return_map import (
-    between,
     fastest_point,
     log_multipliers,
     newton,
+    point_between,
     point_of,
     power_map,
     shortest_return,
     step,
 )
 
-#: Largest distance from an orbit's point (τ, v) to its continuation's in the next cell; `speed_unit_at` is the unit
-#: of v.
+#: Largest distance from an orbit's point (τ, v) to the point of its continuation in the next cell, where speeds are in
+#: units of `speed_unit_at`.
 FARTHEST = 0.2
 #: Smallest step of continuation, as a share of the way from a cell to the next.
 LEAST_STEP = 2.0**-6
-#: Multiple to which τ, and v in units of `speed_unit_at`, are rounded before Newton's method starts again.
+#: Before Newton's method starts again, τ, and v in units of `speed_unit_at`, are rounded to a multiple of this number.
 ROUNDING = 2.0**-26
 #: Stands for the number of an orbit where there is no such orbit.
 NOWHERE = -1
-#: Offsets of the neighbours in rows and columns, in the order of `Linked.to`.
+#: Offsets of the neighbours in rows and columns, in the order of `LinkedOrbits.to`.
 ROWS, COLUMNS = (1, 0, -1, 0), (0, 1, 0, -1)
 
 
@@ -42,11 +42,11 @@ class Rectangle(NamedTuple):
     right: int
 
 
-#: The columns of a table of attractors that describe an orbit, in the order of the arguments of `enter`.
-OF_ORBIT = ("cell", "m", "n_plus", "n_minus", "tau", "v", "first", "second")
+#: The columns of a table of attractors that describe an orbit, in the order of the arguments of `add_orbits`.
+ORBIT_COLUMNS = ("cell", "m", "n_plus", "n_minus", "tau", "v", "first", "second")
 
 
-class Linked(NamedTuple):
+class LinkedOrbits(NamedTuple):
     """The stable orbits of the cells of a grid, in arrays (room,) whose first n rows are used.
 
     cell: the number of the cell. m, n_plus, n_minus: the label. tau, v: the fastest departure from Σ⁺.
@@ -91,13 +91,13 @@ def orbit_at_point(tau, v, cell, k, near, orbits):
 
 
 @kernel
-def labelled(tau, v, k, orbits, point):
+def stability_with_label(tau, v, k, orbits, point):
     """Return whether the orbit through a point is stable and has the label of orbit k.
 
     Returns
     -------
     tuple
-        (the answer, ln|multiplier| of both multipliers). The logarithms are NaN if the label is another.
+        (the answer, ln|multiplier| of both multipliers). The logarithms are NaN if the orbit has another label.
     """
     n_plus = np.int64(orbits.n_plus[k])  # the same type as in other callers, so that `power_map` is compiled once
     status, _t, _v, time, below, a00, _b, _c, a11, log_det = power_map(tau, v, n_plus, point)
@@ -108,8 +108,14 @@ def labelled(tau, v, k, orbits, point):
 
 
 @kernel
-def settled(tau, v, n_plus, point):
-    """Solve for an orbit's point again from rounded numbers, so that its last bits hardly depend on the way to it."""
+def solve_from_rounded(tau, v, n_plus, point):
+    """Solve for an orbit's point again from rounded numbers, so that its last bits hardly depend on the first guess.
+
+    Returns
+    -------
+    tuple
+        (τ, v). This is the given point if Newton's method fails or finds another point.
+    """
     unit = speed_unit_at(point)
     t, w = np.rint(tau / ROUNDING) * ROUNDING, np.rint(v / unit / ROUNDING) * ROUNDING * unit
     found, t, w = newton(t, w, n_plus, point)
@@ -119,7 +125,7 @@ def settled(tau, v, n_plus, point):
 
 
 @kernel
-def followed(k, here, there, orbits):
+def follow_orbit(k, here, there, orbits):
     """Follow orbit k from one parameter point to another.
 
     A step for which Newton's method fails is halved. Between the points the orbit must be stable and keep its label.
@@ -127,12 +133,12 @@ def followed(k, here, there, orbits):
     Returns
     -------
     tuple
-        (whether the orbit was followed all the way, τ, v). The state (τ, v) is at the second point if it was.
+        (whether the orbit was followed all the way, τ, v), where (τ, v) is the last state of the orbit that was found.
     """
     n_plus, tau, v = np.int64(orbits.n_plus[k]), orbits.tau[k], orbits.v[k]
     share, size = 0.0, 1.0
     while size >= LEAST_STEP:
-        point = there if share + size == 1.0 else between(share + size, here, there)
+        point = there if share + size == 1.0 else point_between(share + size, here, there)
         found, t, w = newton(tau, v, n_plus, point)
         distance = math.hypot(wrapped(t - tau), (w - v) / speed_unit_at(point))
         if not found or distance > (FARTHEST if size == 1.0 else 0.5 * FARTHEST):
@@ -140,7 +146,7 @@ def followed(k, here, there, orbits):
             continue
         if share + size == 1.0:
             return True, t, w
-        is_stable, _first, _second = labelled(t, w, k, orbits, point)
+        is_stable, _first, _second = stability_with_label(t, w, k, orbits, point)
         if is_stable:
             share, tau, v = share + size, t, w
         else:
@@ -150,9 +156,15 @@ def followed(k, here, there, orbits):
 
 @kernel
 def continue_orbit(k, cell, n, orbits, cells):
-    """Continue orbit k into a neighbouring cell, and return its number there: n if it was added, NOWHERE if none."""
+    """Continue orbit k into a neighbouring cell.
+
+    Returns
+    -------
+    result
+        The orbit's number in that cell: n if it was not known there and was added, NOWHERE if it cannot be continued.
+    """
     point, n_plus = point_of(cell, cells), np.int64(orbits.n_plus[k])
-    found, tau, v = followed(k, point_of(orbits.cell[k], cells), point, orbits)
+    found, tau, v = follow_orbit(k, point_of(orbits.cell[k], cells), point, orbits)
     if not found:
         return NOWHERE
     unit = speed_unit_at(point)
@@ -160,7 +172,7 @@ def continue_orbit(k, cell, n, orbits, cells):
     known = orbit_at_point(tau, v, cell, k, near, orbits)
     if known != NOWHERE:
         return known
-    is_stable, _first, _second = labelled(tau, v, k, orbits, point)
+    is_stable, _first, _second = stability_with_label(tau, v, k, orbits, point)
     if not is_stable or shortest_return(tau, v, n_plus, point) != n_plus:
         return NOWHERE
     t, w = tau, v
@@ -170,8 +182,8 @@ def continue_orbit(k, cell, n, orbits, cells):
             return known
         _status, t, w, _time, _below = step(t, w, point)
     tau, v = fastest_point(tau, v, n_plus, point)
-    tau, v = settled(tau, v, n_plus, point)
-    is_stable, first, second = labelled(tau, v, k, orbits, point)
+    tau, v = solve_from_rounded(tau, v, n_plus, point)
+    is_stable, first, second = stability_with_label(tau, v, k, orbits, point)
     if not is_stable:
         return NOWHERE
     m = orbits.m[k]
@@ -182,7 +194,7 @@ def continue_orbit(k, cell, n, orbits, cells):
 
 
 @kernel
-def enter(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits, which):
+def add_orbits(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits, which):
     """Add k orbits under the numbers from n on, except orbits that are already known in their cells.
 
     The arrays of `orbits` must have room for all of them. The number of each orbit, new or known, is written to
@@ -206,7 +218,7 @@ def enter(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits, whi
 
 
 @kernel
-def spread(done, n, columns, inside, cells, orbits):
+def spread_orbits(done, n, columns, inside, cells, orbits):
     """Continue the orbits with numbers from `done` to n into the neighbouring cells, then the new orbits found there.
 
     Only cells in the rectangle `inside` of a grid with `columns` columns are entered.
@@ -233,11 +245,10 @@ def spread(done, n, columns, inside, cells, orbits):
 
 
 @kernel
-def lead(one, other, steps, way, orbits, arrives):
-    """Continue each orbit one[i] in small steps to the cell of orbit other[i], and write to arrives.
+def write_arrivals(one, other, steps, way, orbits, arrives):
+    """Continue each orbit one[i] to the cell of orbit other[i], and write to arrives[i] whether it becomes that orbit.
 
-    arrives[i] is True if the continuation ends on orbit other[i]. way: the parameters of all steps (k·steps,), as
-    cells: first the steps of the first pair of orbits.
+    way: the parameters of all steps of all k pairs (k·steps,), as cells, pair by pair.
     """
     for i in range(one.size):
         n_plus, tau, v = np.int64(orbits.n_plus[one[i]]), orbits.tau[one[i]], orbits.v[one[i]]

@@ -65,7 +65,7 @@ def sums_of(table: AttractorTable, component: Integers, columns: int) -> Sums:
     place = np.arange(component.size) - np.searchsorted(table.cell, table.cell)
     of = np.flatnonzero(component != NO_FAMILY)
     component, cell, samples = component[of], table.cell[of], table.samples[of]
-    here = np.lexsort((cell, component))  # equal keys keep the order of rows
+    here = np.lexsort((cell, component))  # rows with equal keys keep their order
     again = np.zeros(of.size, np.bool_)
     same = (component[here][1:] == component[here][:-1]) & (cell[here][1:] == cell[here][:-1])
     again[here[1:][same]] = True

@@ -83,16 +83,16 @@ def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], 
     family = numbers_of(sums)[sums.component]
     n = int(family.max(initial=QUIET_FAMILY)) + 1
 
-    def by_family(values: NDArray[Any], nothing: float = 0) -> NDArray[Any]:
-        """Return values of components as a column of families, with the value `nothing` for a family without one."""
-        column = np.full(n, nothing, values.dtype)
+    def by_family(values: NDArray[Any], default: float = 0) -> NDArray[Any]:
+        """Return values of components as a column of families, with `default` for a family without a component."""
+        column = np.full(n, default, values.dtype)
         column[family] = values
         return column
 
-    def between(
+    def axis_range(
         axis: NDArray[np.float64], one: NDArray[np.int64], other: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the lower and the upper of an axis's values at `one` and `other`, as columns of families."""
+        """Return the smaller and the larger of the axis values with the indices `one` and `other`, by family."""
         low, high = np.minimum(axis[one], axis[other]), np.maximum(axis[one], axis[other])
         return by_family(low, np.nan), by_family(high, np.nan)
 
@@ -105,8 +105,8 @@ def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], 
         by_family(sums.n_minus),
         by_family(sums.cells),
         by_family(sums.unsampled),
-        *between(delta, sums.left, sums.right),
-        *between(epsilon, sums.top, sums.bottom),
+        *axis_range(delta, sums.left, sums.right),
+        *axis_range(epsilon, sums.top, sums.bottom),
         by_family(sums.most / count),
         by_family(sums.samples / (count * np.maximum(sums.cells, 1))),
         by_family(delta[column], np.nan),

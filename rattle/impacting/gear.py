@@ -32,20 +32,24 @@ from rattle.orbits.periodic import Periodic
 
 
 class FirstImpact(NamedTuple):
-    """The first impact of a free flight: flight time (forcing periods), wall (+1 or −1), velocity before reflection."""
+    """The first impact of a free flight.
+
+    flight_time is in forcing periods, next_wall is +1 for Φ = β or −1 for Φ = −β, and impact_velocity is the velocity
+    before reflection.
+    """
 
     flight_time: float
     next_wall: int
     impact_velocity: float
 
 
-def _raise_for(status: int) -> None:
-    """Raise the exception that belongs to a kernel's status code."""
+def _raise_for_status(status: int) -> None:
+    """Raise RattleError if a kernel's status code says that no next impact was found."""
     if status in (contact_phase.IN_CONTACT, contact_phase.ENDLESS):
-        raise RattleError("the motion comes to rest on a wall: there is no next impact to compute (speed 0)")
+        raise RattleError("the motion comes to rest on a wall, so it has no next impact")
     if status == first_impact.NO_IMPACT:
         raise RattleError(
-            f"no impact within {first_impact.LONGEST:g} forcing periods, or parameters beyond double precision"
+            f"the flight has no impact within {first_impact.LONGEST:g} forcing periods, or is beyond double precision"
         )
 
 
@@ -96,7 +100,8 @@ class Gear(SampledGear, Rattling):
         """Return an `InelasticGear` if restitution, load or harmonics make the gear inelastic."""
         if is_elastic(restitution, load, harmonics):
             return super().__new__(cls)
-        other = import_module("rattle.inelastic.gear").InelasticGear  # imported here: that package imports this one
+        # imported here, because that package imports this one
+        other = import_module("rattle.inelastic.gear").InelasticGear
         return other(*point, **named, restitution=restitution, load=load, harmonics=harmonics)
 
     def __init__(
@@ -161,13 +166,13 @@ class Gear(SampledGear, Rattling):
             If wall is not ±1, a number is not finite, or the velocity is zero or points out of the gap.
         """
         require(require_finite("wall", wall) in (1, -1), f"wall must be +1 or -1, got {wall!r}")
-        tau = _phase(phase)
+        tau = _folded_phase(phase)
         speed = -wall * require_finite("velocity", velocity)
         require(speed > 0, f"velocity must point into the gap (below 0 at wall +1, above 0 at wall -1), got {velocity}")
         status, time, next_wall, w1, *_ = first_impact.first_impact(
             int(wall), tau, -wall * speed, self.delta, self.epsilon, self.beta, forcing.DRIFT
         )
-        _raise_for(status)
+        _raise_for_status(status)
         return FirstImpact(time, next_wall, w1)
 
     def impact(self, tau: float, v: float) -> Impact:
@@ -188,9 +193,11 @@ class Gear(SampledGear, Rattling):
             If there is no next impact.
         """
         v = require_number("v", v, positive=True)
-        found = impact_map.impact_tangent(_phase(tau), v, self.delta, self.epsilon, self.beta, forcing.DRIFT, False)
+        found = impact_map.impact_tangent(
+            _folded_phase(tau), v, self.delta, self.epsilon, self.beta, forcing.DRIFT, False
+        )
         status, tau1, v1, time, n_minus, j00, j01, j10, j11, _ = found
-        _raise_for(status)
+        _raise_for_status(status)
         return Impact(tau1, v1, n_minus, np.array([[j00, j01], [j10, j11]]), time)
 
     def inverse_impact(self, tau: float, v: float) -> Impact:
@@ -202,8 +209,10 @@ class Gear(SampledGear, Rattling):
             τ, v and tangent of the preimage; `time` is the positive time from the preimage to (τ, v).
         """
         v = require_number("v", v, positive=True)
-        status, tau0, v0, time, n_minus = impact_map.inverse_impact(_phase(tau), v, self.delta, self.epsilon, self.beta)
-        _raise_for(status)
+        status, tau0, v0, time, n_minus = impact_map.inverse_impact(
+            _folded_phase(tau), v, self.delta, self.epsilon, self.beta
+        )
+        _raise_for_status(status)
         forward = self.impact(tau0, v0)
         tangent = np.asarray(np.linalg.inv(forward.tangent), np.float64)
         return Impact(tau0, v0, n_minus, tangent, time)
@@ -227,7 +236,7 @@ class Gear(SampledGear, Rattling):
             If there is no impact.
         """
         position, velocity = require_finite("position", position), require_finite("velocity", velocity)
-        return departure(self.delta, self.epsilon, self.beta, _phase(phase), position, velocity)
+        return departure(self.delta, self.epsilon, self.beta, _folded_phase(phase), position, velocity)
 
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
         """Return Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast.
@@ -256,7 +265,7 @@ class Gear(SampledGear, Rattling):
         Trajectory
             (time, phi, velocity, impact_time, impact_wall, impact_speed, rest).
         """
-        tau = _phase(tau)
+        tau = _folded_phase(tau)
         return trajectory(self.delta, self.epsilon, self.beta, tau, v, periods, points, self.capture_speed)
 
     def orbits(self) -> tuple[Orbit, ...]:
@@ -276,11 +285,11 @@ class Gear(SampledGear, Rattling):
         return periodic_orbit(self.delta, self.epsilon, tau, v, n_plus, self.beta)
 
     def saddle(self, orbit: Orbit) -> Periodic:
-        """Return an orbit of `orbits` as a motion from which manifolds start. Raises RattleError if it is missing."""
+        """Return an orbit from `orbits` as the saddle of a manifold. Raises RattleError if it does not exist."""
         return period_one_saddle(orbit.name, self.delta, self.epsilon, self.beta)
 
     def region(self) -> int:
-        """Return the region of the paper's Figure 7, 1 to 5 for I to V. `rattle.REGIONS` names other numbers."""
+        """Return the region's number, 1 to 5 for I to V of the paper's Figure 7. `rattle.REGIONS` has all names."""
         return int(regions(self.delta, self.epsilon, self.beta))
 
     def boundary_distance(self, v_max: SpeedLimit = None) -> BoundaryDistance:
@@ -319,7 +328,7 @@ class Gear(SampledGear, Rattling):
         return impact_map.Point(self.delta, self.epsilon, self.beta, captured)
 
     def gamma(self, spacing: float = 0.02) -> tuple[GammaPiece, ...]:
-        """Return the grazing curve Γ: all states (τ, v) whose flight touches Σ⁻ with speed 0, to 1e-10.
+        """Return the grazing curve Γ: all states (τ, v) whose flight touches Σ⁻ with speed 0, accurate to 1e-10.
 
         Neighbouring points of a piece are at most `spacing` (at least 1e-4) apart in (τ, v). Outside the paper's range
         of speeds, distances in v are measured in sevenths of the natural speed (`basins`).
@@ -337,7 +346,7 @@ class Gear(SampledGear, Rattling):
         return gamma(self.delta, self.epsilon, self.beta, spacing, self._highest_speed(None) / PAPER_SPEED)
 
 
-def _phase(phase: float) -> float:
+def _folded_phase(phase: float) -> float:
     """Return a phase folded into [0, 1). Raises ParameterError if the phase is not finite."""
     return float(law.folded(require_finite("phase", phase)))
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.errors import RattleError
-from rattle.intensity.table import one_by_one
+from rattle.intensity.table import follow_one_by_one
 
-stretch = one_by_one  # continues chaotic motions one after the other, for sums over their impacts
+stretch = follow_one_by_one  # follows chaotic motions longer, for the sums of their impacts
 
 
 def rests_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.bool_]:

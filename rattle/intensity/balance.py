@@ -1,8 +1,9 @@
-"""The balance of impulses of many attractors: a check of accuracy, as the sum −δ of both Lyapunov exponents is one.
+"""Check the accuracy of many attractors by the balance of their impulses.
 
-The forcing has mean zero and Φ' returns to its value, so the impacts of a bounded motion balance the drift. Half of the
-impulses on Σ⁺ minus those on Σ⁻ is 2πδ per forcing period, and 2πδ(1 + load) with a load. This balance is exact over a
-period of a periodic motion. Over T forcing periods of any motion it holds to within (largest speed)/T.
+The forcing has mean zero and Φ' returns to its value, so the impacts of a bounded motion balance the drift: the sum of
+the impulses on Σ⁺ minus the sum of those on Σ⁻ is 4πδ per forcing period, and 4πδ(1 + load) with a load. This balance
+is exact over a period of a periodic motion. Over T forcing periods of any other motion half of the difference deviates
+from 2πδ by less than (largest speed)/T.
 """
 
 import math
@@ -15,18 +16,18 @@ from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
 from rattle.flight.first_impact import OK
 from rattle.intensity.motions import ENDLESS, period_limits
-from rattle.intensity.visit import COLUMNS, IMPULSE, TIME, mean_force_at, summed
+from rattle.intensity.visit import COLUMNS, IMPULSE, TIME, mean_force_at, sum_impacts
 from rattle.numerics.compile import kernel
 from rattle.orbits.return_map import point_of
 
-# least forcing periods, and least multiple of 1/δ, for which a chaotic motion is followed
+# a chaotic motion is followed for PERIODS forcing periods, or for RELAXATIONS/δ if this is more
 PERIODS, RELAXATIONS = 64.0, 8.0
 MOST_IMPACTS = 1_000_000
 
 
 @kernel
-def imbalances(cell, returns, periods, tau, v, cells, sums, found):
-    """Write |balance/2πδ − 1| of the motions (n,) to `found`; NaN for a motion that cannot be followed.
+def write_impulse_imbalances(cell, returns, periods, tau, v, cells, sums, found):
+    """Write the relative error of the impulse balance of each motion (n,) to `found`; NaN if it cannot be followed.
 
     Each motion is followed for returns[i] returns to Σ⁺ or periods[i] forcing periods, whichever ends first. If both
     are unlimited, it is followed for PERIODS forcing periods, or RELAXATIONS/δ if this is more. `sums` (1, COLUMNS) is
@@ -38,15 +39,16 @@ def imbalances(cell, returns, periods, tau, v, cells, sums, found):
         most = periods[i]
         if returns[i] == ENDLESS and most == math.inf:
             most = max(PERIODS, RELAXATIONS / point.delta)
-        status, _tau, _v, _time = summed(tau[i], v[i], returns[i], most, MOST_IMPACTS, point, sums)
+        status, _tau, _v, _time = sum_impacts(tau[i], v[i], returns[i], most, MOST_IMPACTS, point, sums)
         balance = 0.5 * sums[0, IMPULSE] / (0.5 * mean_force_at(point) * sums[0, TIME])
         found[i] = abs(balance - 1.0) if status == OK else math.nan
 
 
 def impulse_balance_errors(table: AttractorTable, cells: Any) -> NDArray[np.float64]:
-    """Return |(Σv₊ − Σv₋)/(2πδT) − 1| of every attractor of a table (n,).
+    """Return the relative error |(Σv₊ − Σv₋)/(2πδT) − 1| of the impulse balance of every attractor of a table (n,).
 
-    A periodic attractor is followed over one period, so its error is rounding only. A chaotic attractor is followed for
+    v₊ and v₋ are the speeds of the impacts on Σ⁺ and Σ⁻ during T forcing periods. With a load 2πδ is 2πδ(1 + load). A
+    periodic attractor is followed over one period, so its error is rounding only. A chaotic attractor is followed for
     64 forcing periods, or 8/δ if this is more.
 
     Parameters
@@ -65,6 +67,6 @@ def impulse_balance_errors(table: AttractorTable, cells: Any) -> NDArray[np.floa
     returns, periods = period_limits(table.m, table.n_plus, table.contacts)
     returns = np.where(table.kind == Outcome.PERIODIC, returns, ENDLESS)
     columns = (x[rows] for x in (table.cell, returns, periods, table.tau, table.v))
-    imbalances(*columns, cells, np.zeros((1, COLUMNS)), found)
+    write_impulse_imbalances(*columns, cells, np.zeros((1, COLUMNS)), found)
     errors[rows] = found
     return errors

@@ -9,7 +9,15 @@ import numpy as np
 
 from rattle.errors import require, require_number
 from rattle.flight.first_impact import OK
-from rattle.intensity.motions import ENDLESS, ROUNDING, Motion, kind_of, limits_of, require_closed, require_lasting
+from rattle.intensity.motions import (
+    ENDLESS,
+    ROUNDING,
+    Motion,
+    kind_of,
+    period_limits_of,
+    require_closed,
+    require_lasting,
+)
 from rattle.intensity.visit import Impacts, list_impacts
 from rattle.orbits.iterates import MOST_IMPACTS
 
@@ -24,29 +32,34 @@ def impact_arrays(count: int) -> Impacts:
 def impacts_of(motion: Motion, point: Any, periods: float | None) -> Impacts:
     """Return the result of `Rattling.impacts`. point: the parameter point for kernels."""
     kind = kind_of(motion)
-    require(periods is not None or kind in ("quiet", "periodic"), f"a {kind} motion needs a number of periods")
+    require(
+        periods is not None or kind in ("quiet", "periodic"),
+        f"periods must be given: a {kind} motion has no period of its own",
+    )
     periods = math.inf if periods is None else require_number("periods", periods, positive=True)
     if kind == "quiet":
         return impact_arrays(0)
     if kind == "periodic":
-        return _repeated(_one_period(motion, point), motion, periods)
-    status, _tau, _v, found = listed(motion.tau, motion.v, ENDLESS, periods, partial(_of_point, point))
+        return _repeat_period(_impacts_of_period(motion, point), motion, periods)
+    status, _tau, _v, found = collect_impacts(motion.tau, motion.v, ENDLESS, periods, partial(_list_at_point, point))
     time = float(found.time[-1]) - motion.tau if found.time.size else 0.0
     require_lasting(status, time if status != OK or found.time.size == MOST_IMPACTS else periods, periods)
     return Impacts(*(column[found.time <= motion.tau + periods] for column in found))
 
 
-def _one_period(motion: Motion, point: Any) -> Impacts:
-    status, tau, v, found = listed(motion.tau, motion.v, *limits_of(motion), partial(_of_point, point))
+def _impacts_of_period(motion: Motion, point: Any) -> Impacts:
+    status, tau, v, found = collect_impacts(
+        motion.tau, motion.v, *period_limits_of(motion), partial(_list_at_point, point)
+    )
     require_closed(motion, status, tau, v, float(found.speed.max(initial=0.0)))
     return found
 
 
-def _of_point(point: Any, tau: float, v: float, returns: int, periods: float, room: Impacts) -> Any:
+def _list_at_point(point: Any, tau: float, v: float, returns: int, periods: float, room: Impacts) -> Any:
     return list_impacts(tau, v, returns, periods, point, room)
 
 
-def listed(
+def collect_impacts(
     tau: float, v: float, returns: int, periods: float, lister: Callable[..., Any]
 ) -> tuple[int, float, float, Impacts]:
     """Follow a motion from (tau, v) and return its status, its final state, and at most MOST_IMPACTS impacts.
@@ -72,12 +85,14 @@ def listed(
         room = min(GROWTH * room, MOST_IMPACTS)
 
 
-def _repeated(one: Impacts, motion: Motion, periods: float) -> Impacts:
+def _repeat_period(one: Impacts, motion: Motion, periods: float) -> Impacts:
     """Return the impacts of one period, repeated over `periods` forcing periods, or once if `periods` is infinite."""
     if periods == math.inf:
         return one
     times = math.ceil(periods / motion.m)
-    require(times * one.time.size <= MOST_IMPACTS, f"more than {MOST_IMPACTS} impacts: give fewer periods")
+    require(
+        times * one.time.size <= MOST_IMPACTS, f"the motion makes more than {MOST_IMPACTS} impacts: give fewer periods"
+    )
     time = (one.time + motion.m * np.arange(times)[:, None]).ravel()
     kept = time <= motion.tau + periods + ROUNDING
     return Impacts(time[kept], *(np.tile(column, times)[kept] for column in one[1:]))

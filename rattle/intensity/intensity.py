@@ -21,7 +21,7 @@ from rattle.intensity.motions import (
     require_lasting,
     watched_periods,
 )
-from rattle.intensity.runs import sums_of
+from rattle.intensity.runs import sums_with_contacts
 from rattle.intensity.visit import (
     COLUMNS,
     CONTACT,
@@ -32,7 +32,7 @@ from rattle.intensity.visit import (
     SPEED,
     SQUARE,
     TIME,
-    summed,
+    sum_impacts,
 )
 from rattle.orbits.iterates import MOST_IMPACTS
 
@@ -74,8 +74,9 @@ class Intensity:
     contact
         Share of the time in contact (of the impacting gear: 1 for quiet motion, otherwise 0).
     impulse
-        Half of the impulses on Σ⁺ minus those on Σ⁻; for the impacting gear Σv₊ − Σv₋. In every bounded motion it is
-        2πδ, or 2πδ(1 + load) with a load, so its deviation from this value shows the accuracy.
+        Half of the difference between the impulses on Σ⁺ and those on Σ⁻; for the impacting gear Σv₊ − Σv₋, the speeds
+        on both walls. In every bounded motion it is 2πδ, or 2πδ(1 + load) with a load, so its deviation from this value
+        shows the accuracy.
     errors
         The 95 % half-widths of the other fields.
     """
@@ -130,27 +131,27 @@ def intensity(motion: Motion, point: Any, periods: float | None) -> Intensity:
     if kind == "undecided":
         return UNDECIDED
     if kind == "periodic" and contacts_of(motion):
-        return _intensity(sums_of(impacts_of(motion, point, None), motion.m)[None], EXACT)
+        return _intensity_from_sums(sums_with_contacts(impacts_of(motion, point, None), motion.m)[None], EXACT)
     if kind == "periodic":
         sums = np.zeros((1, COLUMNS))
-        status, tau, v, _ = summed(motion.tau, motion.v, motion.n_plus, math.inf, MOST_IMPACTS, point, sums)
+        status, tau, v, _ = sum_impacts(motion.tau, motion.v, motion.n_plus, math.inf, MOST_IMPACTS, point, sums)
         require_closed(motion, status, tau, v, sums[0, FASTEST])
         sums[0, TIME] = np.rint(sums[0, TIME])
-        return _intensity(sums, EXACT)
+        return _intensity_from_sums(sums, EXACT)
     periods = watched_periods(point.delta, periods)
     sums = np.zeros((BATCHES, COLUMNS))
-    status, _tau, _v, time = summed(motion.tau, motion.v, ENDLESS, periods, MOST_IMPACTS, point, sums)
+    status, _tau, _v, time = sum_impacts(motion.tau, motion.v, ENDLESS, periods, MOST_IMPACTS, point, sums)
     require_lasting(status, time, periods)
-    return _intensity(sums, Errors(*map(float, half_widths(sums))))
+    return _intensity_from_sums(sums, Errors(*map(float, half_widths(sums))))
 
 
-def _intensity(sums: Array, errors: Errors) -> Intensity:
-    plus, minus, mean, largest, energy, contact, impulse = map(float, rates(sums))
+def _intensity_from_sums(sums: Array, errors: Errors) -> Intensity:
+    plus, minus, mean, largest, energy, contact, impulse = map(float, intensity_rates(sums))
     return Intensity(plus, minus, mean, largest, energy, contact, impulse, errors)
 
 
-def rates(sums: Array) -> tuple[Array, ...]:
-    """Return the fields of `Intensity` in order, each (…,), from sums (…, batches, COLUMNS)."""
+def intensity_rates(sums: Array) -> tuple[Array, ...]:
+    """Return the fields of `Intensity` in order, each (…,), from sums (…, batches, COLUMNS) of `sum_impacts`."""
     total = sums.sum(axis=-2)
     per_period = total / total[..., TIME, None]
     return (
@@ -165,7 +166,9 @@ def rates(sums: Array) -> tuple[Array, ...]:
 
 
 def half_widths(sums: Array) -> tuple[Array, ...]:
-    """Return the fields of `Errors` in order, from sums (…, BATCHES, COLUMNS), as ratio estimates over batches.
+    """Return the fields of `Errors` in order, from sums (…, BATCHES, COLUMNS) of `sum_impacts`.
+
+    Each field of `Intensity` is the ratio of two sums. The scatter of the batches about this ratio gives its error.
 
     Returns
     -------

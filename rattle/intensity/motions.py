@@ -11,8 +11,9 @@ from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
 from rattle.orbits.iterates import MOST_IMPACTS
 
-CLOSED = 1e-6  # largest distance between start and end of a period, with speeds relative to the largest
-BATCH, RELAXATIONS = 1000.0, 10.0  # least forcing periods, and least multiple of 1/δ, of a batch
+# a motion closes if start and end of its period differ by less than CLOSED, with speeds relative to the largest
+CLOSED = 1e-6
+BATCH, RELAXATIONS = 1000.0, 10.0  # a batch lasts BATCH forcing periods, or RELAXATIONS/δ if this is more
 ENDLESS = 1 << 62  # number of returns that stands for no limit
 ROUNDING = 1e-9  # rounding error, in forcing periods, of the impact that ends a period
 
@@ -44,7 +45,10 @@ class Motion(Protocol):
 def kind_of(motion: Motion) -> str:
     """Return the kind of a motion: quiet, periodic, chaotic or undecided. Raises ParameterError if it is virtual."""
     kind = getattr(motion, "kind", "periodic")
-    require(kind in ("quiet", "periodic", "chaotic", "undecided"), f"there is no motion of kind {kind!r}")
+    require(
+        kind in ("quiet", "periodic", "chaotic", "undecided"),
+        f"a motion must be quiet, periodic, chaotic or undecided, got {kind!r}",
+    )
     if kind != "quiet":
         require(
             motion.v > 0.0, f"the motion must leave Σ⁺ with a speed above 0, got {motion.v}: this motion is virtual"
@@ -57,8 +61,8 @@ def period_limits(m: Any, n_plus: Any, contacts: Any) -> tuple[Any, Any]:
 
     A motion without contact phases has completed its period after n_plus impacts on Σ⁺. With contact phases this number
     is of no use, because a label counts a run of impacts that ends in contact as one impact. Such a motion has
-    completed its period after m forcing periods. Its state is its fastest impact on Σ⁺, and the impact before this one
-    comes earlier by more than rounding.
+    completed its period after m forcing periods, less ROUNDING. This limit does not end it one impact too early: its
+    state is its fastest impact on Σ⁺, and the impact before that one comes earlier by more than ROUNDING.
 
     Parameters
     ----------
@@ -74,7 +78,7 @@ def period_limits(m: Any, n_plus: Any, contacts: Any) -> tuple[Any, Any]:
     return np.where(held, ENDLESS, n_plus)[()], np.where(held, np.asarray(m) - ROUNDING, math.inf)[()]
 
 
-def limits_of(motion: Motion) -> tuple[int, float]:
+def period_limits_of(motion: Motion) -> tuple[int, float]:
     """Return the result of `period_limits` for one motion."""
     returns, periods = period_limits(motion.m, motion.n_plus, contacts_of(motion))
     return int(returns), float(periods)
@@ -110,8 +114,18 @@ def require_closed(motion: Motion, status: int, tau: float, v: float, fastest: f
 
 
 def require_lasting(status: int, time: float, periods: float) -> None:
-    """Raise RattleError unless a motion, followed for `time` with this status, lasted `periods` forcing periods."""
+    """Check that a motion was followed for `periods` forcing periods.
+
+    status: the status with which `sum_impacts` or `list_impacts` ended. time: the forcing periods until then.
+
+    Raises
+    ------
+    RattleError
+        If the motion came to rest before, or made too many impacts.
+    """
     if status != OK:
-        raise RattleError(f"the motion comes to rest, or cannot be followed, after {time:g} forcing periods")
+        raise RattleError(
+            f"the motion comes to rest, or cannot be followed, after {time:g} forcing periods: choose fewer periods"
+        )
     if time < periods:
         raise RattleError(f"the motion makes more than {MOST_IMPACTS} impacts: choose fewer than {time:g} periods")

@@ -61,7 +61,7 @@ class Rattling(ABC):
 
         By default a periodic motion is followed for its period; other motions that have impacts need `periods`. A
         chatter that ends in contact is listed down to rounding, and its last impact has the duration of the contact
-        phase. Errors are those of `intensity`.
+        phase. The method raises the same exceptions as `intensity`.
 
         Returns
         -------
@@ -76,7 +76,7 @@ class Rattling(ABC):
         A periodic or quiet motion has exact lines. For elastic impacts at ±β a line has the amplitude (1/m) Σ ∓2v
         e^(−2πi order t), summed over the impacts of a period; the amplitude of order 0 is −4πδ(1 + load). A chaotic
         motion has a density at steps of 1/resolution, with a 95 % interval, from 256 segments of `resolution` forcing
-        periods. Errors are those of `intensity`.
+        periods. The method raises the same exceptions as `intensity`.
 
         Returns
         -------
@@ -97,8 +97,8 @@ class Rattling(ABC):
         """Return the sound of a motion at a speed of rotation, from the departure (τ, v) on.
 
         Each impact rings at `ring` Hz and decays by a factor e in `decay` seconds; its loudness is its dimensionless
-        impulse. The transfer path of a gearbox is not modelled. A quiet motion gives silence. Errors are those of
-        `intensity`.
+        impulse. The transfer path of a gearbox is not modelled. A quiet motion gives silence. The method raises the
+        same exceptions as `intensity`.
 
         Returns
         -------

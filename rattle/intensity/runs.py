@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.intensity.impacts import listed
+from rattle.intensity.impacts import collect_impacts
 from rattle.intensity.visit import (
     COLUMNS,
     CONTACT,
@@ -31,26 +31,26 @@ from rattle.orbits.return_map import point_of
 
 
 @kernel
-def list_in_cell(
+def list_impacts_in_cell(
     cell: int, tau: float, v: float, returns: int, periods: float, cells: Any, impacts: Impacts
 ) -> tuple[int, float, float, int]:
-    """Do the work of `list_impacts` for one of many cells."""
+    """Follow a motion in the cell number `cell` and write its impacts, as `list_impacts` does at one point."""
     return list_impacts(tau, v, returns, periods, point_of(cell, cells), impacts)
 
 
-def _in_cell(cell: int, cells: Any, tau: float, v: float, returns: int, periods: float, room: Impacts) -> Any:
-    return list_in_cell(cell, tau, v, returns, periods, cells, room)
+def _list_in_cell(cell: int, cells: Any, tau: float, v: float, returns: int, periods: float, room: Impacts) -> Any:
+    return list_impacts_in_cell(cell, tau, v, returns, periods, cells, room)
 
 
-def listed_in_cell(
+def collect_impacts_in_cell(
     cell: int, cells: Any, tau: float, v: float, returns: int, periods: float
 ) -> tuple[int, float, float, Impacts]:
-    """Return the result of `rattle.intensity.impacts.listed` in one of many cells."""
-    return listed(tau, v, returns, periods, partial(_in_cell, cell, cells))
+    """Return the result of `rattle.intensity.impacts.collect_impacts` for a motion in the cell number `cell`."""
+    return collect_impacts(tau, v, returns, periods, partial(_list_in_cell, cell, cells))
 
 
-def sums_of(impacts: Impacts, m: int) -> NDArray[np.float64]:
-    """Return the sums (COLUMNS,) over the impacts of one period of m forcing periods.
+def sums_with_contacts(impacts: Impacts, m: int) -> NDArray[np.float64]:
+    """Return the sums (COLUMNS,) over the impacts of one period of a motion with contact phases.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def sums_of(impacts: Impacts, m: int) -> NDArray[np.float64]:
     Returns
     -------
     ndarray, (COLUMNS,)
-        The sums of `rattle.intensity.visit.summed`, in which each run that ends in contact counts as one impact.
+        The sums of `rattle.intensity.visit.sum_impacts`, in which each run that ends in contact counts as one impact.
     """
     held = np.flatnonzero(impacts.duration > 0.0)
     first = held[-1] + 1 if held.size else 0  # begin the period after a contact phase, so that no run is cut

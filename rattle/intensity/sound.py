@@ -26,17 +26,30 @@ def sound(
     ring, decay = require_number("ring", ring, positive=True), require_number("decay", decay, positive=True)
     rate = require_integer("rate", rate, 1, MOST_SAMPLES)
     require(ring < 0.5 * rate, f"ring must be below half the rate of {rate} Hz, got {ring:g} Hz: choose a higher rate")
-    require(seconds * rate <= MOST_SAMPLES, f"more than {MOST_SAMPLES} samples: give fewer seconds")
+    require(
+        seconds * rate <= MOST_SAMPLES,
+        f"seconds · rate exceeds the limit of {MOST_SAMPLES} samples: give fewer seconds",
+    )
     turn = 60.0 / rpm
     impacts = impacts_of(motion, point, seconds / turn)
     # on rigid walls the force of a contact phase is static and makes no sound
     strikes = impacts.speed + impacts.departure if math.isinf(stiffness) else impacts.impulse
-    return np.asarray(rung((impacts.time - motion.tau) * turn, strikes, round(seconds * rate), rate, ring, decay))
+    return np.asarray(
+        ringing_samples((impacts.time - motion.tau) * turn, strikes, round(seconds * rate), rate, ring, decay)
+    )
 
 
 @kernel
-def rung(time: Array, size: Array, count: int, rate: float, ring: float, decay: float) -> Array:
-    """Return Σ size e^(−s/decay) sin(2π ring s) at `count` samples, s being the time since each impact (times rise)."""
+def ringing_samples(time: Array, size: Array, count: int, rate: float, ring: float, decay: float) -> Array:
+    """Return `count` samples of Σ size e^(−s/decay) sin(2π ring s), the sum over all impacts so far.
+
+    s is the time since an impact, in seconds. The times of the impacts must be in rising order. size: the impulses.
+
+    Returns
+    -------
+    Array
+        The samples (count,).
+    """
     heard, x, y, j = np.empty(count), 0.0, 0.0, 0
     fade = math.exp(-1.0 / (decay * rate))
     c, s = fade * math.cos(TWO_PI * ring / rate), fade * math.sin(TWO_PI * ring / rate)

@@ -71,54 +71,64 @@ def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resol
         )
     spacing = 1.0 / {"quiet": 1, "periodic": motion.m, "chaotic": resolution}[kind]
     count = int(highest / spacing * (1.0 + 1e-12)) + 1
-    require(count <= MOST_ORDERS, f"more than {MOST_ORDERS} orders: give a smaller highest")
+    require(count <= MOST_ORDERS, f"the spectrum would have more than {MOST_ORDERS} orders: give a smaller highest")
     order = np.asarray(spacing * np.arange(count), np.float64)
     if kind == "chaotic":
         length = float(resolution)
         impacts = impacts_of(motion, point, 0.5 * (SEGMENTS + 1) * length)
-        return _density(impacts, order, motion.tau, length, point, stiffness)
+        return _welch_density(impacts, order, motion.tau, length, point, stiffness)
     if kind == "quiet":
-        pressing = _pressing(order, point)
+        pressing = _force_line_amplitudes(order, point)
         return Lines(order, np.asarray(-response(order, point.delta, stiffness) * pressing))
     impacts = impacts_of(motion, point, None)
-    return Lines(order, np.asarray(force_of(impacts, order, point, stiffness) / -motion.m))
+    return Lines(order, np.asarray(force_transform(impacts, order, point, stiffness) / -motion.m))
 
 
 def response(order: ArrayLike, delta: float, stiffness: float) -> NDArray[np.complex128]:
-    """Return T of the module's formula at orders of any shape; T = 1 for infinite stiffness."""
+    """Return T = 2k/(2k − ω² + iδω) at orders ω/2π of any shape, k being the stiffness; 1 for infinite stiffness."""
     omega = TWO_PI * np.asarray(order, np.float64)
     return np.asarray(1.0 / (1.0 + (1j * delta * omega - omega * omega) / (2.0 * stiffness)))
 
 
-def force_of(impacts: Impacts, order: Array, point: Any, stiffness: float) -> NDArray[np.complex128]:
+def force_transform(impacts: Impacts, order: Array, point: Any, stiffness: float) -> NDArray[np.complex128]:
     """Return ∫ e^(−2πi order t) force dt at orders (n,), for the force of these impacts, positive away from Σ⁺."""
     found = np.empty(order.size, np.complex128)
     rows = max(1, LARGEST_MATRIX // max(1, impacts.time.size))
     for first in range(0, order.size, rows):
         part = slice(first, first + rows)
-        found[part] = _transformed(impacts, TWO_PI * order[part, None], point).sum(axis=1)
+        found[part] = _impact_transforms(impacts, TWO_PI * order[part, None], point).sum(axis=1)
     return response(order, point.delta, stiffness) * found
 
 
-def _transformed(impacts: Impacts, omega: Array, point: Any) -> NDArray[np.complex128]:
-    """Return the bracket in the formula of this module at each ω, for each impact."""
+def _impact_transforms(impacts: Impacts, omega: Array, point: Any) -> NDArray[np.complex128]:
+    """Return the Fourier transform at each ω (k, 1) of the force of each impact (n,) on a rigid wall.
+
+    An impact at time t with the speeds u before and w after it, and the duration d, contributes
+    ±(u e^(−iωt) + w e^(−iω(t + d))) + ∫ h e^(−iωs) ds, where h is the contact force. The sign is + at Σ⁺.
+
+    Returns
+    -------
+    NDArray[np.complex128]
+        The transforms (k, n).
+    """
     begin, end = impacts.time, impacts.time + impacts.duration
     speeds = impacts.speed * np.exp(-1j * omega * begin) + impacts.departure * np.exp(-1j * omega * end)
     found = impacts.wall * speeds
     if impacts.duration.any():
         found += sum(
-            size * _lasting(frequency - omega, begin, impacts.duration) for frequency, size in force_lines(point)
+            size * _contact_integrals(frequency - omega, begin, impacts.duration)
+            for frequency, size in force_lines(point)
         )
     return found
 
 
-def _lasting(frequency: Array, begin: Array, duration: Array) -> NDArray[np.complex128]:
-    """Return ∫ e^(i frequency t) dt over each contact, from `begin` on for `duration`."""
+def _contact_integrals(frequency: Array, begin: Array, duration: Array) -> NDArray[np.complex128]:
+    """Return ∫ e^(i frequency t) dt over each contact, from `begin` to `begin` + `duration`."""
     middle = begin + 0.5 * duration
     return np.asarray(duration * np.sinc(frequency * duration / TWO_PI) * np.exp(1j * frequency * middle))
 
 
-def _pressing(order: Array, point: Any) -> NDArray[np.complex128]:
+def _force_line_amplitudes(order: Array, point: Any) -> NDArray[np.complex128]:
     """Return the amplitudes (n,) of the terms of the contact force at whole orders from 0 on."""
     lines = np.zeros(order.size, np.complex128)
     for frequency, size in force_lines(point):
@@ -127,7 +137,9 @@ def _pressing(order: Array, point: Any) -> NDArray[np.complex128]:
     return lines
 
 
-def _density(impacts: Impacts, order: Array, start: float, length: float, point: Any, stiffness: float) -> Density:
+def _welch_density(
+    impacts: Impacts, order: Array, start: float, length: float, point: Any, stiffness: float
+) -> Density:
     """Return Welch's estimate over half-overlapping segments with Hann's window.
 
     The exact train of impulses is transformed, so nothing is sampled and no order is aliased. The formula for the
@@ -141,18 +153,24 @@ def _density(impacts: Impacts, order: Array, start: float, length: float, point:
     """
     from scipy.special import chdtri  # imported here because it is slow to load
 
-    time, weight = _pushes(impacts, point)
+    time, weight = _impulse_train(impacts, point)
     begin = start + 0.5 * length * np.arange(SEGMENTS)
     first, last = np.searchsorted(time, begin), np.searchsorted(time, begin + length)
-    power = periodograms(time, weight, begin, first, last, length, order.size)
+    power = summed_periodograms(time, weight, begin, first, last, length, order.size)
     density = power / SEGMENTS * np.abs(response(order, point.delta, stiffness)) ** 2
     freedom = 36.0 * SEGMENTS**2 / (19.0 * SEGMENTS - 1.0)
     low, high = (freedom / chdtri(freedom, share) for share in (0.025, 0.975))
     return Density(order, density, low * density, high * density)
 
 
-def _pushes(impacts: Impacts, point: Any) -> tuple[Array, Array]:
-    """Return rising times and sizes (n,) of the walls' impulses; the force in a contact counts as a few impulses."""
+def _impulse_train(impacts: Impacts, point: Any) -> tuple[Array, Array]:
+    """Return the impulses of a motion on both walls; impulses at nodes of a quadrature replace the force in a contact.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        The times (n,), in rising order, and the sizes (n,), positive at Σ⁺.
+    """
     if not impacts.duration.any():
         return impacts.time, impacts.wall * impacts.impulse
     begin, wall, half = impacts.time, impacts.wall, 0.5 * impacts.duration[:, None]
@@ -165,12 +183,13 @@ def _pushes(impacts: Impacts, point: Any) -> tuple[Array, Array]:
 
 
 @kernel
-def periodograms(
+def summed_periodograms(
     time: Array, weight: Array, begin: Array, first: Array, last: Array, length: float, count: int
 ) -> Array:
-    """Return |∫ window e^(−2πikt/length) of impulses|²/∫ window², summed over the segments, for k = 0 … count − 1.
+    """Return |∫ window e^(−2πikt/length) df|²/∫ window² dt, summed over all segments, for k = 0 … count − 1.
 
-    Segment q begins at begin[q] and has the impulses first[q] to last[q].
+    f are impulses of the sizes `weight` at the times `time`; the window is Hann's. Segment q begins at the time
+    begin[q], lasts `length`, and has the impulses from number first[q] to number last[q] − 1.
 
     Returns
     -------

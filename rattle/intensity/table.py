@@ -12,10 +12,10 @@ from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
 from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
-from rattle.intensity.intensity import half_widths, rates
+from rattle.intensity.intensity import half_widths, intensity_rates
 from rattle.intensity.motions import CLOSED, ENDLESS, period_limits
-from rattle.intensity.runs import listed_in_cell, sums_of
-from rattle.intensity.visit import COLUMNS, FASTEST, TIME, mean_force_at, summed
+from rattle.intensity.runs import collect_impacts_in_cell, sums_with_contacts
+from rattle.intensity.visit import COLUMNS, FASTEST, TIME, mean_force_at, sum_impacts
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS
 from rattle.orbits.return_map import point_of
@@ -50,54 +50,57 @@ class Intensities(NamedTuple):
     impulse_error: Array
 
 
-# number of fields that are not errors; their values for quiet motion, except the impulse
+# number of fields that are not half-widths; values of these fields for quiet motion, except the impulse
 EXACT, OF_QUIET = 7, (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 @kernel
-def once_around(cell, n_plus, tau, v, cells, sums):
-    """Write sums (n, COLUMNS), zero before, over one period of each motion (n,); NaN if a motion does not close."""
+def write_period_sums(cell, n_plus, tau, v, cells, sums):
+    """Write sums (n, COLUMNS) over the impacts of one period of each motion (n,).
+
+    `sums` must be zero at the start. The sums of a motion that does not close become NaN.
+    """
     for i in range(cell.size):
         point = point_of(cell[i], cells)
-        status, tau1, v1, _time = summed(tau[i], v[i], n_plus[i], np.inf, MOST_IMPACTS, point, sums[i : i + 1])
+        status, tau1, v1, _time = sum_impacts(tau[i], v[i], n_plus[i], np.inf, MOST_IMPACTS, point, sums[i : i + 1])
         closed = abs(wrapped(tau1 - tau[i])) <= CLOSED and abs(v1 - v[i]) <= CLOSED * sums[i, FASTEST]
         if status != OK or not closed:
             sums[i] = np.nan
 
 
 @kernel
-def mean_forces(cell, cells, found):
-    """Write the mean contact force of the cells number `cell` (n,) to `found`."""
+def write_mean_forces(cell, cells, found):
+    """Write the mean contact force of the cells with the numbers `cell` (n,) to `found` (n,)."""
     for i in range(cell.size):
         found[i] = mean_force_at(point_of(cell[i], cells))
 
 
-def _with_contact(table: AttractorTable, row: int, cells: Any) -> Array:
+def _sums_of_contact_motion(table: AttractorTable, row: int, cells: Any) -> Array:
     """Return the sums (COLUMNS,) over a period of a motion with contact phases; NaN if the motion does not close."""
     tau, v, m = float(table.tau[row]), float(table.v[row]), int(table.m[row])
     returns, periods = period_limits(m, table.n_plus[row], table.contacts[row])
-    status, tau1, v1, found = listed_in_cell(int(table.cell[row]), cells, tau, v, int(returns), float(periods))
+    status, tau1, v1, found = collect_impacts_in_cell(int(table.cell[row]), cells, tau, v, int(returns), float(periods))
     closed = abs(wrapped(tau1 - tau)) <= CLOSED and abs(v1 - v) <= CLOSED * found.speed.max(initial=0.0)
-    return sums_of(found, m) if status == OK and closed else np.full(COLUMNS, np.nan)
+    return sums_with_contacts(found, m) if status == OK and closed else np.full(COLUMNS, np.nan)
 
 
 @kernel
-def sums_over_periods(cell, tau, v, periods, cells, sums):
+def write_batch_sums(cell, tau, v, periods, cells, sums):
     """Write sums (n, BATCHES, COLUMNS) over the impacts of each motion (n,) in periods[i] forcing periods.
 
-    The sums are zero at the start. The sums of a motion that becomes quiet are NaN.
+    `sums` must be zero at the start. The sums of a motion that becomes quiet become NaN.
     """
     for i in range(cell.size):
         point = point_of(cell[i], cells)
-        status, _tau, _v, time = summed(tau[i], v[i], ENDLESS, periods[i], MOST_IMPACTS, point, sums[i])
+        status, _tau, _v, time = sum_impacts(tau[i], v[i], ENDLESS, periods[i], MOST_IMPACTS, point, sums[i])
         if status != OK or time < periods[i]:
             sums[i] = np.nan
 
 
-def one_by_one(cell: NDArray[np.int64], tau: Array, v: Array, longer: Array, cells: Any) -> Array:
-    """Return the sums of a `Stretch`, one motion after another, for a gear whose map is not computed in lanes."""
+def follow_one_by_one(cell: NDArray[np.int64], tau: Array, v: Array, longer: Array, cells: Any) -> Array:
+    """Return the sums of a `Stretch`, by following one motion after another instead of many in vector lanes."""
     sums = np.zeros((cell.size, BATCHES, COLUMNS))
-    sums_over_periods(cell, tau, v, STRETCH * longer, cells, sums)
+    write_batch_sums(cell, tau, v, STRETCH * longer, cells, sums)
     return sums
 
 
@@ -124,19 +127,19 @@ def intensities_of(table: AttractorTable, cells: Any, stretch: Stretch) -> Inten
     found = np.full((len(Intensities._fields), table.cell.size), np.nan)
     quiet = np.flatnonzero(table.kind == Outcome.QUIET)
     mean = np.empty(quiet.size)
-    mean_forces(table.cell[quiet], cells, mean)
+    write_mean_forces(table.cell[quiet], cells, mean)
     found[:EXACT, quiet] = [*(np.full(quiet.size, x) for x in OF_QUIET), 0.5 * mean]
     found[EXACT:, quiet] = 0.0
 
     periodic = np.flatnonzero((table.kind == Outcome.PERIODIC) & (table.contacts == 0))
     around = np.zeros((periodic.size, COLUMNS))
-    once_around(*(x[periodic] for x in (table.cell, table.n_plus, table.tau, table.v)), cells, around)
+    write_period_sums(*(x[periodic] for x in (table.cell, table.n_plus, table.tau, table.v)), cells, around)
     around[:, TIME] = np.rint(around[:, TIME])
     held = np.flatnonzero((table.kind == Outcome.PERIODIC) & (table.contacts > 0))
     if held.size:
         periodic = np.append(periodic, held)
-        around = np.concatenate([around, [_with_contact(table, int(row), cells) for row in held]])
-    found[:EXACT, periodic] = rates(around[:, None])
+        around = np.concatenate([around, [_sums_of_contact_motion(table, int(row), cells) for row in held]])
+    found[:EXACT, periodic] = intensity_rates(around[:, None])
     found[EXACT:, periodic] = np.where(np.isnan(around[:, TIME]), np.nan, 0.0)
 
     chaotic = np.flatnonzero(table.kind == Outcome.CHAOTIC)
@@ -144,5 +147,5 @@ def intensities_of(table: AttractorTable, cells: Any, stretch: Stretch) -> Inten
     sums = stretch(
         cell, table.tau[chaotic], table.v[chaotic], np.maximum(1.0, WATCH / (PERIODS * cells.delta[cell])), cells
     )
-    found[:EXACT, chaotic], found[EXACT:, chaotic] = rates(sums), half_widths(sums)
+    found[:EXACT, chaotic], found[EXACT:, chaotic] = intensity_rates(sums), half_widths(sums)
     return Intensities(*found)

@@ -10,7 +10,8 @@ from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import folded
 from rattle.numerics.compile import inline, kernel
 
-COLUMNS = 8  # columns of the sums of `summed`: time, impacts on each wall, Σv, Σv², time in contact, impulse, largest v
+# columns of the sums of `sum_impacts`: time, impacts on each wall, Σv, Σv², time in contact, impulse, largest v
+COLUMNS = 8
 TIME, ON_PLUS, ON_MINUS, SPEED, SQUARE, CONTACT, IMPULSE, FASTEST = range(COLUMNS)
 
 
@@ -58,12 +59,12 @@ def bounce(wall, tau, w, point):
     NotImplementedError
         If the function is called outside kernels.
     """
-    raise NotImplementedError("this function exists inside kernels only: from Python use Gear.impacts")
+    raise NotImplementedError("bounce exists inside kernels only: from Python use Gear.impacts")
 
 
 def mean_force_at(point):
     """Return the mean contact force at a point, which balances the impulses of a bounded motion over each period."""
-    raise NotImplementedError("this function exists inside kernels only: from Python use Gear.impacts")
+    raise NotImplementedError("mean_force_at exists inside kernels only: from Python use Gear.intensity")
 
 
 @inline
@@ -79,7 +80,7 @@ def add_impact(row, s, wall, speed, duration, impulse):
 
 
 @kernel
-def summed(tau, v, returns, periods, most, point, sums):
+def sum_impacts(tau, v, returns, periods, most, point, sums):
     """Follow the motion that leaves Σ⁺ at (τ, v) until it reaches one of three limits, and sum its impacts.
 
     The limits are `returns` further departures from Σ⁺, `periods` forcing periods, and `most` impacts. Row j of the
@@ -106,7 +107,7 @@ def summed(tau, v, returns, periods, most, point, sums):
 
 @kernel
 def list_impacts(tau, v, returns, periods, point, impacts):
-    """Follow a motion as `summed` does and write its impacts one by one, as long as the arrays have room.
+    """Follow a motion as `sum_impacts` does and write its impacts one by one, as long as the arrays have room.
 
     Returns
     -------

@@ -20,7 +20,7 @@ from rattle.attractors.table import Attractor, Attractors, attractors_of_samples
 from rattle.continuation.curves import Curve
 from rattle.continuation.diagram import Diagram
 from rattle.errors import RattleError, require_number
-from rattle.families.join import joined_rows
+from rattle.families.join import join_rows
 from rattle.impacting.bifurcations.codimension_two import CodimensionTwo
 from rattle.intensity.balance import impulse_balance_errors
 from rattle.intensity.intensity import Intensity
@@ -28,7 +28,7 @@ from rattle.intensity.motions import Motion
 from rattle.intensity.spectrum import Density, Lines
 from rattle.intensity.table import Intensities, intensities_of
 from rattle.intensity.visit import Impacts
-from rattle.orbits.iterates import Impact, Iterates, Returned, Stretched, Trajectory
+from rattle.orbits.iterates import Impact, Iterates, StatesAfterReturn, Stretched, Trajectory
 from rattle.orbits.period_one import MissingLimit, Orbit, PeriodOne
 from rattle.orbits.periodic import Periodic
 from rattle.parameters import BETA, Parameter, Parameters
@@ -366,12 +366,14 @@ class Model(ABC):
         return cls.classifier.classify(parameters, tau, v, budget)
 
     @classmethod
-    def states_after_return(cls, parameters: Parameters, tau: Array, v: Array) -> Returned:
+    def states_after_return(cls, parameters: Parameters, tau: Array, v: Array) -> StatesAfterReturn:
         """Return states (n,) after one return to Σ⁺, at parameters (n,)."""
         delta, epsilon = parameters.delta, parameters.epsilon
-        return Returned.of(cls.functions.iterate_tangent(delta, epsilon, tau, v, 1, **parameters.others))
+        return StatesAfterReturn.from_iterates(
+            cls.functions.iterate_tangent(delta, epsilon, tau, v, 1, **parameters.others)
+        )
 
     @classmethod
     def joined_rows(cls, parameters: Parameters, table: Attractors) -> Rows:
-        """Join the attractors of cells in one row of a grid to families, as `rattle.families.join.joined_rows` does."""
-        return joined_rows(table, (1, parameters.size), cls.classifier.cells_of(parameters))
+        """Join the attractors of cells in one row of a grid to families, as `rattle.families.join.join_rows` does."""
+        return join_rows(table, (1, parameters.size), cls.classifier.cells_of(parameters))

@@ -1,4 +1,4 @@
-"""Images of states under Π or Π⁻¹ with phases that are not folded, and the Σ⁻ impacts on the way (compiled)."""
+"""Map states by powers of Π or Π⁻¹, with phases that are not folded, and count impacts on Σ⁻ (compiled)."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from rattle.orbits.return_map import inverse_step, step
 
 @kernel
 def images(tau, v, steps, turns, backwards, point):
-    """Return Π^steps (Π^−steps if `backwards`) of flat arrays of states at one parameter point.
+    """Apply Π^steps, or Π^−steps if `backwards`, to flat arrays of n states at one parameter point.
 
     τ is not folded into [0, 1), so that neighbours stay neighbours; instead `turns` forcing periods are subtracted from
     it (added if `backwards`).
@@ -17,8 +17,8 @@ def images(tau, v, steps, turns, backwards, point):
     Returns
     -------
     tuple
-        (ok, τ, v, word, impacts on Σ⁻), each (n,). ok: whether all steps exist. word: hash of the numbers of impacts on
-        Σ⁻ in each step, in order.
+        (ok, τ, v, word, number of impacts on Σ⁻), each (n,). ok: whether the image exists. word: a hash of the numbers
+        of impacts on Σ⁻ in the steps, in order.
     """
     n = tau.size
     ok, out_tau, out_v = np.ones(n, np.bool_), np.empty(n), np.empty(n)

@@ -1,4 +1,4 @@
-"""Results of a return map for arrays of states, and sampled motions."""
+"""Results of a return map for arrays of states, sampled motions, and checks of their arguments."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.errors import ParameterError, RattleError, real_array, require, require_integer, require_number
 from rattle.flight.first_impact import OK
 
-# limits of a sampled motion: forcing periods, points and impacts
+# largest allowed number of forcing periods, of points and of impacts of a sampled motion
 LONGEST, MOST_POINTS, MOST_IMPACTS = 10_000.0, 10_000_000, 10_000_000
 Array = NDArray[np.float64]
 
@@ -25,8 +25,11 @@ class Iterates(NamedTuple):
     n_minus: NDArray[np.int64]
 
 
-class Returned(NamedTuple):
-    """States (n,) after one return to Σ⁺, and its duration. `goes` is False without a return: the state is kept."""
+class StatesAfterReturn(NamedTuple):
+    """States (n,) after one return to Σ⁺, and the durations of the returns.
+
+    `goes` is False for a state that never returns; such a state is left as it was, with duration 0.
+    """
 
     tau: NDArray[np.float64]
     v: NDArray[np.float64]
@@ -34,8 +37,8 @@ class Returned(NamedTuple):
     goes: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, found: Stretched) -> Returned:
-        """Return the result for trajectories `found` that were followed for one impact on Σ⁺."""
+    def from_iterates(cls, found: Stretched) -> StatesAfterReturn:
+        """Return the record from the results of `iterate_tangent` for one impact on Σ⁺."""
         goes = found.n_plus > 0
         return cls(found.tau, found.v, np.where(goes, found.time, 0.0), goes)
 
@@ -51,7 +54,9 @@ class Stretched(NamedTuple):
     lyapunov: NDArray[np.float64]
 
     @classmethod
-    def of(cls, flat: Sequence[NDArray[Any]], growth: NDArray[np.float64], shape: tuple[int, ...]) -> Stretched:
+    def from_growth(
+        cls, flat: Sequence[NDArray[Any]], growth: NDArray[np.float64], shape: tuple[int, ...]
+    ) -> Stretched:
         """Return trajectories from flat (τ, v, n₊, n₋) and growth (3, k): time, ln stretch and ln|det| of each."""
         time = growth[0]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -72,14 +77,25 @@ def require_states(tau: NDArray[Any], v: NDArray[Any], n: NDArray[Any]) -> None:
     """Raise ParameterError unless (tau, v) are departures from Σ⁺ and n holds numbers of returns."""
     require(bool(np.isfinite(tau).all()), "tau must be finite")
     require(bool((np.isfinite(v) & (v > 0)).all()), "v must be finite and greater than 0")
-    require(np.issubdtype(n.dtype, np.integer) and bool((n >= 0).all()), "n must be integers of at least 0")
+    require(np.issubdtype(n.dtype, np.integer) and bool((n >= 0).all()), "n must hold integers of at least 0")
     require(bool((n < 1 << 53).all()), "n must be below 2**53")
 
 
-def checked(
+def checked_states(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike, **more: ArrayLike
 ) -> tuple[list[NDArray[Any]], tuple[int, ...]]:
-    """Return flat contiguous copies of τ, v, n, δ, ε, β and the positive parameters `more`, and the broadcast shape."""
+    """Check and broadcast states, numbers of returns and parameters; `more` are further positive parameters.
+
+    Returns
+    -------
+    tuple
+        Flat contiguous copies of τ (folded), v, n, δ, ε, β and the values of `more`; and the broadcast shape.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain, or the shapes do not broadcast.
+    """
     named = {"delta": delta, "epsilon": epsilon, "tau": tau, "v": v, "beta": beta, **more}
     steps = np.asarray(n)
     try:
@@ -128,7 +144,7 @@ def sampled_motion(
     periods: float,
     points: int,
 ) -> Trajectory:
-    """Return a motion of any model from (τ, v) on, sampled at this number of points.
+    """Return the motion of any model from a departure (τ, v), sampled at `points` equally spaced times.
 
     Parameters
     ----------
@@ -159,14 +175,18 @@ def sampled_motion(
         if status != OK:
             raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
         if count > MOST_IMPACTS:
-            raise RattleError(f"the motion makes more than {MOST_IMPACTS} impacts: choose fewer periods")
+            raise RattleError(f"the motion makes more than {MOST_IMPACTS} impacts: give fewer periods")
         if count <= room:
             return Trajectory(time, phi, velocity, at[:count], wall[:count], speed[:count], float(rest))
         room = count
 
 
 class Impact(NamedTuple):
-    """One step of the impact map: the new state, impacts on Σ⁻, tangent matrix ∂(τ', v')/∂(τ, v), and elapsed time."""
+    """One step of the impact map from a state (τ, v).
+
+    tau and v are the state after the next impact on Σ⁺, n_minus is the number of impacts on Σ⁻ before it, tangent (2,
+    2) the derivative of the new state with respect to the old one, and time the elapsed time in forcing periods.
+    """
 
     tau: float
     v: float

@@ -1,10 +1,10 @@
 """Stable and unstable manifolds of any saddle of Π^k, in smooth pieces that end at the corners that Γ causes.
 
-F, W, λ and size are those of `rattle.orbits.saddles`. A point of the manifold is F^j(W(t)) with t in the fundamental
-domain (size/λ, size], so that one number s = t λ^j gives its position. New points are inserted along t. Each point
-therefore lies on the true manifold to the accuracy of its own orbit: the map stretches rounding errors along the
-manifold and contracts them across it. Refinement by distance and angle follows B. Krauskopf and H. M. Osinga, J.
-Comput. Phys. 146 (1998) 404.
+The map F, its multiplier λ along the manifold, and the local manifold W(t) for |t| ≤ size are those of
+`rattle.orbits.saddles`. A point of the manifold is F^j(W(t)) with t in the fundamental domain (size/λ, size], so that
+one number s = t λ^j gives its position. New points are inserted along t. Each point therefore lies on the true manifold
+to the accuracy of its own orbit: the map stretches rounding errors along the manifold and contracts them across it.
+Refinement by distance and angle follows B. Krauskopf and H. M. Osinga, J. Comput. Phys. 146 (1998) 404.
 """
 
 from dataclasses import dataclass
@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from rattle.errors import RattleError, require, require_number
 from rattle.orbits.periodic import Periodic
-from rattle.orbits.saddles import Array, Local, local_manifold
+from rattle.orbits.saddles import Array, LocalManifold, local_manifold
 
-MOST_POINTS, MOST_IMAGES, MOST_ROUNDS = 400_000, 2_000, 200  # of an image; of a manifold; of the refinement of an image
-ENDED = 1e-9  # length of an image at which this side of the manifold has converged to an attractor
-FIRST = 9  # initial points of the fundamental domain
-FINEST = 1e-6  # shortest step whose angle counts; angles of shorter steps are rounding errors
+# most points of an image of the fundamental domain; most images of a manifold; most refinements of an image
+MOST_POINTS, MOST_IMAGES, MOST_ROUNDS = 400_000, 2_000, 200
+ENDED = 1e-9  # length of an image below which the manifold counts as converged to an attractor
+FIRST = 9  # number of points of the fundamental domain at first
+FINEST = 1e-6  # shortest step between points whose angle counts; angles of shorter steps are rounding errors
 JOINED = 1e-3  # largest distance of the ends of two pieces, relative to the spacing, at which they share a corner
 
 
@@ -34,9 +35,9 @@ class Manifold:
     tau, v : ndarray, (n,)
         Phase, not folded but continuous along the manifold, and speed after the impact on Σ⁺.
     parameter : ndarray, (n,)
-        Position t on the local manifold of the preimage of each point; near the saddle t is arclength.
+        Position t of the j-th preimage of each point on the local manifold; near the saddle t is the arclength.
     images : ndarray of int, (n,)
-        The number j of the image F^j that each point is on.
+        The number j of the image of the fundamental domain that each point is on.
     pieces : ndarray of int, (p + 1,)
         Piece i has the points pieces[i] to pieces[i + 1]. Neighbouring pieces share their corner, which is stored
         twice.
@@ -58,39 +59,43 @@ class Manifold:
     length: float
 
 
-class _Level:
-    """The image F^j of the fundamental domain, as points in order away from the saddle."""
+class _Image:
+    """The j-th image of the fundamental domain of a local manifold, as points in order away from the saddle.
 
-    def __init__(self, local: Local, j: int, t: Array) -> None:
+    t: positions of the points' preimages in the domain. ok, x, word, bounces: the results of `LocalManifold.map`.
+    """
+
+    def __init__(self, local: LocalManifold, j: int, t: Array) -> None:
         self.local, self.j, self.t = local, j, t
-        self.ok, self.x, self.word, self.bounces = self._mapped(t)
+        self.ok, self.x, self.word, self.bounces = self._map(t)
 
-    def _mapped(self, t: Array) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
-        return self.local.map(self.local.at(t), self.j)
+    def _map(self, t: Array) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
+        return self.local.map(self.local.states_at(t), self.j)
 
     def _insert(self, t: Array) -> None:
+        """Insert the images of further points t of the fundamental domain."""
         t = t[np.argsort(np.abs(t))]
-        ok, x, word, bounces = self._mapped(t)
+        ok, x, word, bounces = self._map(t)
         at = np.searchsorted(np.abs(self.t), np.abs(t))
         self.t, self.x = np.insert(self.t, at, t), np.insert(self.x, at, x, axis=1)
         self.ok, self.word = np.insert(self.ok, at, ok), np.insert(self.word, at, word)
         self.bounces = np.insert(self.bounces, at, bounces)
 
     @property
-    def split(self) -> NDArray[np.bool_]:
-        """Flags (n − 1,) of corners between neighbours."""
+    def is_corner(self) -> NDArray[np.bool_]:
+        """Flags (n − 1,) of neighbouring points with a corner of the manifold between them."""
         return np.asarray(self.word[1:] != self.word[:-1])
 
-    def _corners(self) -> bool:
-        """Bisect each change of the itinerary down to adjacent doubles t; return whether points were inserted."""
-        i = np.flatnonzero(self.split)
+    def _bisect_corners(self) -> bool:
+        """Insert points on both sides of each corner, at adjacent doubles t; return whether any were inserted."""
+        i = np.flatnonzero(self.is_corner)
         low, high, word = self.t[i], self.t[i + 1], self.word[i]
         while True:
             middle = 0.5 * (low + high)
             open_ = (middle != low) & (middle != high)
             if not open_.any():
                 break
-            before = self._mapped(middle)[2] == word
+            before = self._map(middle)[2] == word
             low, high = np.where(open_ & before, middle, low), np.where(open_ & ~before, middle, high)
         new = np.setdiff1d(np.concatenate([low, high]), self.t)
         if new.size:
@@ -98,11 +103,11 @@ class _Level:
         return bool(new.size)
 
     def refine(self, spacing: float, angle: float) -> None:
-        """Insert points until neighbours on a piece are closer than `spacing` and its turns below `angle` (radians)."""
+        """Insert points until, except at corners, steps are shorter than `spacing` and turns below `angle`."""
         for _ in range(MOST_ROUNDS):
-            cornered = self._corners()
-            step = _steps(self.x, self.local.unit)
-            size, same = np.hypot(*step), ~self.split
+            cornered = self._bisect_corners()
+            step = _differences(self.x, self.local.unit)
+            size, same = np.hypot(*step), ~self.is_corner
             turn = np.abs(np.angle(np.exp(1j * np.diff(np.arctan2(step[1], step[0])))))
             sharp, rough = (turn > angle) & same[1:] & same[:-1], np.zeros(size.size, np.bool_)
             rough[1:] |= sharp
@@ -115,7 +120,9 @@ class _Level:
             elif not cornered:
                 return
             if self.t.size > MOST_POINTS:
-                raise RattleError(f"the manifold needs more than {MOST_POINTS} points: choose a smaller arclength")
+                raise RattleError(
+                    f"the manifold needs more than {MOST_POINTS} points: give a smaller arclength or a larger spacing"
+                )
 
 
 def manifold(
@@ -166,35 +173,43 @@ def manifold(
     reach = float(abs(t[0]) * np.hypot(*(local.powers[1] / [1.0, unit])) / np.hypot(*local.powers[1]))
     first = np.linspace(0.0, t[0], 2 + int(reach / spacing))[:-1]  # from the saddle to the fundamental domain
     zero = np.zeros(first.size)
-    rows, length = [np.stack([*local.at(first), first, zero, zero, zero])], reach
+    rows, length = [np.stack([*local.states_at(first), first, zero, zero, zero])], reach
     for j in range(MOST_IMAGES):
-        level = _Level(local, j, t)
+        level = _Image(local, j, t)
         level.refine(spacing, angle)
         t, end = level.t, int(np.argmin(np.append(level.ok, False)))
-        rows.append(_rows(level, end))
-        more = float(np.hypot(*_steps(level.x[:, :end], unit)).sum())
+        rows.append(_rows_of_image(level, end))
+        more = float(np.hypot(*_differences(level.x[:, :end], unit)).sum())
         length += more
         if length > arclength or end < t.size or more < ENDED:
             break
-    return _assembled(orbit, kind, side, np.concatenate(rows, axis=1), arclength, JOINED * spacing, unit)
+    return _assemble(orbit, kind, side, np.concatenate(rows, axis=1), arclength, JOINED * spacing, unit)
 
 
-def _steps(x: Array, unit: float) -> Array:
+def _differences(x: Array, unit: float) -> Array:
     """Return the differences (2, n − 1) of successive states (2, n), with v in units of `unit`."""
     return np.asarray(np.diff(x, axis=1) / [[1.0], [unit]], np.float64)
 
 
-def _rows(level: _Level, end: int) -> Array:
-    """Return rows τ, v, t, j, flags of new pieces, Σ⁻ impacts (6, n), without the point shared with level j − 1."""
-    begins = np.concatenate([[False], level.split])
+def _rows_of_image(level: _Image, end: int) -> Array:
+    """Return the points of an image as rows (6, n): τ, v, t, j, whether a piece begins, number of impacts on Σ⁻.
+
+    Points from number `end` on have no image. The first point is left out if it belongs to the image before.
+
+    Returns
+    -------
+    Array
+        The rows.
+    """
+    begins = np.concatenate([[False], level.is_corner])
     rows = np.stack([*level.x, level.t, np.full(level.t.size, level.j), begins, level.bounces])
     return np.asarray(rows[:, (1 if level.j else 0) : end], np.float64)
 
 
-def _assembled(
+def _assemble(
     orbit: Periodic, kind: str, side: int, rows: Array, arclength: float, joined: float, unit: float
 ) -> Manifold:
-    """Return the manifold, cut to the arclength, with every corner in both pieces that it joins.
+    """Return the manifold from the rows of all its images, cut to the arclength, with each corner in both its pieces.
 
     The point of a corner is taken from the piece with fewer impacts on Σ⁻, on which it is exact.
 
@@ -203,7 +218,7 @@ def _assembled(
     Manifold
         The manifold.
     """
-    walked = np.concatenate([[0.0], np.cumsum(np.hypot(*_steps(rows[:2], unit)))])
+    walked = np.concatenate([[0.0], np.cumsum(np.hypot(*_differences(rows[:2], unit)))])
     rows = rows[:, : int(np.searchsorted(walked, arclength, side="right"))]
     starts = np.flatnonzero(rows[4])
     gap = np.hypot(*((rows[:2, starts] - rows[:2, starts - 1]) / [[1.0], [unit]]))
@@ -212,6 +227,6 @@ def _assembled(
     # on the other piece the error of a corner is the square root of the rounding error
     rows[:, np.where(exact == near, near - 1, near)] = rows[:, exact]
     pieces = np.concatenate([[0], starts, [rows.shape[1]]]).astype(np.int64)
-    length = float(np.hypot(*_steps(rows[:2], unit)).sum())
+    length = float(np.hypot(*_differences(rows[:2], unit)).sum())
     tau, v, t, j = rows[:4]
     return Manifold(orbit, kind, side, tau, v, t, j.astype(np.int64), pieces, np.where(gap < joined, 0.0, gap), length)

@@ -52,7 +52,7 @@ class Orbit(NamedTuple):
         return orbit_columns((self,))
 
     def __repr__(self) -> str:
-        """Return a one-line description."""
+        """Return a description of the orbit in one line."""
         return line_of(self)
 
     def _repr_html_(self) -> str:
@@ -73,7 +73,10 @@ def orbit_columns(orbits: Sequence[Orbit]) -> Columns:
 
 
 class PeriodOne(NamedTuple):
-    """Orbits A, B, C, D at parameters of shape S: fields (4, *S), multipliers (4, 2, *S); NaN for a missing orbit."""
+    """Orbits A, B, C, D at parameters of shape S.
+
+    Fields have the shape (4, *S), multipliers (4, 2, *S). The values of an orbit that does not exist are False or NaN.
+    """
 
     exists: NDArray[np.bool_]
     stable: NDArray[np.bool_]
@@ -85,7 +88,7 @@ class PeriodOne(NamedTuple):
 def existing_orbits(
     found: PeriodOne, delta: float, epsilon: float, beta: float, added: Mapping[str, float]
 ) -> tuple[Orbit, ...]:
-    """Return the orbits that exist at one parameter point, in the order A, B, C, D. found: fields of shape (4,)."""
+    """Return the orbits that exist at one parameter point, in the order A, B, C, D. Fields of `found` are (4,)."""
     return tuple(
         Orbit(
             name,
@@ -107,10 +110,10 @@ def existing_orbits(
 
 
 class MissingLimit(NamedTuple):
-    """A limit, sn1 or flip, that does not exist at a damping.
+    """A limit, SN1 or the flip of C, that does not exist at a damping.
 
-    reason: why it does not exist, and the event that takes its place. epsilon: the eccentricity of this other event,
-    None if there is none.
+    limit: its name, "sn1" or "flip". reason: why it does not exist, and the event that takes its place. epsilon: the
+    eccentricity of this other event, None if there is none.
     """
 
     limit: str
@@ -118,7 +121,8 @@ class MissingLimit(NamedTuple):
     epsilon: float | None
 
 
-SQUARED = 1e150  # a larger trace overflows when it is squared, and the determinant is negligible beside its square
+# a trace larger than this would overflow when it is squared, and the determinant is negligible beside the square
+SQUARED = 1e150
 
 
 def multipliers_of(trace: ArrayLike, determinant: ArrayLike) -> NDArray[np.complex128]:
@@ -146,7 +150,7 @@ _OF_THE_PAPER = {"": "I", "AC": "II", "ABCD": "III", "AD": "V"}  # all four orbi
 _SETS = ["".join(x for x, there in zip(NAMES, each[::-1], strict=True) if there) for each in product((0, 1), repeat=4)]
 #: Names of regions by number: 0 is no region, 1 to 5 are I to V of the paper, others are named by their orbits.
 REGIONS = ("", *PAPER_REGIONS, *(each for each in _SETS if each not in _OF_THE_PAPER))
-# number of the region for each set of orbits as bits
+# number of the region of each set of orbits; bit i of an index says whether orbit number i of A to D is in the set
 _CODES = np.array([REGIONS.index(_OF_THE_PAPER.get(each, each)) for each in _SETS], np.int8)
 
 
@@ -184,7 +188,7 @@ class HasOrbits(Protocol):
         """Eccentricity above which permanent contact is impossible."""
 
     def region(self) -> int:
-        """Return the region's number in REGIONS."""
+        """Return the number of the region, an index in REGIONS."""
 
     def orbits(self) -> tuple[Orbit, ...]:
         """Return the admissible period-one orbits."""

@@ -1,4 +1,4 @@
-"""The equations of a periodic motion of any gear, and the properties that all periodic motions have."""
+"""Equations of the periodic motions of any gear, their solution, and the properties that all these motions have."""
 
 import math
 from abc import ABC, abstractmethod
@@ -17,10 +17,11 @@ from rattle.orbits.period_one import multipliers_of
 
 @dataclass(frozen=True)
 class Equations(ABC):
-    """The n equations of a periodic motion in its n unknowns; arrays x (…, n + 2) hold the unknowns, then δ and ε.
+    """The itinerary of a periodic motion, and the n equations that the motion satisfies in its n unknowns.
 
-    walls: +1 or −1 for each impact or contact of a period, Σ⁺ first. m: number of forcing periods. beta: half-backlash.
-    The unknowns are the times of the impacts or contacts, followed by any further unknowns of each.
+    walls: +1 or −1 for each impact or contact of a period, in order, Σ⁺ first. m: number of forcing periods. beta:
+    half-backlash. The unknowns are the times of the impacts or contacts, followed by any further unknowns of each.
+    Arrays x (…, n + 2) hold the unknowns, then δ and ε.
     """
 
     walls: tuple[int, ...]
@@ -36,18 +37,18 @@ class Equations(ABC):
 
     @abstractmethod
     def residual(self, x: NDArray) -> NDArray:
-        """Return the residual R (…, n) at x (…, n + 2)."""
+        """Return the residual R (…, n) of the equations at x (…, n + 2), which is 0 for a solution."""
 
     @abstractmethod
     def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
-        """Return R and J(λ) = ∂R/∂unknowns (…, n, n), for perturbations that grow by λ over one period."""
+        """Return the residual R and its Jacobian J(λ) (…, n, n) for perturbations that grow by λ over a period."""
 
     @abstractmethod
     def with_graze(self, x: NDArray, impact: int) -> NDArray:
-        """Return R followed by one more function, (…, n + 1), which vanishes if impact number `impact` grazes."""
+        """Return the residual R and after it one more entry, which is 0 if impact number `impact` grazes (…, n + 1)."""
 
     def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
-        """Return the Jacobian J(λ) (…, n, n) of `with_jacobian`, λ being `multiplier`."""
+        """Return the Jacobian J(λ) (…, n, n) of `with_jacobian` for λ = `multiplier`."""
         return self.with_jacobian(x, multiplier)[1]
 
     @property
@@ -56,14 +57,14 @@ class Equations(ABC):
         return self.m, self.walls.count(1), self.walls.count(-1)
 
     def with_walls(self, walls: tuple[int, ...], m: int | None = None) -> Self:
-        """Return the itinerary of a motion of the same gear with other walls, in m forcing periods (None: as many)."""
+        """Return the itinerary of a motion of this gear with other walls, in m forcing periods (None: as many)."""
         return replace(self, walls=walls, m=self.m if m is None else m)
 
-    def begun_at(self, first: int) -> Self:
+    def with_first_impact(self, first: int) -> Self:
         """Return the itinerary of the same motion that begins with impact number `first`."""
         return self.with_walls(self.walls[first:] + self.walls[:first])
 
-    def without(self, impact: int) -> Self:
+    def without_impact(self, impact: int) -> Self:
         """Return the itinerary of the motion that makes all impacts except impact number `impact`."""
         return self.with_walls(self.walls[:impact] + self.walls[impact + 1 :])
 
@@ -71,20 +72,20 @@ class Equations(ABC):
         """Return the itinerary with one more impact, which becomes number `impact`."""
         return self.with_walls((*self.walls[:impact], wall, *self.walls[impact:]))
 
-    def doubled(self) -> Self:
-        """Return the itinerary of twice the period: this one, two times in succession."""
+    def with_doubled_period(self) -> Self:
+        """Return the itinerary of twice the period, which meets the walls of this itinerary two times in succession."""
         return self.with_walls(self.walls * 2, 2 * self.m)
 
-    def divided(self, parts: int) -> Self:
-        """Return the itinerary whose `parts`-fold repetition is this itinerary."""
+    def with_divided_period(self, parts: int) -> Self:
+        """Return the itinerary which, repeated `parts` times, is this itinerary."""
         return self.with_walls(self.walls[: len(self.walls) // parts], self.m // parts)
 
 
 Itinerary = TypeVar("Itinerary", bound=Equations)
 
 
-def begun_at(itinerary: Equations, x: Array, first: int) -> Array:
-    """Return x (N,), the unknowns and numbers after them, for the same motion begun with impact number `first`."""
+def unknowns_from_impact(itinerary: Equations, x: Array, first: int) -> Array:
+    """Return x (N,), the unknowns and then the parameters, of the same motion begun with impact number `first`."""
     each = x[: itinerary.n].reshape(-1, len(itinerary.walls))
     turned = np.concatenate([each[:, first:], each[:, :first]], axis=1)
     turned[0, len(itinerary.walls) - first :] += itinerary.m
@@ -92,43 +93,52 @@ def begun_at(itinerary: Equations, x: Array, first: int) -> Array:
 
 
 def twins(itinerary: Equations, start: Array, x: Array) -> Array:
-    """Return all equivalent unknowns of the motion `start` (N,), with their first times nearest to that of x.
+    """Return all arrays of unknowns that describe the same motion as `start` (N,).
 
     The same motion has other unknowns if it begins at another impact from which the order of walls is the same, or
-    whole forcing periods earlier or later.
+    whole forcing periods earlier or later. Of the latter, those whose first time is nearest to the first time of x are
+    returned.
 
     Returns
     -------
     Array
-        Solutions (k, N); one of them is `start`, shifted by whole periods.
+        Unknowns (k, N); one of them is `start`, shifted by whole periods.
     """
     n, walls = len(itinerary.walls), itinerary.walls
-    found = np.array([begun_at(itinerary, start, k) for k in range(n) if walls[k:] + walls[:k] == walls])
+    found = np.array([unknowns_from_impact(itinerary, start, k) for k in range(n) if walls[k:] + walls[:k] == walls])
     found[:, :n] -= np.rint(found[:, :1] - x[0])
     return found
 
 
 def with_shortest_period(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array]:
-    """Return the motion x (n + 2,) with its least period; if it is shorter than m, the times are solved for again."""
+    """Return itinerary and unknowns of the motion x (n + 2,) with its least period.
+
+    If this period is shorter than m forcing periods, the times are solved for again.
+
+    Returns
+    -------
+    tuple[Itinerary, Array]
+        The itinerary, and the unknowns followed by δ and ε.
+    """
     impacts = len(itinerary.walls)
     for parts in range(math.gcd(impacts, itinerary.m), 1, -1):
         shift, odd = divmod(impacts, parts)
         if odd or itinerary.m % parts or itinerary.walls[shift:] + itinerary.walls[:shift] != itinerary.walls:
             continue
-        later = begun_at(itinerary, x, shift)
+        later = unknowns_from_impact(itinerary, x, shift)
         later[:impacts] -= itinerary.m // parts
         if np.max(np.abs(later - x)) < SAME_MOTION:
-            shorter = itinerary.divided(parts)
+            shorter = itinerary.with_divided_period(parts)
             first = np.concatenate([x[: itinerary.n].reshape(-1, impacts)[:, :shift].ravel(), x[itinerary.n :]])
-            solved = at_parameters(shorter, first)
+            solved = solve_at_parameters(shorter, first)
             return shorter, first if solved is None else solved
     return itinerary, x
 
 
-MOST_IMPACTS = 512  # most impacts of a periodic motion
+MOST_IMPACTS = 512  # largest allowed number of impacts of a periodic motion
 MOST_NEWTON = 30
-# largest time difference, in forcing periods, at which a part of a motion counts as a repetition of the part before;
-# near a flip rounding errors grow
+# largest difference, in forcing periods, between the times of a part of a motion and of the part before at which the
+# part counts as a repetition; near a flip rounding errors grow
 SAME_MOTION = 1e-8
 
 
@@ -162,8 +172,10 @@ class Periodic(ABC):
     admissible: bool
 
     @classmethod
-    def of(cls, itinerary: Equations, x: Array, speeds: Array, trace: float, admissible: bool, **more: Any) -> Self:
-        """Return the motion of a solution x (n + 2,) of its equations, with the trace of its tangent map.
+    def from_solution(
+        cls, itinerary: Equations, x: Array, speeds: Array, trace: float, admissible: bool, **more: Any
+    ) -> Self:
+        """Return the motion at a solution x (n + 2,) of its equations. trace: that of its tangent map over the period.
 
         Returns
         -------
@@ -204,12 +216,12 @@ class Periodic(ABC):
 
     @property
     def n_plus(self) -> int:
-        """Impacts on Σ⁺ in a period."""
+        """Number of impacts on Σ⁺ in a period."""
         return self.walls.count(1)
 
     @property
     def n_minus(self) -> int:
-        """Impacts on Σ⁻ in a period."""
+        """Number of impacts on Σ⁻ in a period."""
         return self.walls.count(-1)
 
     @property
@@ -230,7 +242,7 @@ class Periodic(ABC):
         return {"wall": self.walls, "departure": self.departures, "speed": self.speeds}
 
     def __repr__(self) -> str:
-        """Return a one-line description."""
+        """Return a description of the motion in one line."""
         return line_of(self)
 
     def _repr_html_(self) -> str:
@@ -252,8 +264,8 @@ class Periodic(ABC):
         return dataframe_of(self)
 
 
-def at_parameters(itinerary: Equations, x: Array) -> Array | None:
-    """Return x (n + 2,) with its unknowns solved for by Newton's method at its δ and ε; None if the method fails."""
+def solve_at_parameters(itinerary: Equations, x: Array) -> Array | None:
+    """Solve for the unknowns of x = (unknowns (n,), δ, ε) at these δ and ε by Newton's method; None if it fails."""
     n, x = itinerary.n, x.copy()
     for _ in range(MOST_NEWTON):
         value, jacobian = derivatives(itinerary.residual, x)

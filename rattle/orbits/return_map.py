@@ -1,8 +1,8 @@
 """Powers of a return map with their tangent map, and the periodic orbits that Newton's method finds (compiled).
 
-The type of a parameter point selects the model: by this type every kernel finds the following functions
-(`rattle.numerics.compile.for_type`). Each gear provides all these functions for its point and its cells, except that
-the inelastic gear has no inverse map:
+The type of a parameter point or of a record of cells selects the model: by this type kernels find the functions of this
+table (`rattle.numerics.compile.for_type`). Each gear provides all these functions for its point and its cells, except
+that the inelastic gear has no inverse map:
 
 =============  =================  ===========================  ======================  ========================
 function       declared in        impacting (Point, Cells)     stiff (StiffPoint, …)   inelastic (InelasticPoint, …)
@@ -13,7 +13,7 @@ inverse_step   orbits.return_map  impacting.map.impact_map     stiff.map.return_
 bounce         intensity.visit    impacting.map.impact_map     stiff.map.return_map    inelastic.map.bounce
 mean_force_at  intensity.visit    impacting.map.impact_map     stiff.map.return_map    inelastic.map.bounce
 point_of       orbits.return_map  impacting.attractors.settle  stiff.attractors.settle  inelastic.map.cells
-between        orbits.return_map  impacting.attractors.settle  stiff.attractors.settle  inelastic.map.cells
+point_between  orbits.return_map  impacting.attractors.settle  stiff.attractors.settle  inelastic.map.cells
 =============  =================  ===========================  ======================  ========================
 """
 
@@ -24,37 +24,39 @@ from rattle.flight.law import folded, speed_unit, wrapped
 from rattle.numerics.compile import kernel
 
 NEWTON_STEPS = 15
-SAME = 1e-8  # largest distance, with speeds in `speed_unit`, at which an orbit counts as closed
+# largest distance between a state and its image at which an orbit counts as closed, in forcing periods and in units of
+# `speed_unit`
+SAME = 1e-8
 
 
 def step(tau, v, point):
-    """Return Π(τ, v): (status, τ', v', time, contacts with Σ⁻)."""
+    """Apply Π to (τ, v), and return (status, τ', v', elapsed time, number of contacts with Σ⁻)."""
     raise NotImplementedError("this function exists inside kernels only: from Python use Gear.iterate")
 
 
 def step_tangent(tau, v, point):
-    """Return Π(τ, v) with its tangent: (status, τ', v', time, contacts with Σ⁻, j00, j01, j10, j11, ln|det|)."""
+    """Apply Π and its tangent map; return (status, τ', v', time, contacts with Σ⁻, j00, j01, j10, j11, ln|det|)."""
     raise NotImplementedError("this function exists inside kernels only: from Python use Gear.iterate")
 
 
 def inverse_step(tau, v, point):
-    """Return Π⁻¹(τ, v): (status, τ, v, time, contacts with Σ⁻)."""
+    """Apply Π⁻¹ to (τ, v), and return (status, τ', v', elapsed time, number of contacts with Σ⁻)."""
     raise NotImplementedError("this function exists inside kernels only: from Python use Gear.iterate")
 
 
 def point_of(cell, cells):
-    """Return the parameter point of a cell."""
+    """Return the parameter point of cell number `cell` of a record of cells."""
     raise NotImplementedError("this function exists inside kernels only: from Python use Gear.iterate")
 
 
-def between(share, one, other):
+def point_between(share, one, other):
     """Return the parameter point at `share` of the way from the point `one` to the point `other`."""
     raise NotImplementedError("this function exists inside kernels only: from Python use Gear.iterate")
 
 
 @kernel
 def power_map(tau, v, k, point):
-    """Return Π^k(τ, v) with its tangent: (status, τ, v, time, Σ⁻ impacts, j00, j01, j10, j11, ln|det|)."""
+    """Apply Π^k and its tangent map; return (status, τ', v', time, impacts on Σ⁻, j00, j01, j10, j11, ln|det|)."""
     a00, a01, a10, a11, log_det, time, n_minus = 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0
     for _ in range(k):
         status, tau, v, s, below, j00, j01, j10, j11, ln = step_tangent(tau, v, point)
@@ -70,7 +72,7 @@ def power_map(tau, v, k, point):
 
 @kernel
 def newton(tau, v, k, point):
-    """Find the fixed point of Π^k near (τ, v) by Newton's method: (found, τ, v)."""
+    """Find the fixed point of Π^k near (τ, v) by Newton's method, and return (found, τ, v)."""
     size, unit = 1.0, speed_unit(point.delta, point.epsilon, point.beta)
     for _ in range(NEWTON_STEPS):
         status, t1, v1, _time, _below, a00, a01, a10, a11, _ln = power_map(tau, v, k, point)
@@ -96,7 +98,7 @@ def newton(tau, v, k, point):
 
 @kernel
 def log_multipliers(trace, log_det):
-    """Return ln|λ| of both multipliers, the larger first, from the trace and ln|det| of the tangent map."""
+    """Return ln|λ| of both multipliers λ of a tangent map with this trace and ln|det|, the larger first."""
     determinant = math.exp(log_det)
     inside = 0.25 * trace * trace - determinant
     if inside <= 0.0:
@@ -107,7 +109,7 @@ def log_multipliers(trace, log_det):
 
 @kernel
 def shortest_return(tau, v, k, point):
-    """Return the smallest divisor d of k for which Π^d(τ, v) = (τ, v), to SAME; k if there is none."""
+    """Return the least divisor d of k with Π^d(τ, v) = (τ, v) up to rounding; k if there is none."""
     t, speed, unit = tau, v, speed_unit(point.delta, point.epsilon, point.beta)
     for d in range(1, k // 2 + 1):
         status, t, speed, _time, _below = step(t, speed, point)
@@ -120,7 +122,7 @@ def shortest_return(tau, v, k, point):
 
 @kernel
 def fastest_point(tau, v, k, point):
-    """Return the state (τ, v) after the fastest of the orbit's k impacts on Σ⁺; it represents the orbit uniquely."""
+    """Return the state (τ, v) after the fastest of the k impacts on Σ⁺ of a periodic orbit; it identifies the orbit."""
     best_tau, best_v = tau, v
     for _ in range(k):
         _status, tau, v, _time, _below = step(tau, v, point)

@@ -22,16 +22,15 @@ from rattle.orbits.periodic import Periodic
 from rattle.orbits.return_map import power_map
 
 Array = NDArray[np.float64]
-DEGREE, NODES = 10, 25  # degree of the series, and points at which its residual is evaluated
-LARGEST, SMALLEST = 0.1, 1e-9  # largest and smallest size of the series that is tried
-# tolerances of F(W(s)) − W(λs): relative to the size of the series; and its least value relative to v, for Π and for
-# Π⁻¹
+DEGREE, NODES = 10, 25  # degree of the series; number of points at which its residual is evaluated
+LARGEST, SMALLEST = 0.1, 1e-9  # largest and smallest size |s| of a series that is tried
+# largest residual F(W(s)) − W(λs) of a series, relative to its size; least such limit relative to v, for Π and for Π⁻¹
 RESIDUAL, ROUNDING = 1e-12, (4e-15, 8e-15)
 MOST_ITERATIONS = 60
 
 
 @dataclass(frozen=True)
-class Local:
+class LocalManifold:
     """The local manifold W(s) for |s| ≤ size, as a power series in s/size.
 
     Attributes
@@ -39,11 +38,13 @@ class Local:
     powers : (DEGREE + 1, 2)
         Coefficients of τ and v, the lowest power first.
     multiplier : float
-        The multiplier λ of F.
+        The multiplier λ of the map F along the manifold.
     steps, turns : int
-        Impacts on Σ⁺ and forcing periods of one F, forwards in time or, with `backwards`, backwards.
+        Impacts on Σ⁺ and forcing periods of one application of F, forwards in time or, with `backwards`, backwards.
     residual : float
-        The largest |F(W(s/λ)) − W(s)|.
+        The largest |F(W(s/λ)) − W(s)|, with speeds in units of `unit`.
+    unit : float
+        The speed difference that counts as one forcing period in residuals.
     """
 
     orbit: Periodic
@@ -54,27 +55,34 @@ class Local:
     steps: int
     turns: int
     residual: float = np.inf
-    unit: float = 1.0  # unit of speeds in residuals
+    unit: float = 1.0
 
-    def at(self, s: Array) -> Array:
-        """Return the states (2, n), τ not folded and v, at positions s (n,) with |s| ≤ size."""
+    def states_at(self, s: Array) -> Array:
+        """Return the states (2, n) of the local manifold at positions s (n,), |s| ≤ size. τ is not folded."""
         return np.asarray(polyval(np.asarray(s) / self.size, self.powers), np.float64)
 
     def map(self, states: Array, times: int) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
-        """Return F^times of states (2, n): flags of existing images, images, hashes of itineraries, Σ⁻ impacts."""
+        """Apply the map F of this manifold `times` times to states (2, n).
+
+        Returns
+        -------
+        tuple
+            Flags (n,) of the states that have an image; the images (2, n); the hashes of their itineraries (n,); and
+            their numbers of impacts on Σ⁻ (n,).
+        """
         tau, v = (np.ascontiguousarray(x) for x in states)
         steps, turns = times * self.steps, times * self.turns
         ok, tau, v, word, bounces = images(tau, v, steps, turns, self.backwards, self.orbit.point)
         return ok, np.stack([tau, v]), word, bounces
 
     def image(self, s: Array, times: int) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
-        """Return F^times(W(s)) for any s (n,), in the form of `map`."""
+        """Return F^times(W(s)) for positions s (n,) on the whole manifold, in the form of `map`."""
         more = max(0, int(np.ceil(np.log(np.abs(s).max() / self.size) / np.log(self.multiplier))))
-        return self.map(self.at(s / self.multiplier**more), times + more)
+        return self.map(self.states_at(s / self.multiplier**more), times + more)
 
 
-def tangent(orbit: Periodic) -> Array:
-    """Return the tangent map DΠ^k (2, 2) of the orbit in (τ, v); it is infinite at a graze."""
+def tangent_map(orbit: Periodic) -> Array:
+    """Return the tangent map (2, 2) of a periodic orbit over its period, in (τ, v); it is infinite at a graze."""
     product, tau, v = np.eye(2), float(folded(orbit.tau)), orbit.v
     for _ in range(orbit.label[1]):
         found = power_map(tau, v, 1, orbit.point)
@@ -84,28 +92,28 @@ def tangent(orbit: Periodic) -> Array:
 
 
 def eigenvectors(orbit: Periodic) -> tuple[Array, Array]:
-    """Return the unit eigenvectors (2,) in (τ, v) of the unstable and the stable multiplier.
+    """Return the unit eigenvectors (2,) of a saddle in (τ, v), for its unstable and its stable multiplier.
 
     Returns
     -------
     tuple[Array, Array]
         Both vectors, which point towards rising v (rising τ if v does not change along them).
     """
-    values, vectors = np.linalg.eig(tangent(orbit))
+    values, vectors = np.linalg.eig(tangent_map(orbit))
     unstable, stable = (np.real(vectors[:, i]) for i in np.argsort(-np.abs(values)))
     unstable, stable = (x * np.sign(x[1] if abs(x[1]) > 1e-9 else x[0]) for x in (unstable, stable))
     return unstable, stable
 
 
-def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> Local:
-    """Return the local manifold of a saddle.
+def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> LocalManifold:
+    """Return the stable or the unstable local manifold of a saddle.
 
     Its size is the largest of the sizes 0.1, 0.05, … for which a series of degree 10 has a residual of at most 1e-12 of
     the size (more where rounding or λ is large). In residuals speeds are in units of `unit`.
 
     Returns
     -------
-    Local
+    LocalManifold
         The coefficients of the series, and its size.
 
     Raises
@@ -117,35 +125,41 @@ def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> Local:
     """
     large, small = orbit.multipliers
     saddle = orbit.admissible and np.isfinite(large) and abs(large) > 1.0 > abs(small) > 0.0
-    require(bool(saddle), f"the orbit is no saddle with finite multipliers: {large}, {small}")
+    require(
+        bool(saddle),
+        "the orbit is no saddle: it must be admissible, with one multiplier inside the unit circle and one outside, "
+        f"got {large} and {small}",
+    )
     multiplier = float(1.0 / np.real(small) if stable else np.real(large))
     twice = 2 if multiplier < 0 else 1
     multiplier **= twice
     powers = np.zeros((DEGREE + 1, 2))
     powers[0], powers[1] = (orbit.tau, orbit.v), eigenvectors(orbit)[1 if stable else 0]
     size = LARGEST
-    derivative = np.linalg.matrix_power(tangent(orbit), -twice if stable else twice)
+    derivative = np.linalg.matrix_power(tangent_map(orbit), -twice if stable else twice)
     scaled = derivative * [[1.0, unit], [1.0 / unit, 1.0]]
     rounding = ROUNDING[stable] * max(1.0, orbit.v / unit) * max(1.0, float(np.linalg.norm(scaled)))
     while size > SMALLEST:
-        start = Local(orbit, stable, powers, 1.0, multiplier, twice * orbit.label[1], twice * orbit.m, unit=unit)
-        found = _solved(start, size, np.asarray(derivative, np.float64))
+        start = LocalManifold(
+            orbit, stable, powers, 1.0, multiplier, twice * orbit.label[1], twice * orbit.m, unit=unit
+        )
+        found = _solve_series(start, size, np.asarray(derivative, np.float64))
         if found is not None and found.residual < max(rounding, RESIDUAL * size * max(1.0, multiplier / 10.0)):
             return found
         size /= 2.0
     raise RattleError(f"the saddle at tau = {orbit.tau}, v = {orbit.v} is too close to grazing for a local manifold")
 
 
-def _solved(start: Local, size: float, derivative: Array) -> Local | None:
-    """Return the series for |s| ≤ size whose two lowest coefficients are given; None if Γ crosses it or it diverges.
+def _solve_series(start: LocalManifold, size: float, derivative: Array) -> LocalManifold | None:
+    """Return the local manifold as a series for |s| ≤ size, from its two lowest coefficients in `start`.
 
-    In each iteration coefficient W_k changes by (λ^k − DF)⁻¹ times coefficient k of the residual. This is Newton's step
-    without the second derivative of F.
+    In each iteration coefficient k changes by (λ^k − DF)⁻¹ times coefficient k of the residual F(W(s)) − W(λs). This is
+    Newton's step without the second derivative of F.
 
     Returns
     -------
-    Local | None
-        The series, or None.
+    LocalManifold | None
+        The local manifold; None if Γ crosses it, or if the iteration diverges.
     """
     x = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
     solve = np.linalg.pinv(np.vander(x, DEGREE + 1, increasing=True)[:, 2:])
@@ -154,13 +168,13 @@ def _solved(start: Local, size: float, derivative: Array) -> Local | None:
     powers = start.powers * np.array([1.0, size] + [0.0] * (DEGREE - 1))[:, None]
     local, last = replace(start, powers=powers, size=size), np.inf
     for _ in range(MOST_ITERATIONS):
-        before = local.at(size * x / local.multiplier)
+        before = local.states_at(size * x / local.multiplier)
         if not (before[1] > 0).all():
             return None
         ok, states, word, _ = local.map(before, 1)
         if not (ok.all() and (word == word[0]).all()):
             return None
-        off = states - local.at(size * x)
+        off = states - local.states_at(size * x)
         local = replace(local, residual=float((np.abs(off) / [[1.0], [local.unit]]).max()))
         new = local.powers.copy()  # coefficient k of `off` is that of F(W(s)) − W(λs) over λ^k
         new[2:] += np.einsum("kij,kj->ki", inverse * rates[:, None, None], solve @ off.T)

@@ -44,7 +44,7 @@ def has_settled(delta: float, epsilon: float, tau: NDArray[np.float64], v: NDArr
     return (moved < CLOSED).any(axis=1) | (v < 0.1)
 
 
-def leaks(delta: float, epsilon: float, start: States) -> bool:
+def is_leaking(delta: float, epsilon: float, start: States) -> bool:
     """Return whether trajectories leave the chaotic set during the observation.
 
     The states `start` are first iterated for BEFORE impacts, then observed for IMPACTS impacts.
@@ -73,5 +73,5 @@ def end_of_chaos(delta: float, low: float, high: float, width: float) -> tuple[f
     start = states_on_chaos(delta, low, WATCHED)
     while high - low > width:
         middle = (low + high) / 2
-        low, high = (low, middle) if leaks(delta, middle, start) else (middle, high)
+        low, high = (low, middle) if is_leaking(delta, middle, start) else (middle, high)
     return low, high

@@ -20,7 +20,7 @@ paper writes ≈. An interval agrees only as a whole. Computed values that are c
 
 
 def value(number: Number) -> str:
-    """Return a computed value with ten decimals, marked if it is proved, or both ends of an interval with seven."""
+    """Return a computed value with ten decimals, marked if it is proved; ends of an interval have seven."""
     if isinstance(number.computed, tuple):
         return "{:.7f} to {:.7f}".format(*number.computed)
     return f"{number.computed:.10f}" + (", proved" if number.what in PROVED else "")
@@ -36,7 +36,7 @@ def verdict(report: Report, number: Number) -> str:
     return f"{number.verdict}: finding {report.number_of(number.finding)}" if number.finding else number.verdict
 
 
-def cell(text: str) -> str:
+def escaped_cell(text: str) -> str:
     """Return a text for a table cell, with each | escaped, because | would end the cell."""
     return text.replace("|", "\\|")
 
@@ -47,7 +47,9 @@ def markdown(report: Report) -> str:
         f"| {x.where} | {x.what} | {x.paper} | {value(x)} | {difference(x)} | {verdict(report, x)} |"
         for x in report.numbers
     ]
-    statements = [f"| {x.where} | {cell(x.says)} | {cell(x.computed)} | {x.verdict} |" for x in report.statements]
+    statements = [
+        f"| {x.where} | {escaped_cell(x.says)} | {escaped_cell(x.computed)} | {x.verdict} |" for x in report.statements
+    ]
     findings = []
     for i, x in enumerate(report.findings, 1):
         evidence = [f"- {one.shows}{'' if one.holds else ' (NOT BORNE OUT)'}" for one in x.evidence]

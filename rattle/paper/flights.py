@@ -10,7 +10,7 @@ from rattle.impacting.gear import Gear
 from rattle.orbits.period_one import NAMES, PeriodOne
 
 Array = NDArray[np.float64]
-#: Number of times of a flight at which Φ'' is computed.
+#: Number of instants during a flight at which Φ'' is computed.
 INSTANTS = 201
 
 
@@ -66,7 +66,7 @@ class WorstFlight(NamedTuple):
     first: float
 
 
-def along_orbits(delta: Array, epsilon: Array, orbits: PeriodOne) -> tuple[WorstFlight, ...]:
+def worst_flights(delta: Array, epsilon: Array, orbits: PeriodOne) -> tuple[WorstFlight, ...]:
     """Return for each of A, B, C and D the smallest Φ'' on the orbit over cells (n,)."""
     found = []
     for k, name in enumerate(NAMES):

@@ -15,18 +15,18 @@ EXAMPLE = (0.4, 0.25, 0.32, 5.82)
 JUMP = (0.4, 0.25, 0.46, 2.8, 2.9)
 
 
-def convexity() -> Finding:
+def convexity_finding() -> Finding:
     """Return the finding on the paper's claim that Φ'' > 0 on all flights, and where the claim fails."""
     delta, epsilon = plane_cells(60, 60)
-    worst = flights.along_orbits(delta, epsilon, rattle.period_one(delta, epsilon))
+    worst = flights.worst_flights(delta, epsilon, rattle.period_one(delta, epsilon))
     first = min(w.first for w in worst)
     column = np.linspace(0.06, 0.3, 241)
     there = np.full(column.size, 0.6)
     up = min(
         np.nan_to_num(w.first, nan=np.inf)
-        for w in flights.along_orbits(there, column, rattle.period_one(there, column))
+        for w in flights.worst_flights(there, column, rattle.period_one(there, column))
     )
-    low = min(_smallest(*point) for point in ((0.6, 0.056), (0.6, 0.1), (0.762, 0.0974)))
+    low = min(_smallest_random_acceleration(*point) for point in ((0.6, 0.056), (0.6, 0.1), (0.762, 0.0974)))
     return Finding(
         "convexity",
         "Φ'' > 0 fails in parts of Figure 7's plane",
@@ -55,24 +55,24 @@ def convexity() -> Finding:
     )
 
 
-def _smallest(delta: float, epsilon: float) -> float:
+def _smallest_random_acceleration(delta: float, epsilon: float) -> float:
     """Return the smallest Φ'' during one step of Π from 500 random states."""
     random = np.random.default_rng(0)
     states = zip(random.random(500), 7 * random.random(500), strict=True)
     return min(flights.reference_step(delta, epsilon, float(tau), float(v)).smallest for tau, v in states)
 
 
-def _jump(delta: float, epsilon: float, tau: float, low: float, high: float) -> tuple[float, float, float]:
+def _find_jump(delta: float, epsilon: float, tau: float, low: float, high: float) -> tuple[float, float, float]:
     """Return the speed v between low and high at which Π jumps, and the speeds after Π on both sides, by bisection."""
 
-    def after(v: float) -> float:
+    def speed_after_return(v: float) -> float:
         """Return the speed after one step of Π."""
         return float(rattle.iterate(delta, epsilon, tau, v, 1).v)
 
-    below, above = after(low), after(high)
+    below, above = speed_after_return(low), speed_after_return(high)
     for _ in range(60):
         middle = (low + high) / 2
-        now = after(middle)
+        now = speed_after_return(middle)
         if abs(now - below) < abs(now - above):
             low, below = middle, now
         else:
@@ -80,9 +80,9 @@ def _jump(delta: float, epsilon: float, tau: float, low: float, high: float) -> 
     return low, below, above
 
 
-def impact_map() -> Finding:
+def impact_map_finding() -> Finding:
     """Return the finding on the impact map: a fourth case of flights, and a jump of Π."""
-    v, below, above = _jump(*JUMP)
+    v, below, above = _find_jump(*JUMP)
     step = flights.reference_step(*EXAMPLE)
     delta, epsilon = plane_cells(300, 150)
     random = np.random.default_rng(0)
@@ -122,8 +122,8 @@ def impact_map() -> Finding:
     )
 
 
-def contact_force_statement() -> Finding:
-    """Return the finding on the paper's claims that g > 0 and that (3.13) holds, and where they fail."""
+def contact_force_finding() -> Finding:
+    """Return the finding on the paper's claims that the contact force g is positive and that (3.13) always holds."""
     delta = np.linspace(*WINDOW[0], 2001)
     top = WINDOW[1][1]
     beyond = float(np.clip(1 - rattle.quiet_limit(delta) / top, 0, 1).mean())
@@ -131,7 +131,9 @@ def contact_force_statement() -> Finding:
     never = float((least / top).mean())
     phase = np.linspace(0, 1, 1001)
     at = float(formulas.acceleration_by_formula(phase, 0.0, 0.4, 0.2).min())
-    born = np.fmin(rattle.sn1(delta), rattle.grazing("G2", delta).epsilon)  # region I ends at SN1 or G2, NaN is ignored
+    born = np.fmin(
+        rattle.sn1(delta), rattle.grazing("G2", delta).epsilon
+    )  # region I ends at SN1 or G2; fmin ignores NaN
     return Finding(
         "contact force",
         "Neither positive g nor (3.13) holds throughout Figure 7's plane",
@@ -155,11 +157,11 @@ def contact_force_statement() -> Finding:
     )
 
 
-def factor_three() -> Finding:
+def factor_three_finding() -> Finding:
     """Return the finding on the change of speed in a small bounce, which the paper prints three times too large."""
-    orders = formulas.orders()
-    rate, periods = formulas.decay(0.02, 1_500_000)
-    third, printed = (formulas.decay_by_formula(factor, 0.005, 2.0) for factor in (1 / 3, 1.0))
+    orders = formulas.measure_orders()
+    rate, periods = formulas.decay_rate(0.02, 1_500_000)
+    third, printed = (formulas.decay_rate_by_formula(factor, 0.005, 2.0) for factor in (1 / 3, 1.0))
     damping = formulas.DELTA
     return Finding(
         "factor three",
@@ -190,8 +192,8 @@ def factor_three() -> Finding:
     )
 
 
-def extremes_of_f() -> Finding:
-    """Return the finding on (3.11) and (3.12), the extremes of f, which are printed with a factor too much."""
+def extremes_of_f_finding() -> Finding:
+    """Return the finding on the paper's (3.11) and (3.12): the extremes of f are printed with a factor v² too much."""
     v, delta, epsilon = 0.05, 0.6, 0.1
     values = formulas.f(np.arange(4000) / 4000, v, delta, epsilon)
     sign = np.array([-1, 1])
@@ -212,9 +214,9 @@ def extremes_of_f() -> Finding:
     )
 
 
-def formulas_that_hold() -> tuple[Statement, ...]:
-    """Return the formulas of section 3.1.1 and (4.1) that the paper states correctly."""
-    orders = formulas.orders()
+def formula_statements() -> tuple[Statement, ...]:
+    """Return the correct formulas of the paper's section 3.1.1, and its (4.1), as statements with evidence."""
+    orders = formulas.measure_orders()
     delta = np.linspace(0.4, 0.77, 38)
     sn1 = np.abs(2 - delta / np.tanh(delta / 2))
     below, above = (rattle.period_one(delta, sn1 * (1 + side)).exists[[0, 2]] for side in (-1e-9, 1e-9))

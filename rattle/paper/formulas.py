@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 
 def acceleration_by_formula(phase: Array, v: float, delta: float, epsilon: float) -> Array:
-    """Return Φ'' on departure: the bracket of (3.7), and the denominator of (3.8) with the sign corrected."""
+    """Return Φ'' on departure: the bracket of the paper's (3.7), or its denominator of (3.8) with the right sign."""
     return (
         delta * v
         - TWO_PI * delta * epsilon * np.sin(TWO_PI * phase)
@@ -39,7 +39,7 @@ def acceleration_by_formula(phase: Array, v: float, delta: float, epsilon: float
 
 
 def f(phase: Array, v: float, delta: float, epsilon: float) -> Array:
-    """Return f by (3.9) as printed, which is 2Φ''' on departure."""
+    """Return f by the paper's (3.9) as printed, which is 2Φ''' on departure."""
     sine = np.sin(TWO_PI * phase)
     return 4 * (
         -(delta**2) * v / 2 + delta**2 * np.pi * epsilon * sine - 2 * delta**2 * np.pi + 4 * np.pi**3 * epsilon * sine
@@ -47,7 +47,7 @@ def f(phase: Array, v: float, delta: float, epsilon: float) -> Array:
 
 
 def g(phase: Array, v: float, delta: float, epsilon: float) -> Array:
-    """Return g by (3.10) as printed, which is the square of Φ'' on departure."""
+    """Return g by the paper's (3.10) as printed, which is the square of Φ'' on departure."""
     return acceleration_by_formula(phase, v, delta, epsilon) ** 2
 
 
@@ -66,15 +66,15 @@ class Orders(NamedTuple):
     third: float
 
 
-def orders() -> Orders:
-    """Measure the orders at (DELTA, EPSILON), from two times h of a flight and from two speeds of whole bounces."""
+def measure_orders() -> Orders:
+    """Measure the orders of the errors at (DELTA, EPSILON), from two times of flights and two speeds of bounces."""
     expansions = np.array([_expansion_residuals(h) for h in STEPS])
     bounces = np.array([_bounce_residuals(v) for v in SPEEDS])
     return Orders(*np.log2(expansions[0] / expansions[1]), *np.log2(bounces[0] / bounces[1]))
 
 
 def _expansion_residuals(h: float) -> tuple[float, float]:
-    """Return the largest errors of Φ by (3.6) and of Φ' by (3.7), a time h after the departure."""
+    """Return the largest errors of Φ by the paper's (3.6) and of Φ' by its (3.7), a time h after the departure."""
     rate = acceleration_by_formula(PHASES, SPEED, DELTA, EPSILON)
     left = []
     for phase, a, jerk in zip(PHASES, rate, f(PHASES, SPEED, DELTA, EPSILON) / 2, strict=True):
@@ -87,22 +87,28 @@ def _expansion_residuals(h: float) -> tuple[float, float]:
 
 
 def _bounce_residuals(v: float) -> tuple[float, float, float]:
-    """Return the largest errors of the time by (3.8), and of the speed after a bounce with f/g and with f/3g."""
+    """Return the largest errors of a bounce that starts at speed v, by the paper's formulas.
+
+    Returns
+    -------
+    tuple[float, float, float]
+        The errors of the duration by (3.8), and of the speed afterwards by v + (f/g) v² and by v + (f/3g) v².
+    """
     gear = Gear(DELTA, EPSILON)
     bounces = [gear.first_impact(1, phase, -v) for phase in PHASES]
     time = np.array([b.flight_time for b in bounces])
     speed = np.array([b.impact_velocity for b in bounces])
     change = f(PHASES, v, DELTA, EPSILON) / g(PHASES, v, DELTA, EPSILON) * v**2
     late = time - 2 * v / acceleration_by_formula(PHASES, v, DELTA, EPSILON)
-    return _largest(late), _largest(speed - v - change), _largest(speed - v - change / 3)
+    return _largest_absolute(late), _largest_absolute(speed - v - change), _largest_absolute(speed - v - change / 3)
 
 
-def _largest(values: Array) -> float:
+def _largest_absolute(values: Array) -> float:
     """Return the largest absolute value."""
     return float(np.abs(values).max())
 
 
-def decay(v: float, impacts: int, delta: float = DELTA, epsilon: float = EPSILON) -> tuple[float, float]:
+def decay_rate(v: float, impacts: int, delta: float = DELTA, epsilon: float = EPSILON) -> tuple[float, float]:
     """Return the rate per forcing period at which ln v falls over many exact bounces, the first at phase 0.
 
     The speed of bounces also varies with the phase, and the first and the last bounce are at different phases.
@@ -122,10 +128,13 @@ def decay(v: float, impacts: int, delta: float = DELTA, epsilon: float = EPSILON
     return (invariant[0] - invariant[1]) / 3 / periods, periods
 
 
-def decay_by_formula(factor: float, v: float, periods: float, delta: float = DELTA, epsilon: float = EPSILON) -> float:
+def decay_rate_by_formula(
+    factor: float, v: float, periods: float, delta: float = DELTA, epsilon: float = EPSILON
+) -> float:
     """Return the rate at which ln v falls if each bounce takes 2v/Φ'' and changes v by factor · (f/g) v².
 
-    Bounces start at phase 0 and continue for the given number of forcing periods.
+    f and g are the paper's functions (3.9) and (3.10). Bounces start at phase 0 and continue for the given number of
+    forcing periods.
 
     Returns
     -------

@@ -17,7 +17,7 @@ from rattle.orbits.period_one import PeriodOne
 from rattle.paper.birth import birth_of_chaos
 from rattle.paper.chaos import has_settled
 from rattle.paper.numbers import epsilon_at
-from rattle.paper.pictures import DELTA, Panels, basin_share, fractions, label_of
+from rattle.paper.pictures import DELTA, Panels, basin_fraction, fractions_text, label_of
 from rattle.paper.plane import Array, C, D
 from rattle.paper.records import Finding, FindingEvidence
 
@@ -27,12 +27,12 @@ FAR_BELOW, JUST_BELOW = 0.0912, 0.096
 SEEN = 0.005
 
 
-def exponent(attractors: tuple[Attractor, ...]) -> float:
+def chaos_exponent(attractors: tuple[Attractor, ...]) -> float:
     """Return the largest Lyapunov exponent of the chaotic attractor, NaN if there is none."""
     return next((a.lyapunov[0] for a in attractors if a.kind == "chaotic"), np.nan)
 
 
-def chaos_appears() -> Finding:
+def chaos_birth_finding() -> Finding:
     """Return the finding on the birth of the chaotic attractor of Figure 4(i)."""
     birth = birth_of_chaos()
     early, before, above, after = (
@@ -58,15 +58,15 @@ def chaos_appears() -> Finding:
                 (birth.n_plus, birth.n_minus) == (4, 2) and birth.graze > 0.097,
             ),
             FindingEvidence(
-                f"ε = {JUST_BELOW}: {fractions(before)}",
-                basin_share(before, "chaotic") + basin_share(before, "undecided")
+                f"ε = {JUST_BELOW}: {fractions_text(before)}",
+                basin_fraction(before, "chaotic") + basin_fraction(before, "undecided")
                 == 0
-                < basin_share(before, "P(4,4,2)"),
+                < basin_fraction(before, "P(4,4,2)"),
             ),
             *(
                 FindingEvidence(
-                    f"ε = {e}: {fractions(seen)}; exponent {exponent(seen):.2f}",
-                    basin_share(seen, "chaotic") > 0.1,
+                    f"ε = {e}: {fractions_text(seen)}; exponent {chaos_exponent(seen):.2f}",
+                    basin_fraction(seen, "chaotic") > 0.1,
                 )
                 for e, seen in ((0.0974, above), (0.098, after), (FAR_BELOW, early))
             ),
@@ -74,7 +74,7 @@ def chaos_appears() -> Finding:
     )
 
 
-def two_points_not_one() -> Finding:
+def cod23_finding() -> Finding:
     """Return the finding on COD23, the codimension-two point at which SN2 and PD1 end."""
     points = {point.name: point for point in codimension_two()}
     equal, ends = points["COD21"], points["COD23"]
@@ -83,7 +83,7 @@ def two_points_not_one() -> Finding:
     between = orbits_at(delta, (graze + born) / 2, 0.6)
     names = "".join(orbit.name for orbit in between)
     beyond, below = 0.7604, 0.7592
-    exponents = _beside_c(below, 1e-7)
+    exponents = _exponents_beside_c(below, 1e-7)
     return Finding(
         "COD23",
         "SN2 and PD1 do not meet G1 in COD21",
@@ -115,8 +115,16 @@ def two_points_not_one() -> Finding:
     )
 
 
-def _beside_c(delta: float, below: float) -> Array:
-    """Return the largest exponents of unsettled trajectories near the grazing orbit, at a distance `below` below G1."""
+def _exponents_beside_c(delta: float, below: float) -> Array:
+    """Return the largest exponents of trajectories that start near the orbit that grazes on G1, and do not settle.
+
+    below: by how much ε is less than on G1.
+
+    Returns
+    -------
+    Array
+        First Lyapunov exponents per forcing period.
+    """
     graze = rattle.grazing("G1", delta)
     epsilon = float(graze.epsilon) - below
     tau, v = np.meshgrid(graze.tau + np.linspace(-0.01, 0.01, 40), graze.v + np.linspace(-0.05, 0.05, 40))
@@ -126,7 +134,7 @@ def _beside_c(delta: float, below: float) -> Array:
     return end.lyapunov[0][~has_settled(delta, epsilon, end.tau, end.v)]
 
 
-def stability_of_c(orbits: PeriodOne, region: NDArray[np.int8]) -> Finding:
+def c_stability_finding(orbits: PeriodOne, region: NDArray[np.int8]) -> Finding:
     """Return the finding on PDC, the flip of C, which the paper does not have."""
     inside = np.isin(region, (2, 3, 4))
     part = float((~orbits.stable[C] & inside).sum() / inside.sum())
@@ -161,7 +169,7 @@ def stability_of_c(orbits: PeriodOne, region: NDArray[np.int8]) -> Finding:
     )
 
 
-def stability_of_d(delta: Array, epsilon: Array, orbits: PeriodOne, region: NDArray[np.int8]) -> Finding:
+def d_stability_finding(delta: Array, epsilon: Array, orbits: PeriodOne, region: NDArray[np.int8]) -> Finding:
     """Return the finding on PD2, the flip at which D regains its stability."""
     stable = orbits.stable[D]
     five, patch = region == 5, (region == 3) & (epsilon > 0.2)
@@ -184,13 +192,13 @@ def stability_of_d(delta: Array, epsilon: Array, orbits: PeriodOne, region: NDAr
             FindingEvidence(
                 f"stable D in {part:.1%} of region V, for δ up to {delta[stable & five].max():.3f}", part > 0.01
             ),
-            FindingEvidence(f"δ = 0.5, ε = 0.29 (V): {fractions(seen)}", basin_share(seen, "P(1,1,1)") > 0.01),
+            FindingEvidence(f"δ = 0.5, ε = 0.29 (V): {fractions_text(seen)}", basin_fraction(seen, "P(1,1,1)") > 0.01),
         ),
     )
 
 
-def multipliers_on_g1() -> Finding:
-    """Return the finding on the multipliers along G1, below and above COD20."""
+def g1_multipliers_finding() -> Finding:
+    """Return the finding on the Floquet multipliers along G1, at dampings below and above COD20."""
     corner = codimension_two()[0]
     delta = np.linspace(0.4, 0.6, 20001)
     multipliers = rattle.grazing("G1", delta).multipliers
@@ -217,7 +225,7 @@ def multipliers_on_g1() -> Finding:
     )
 
 
-def region_one() -> Finding:
+def region_one_finding() -> Finding:
     """Return the finding on P(1,2,0), a period-one orbit that attracts in region I."""
     random = np.random.default_rng(0)
     delta, epsilon = random.uniform(0.4, 1.0, 6000), random.uniform(0.0, 0.3, 6000)
@@ -241,8 +249,8 @@ def region_one() -> Finding:
         "damping too, and at δ = 0.6 inside Figure 5's range of ε, below its axis of speeds.",
         (
             FindingEvidence(
-                f"δ = 1, ε = 0.23, region {rattle.REGIONS[here.region()]}: {fractions(seen)}",
-                here.region() == 1 and basin_share(seen, "P(1,2,0)") > 0.01,
+                f"δ = 1, ε = 0.23, region {rattle.REGIONS[here.region()]}: {fractions_text(seen)}",
+                here.region() == 1 and basin_fraction(seen, "P(1,2,0)") > 0.01,
             ),
             FindingEvidence(
                 f"it attracts at {which.size} of {delta.size} random points of region I, δ from "
@@ -252,8 +260,8 @@ def region_one() -> Finding:
                 which.size > 0 and not (other & ~two).any(),
             ),
             FindingEvidence(
-                f"δ = 0.6: born in a saddle-node at ε = {born:.7f}; ε = 0.12: {fractions(also)}",
-                basin_share(also, "P(1,2,0)") > 0.05 and 0.1 < born < 0.12,
+                f"δ = 0.6: born in a saddle-node at ε = {born:.7f}; ε = 0.12: {fractions_text(also)}",
+                basin_fraction(also, "P(1,2,0)") > 0.05 and 0.1 < born < 0.12,
             ),
             FindingEvidence(
                 "there its speeds on Σ⁺ are {:.4f} and {:.4f}".format(*orbit.speeds),
@@ -263,11 +271,11 @@ def region_one() -> Finding:
     )
 
 
-def number_of_attractors(found: Panels) -> Finding:
+def attractor_number_finding(found: Panels) -> Finding:
     """Return the finding on the number of attractors in the panels of Figure 4."""
     counts = [sum(a.fraction >= SEEN for a in attractors) for attractors in found.values()]
-    c = [basin_share(attractors, "P(1,1,0)") for attractors in found.values()]
-    rattling = [1 - basin_share(attractors, "quiet") for attractors in found.values()]
+    c = [basin_fraction(attractors, "P(1,1,0)") for attractors in found.values()]
+    rattling = [1 - basin_fraction(attractors, "quiet") for attractors in found.values()]
     lone = sorted({label_of(a) for a in found[0.089]})
     return Finding(
         "number of attractors",

@@ -10,7 +10,8 @@ from rattle.paper.birth import birth_of_chaos
 from rattle.paper.chaos import end_of_chaos
 from rattle.paper.records import Number
 
-#: For each number: its place in the paper, its digits as printed, and the key of the finding that explains an error.
+#: For each number: its place in the paper, its digits as printed, and the key of the finding that explains why the
+#: number is wrong ("" if it is right).
 STATED = {
     "SN1 at δ = 0.6": ("5.1, Fig. 5", "≈ 0.0596", ""),
     "SN2 at δ = 0.6": ("5.1, Fig. 5", "≈ 0.0687", ""),
@@ -33,7 +34,8 @@ STATED = {
     "λ₁ = λ₂ = 2/3, δ": ("5.2", "≈ 0.8109", ""),
 }
 
-#: The numbers that are proved (docs/proofs.md): a curve and its damping, or a codimension-two point and a coordinate.
+#: The numbers that are proved (docs/proofs.md), each as a curve and its damping, or as a codimension-two point and one
+#: of its coordinates.
 PROVED = {
     **{f"{curve} at δ = {delta}": (curve, delta) for curve in ("SN1", "G1") for delta in ("0.6", "0.762")},
     "SN2 at δ = 0.6": ("SN2", "0.6"),
@@ -48,13 +50,13 @@ PROVED = {
 
 
 def epsilon_at(curve: str, delta: float) -> float:
-    """Return ε of a bifurcation curve at one damping; NaN where it is absent."""
+    """Return ε of a bifurcation curve at one damping; NaN if the curve does not exist there."""
     found = trace(curve, delta=(delta - 0.01, delta + 0.01)).at(delta)
     return found[0] if found else math.nan
 
 
-def _computed() -> dict[str, Callable[[], float | tuple[float, float]]]:
-    """Return a function that computes each number, by the number's name in STATED. Raises RattleError."""
+def _computations() -> dict[str, Callable[[], float | tuple[float, float]]]:
+    """Return {name of a number in STATED: function that computes the number}. Raises RattleError."""
     points = {point.name: point for point in codimension_two()}
     missing = {"COD21", "COD22", "COD23"} - set(points)
     if missing:
@@ -86,7 +88,7 @@ def _computed() -> dict[str, Callable[[], float | tuple[float, float]]]:
 
 def paper_numbers(of: str | None = None) -> tuple[Number, ...]:
     """Return all numbers in the paper's order, or only those that the finding with the key `of` explains."""
-    computed = _computed()
+    computed = _computations()
     return tuple(
         Number(where, what, paper, computed[what](), key)
         for what, (where, paper, key) in STATED.items()

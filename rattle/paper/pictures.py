@@ -31,37 +31,43 @@ def label_of(attractor: Attractor) -> str:
     return f"P({attractor.m},{attractor.n_plus},{attractor.n_minus})"
 
 
-def fractions(attractors: tuple[Attractor, ...]) -> str:
+def fractions_text(attractors: tuple[Attractor, ...]) -> str:
     """Return the labels of all attractors with their basin fractions, as text."""
     return ", ".join(f"{label_of(a)} {a.fraction:.3f}" for a in attractors)
 
 
-def basin_share(attractors: tuple[Attractor, ...], wanted: str) -> float:
+def basin_fraction(attractors: tuple[Attractor, ...], wanted: str) -> float:
     """Return the basin fraction of all attractors with the label `wanted`."""
     return sum(a.fraction for a in attractors if label_of(a) == wanted)
 
 
-def figure_4(found: Panels) -> tuple[Statement, ...]:
+def figure_4_statements(found: Panels) -> tuple[Statement, ...]:
     """Return the statements of Figure 4's caption, and the statements of section 5.1 about this figure."""
     a, b, d, e, g, i = (found[x] for x in (0.056, 0.0615, 0.0725, 0.078, 0.089, 0.1))
     several = min(len(x) for epsilon, x in found.items() if epsilon > 0.056)
     return (
-        Statement("Fig. 4(a)", "all initial conditions become quiet", fractions(a), basin_share(a, "quiet") == 1),
+        Statement(
+            "Fig. 4(a)", "all initial conditions become quiet", fractions_text(a), basin_fraction(a, "quiet") == 1
+        ),
         Statement("Fig. 4", "more than one attractor in all other panels", f"{several} or more", several > 1),
-        Statement("Fig. 4(b)", "basin of C, P(1,1,0), is seen", fractions(b), basin_share(b, "P(1,1,0)") > SMALL),
-        Statement("Fig. 4(d)", "very small basin of D, P(1,1,1)", fractions(d), 0 < basin_share(d, "P(1,1,1)") < SMALL),
+        Statement(
+            "Fig. 4(b)", "basin of C, P(1,1,0), is seen", fractions_text(b), basin_fraction(b, "P(1,1,0)") > SMALL
+        ),
+        Statement(
+            "Fig. 4(d)", "very small basin of D, P(1,1,1)", fractions_text(d), 0 < basin_fraction(d, "P(1,1,1)") < SMALL
+        ),
         Statement(
             "Fig. 4(e)",
             "P(2,2,2) in its place",
-            fractions(e),
-            basin_share(e, "P(2,2,2)") > 0 == basin_share(e, "P(1,1,1)"),
+            fractions_text(e),
+            basin_fraction(e, "P(2,2,2)") > 0 == basin_fraction(e, "P(1,1,1)"),
         ),
-        Statement("Fig. 4(g)", "period four and period eight", fractions(g), {4, 8} <= {x.m for x in g}),
-        Statement("Fig. 4(i)", "chaotic attractor", fractions(i), basin_share(i, "chaotic") > 0),
+        Statement("Fig. 4(g)", "period four and period eight", fractions_text(g), {4, 8} <= {x.m for x in g}),
+        Statement("Fig. 4(i)", "chaotic attractor", fractions_text(i), basin_fraction(i, "chaotic") > 0),
     )
 
 
-def figures_5_and_6() -> tuple[Statement, ...]:
+def figures_5_and_6_statements() -> tuple[Statement, ...]:
     """Return the statements about Figure 5, also those of section 5.1, and the statements of Figure 6's caption."""
     epsilon = np.linspace(
         rattle.sn1(DELTA) * (1 + 1e-12), float(rattle.grazing("G1", DELTA).epsilon) * (1 - 1e-12), 801
@@ -113,6 +119,6 @@ def figures_5_and_6() -> tuple[Statement, ...]:
 
 
 def _speed_error(orbits: PeriodOne, k: int, i: int, epsilon: float) -> float:
-    """Return |v − 2πδ|, where v is the speed after one step of Π from orbit k at ε, which has number i in `orbits`."""
+    """Return |v − 2πδ|, where v is the speed after one step of Π from orbit k. i: the index of ε in `orbits`."""
     step = Gear(DELTA, epsilon).impact(float(orbits.tau[k, i]), float(orbits.v[k, i]))
     return abs(step.v - 2 * np.pi * DELTA)

@@ -33,7 +33,7 @@ def plane_cells(columns: int = CELLS[0], rows: int = CELLS[1]) -> tuple[Array, A
     return one.ravel(), other.ravel()
 
 
-def figure_7(orbits: PeriodOne, region: NDArray[np.int8]) -> tuple[Statement, ...]:
+def figure_7_statements(orbits: PeriodOne, region: NDArray[np.int8]) -> tuple[Statement, ...]:
     """Return the statements about the regions of Figure 7, and about the stability of the orbits A and B."""
     covered = float((region > 0).mean())
     unstable = [int(orbits.stable[k].sum()) for k in (A, B)]
@@ -55,7 +55,7 @@ def figure_7(orbits: PeriodOne, region: NDArray[np.int8]) -> tuple[Statement, ..
 
 
 def _orbits_beside(curve: str, delta: Array) -> tuple[set[str], set[str]]:
-    """Return the names of the orbits that exist just below and just above a grazing curve, at all δ."""
+    """Return the combinations of orbits, such as "AD", that exist just below and just above a grazing curve."""
     epsilon = rattle.grazing(curve, delta).epsilon
     both = []
     for side in (-ASIDE, ASIDE):
@@ -66,7 +66,7 @@ def _orbits_beside(curve: str, delta: Array) -> tuple[set[str], set[str]]:
     return both[0], both[1]
 
 
-def along_grazing() -> tuple[Statement, ...]:
+def grazing_statements() -> tuple[Statement, ...]:
     """Return the statements of section 5.2 about the orbits and multipliers on G1 and G2."""
     points = {point.name: point for point in codimension_two()}
     d1, d2, d3 = (points[name].delta for name in ("COD21", "COD22", "COD23"))
@@ -93,10 +93,10 @@ def along_grazing() -> tuple[Statement, ...]:
         orders = {f"{a}-{b}": p for (a, b), p in points[name].tangency.items()}
         shown = ", ".join(f"{pair} {p:.2f}" for pair, p in orders.items())
         rows.append(Statement("5.2, Fig. 8", says, f"order of contact {shown}", all(p > 1.9 for p in orders.values())))
-    return (*rows, *_multipliers(before, between, after))
+    return (*rows, *_multiplier_statements(before, between, after))
 
 
-def _multipliers(before: Array, between: Array, after: Array) -> tuple[Statement, ...]:
+def _multiplier_statements(before: Array, between: Array, after: Array) -> tuple[Statement, ...]:
     """Return the statements about multipliers at δ before COD21, between COD21 and COD22, and after COD22."""
     first, middle, last = (
         rattle.grazing(c, d).multipliers for c, d in (("G1", before), ("G1", between), ("G2", after))
@@ -134,7 +134,7 @@ def _multipliers(before: Array, between: Array, after: Array) -> tuple[Statement
     )
 
 
-def figure_9(end: float) -> tuple[Statement, ...]:
+def figure_9_statements(end: float) -> tuple[Statement, ...]:
     """Return the statements about the chaotic attractor at δ = 0.762, from G1 to its end at ε = end."""
     delta = 0.762
     start = float(rattle.grazing("G1", delta).epsilon)

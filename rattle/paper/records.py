@@ -53,7 +53,7 @@ class Number:
 
     @property
     def verdict(self) -> str:
-        """AGREES, OFF, or UNDECIDED if only a part of the interval agrees."""
+        """AGREES or OFF; UNDECIDED if only a part of the computed interval agrees."""
         low, high = (end - float(self.stated) for end in self.interval)
         reach = self.tolerance + ROUNDING
         if -reach <= low and high <= reach:
@@ -61,7 +61,7 @@ class Number:
         return OFF if low > reach or high < -reach or low != low or high != high else UNDECIDED
 
     @property
-    def as_expected(self) -> bool:
+    def is_as_expected(self) -> bool:
         """True if the number agrees and has no finding, or is off and has a finding that explains it."""
         return self.verdict == (OFF if self.finding else AGREES)
 
@@ -81,11 +81,11 @@ class Statement:
 
     @property
     def verdict(self) -> str:
-        """HOLDS or FAILS."""
+        """HOLDS if the evidence supports the statement, else FAILS."""
         return HOLDS if self.holds else FAILS
 
     @property
-    def as_expected(self) -> bool:
+    def is_as_expected(self) -> bool:
         """True if the statement holds; a statement that fails must be a finding."""
         return self.holds
 
@@ -116,7 +116,7 @@ class Finding:
     evidence: tuple[FindingEvidence, ...]
 
     @property
-    def as_expected(self) -> bool:
+    def is_as_expected(self) -> bool:
         """True if all of the evidence holds."""
         return all(one.holds for one in self.evidence)
 
@@ -142,17 +142,17 @@ class Report:
         """One line with the counts of numbers that agree, statements that hold, and findings whose evidence holds."""
         counts = (
             (sum(x.verdict == AGREES for x in self.numbers), self.numbers, "numbers agree"),
-            (sum(x.finding != "" and x.as_expected for x in self.numbers), self.numbers, "are off as findings say"),
+            (sum(x.finding != "" and x.is_as_expected for x in self.numbers), self.numbers, "are off as findings say"),
             (sum(x.holds for x in self.statements), self.statements, "statements hold"),
-            (sum(x.as_expected for x in self.findings), self.findings, "findings are borne out"),
+            (sum(x.is_as_expected for x in self.findings), self.findings, "findings are borne out"),
         )
         return ", ".join(f"{count} of {len(every)} {words}" for count, every, words in counts if every)
 
     @property
-    def unexpected(self) -> tuple[str, ...]:
+    def deviations(self) -> tuple[str, ...]:
         """The numbers and statements that deviate without a finding, and the findings whose evidence fails."""
-        numbers = (x.what for x in self.numbers if not x.as_expected)
-        statements = (x.says for x in self.statements if not x.as_expected)
+        numbers = (x.what for x in self.numbers if not x.is_as_expected)
+        statements = (x.says for x in self.statements if not x.is_as_expected)
         numbered = enumerate(self.findings, self.first)
-        findings = (f"finding {i}: {x.title}" for i, x in numbered if not x.as_expected)
+        findings = (f"finding {i}: {x.title}" for i, x in numbered if not x.is_as_expected)
         return (*numbers, *statements, *findings)

@@ -9,7 +9,7 @@ from rattle.paper import forces, motions, pictures, plane
 from rattle.paper.numbers import paper_numbers
 from rattle.paper.records import Finding, Number, Report, Statement
 
-#: Name in `numbers.STATED` of the ε up to which the statements about Figure 9 hold.
+#: Name, in `numbers.STATED`, of the ε up to which the statements about Figure 9 hold.
 END = "chaotic attractor ends at δ = 0.762"
 
 
@@ -26,18 +26,18 @@ def statements(panels: pictures.Panels, found: tuple[Number, ...]) -> tuple[Stat
     orbits, region = rattle.period_one(delta, epsilon), rattle.regions(delta, epsilon)
     end = next(number.interval[0] for number in found if number.what == END)
     return (
-        *forces.formulas_that_hold(),
-        *pictures.figure_4(panels),
-        *pictures.figures_5_and_6(),
-        *plane.figure_7(orbits, region),
-        *plane.along_grazing(),
-        *plane.figure_9(end),
+        *forces.formula_statements(),
+        *pictures.figure_4_statements(panels),
+        *pictures.figures_5_and_6_statements(),
+        *plane.figure_7_statements(orbits, region),
+        *plane.grazing_statements(),
+        *plane.figure_9_statements(end),
     )
 
 
 def findings(panels: pictures.Panels) -> tuple[Finding, ...]:
     """Compute all findings: where the paper is wrong or incomplete."""
-    return tuple(compute() for compute in _findings(lambda: panels))
+    return tuple(compute() for compute in _finding_functions(lambda: panels))
 
 
 def one_finding(number: int) -> Report:
@@ -53,27 +53,27 @@ def one_finding(number: int) -> Report:
     ParameterError
         If there is no finding with this number.
     """
-    known = _findings(pictures.compute_panels)
+    known = _finding_functions(pictures.compute_panels)
     require(1 <= number <= len(known), f"there is no finding {number}: choose a number from 1 to {len(known)}")
     found = known[number - 1]()
     return Report(paper_numbers(found.key), (), (found,), number)
 
 
-def _findings(panels: Callable[[], pictures.Panels]) -> tuple[Callable[[], Finding], ...]:
-    """Return a function for each finding that computes it, in order. Values that several of them use are cached."""
+def _finding_functions(panels: Callable[[], pictures.Panels]) -> tuple[Callable[[], Finding], ...]:
+    """Return the functions that compute the findings, in order. Values that several findings use are cached."""
     cells = cache(plane.plane_cells)
     orbits, region = cache(lambda: rattle.period_one(*cells())), cache(lambda: rattle.regions(*cells()))
     return (
-        motions.chaos_appears,
-        motions.two_points_not_one,
-        lambda: motions.stability_of_c(orbits(), region()),
-        lambda: motions.stability_of_d(*cells(), orbits(), region()),
-        motions.multipliers_on_g1,
-        motions.region_one,
-        lambda: motions.number_of_attractors(panels()),
-        forces.convexity,
-        forces.impact_map,
-        forces.contact_force_statement,
-        forces.factor_three,
-        forces.extremes_of_f,
+        motions.chaos_birth_finding,
+        motions.cod23_finding,
+        lambda: motions.c_stability_finding(orbits(), region()),
+        lambda: motions.d_stability_finding(*cells(), orbits(), region()),
+        motions.g1_multipliers_finding,
+        motions.region_one_finding,
+        lambda: motions.attractor_number_finding(panels()),
+        forces.convexity_finding,
+        forces.impact_map_finding,
+        forces.contact_force_finding,
+        forces.factor_three_finding,
+        forces.extremes_of_f_finding,
     )

@@ -15,7 +15,7 @@ from rattle.proof.certificate import Ends
 #: Colour of the parts on which nothing is proved.
 LEFT = "#222222"
 UNSTABLE, POSSIBLE, NOTHING = "#c9bfe0", "#a1d99b", REGION_COLOURS[1]
-#: The panels: a title, and the claims that it shows with their colours.
+#: The panels: for each a title, and the claims that the panel shows, with their colours.
 PANELS = (
     ("regions", dict(zip(REGIONS, REGION_COLOURS[1:], strict=False))),
     ("C", {ATTRACTING["C"]: NAMED[1, 1, 0], SADDLE["C"]: UNSTABLE, ABSENT["C"]: NOTHING}),
@@ -33,9 +33,9 @@ def areas_figure(blocks: Sequence[ProvedBlock], delta: Ends, epsilon: Ends) -> D
         if share.what == REGION
     )
     for axes, (name, inks) in zip(figure.subplots(2, 2).ravel(), PANELS, strict=True):
-        _panel(axes, [block for block in blocks if block.claim in inks], inks)
+        _draw_claims(axes, [block for block in blocks if block.claim in inks], inks)
         if QUIET in inks:
-            _speeds(axes, [block for block in blocks if block.claim == CAPTURED])
+            _draw_capture_speeds(axes, [block for block in blocks if block.claim == CAPTURED])
         title = f"{name}: {proved_regions.proved:.1%} proved" if name == "regions" else name
         axes.set(title=title, xlabel="damping δ", ylabel="eccentricity ε", facecolor=LEFT)
         axes.set(xlim=[float(x) for x in delta], ylim=[float(x) for x in epsilon])
@@ -48,7 +48,7 @@ def _corners(blocks: Sequence[ProvedBlock]) -> list[list[tuple[float, float]]]:
     return [[(left, low), (right, low), (right, high), (left, high)] for left, right, low, high in ends]
 
 
-def _panel(axes: Axes, blocks: Sequence[ProvedBlock], inks: dict[str, str]) -> None:
+def _draw_claims(axes: Axes, blocks: Sequence[ProvedBlock], inks: dict[str, str]) -> None:
     """Draw blocks as rectangles in the colours of their claims, with a legend."""
     colours = [inks[block.claim] for block in blocks]
     axes.add_collection(PolyCollection(_corners(blocks), facecolors=colours, edgecolors=colours, linewidths=0.1))
@@ -56,7 +56,7 @@ def _panel(axes: Axes, blocks: Sequence[ProvedBlock], inks: dict[str, str]) -> N
     axes.legend(handles=keys, fontsize=8, loc="lower right", framealpha=0.9)
 
 
-def _speeds(axes: Axes, blocks: Sequence[ProvedBlock]) -> None:
+def _draw_capture_speeds(axes: Axes, blocks: Sequence[ProvedBlock]) -> None:
     """Draw blocks as rectangles coloured by their capture speed, with a colour bar."""
     if not blocks:
         return

@@ -24,8 +24,8 @@ from rattle.models import AnyGear, Capability, model_of, with_harmonics
 from rattle.orbits.manifolds import manifold
 from rattle.orbits.period_one import NAMES, Orbit
 from rattle.parameters import Harmonic
-from rattle.plot.colours import Palette, legend_name, order
-from rattle.plot.drawing import Drawing, new_figure, outlined
+from rattle.plot.colours import Palette, legend_name, legend_order
+from rattle.plot.drawing import Drawing, add_outline, new_figure
 from rattle.plot.labels import ROOM, Labels
 from rattle.plot.paper_ranges import BETA
 
@@ -52,12 +52,12 @@ DOWNWARDS = "impact speed v, downwards"
 AROUND = np.array([[0.0, 0.0], [0.01, 0.08], [-0.01, 0.08], [-0.01, -0.08], [0.01, -0.08]])
 #: Two states belong to the same orbit if τ and v each differ by less than this.
 SAME_ORBIT = 1e-6
-#: Colour of the edge of white lines and marks.
+#: Colour of the edges of white lines and marks.
 DIM = "0.25"
 
 
-def highest(gear: AnyGear) -> float:
-    """Return the largest speed on the axis: the paper's in the paper's (δ, ε) plane, elsewhere the natural speed."""
+def largest_drawn_speed(gear: AnyGear) -> float:
+    """Return the largest speed on the axis: 7 as in the paper in the paper's (δ, ε) plane, else the natural speed."""
     return sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
 
 
@@ -98,24 +98,24 @@ def draw_basins(axes: Axes, basins: Basins, palette: Palette) -> None:
 
 def gamma_line(gear: Any, v_max: float, spacing: float = SPACING) -> Array:
     """Return the grazing curve Γ of a gear as a line (k, 2) with phases in [0, 1]; it is empty if there is no Γ."""
-    return _joined([fold_line(piece.tau, piece.v, v_max) for piece in gear.gamma(spacing)])
+    return _join_lines([fold_line(piece.tau, piece.v, v_max) for piece in gear.gamma(spacing)])
 
 
 def draw_gamma(axes: Axes, gear: Any, width: float, v_max: float) -> Array:
     """Draw the grazing curve Γ in white, and return its line (k, 2), which is empty if there is no Γ."""
     line = gamma_line(gear, v_max)
     if len(line):
-        outlined(axes.plot(*line.T, color="white", linewidth=width, zorder=2)[0], DIM, 0.3)
+        add_outline(axes.plot(*line.T, color="white", linewidth=width, zorder=2)[0], DIM, 0.3)
     return line
 
 
-def _joined(lines: Sequence[Array]) -> Array:
+def _join_lines(lines: Sequence[Array]) -> Array:
     """Return several lines as one line, with a row of NaN after each of them."""
     gap = np.full((1, 2), np.nan)
     return np.concatenate([np.empty((0, 2)), *(part for line in lines for part in (line, gap))])
 
 
-def _legend(
+def _add_basin_legend(
     figure: Figure, attractors: Iterable[Attractor], palette: Palette, lines: Sequence[Line2D], columns: int
 ) -> None:
     """Add a legend of the lines and of the types of motion, at most the MOST_NAMED types with the largest basins."""
@@ -126,7 +126,7 @@ def _legend(
     shown = sorted(largest, key=lambda label: -largest[label].fraction)[:MOST_NAMED]
     patches = [
         Patch(facecolor=palette.colour(largest[label]), edgecolor="0.3", linewidth=0.5, label=label)
-        for label in sorted(shown, key=lambda label: order(largest[label]))
+        for label in sorted(shown, key=lambda label: legend_order(largest[label]))
     ]
     if len(shown) < len(largest):
         patches.append(Patch(facecolor="none", label=f"and {len(largest) - len(shown)} more"))
@@ -141,17 +141,17 @@ def _legend(
     )
 
 
-def _cross(stable: bool, orbit: Orbit | None = None) -> Line2D:
+def _orbit_marker(stable: bool, orbit: Orbit | None = None) -> Line2D:
     """Return the marker of a period-one orbit, at the orbit's state; without an orbit, a marker for the legend."""
     marker, meaning = CROSSES[stable]
     at = ([], []) if orbit is None else ([orbit.tau], [orbit.v])
     mark = Line2D(*at, ls="", marker=marker, color="white", ms=9, mew=1.6, zorder=4, label=meaning)
-    return outlined(mark, "black", 0.9)
+    return add_outline(mark, "black", 0.9)
 
 
-def _white_line(width: float) -> Line2D:
+def _gamma_legend_line(width: float) -> Line2D:
     """Return the line that stands for Γ in the legend."""
-    return outlined(Line2D([], [], color="white", linewidth=width, label="grazing curve Γ"), DIM, 0.6)
+    return add_outline(Line2D([], [], color="white", linewidth=width, label="grazing curve Γ"), DIM, 0.6)
 
 
 def panels(
@@ -164,7 +164,9 @@ def panels(
     harmonics: Sequence[Harmonic] = (),
     **added: float | None,
 ) -> Drawing:
-    """Draw Figure 4: a panel of basins for each ε, with one legend. The centre of every cell is followed in full.
+    """Draw Figure 4 of the paper: a panel of basins for each ε, with one legend.
+
+    The state at the centre of every cell is followed until its attractor is known.
 
     Parameters
     ----------
@@ -199,7 +201,7 @@ def panels(
     figure = new_figure(0.7 + 2.25 * columns, 1.2 + 2.3 * rows)
     found: list[Attractor] = []
     palette = Palette()
-    v_max = max(map(highest, gears))
+    v_max = max(map(largest_drawn_speed, gears))
     for i, gear in enumerate(gears):
         axes = figure.add_subplot(rows, columns, i + 1)
         basins = gear.basins(resolution, v_max, "direct", tau=tau, v=v)
@@ -208,14 +210,17 @@ def panels(
         if Capability.GAMMA in model.has:
             draw_gamma(axes, gear, 0.7, basins.v_max)
         axes.set_title(f"({'abcdefghi'[i]}) ε = {gear.epsilon:g}", fontsize=9, pad=4)
-        _few_ticks(axes, basins.box, first=i % columns == 0, last=i >= len(gears) - columns)
+        _set_few_ticks(axes, basins.box, first=i % columns == 0, last=i >= len(gears) - columns)
     figure.suptitle(f"damping δ = {gears[0].delta:g}, {model}", fontsize=10)
-    _legend(figure, found, palette, [_white_line(1.2)] if Capability.GAMMA in model.has else [], 5)
+    _add_basin_legend(figure, found, palette, [_gamma_legend_line(1.2)] if Capability.GAMMA in model.has else [], 5)
     return Drawing(figure)
 
 
-def _few_ticks(axes: Axes, box: Box, first: bool, last: bool) -> None:
-    """Put tick labels and axis names only at the first panel of a row (v) and at the last panel of a column (τ)."""
+def _set_few_ticks(axes: Axes, box: Box, first: bool, last: bool) -> None:
+    """Put tick labels and axis names only at the first panel of a row (v) and at the last panel of a column (τ).
+
+    first, last: whether this is the first panel of its row, and the last panel of its column.
+    """
     phases = [box.tau_low, 0.5 * (box.tau_low + box.tau_high), box.tau_high]
     axes.set_xticks(phases, [f"{x:.4g}" for x in phases])
     axes.yaxis.set_major_locator(MaxNLocator(FEW_TICKS))
@@ -224,8 +229,8 @@ def _few_ticks(axes: Axes, box: Box, first: bool, last: bool) -> None:
     axes.set_ylabel(DOWNWARDS if first else "", fontsize=9)
 
 
-def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = RESOLUTION) -> Drawing:
-    """Draw Figure 6: basins at one point, with A to D, the stable manifolds of the saddles A and B, and Γ.
+def basins_with_manifolds(delta: float, epsilon: float, beta: float = BETA, resolution: int = RESOLUTION) -> Drawing:
+    """Draw Figure 6 of the paper: basins at one point, with A to D, the stable manifolds of the saddles A and B, and Γ.
 
     Parts that do not exist at this point are left out, with a note.
 
@@ -247,7 +252,7 @@ def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = 
         If an argument is outside its domain.
     """
     gear = Gear(delta, epsilon, beta)
-    v_max = highest(gear)
+    v_max = largest_drawn_speed(gear)
     basins = gear.basins(resolution, v_max, "direct")
     orbits = {orbit.name: orbit for orbit in gear.orbits()}
     figure = new_figure(6.4, 6.2)
@@ -270,7 +275,7 @@ def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = 
     if missing:
         notes.append(f"{', '.join(missing)} left out: there is no such orbit with v below {v_max:.3g} at this point")
     for orbit in shown.values():
-        axes.add_line(_cross(orbit.stable, orbit))
+        axes.add_line(_orbit_marker(orbit.stable, orbit))
     axes.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "0.25", "0.5", "0.75", "1"])
     if v_max == PAPER_SPEED:
         axes.set_yticks(range(8))
@@ -279,10 +284,10 @@ def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = 
     axes.set_title(
         f"damping δ = {gear.delta:g}, eccentricity ε = {gear.epsilon:g}, half-backlash β = {beta:g}", fontsize=10
     )
-    lines = [Line2D([], [], color=MANIFOLDS[name], label=_stable(name)) for name in drawn]
-    lines += [_white_line(1.6)] if len(gamma) else []
-    lines += [_cross(stable) for stable in CROSSES if any(orbit.stable is stable for orbit in shown.values())]
-    _legend(figure, basins.attractors, palette, lines, 6)
+    lines = [Line2D([], [], color=MANIFOLDS[name], label=_stable_manifold_label(name)) for name in drawn]
+    lines += [_gamma_legend_line(1.6)] if len(gamma) else []
+    lines += [_orbit_marker(stable) for stable in CROSSES if any(orbit.stable is stable for orbit in shown.values())]
+    _add_basin_legend(figure, basins.attractors, palette, lines, 6)
     _write_labels(axes, basins, shown, drawn, gamma)
     figure.set_layout_engine("none")  # so that labels stay where they were placed
     return Drawing(figure, tuple(notes))
@@ -296,30 +301,30 @@ def manifold_line(
     arclength: float = ARCLENGTH,
     spacing: float = SPACING,
 ) -> tuple[Array, str | None]:
-    """Return a manifold of A or B as a line (k, 2) with phases in [0, 1], and why a part is missing, or None."""
+    """Return a manifold of A or B as a line (k, 2) with phases in [0, 1], and the reason if a part is missing."""
     if orbit is None:
         return np.empty((0, 2)), None  # another note names missing orbits
     if orbit.stable:
         return np.empty((0, 2)), f"{name} is stable there: it has no {kind} manifold to draw"
-    sides, why, v_max = [], None, highest(gear)
+    sides, why, v_max = [], None, largest_drawn_speed(gear)
     for side in (1, -1):
         try:
             grown = manifold(gear.saddle(orbit), kind, side, arclength, spacing, unit=v_max / PAPER_SPEED)
         except RattleError as error:
             why = f"a side of the {kind} manifold of {name} is left out: {error}"
             continue
-        for start, end in _connected(grown.pieces, grown.gap):
+        for start, end in _connected_ranges(grown.pieces, grown.gap):
             sides.append(fold_line(grown.tau[start:end], grown.v[start:end], v_max))
-    return _joined(sides), why
+    return _join_lines(sides), why
 
 
-def _connected(pieces: NDArray[np.int64], gap: Array) -> list[tuple[int, int]]:
+def _connected_ranges(pieces: NDArray[np.int64], gap: Array) -> list[tuple[int, int]]:
     """Return for each connected part of a manifold the range (start, end) of its points; gap > 0 separates parts."""
     cuts = [0, *pieces[1:-1][gap > 0].tolist(), int(pieces[-1])]
     return list(pairwise(cuts))
 
 
-def _stable(name: str) -> str:
+def _stable_manifold_label(name: str) -> str:
     """Return the label of the stable manifold of an orbit."""
     return f"$W^s({name})$"
 
@@ -334,19 +339,19 @@ def _write_labels(
     for name, orbit in orbits.items():
         labels.add(name, (orbit.tau, orbit.v), size=12, edged=True)
     for i, attractor in enumerate(basins.attractors):
-        symbol = _basin(attractor, orbits)
-        if symbol and not labels.within(symbol, basins.labels[::-1] == i, size=13):
-            place, room = labels.widest(basins.labels[::-1] == i)
+        symbol = _basin_symbol(attractor, orbits)
+        if symbol and not labels.add_within(symbol, basins.labels[::-1] == i, size=13):
+            place, room = labels.widest_place(basins.labels[::-1] == i)
             if room > 2.0:
                 labels.add(symbol, place, size=13, edged=True)
-    for name, line in (*((_stable(name), line) for name, line in manifolds.items()), ("Γ", gamma)):
+    for name, line in (*((_stable_manifold_label(name), line) for name, line in manifolds.items()), ("Γ", gamma)):
         inside = line[~np.isnan(line[:, 0]) & (line[:, 1] < basins.v_max)]
         if len(inside):
             chosen = inside[:: max(1, len(inside) // 60)]
             labels.add(name, *((float(tau), float(v)) for tau, v in chosen), size=12, room=3 * ROOM, edged=True)
 
 
-def _basin(attractor: Attractor, orbits: dict[str, Orbit]) -> str | None:
+def _basin_symbol(attractor: Attractor, orbits: dict[str, Orbit]) -> str | None:
     """Return the paper's symbol for the basin of an attractor, or None if the paper has no symbol for it."""
     if attractor.kind == "quiet":
         return r"$\Delta_L$"

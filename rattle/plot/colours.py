@@ -58,7 +58,7 @@ XYZ = np.array(
 Motion = Attractor | Label | str
 
 
-def _label(motion: Motion) -> str | Label:
+def _type_of(motion: Motion) -> str | Label:
     """Return the type of a motion: "quiet", "chaotic", "undecided" or (m, n₊, n₋). Raises ParameterError."""
     if isinstance(motion, Attractor):
         motion = (motion.m, motion.n_plus, motion.n_minus) if motion.kind == "periodic" else motion.kind
@@ -98,16 +98,16 @@ def legend_name(motion: Motion, contacts: int | None = None) -> str:
     ParameterError
         If `motion` is not an attractor, a kind or three numbers.
     """
-    label = _label(motion)
+    label = _type_of(motion)
     if isinstance(label, str):
         return label
     phases = getattr(motion, "contacts", 0) if contacts is None else contacts
     return f"P({','.join(map(str, label))}{f';{phases}' if phases else ''})"
 
 
-def order(motion: Motion) -> tuple[int, tuple[int, ...]]:
+def legend_order(motion: Motion) -> tuple[int, tuple[int, ...]]:
     """Return the sort key of a motion in a legend: quiet, periodic by m, n₊, n₋, chaotic, undecided."""
-    label = _label(motion)
+    label = _type_of(motion)
     return (KINDS.index(label), ()) if isinstance(label, str) else (KINDS.index("periodic"), label)
 
 
@@ -129,10 +129,10 @@ def colour(motion: Motion) -> str:
     ParameterError
         If `motion` is not an attractor, a kind or three numbers.
     """
-    label = _label(motion)
+    label = _type_of(motion)
     if isinstance(label, str):
         return KIND_COLOURS[label]
-    return NAMED.get(label) or _by_rule(label)
+    return NAMED.get(label) or _colour_by_rule(label)
 
 
 class Palette:
@@ -154,16 +154,16 @@ class Palette:
 
     def colour(self, motion: Motion) -> str:
         """Return the colour "#rrggbb" of a type of motion in this picture. Raises ParameterError."""
-        label = _label(motion)
+        label = _type_of(motion)
         if label not in self._taken:
             own = colour(motion)
-            taken = np.array([_lab(each) for each in self._taken.values()])
+            taken = np.array([_cielab(each) for each in self._taken.values()])
             least = ALIKE if label in NAMED else self._alike
-            near = np.hypot.reduce(taken - _lab(own), axis=1).min() < least
-            self._taken[label] = self._farthest() if near else own
+            near = np.hypot.reduce(taken - _cielab(own), axis=1).min() < least
+            self._taken[label] = self._farthest_spare() if near else own
         return self._taken[label]
 
-    def another(self, motion: Motion) -> str:
+    def next_colour(self, motion: Motion) -> str:
         """Return the colour of one more motion of a type, for a picture with several motions of one type.
 
         The first motion of a type has the colour of the type, and each further motion has a spare colour.
@@ -178,27 +178,27 @@ class Palette:
         ParameterError
             If `motion` is not an attractor, a kind or three numbers.
         """
-        label = _label(motion)
+        label = _type_of(motion)
         self._times[label] += 1
         if self._times[label] == 1:
             return self.colour(motion)
-        return self._taken.setdefault((label, self._times[label]), self._farthest())
+        return self._taken.setdefault((label, self._times[label]), self._farthest_spare())
 
-    def _farthest(self) -> str:
+    def _farthest_spare(self) -> str:
         """Return the spare colour that differs most from all colours in the picture."""
-        taken = np.array([_lab(each) for each in self._taken.values()])
-        away = [float(np.hypot.reduce(taken - each, axis=1).min()) for _, each in _spare()]
-        return _spare()[int(np.argmax(away))][0]
+        taken = np.array([_cielab(each) for each in self._taken.values()])
+        away = [float(np.hypot.reduce(taken - each, axis=1).min()) for _, each in _spare_colours()]
+        return _spare_colours()[int(np.argmax(away))][0]
 
 
 @cache
-def _spare() -> tuple[tuple[str, NDArray[np.float64]], ...]:
+def _spare_colours() -> tuple[tuple[str, NDArray[np.float64]], ...]:
     """Return all spare colours, as "#rrggbb" and in CIELAB."""
     found = (_hex(hue, lightness, saturation) for hue, lightness, saturation in SPARE)
-    return tuple((each, _lab(each)) for each in found)
+    return tuple((each, _cielab(each)) for each in found)
 
 
-def _lab(shade: str) -> NDArray[np.float64]:
+def _cielab(shade: str) -> NDArray[np.float64]:
     """Return the CIELAB coordinates (3,) of an sRGB colour "#rrggbb" (CIE 1976, white point D65).
 
     In these coordinates, pairs of colours at equal distances look about equally different.
@@ -215,15 +215,15 @@ def _lab(shade: str) -> NDArray[np.float64]:
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
-def _by_rule(label: Label) -> str:
+def _colour_by_rule(label: Label) -> str:
     """Return the colour of a type that is not in NAMED; m, n₊ and n₋ determine its hue and its lightness."""
-    hue = _turned(label, HUE_STEPS) * sum(high - low for low, high in HUES)
+    hue = _fractional_sum(label, HUE_STEPS) * sum(high - low for low, high in HUES)
     for low, high in HUES:
         if hue < high - low:
             break
         hue -= high - low
     dark, light = LIGHTNESS
-    return _hex(low + hue, dark + _turned(label, LIGHTNESS_STEPS) * (light - dark), SATURATION)
+    return _hex(low + hue, dark + _fractional_sum(label, LIGHTNESS_STEPS) * (light - dark), SATURATION)
 
 
 def _hex(hue: float, lightness: float, saturation: float) -> str:
@@ -232,6 +232,6 @@ def _hex(hue: float, lightness: float, saturation: float) -> str:
     return "#" + "".join(f"{round(255 * part):02x}" for part in rgb)
 
 
-def _turned(label: Label, steps: tuple[float, ...]) -> float:
+def _fractional_sum(label: Label, steps: tuple[float, ...]) -> float:
     """Return the fractional part of the sum of m, n₊ and n₋ times these steps."""
     return sum(n * step for n, step in zip(label, steps, strict=True)) % 1.0

@@ -15,12 +15,12 @@ from rattle.plot.plane import IN_PAPER, STYLES, draw_curve, draw_points
 CRISIS, STABLE = "#e08214", "#1f5fa8"
 #: Arclengths of the drawn parts of the unstable and of the stable manifold.
 UNSTABLE_LENGTH, STABLE_LENGTH = 14.0, 8.0
-#: Margin around W^u(A), as a share of its extent.
+#: Margin around the unstable manifold W^u(A), as a share of the extent of W^u(A).
 SHOWN = 0.25
 
 
 def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
-    """Draw the crisis curve, its end at COD22, and W^u(A) with W^s(A) at a tangency and at a corner.
+    """Draw the crisis curve, its end at COD22, and the manifolds W^u(A) and W^s(A) at a tangency and at a corner.
 
     The function raises the same errors as `rattle.crisis.crisis_curve`.
 
@@ -34,9 +34,9 @@ def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
     plane, zoom, *panels = figure.subplots(2, 2).ravel()
     highest = float(curve.delta.max())
     contacts = [min(curve.points, key=lambda point: abs(point.delta - share * highest)) for share in (0.78, 0.99)]
-    _beside_end(zoom, curve)
-    manifolds = [_contact(axes, contact) for axes, contact in zip(panels, contacts, strict=True)]
-    _plane(plane, curve)
+    _draw_gap_at_end(zoom, curve)
+    manifolds = [_draw_manifolds(axes, contact) for axes, contact in zip(panels, contacts, strict=True)]
+    _draw_crisis_curve(plane, curve)
     for axes, (saddle, lines) in zip(panels, manifolds, strict=True):
         labels = Labels(axes, [*lines, np.array([saddle])])
         labels.add("A", saddle, size=10)
@@ -44,7 +44,7 @@ def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
     return Drawing(figure, (f"at its lower end: {curve.low_end}", f"at its upper end: {curve.high_end}"))
 
 
-def _plane(axes: Axes, curve: CrisisCurve) -> None:
+def _draw_crisis_curve(axes: Axes, curve: CrisisCurve) -> None:
     """Draw the crisis curve with the paper's bifurcation curves in the (δ, ε) plane."""
     window = float(curve.delta.min()) - 0.02, float(curve.delta.max()) + 0.02
     limits = 0.55 * float(curve.epsilon.min()), 1.15 * float(curve.epsilon.max())
@@ -67,10 +67,10 @@ def _plane(axes: Axes, curve: CrisisCurve) -> None:
     axes.legend(handles=marks, fontsize=8, loc="upper right", frameon=False)
     labels = draw_points(axes, codimension_two(curve.beta), list(lines.values())) or Labels(axes, list(lines.values()))
     for name, line in lines.items():
-        labels.along(name, line, 10, CRISIS if name == "crisis" else STYLES[name][0])
+        labels.add_along(name, line, 10, CRISIS if name == "crisis" else STYLES[name][0])
 
 
-def _beside_end(axes: Axes, curve: CrisisCurve) -> None:
+def _draw_gap_at_end(axes: Axes, curve: CrisisCurve) -> None:
     """Draw the distance in ε of the crisis curve from SN1, against its distance in δ from COD22."""
     (end,) = (point for point in codimension_two(curve.beta) if point.name == "COD22")
     offset, gap = curve.delta - end.delta, curve.epsilon - sn1_formula(curve.delta)
@@ -80,7 +80,7 @@ def _beside_end(axes: Axes, curve: CrisisCurve) -> None:
     axes.set(yscale="log", xlabel=r"$10^4$ (δ − δ of COD22)", ylabel="ε − ε of SN1", title="The crisis beside COD22")
 
 
-def _contact(axes: Axes, crisis: Crisis) -> tuple[tuple[float, float], list[Array]]:
+def _draw_manifolds(axes: Axes, crisis: Crisis) -> tuple[tuple[float, float], list[Array]]:
     """Draw W^s(A) and W^u(A) in axes that frame W^u(A), and return the state (τ, v) of A and the lines."""
     saddle = period_one_saddle("A", crisis.delta, crisis.epsilon, crisis.beta)
     unstable = manifold(saddle, "unstable", 1, UNSTABLE_LENGTH)

@@ -35,6 +35,7 @@ STYLES = {True: "-", False: (0, (4.0, 2.0))}
 #: Line width and colour: of the branches of A to D, and of other branches where they are stable and unstable.
 NAMED, OTHER = (1.3, "black"), {True: (0.8, "#333333"), False: (0.5, "#777777")}
 Limits = tuple[float, float] | None
+ALL_PHASES = (0.0, 1.0)
 #: A note about omitted branches names at most this many of them.
 NAMED_LEFT_OUT = 4
 #: Margin of the v axis above and below a branch: as a share of the branch's range of v, and the least margin.
@@ -43,7 +44,7 @@ MARGIN, LEAST_MARGIN = 0.1, 0.01
 SIZE, ANCHORS = 10, 40
 #: Steps of the sweeps for the impacting and for the stiff gear.
 STEPS, STIFF_STEPS = 500, 250
-#: Steps, and limits of v and τ, of the paper's figures.
+#: Steps of the sweeps, and limits of v and τ, of the paper's Figures 5 and 9.
 WINDOWS: dict[tuple[float, tuple[float, float], float], tuple[int, Limits, Limits]] = {
     (*ranges.FIGURE_5, ranges.BETA): (1000, (3.7, 4.9), (0.4, 1.0)),
     (*ranges.FIGURE_9, ranges.BETA): (500, (4.74, 4.94), (0.69, 0.77)),
@@ -66,7 +67,7 @@ class ImpactCurve(NamedTuple):
     name: tuple[str, ...]
 
 
-def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = (0.0, 1.0)) -> Figure:
+def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = ALL_PHASES) -> Figure:
     """Draw a bifurcation diagram: (a) v and (b) τ against the parameter.
 
     Stable branches are solid, unstable branches are dashed, virtual parts are not drawn. Saddle-nodes, flips and grazes
@@ -75,7 +76,7 @@ def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = (
     Parameters
     ----------
     v, tau : Limits
-        Limits (low, high) of the panels; None: v from 0 to above all speeds, τ the same.
+        Limits (low, high) of the panels; None: v from 0 to above all speeds, τ from 0 to 1.
 
     Returns
     -------
@@ -83,34 +84,39 @@ def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = (
         A matplotlib figure with two panels.
     """
     require(isinstance(diagram, Diagram), f"diagram must be a Diagram, got {type(diagram).__name__}")
-    return _drawn(diagram, v, tau)
+    return _draw_diagram(diagram, v, tau or ALL_PHASES)
 
 
-def _drawn(diagram: Diagram[Any, Any], v: Limits, tau: Limits, aside: float = 0.0) -> Figure:
+def _draw_diagram(diagram: Diagram[Any, Any], v: Limits, tau: tuple[float, float], aside: float = 0.0) -> Figure:
     """Return the figure of a diagram. aside: the margin at both ends of the parameter axis, as a share of its range."""
     figure = new_figure(7.2, 7.9)
     upper, lower = figure.subplots(2, 1, sharex=True)
     axis, scale, offset = parameter_axis(diagram)
     curves = [(branch, list(curves_along(diagram, branch, scale, offset))) for branch in diagram.branches]
     for panel, which, limits, label in ((upper, "v", v, "impact speed $v$"), (lower, "tau", tau, "impact phase $τ$")):
-        _attractors(panel, diagram, which, offset + scale * diagram.points.position)
+        _draw_sweep_points(panel, diagram, which, offset + scale * diagram.points.position)
         for branch, parts in curves:
             for curve in parts:
-                _draw(panel, curve, getattr(curve, which), branch.label[:2] == (1, 1))
+                _draw_impact_curve(panel, curve, getattr(curve, which), branch.label[:2] == (1, 1))
         panel.set_ylabel(label)
         panel.set_xlim(*sorted((offset - aside * scale, offset + (1.0 + aside) * scale)))
-        panel.set_ylim(*(limits or _fitting(diagram)))
+        panel.set_ylim(*(limits or _speed_limits(diagram)))
         panel.tick_params(direction="in", top=True, right=True)
-    upper.set_title(_fixed(diagram), fontsize=10)
+    upper.set_title(_fixed_parameters(diagram), fontsize=10)
     lower.set_xlabel(axis)
     lower.locator_params(axis="x", nbins=6)
-    _legend(figure, followed=diagram.points.step.size > 0)
+    _add_diagram_legend(figure, followed=diagram.points.step.size > 0)
     for letter, panel, which in (("(a)", upper, "v"), ("(b)", lower, "tau")):
         panel.annotate(letter, (0.0, 1.0), (6, -6), "axes fraction", "offset points", va="top", fontsize=10)
-        lines = [line for _, parts in curves for curve in parts for line in _lines(panel, curve, getattr(curve, which))]
+        lines = [
+            line
+            for _, parts in curves
+            for curve in parts
+            for line in _visible_lines(panel, curve, getattr(curve, which))
+        ]
         labels = Labels(panel, lines)
-        _marks(panel, labels, diagram, which, scale, offset)
-        _names(panel, labels, curves, which, one=which == "v" and not diagram.added)
+        _mark_events(panel, labels, diagram, which, scale, offset)
+        _write_orbit_names(panel, labels, curves, which, one=which == "v" and not diagram.added)
     figure.set_layout_engine("none")  # so that labels stay where they were placed
     return figure
 
@@ -142,11 +148,11 @@ def branch_figure(branch: Any) -> Figure:
     speeds = found.speeds[found.admissible][:, np.array(found.itinerary.walls) > 0]
     margin = max(MARGIN * float(np.ptp(speeds)), LEAST_MARGIN) if speeds.size else 1.0
     v = (float(speeds.min()) - margin, float(speeds.max()) + margin) if speeds.size else None
-    return _drawn(alone, v, (0.0, 1.0), MARGIN / 2)
+    return _draw_diagram(alone, v, ALL_PHASES, MARGIN / 2)
 
 
-def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = ranges.BETA) -> Drawing:
-    """Draw Figure 5 or 9: the bifurcation diagram along ε at one damping.
+def draw_along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = ranges.BETA) -> Drawing:
+    """Draw Figure 5 or 9 of the paper: the bifurcation diagram along ε at one damping.
 
     With the parameters of a paper's figure the axes have the limits of that figure.
 
@@ -160,19 +166,19 @@ def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = rang
     ParameterError
         If an argument is outside its domain.
     """
-    steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, (0.0, 1.0)))
+    steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, ALL_PHASES))
     found = diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, steps)
-    return Drawing(diagram_figure(found, *limits), _notes(found))
+    return Drawing(diagram_figure(found, *limits), _left_out_note(found))
 
 
-def stiff_along_epsilon(delta: float, epsilon: tuple[float, float], beta: float, kappa: float) -> Drawing:
-    """Draw the diagram of the stiff gear along ε, in the axes limits of `along_epsilon`. Raises ParameterError."""
-    _steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, (0.0, 1.0)))
+def draw_stiff_along_epsilon(delta: float, epsilon: tuple[float, float], beta: float, kappa: float) -> Drawing:
+    """Draw the diagram of the stiff gear along ε, in the axes limits of `draw_along_epsilon`. Raises ParameterError."""
+    _steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, ALL_PHASES))
     found = stiff_diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, kappa, STIFF_STEPS)
-    return Drawing(diagram_figure(found, *limits), _notes(found))
+    return Drawing(diagram_figure(found, *limits), _left_out_note(found))
 
 
-def _notes(found: Diagram[Any, Any]) -> tuple[str, ...]:
+def _left_out_note(found: Diagram[Any, Any]) -> tuple[str, ...]:
     """Return a note that names the branches that the diagram leaves out, if any."""
     if not found.left_out:
         return ()
@@ -181,7 +187,7 @@ def _notes(found: Diagram[Any, Any]) -> tuple[str, ...]:
     return (f"{len(found.left_out)} branches left out, which are too long or too many: {names}",)
 
 
-def _fixed(diagram: Diagram[Any, Any]) -> str:
+def _fixed_parameters(diagram: Diagram[Any, Any]) -> str:
     """Return the parameters that do not change along a diagram, as text."""
     added = {ADDED[name].symbol: values for name, values in diagram.added.items()}
     names = {"δ": diagram.delta, "ε": diagram.epsilon, "β": np.array([diagram.beta]), **added}
@@ -258,14 +264,14 @@ def strokes(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
         first = last
 
 
-def _draw(panel: Axes, curve: ImpactCurve, y: Array, named: bool) -> None:
+def _draw_impact_curve(panel: Axes, curve: ImpactCurve, y: Array, named: bool) -> None:
     """Draw each admissible part of a curve as one line. y: v or τ of its points. named: the motion is P(1,1,·)."""
     for stable, part in strokes(curve):
         width, colour = NAMED if named else OTHER[stable]
         panel.plot(curve.x[part], y[part], color=colour, lw=width, ls=STYLES[stable], zorder=3)
 
 
-def _attractors(panel: Axes, diagram: Diagram[Any, Any], which: str, x: Array) -> None:
+def _draw_sweep_points(panel: Axes, diagram: Diagram[Any, Any], which: str, x: Array) -> None:
     """Draw the points of both sweeps; points of the backward sweep are smaller and on top."""
     points = diagram.points
     y, chaotic = getattr(points, which), points.kind == KINDS.index("chaotic")
@@ -275,7 +281,9 @@ def _attractors(panel: Axes, diagram: Diagram[Any, Any], which: str, x: Array) -
             panel.scatter(x[at], y[at], s=size * factor, c=colour, lw=0, rasterized=True, zorder=2)
 
 
-def _marks(panel: Axes, labels: Labels, diagram: Diagram[Any, Any], which: str, scale: float, offset: float) -> None:
+def _mark_events(
+    panel: Axes, labels: Labels, diagram: Diagram[Any, Any], which: str, scale: float, offset: float
+) -> None:
     """Mark the events of a diagram. Events on a named bifurcation curve have larger marks and the curve's name."""
     for event in diagram.events:
         phases, speeds = impacts_at(event)
@@ -285,19 +293,21 @@ def _marks(panel: Axes, labels: Labels, diagram: Diagram[Any, Any], which: str, 
         size, face = (26.0, "black") if name else (5.0, "white")
         panel.scatter(x, y, s=size, marker=MARKS[event.kind], c=face, ec="black", lw=0.5, zorder=5 if name else 4)
         if name:
-            seen = _seen(panel, x, y)
+            seen = _is_visible(panel, x, y)
             if seen.any():
                 labels.add(name, (float(x[seen][0]), float(y[seen][0])), size=SIZE)
 
 
-def _names(panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve]]], which: str, *, one: bool) -> None:
+def _write_orbit_names(
+    panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve]]], which: str, *, one: bool
+) -> None:
     """Write the names A to D beside their curves. one: A and C share one curve, so write the one name "A, C" there."""
     places: dict[str, list[tuple[float, float]]] = {}
     for _, parts in curves:
         for curve in parts:
             y = getattr(curve, which)
             for name in sorted(set(curve.name) - {""}):
-                on = np.flatnonzero(_seen(panel, curve.x, y) & curve.admissible & (np.array(curve.name) == name))
+                on = np.flatnonzero(_is_visible(panel, curve.x, y) & curve.admissible & (np.array(curve.name) == name))
                 on = on[:: max(1, on.size // ANCHORS)]
                 places.setdefault(name, []).extend(zip(curve.x[on].tolist(), y[on].tolist(), strict=True))
     if one and {"A", "C"} <= set(places):
@@ -308,26 +318,26 @@ def _names(panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve
             Text.set(labels.add(name, *points, size=SIZE), style="italic")
 
 
-def _seen(panel: Axes, x: Array, y: Array) -> NDArray[np.bool_]:
+def _is_visible(panel: Axes, x: Array, y: Array) -> NDArray[np.bool_]:
     """Return flags of points inside the limits of the panel."""
     (left, right), (low, high) = panel.get_xlim(), panel.get_ylim()
     return np.asarray((x >= left) & (x <= right) & (y >= low) & (y <= high))
 
 
-def _lines(panel: Axes, curve: ImpactCurve, y: Array) -> list[Array]:
+def _visible_lines(panel: Axes, curve: ImpactCurve, y: Array) -> list[Array]:
     """Return the visible parts of a curve as a list of one line (k, 2), with NaN between parts; [] if none."""
-    on = _seen(panel, curve.x, y) & curve.admissible
+    on = _is_visible(panel, curve.x, y) & curve.admissible
     return [np.column_stack([curve.x, np.where(on, y, np.nan)])] if on.any() else []
 
 
-def _fitting(diagram: Diagram[Any, Any]) -> tuple[float, float]:
+def _speed_limits(diagram: Diagram[Any, Any]) -> tuple[float, float]:
     """Return limits of v from 0 to above all speeds of a diagram."""
     speeds = [diagram.points.v, *(branch.speeds[branch.admissible].ravel() for branch in diagram.branches)]
     top = max((float(each.max()) for each in speeds if each.size), default=1.0)
     return 0.0, 1.05 * top
 
 
-def _legend(figure: Figure, followed: bool) -> None:
+def _add_diagram_legend(figure: Figure, followed: bool) -> None:
     """Add the legend of lines and marks. followed: the diagram has sweeps, so explain their points too."""
     (width, colour), (thin, dark), (thinnest, grey) = NAMED, OTHER[True], OTHER[False]
     entries = [

@@ -39,7 +39,7 @@ def lay_out(figure: Figure) -> FigureCanvasAgg:
     return canvas
 
 
-def outlined(line: Line2D, colour: str, width: float) -> Line2D:
+def add_outline(line: Line2D, colour: str, width: float) -> Line2D:
     """Give a line an edge of another colour, and return the line. width: width of the edge on each side, in points."""
     line.set_path_effects([patheffects.withStroke(linewidth=line.get_linewidth() + 2 * width, foreground=colour)])
     return line

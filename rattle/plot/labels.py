@@ -13,20 +13,21 @@ from rattle.plot.drawing import HALO, lay_out
 Array = NDArray[np.float64]
 Point = tuple[float, float]
 
-#: The distances in points (1/72 inch), and the directions, that are tried for a label around its point of the picture.
+#: The distances in points (1/72 inch), and the directions in radians, in which places for a label are tried around the
+#: point that the label names.
 DISTANCES = (20, 30, 42, 56, 72, 90)
 DIRECTIONS = np.arange(24) / 24 * 2 * np.pi
 #: Free space around a label, in pixels.
 ROOM = 3.0
 #: Number of points of a line that are tried for a label that cannot run along the line.
 ANCHORS = 24
-#: Number of cells that are tried as the centre of a label within a part of the axes.
+#: Number of cells that are tried as the centre of a label inside a part of the axes.
 CANDIDATES = 400
-#: From this distance in pixels to other lines it is clear which line a label along a line names.
+#: If other lines are at least this far from a label along a line, in pixels, it is clear which line the label names.
 CLEAR = 45.0
 #: Cost of covering a label or a marker, and cost of leaving the frame.
 WRONG, OUTSIDE = 1000.0, 1e5
-#: Largest cost of covering lines. It is below WRONG: a label rather covers lines than a label or a marker.
+#: Largest cost of covering lines. It is below WRONG, so a label covers lines rather than a label or a marker.
 MOST_HIDDEN = 800.0
 
 
@@ -45,7 +46,9 @@ class Labels:
         assert figure is not None
         self.axes, self.renderer = axes, lay_out(figure).get_renderer()
         self.frame = axes.get_window_extent(self.renderer)
-        self.covered = np.concatenate([np.empty((0, 2)), *(_dense(axes.transData.transform(line)) for line in lines)])
+        self.covered = np.concatenate(
+            [np.empty((0, 2)), *(_dense_points(axes.transData.transform(line)) for line in lines)]
+        )
         self.boxes = [text.get_window_extent(self.renderer) for text in axes.texts]
         self.leaders: list[Array] = []
 
@@ -63,7 +66,7 @@ class Labels:
         room: float = ROOM,
         edged: bool = False,
     ) -> Annotation:
-        """Write a name near that point of `points` where it covers least, with a line to the point.
+        """Write a name near one of several points, where the name covers least, with a line to that point.
 
         points: (x, y) in data coordinates. room: the free space around the label in pixels. edged: the line has a
         white edge.
@@ -112,18 +115,18 @@ class Labels:
         self.leaders.append(np.array([origin, centre]))
         return text
 
-    def along(self, name: str, line: Array, size: float = 9, colour: str = "black") -> Text:
+    def add_along(self, name: str, line: Array, size: float = 9, colour: str = "black") -> Text:
         """Write a name beside a line (k, 2) in data coordinates, parallel to it; if there is no room, call `add`."""
         text = self.axes.text(0, 0, name, fontsize=size, color=colour, path_effects=HALO, zorder=5)
         text.set(ha="center", va="center", rotation_mode="anchor")
         half = np.array(Text.get_window_extent(text, self.renderer).size) / 2 + ROOM
-        fine = _dense(self.axes.transData.transform(line))
+        fine = _dense_points(self.axes.transData.transform(line))
         others = self.covered[_distances(self.covered, fine[:: max(1, len(fine) // 2000)]) > 6.0]
         stretch = max(2, int(2 * half[0] / 4))
         places = [
             (self._cost_along(centre, angle, bend, half, others), centre, angle)
             for start in range(0, max(len(fine) - stretch, 0), max(1, stretch // 6))
-            for centre, angle, bend in _beside(fine[start : start + stretch], half[1])
+            for centre, angle, bend in _places_beside(fine[start : start + stretch], half[1])
         ]
         cost, centre, angle = min(places, key=lambda place: place[0], default=(OUTSIDE, np.zeros(2), 0.0))
         if cost >= WRONG:
@@ -136,7 +139,7 @@ class Labels:
         self.boxes.append(_turned_box(centre, half, angle))
         return text
 
-    def within(self, name: str, inside: NDArray[np.bool_], size: float = 13) -> bool:
+    def add_within(self, name: str, inside: NDArray[np.bool_], size: float = 13) -> bool:
         """Write a name inside a part of the axes, where the part is widest, in smaller type if necessary.
 
         Parameters
@@ -151,21 +154,21 @@ class Labels:
             False if there is no room; then nothing is written.
         """
         text = self.axes.text(0, 0, name, ha="center", va="center", weight="bold", path_effects=HALO, zorder=5)
-        cells, room = self._rooms(inside)
+        cells, room = self._free_space(inside)
         roomiest = np.argsort(-room, kind="stable")[:CANDIDATES]
         for smaller in (1.0, 0.75):
             text.set_fontsize(smaller * size)
             half = np.array(Text.get_window_extent(text, self.renderer).size) / 2 + ROOM
             for centre in cells[roomiest]:
                 box = _box(centre, half)
-                if not (self._misplaced(box) or self._hidden(centre, half)):
+                if not (self._misplacement_cost(box) or self._count_hidden(centre, half)):
                     self._move(text, centre)
                     self.boxes.append(box)
                     return True
         text.remove()
         return False
 
-    def widest(self, inside: NDArray[np.bool_]) -> tuple[Point, float]:
+    def widest_place(self, inside: NDArray[np.bool_]) -> tuple[Point, float]:
         """Return the centre of the cell of a part that is farthest from lines, labels and the frame.
 
         Returns
@@ -173,12 +176,12 @@ class Labels:
         tuple[Point, float]
             The centre in data coordinates, and its distance in pixels.
         """
-        cells, room = self._rooms(inside)
+        cells, room = self._free_space(inside)
         best = int(np.argmax(room))
         x, y = self.axes.transData.inverted().transform(cells[best])
         return (float(x), float(y)), float(room[best])
 
-    def _rooms(self, inside: NDArray[np.bool_]) -> tuple[Array, Array]:
+    def _free_space(self, inside: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return the centres (n, 2) of a part's cells in pixels, and their distances from lines, labels and frame."""
         rows, columns = inside.shape
         i, j = np.nonzero(inside)
@@ -196,21 +199,29 @@ class Labels:
         x, y = self.axes.transData.inverted().transform(centre)
         text.set_position((float(x), float(y)))
 
-    def _hidden(self, centre: Array, half: Array) -> int:
+    def _count_hidden(self, centre: Array, half: Array) -> int:
         """Return the number of points of lines that a label would cover; half: half of its width and height."""
         return int(np.all(np.abs(self.covered - centre) < half, axis=1).sum())
 
     def _cost(self, origin: Array, centre: Array, half: Array, most: float) -> float:
-        """Return the cost of a label at `centre` for a point at `origin`; it may be too low if `most` or more."""
+        """Return the cost of a label at `centre` for a point at `origin`.
+
+        half: half of the label's width and height.
+
+        Returns
+        -------
+        float
+            The cost. A result of `most` or more may be too low.
+        """
         cost = float(np.hypot(*(centre - origin)))
         if cost >= most:
             return cost
-        cost += self._misplaced(_box(centre, half)) + min(20 * self._hidden(centre, half), MOST_HIDDEN)
+        cost += self._misplacement_cost(_box(centre, half)) + min(20 * self._count_hidden(centre, half), MOST_HIDDEN)
         if cost >= most:
             return cost
         leader = np.array([origin, centre])
-        dense = _dense(leader)
-        crossed = sum(_cross(leader, other) for other in self.leaders)
+        dense = _dense_points(leader)
+        crossed = sum(_is_crossing(leader, other) for other in self.leaders)
         return cost + WRONG * (crossed + sum(other.count_contains(dense) > 0 for other in self.boxes))
 
     def _cost_along(self, centre: Array, angle: float, bend: float, half: Array, others: Array) -> float:
@@ -230,15 +241,15 @@ class Labels:
         cost = WRONG * (hidden > 0) + 4 * max(0.0, CLEAR - near) + 10 * bend + 20 * abs(np.sin(angle))
         # among places of equal cost, the place nearest to the middle of the picture is best
         middle = float(np.abs((centre - self.frame.min) / self.frame.size - 0.5).max())
-        return float(cost + 30 * middle) + self._misplaced(_turned_box(centre, half, angle))
+        return float(cost + 30 * middle) + self._misplacement_cost(_turned_box(centre, half, angle))
 
-    def _misplaced(self, box: Bbox) -> float:
+    def _misplacement_cost(self, box: Bbox) -> float:
         """Return the cost of covering other labels and of leaving the frame."""
         outside = not (self.frame.contains(*box.min) and self.frame.contains(*box.max))
         return WRONG * sum(box.overlaps(other) for other in self.boxes) + OUTSIDE * outside
 
 
-def _beside(stretch: Array, height: float) -> list[tuple[Array, float, float]]:
+def _places_beside(stretch: Array, height: float) -> list[tuple[Array, float, float]]:
     """Return the places (centre, angle, bend) of a label on both sides of a part of a line.
 
     stretch: the points (k, 2) of the part, in pixels. height: half of the label's height.
@@ -272,7 +283,7 @@ def _distances(points: Array, others: Array) -> Array:
     Array
         Distances (n,); inf for a point that is NaN, and if `others` is empty.
     """
-    from scipy.spatial import cKDTree  # imported here, because it takes a tenth of a second
+    from scipy.spatial import cKDTree  # imported here, because this takes a tenth of a second
 
     others = others[~np.isnan(others).any(axis=1)]
     if not len(others):
@@ -294,7 +305,7 @@ def _turned_box(centre: Array, half: Array, angle: float) -> Bbox:
     return _box(centre, np.array([cosine * half[0] + sine * half[1], sine * half[0] + cosine * half[1]]))
 
 
-def _dense(line: Array) -> Array:
+def _dense_points(line: Array) -> Array:
     """Return points along a line (k, 2), which is in pixels, at most four pixels apart."""
     steps = np.nan_to_num(np.hypot(*np.diff(line, axis=0).T))
     number = np.arange(len(line))
@@ -303,12 +314,15 @@ def _dense(line: Array) -> Array:
     return np.column_stack([np.interp(fine, number, column) for column in line.T])
 
 
-def _cross(one: Array, other: Array) -> bool:
+def _is_crossing(one: Array, other: Array) -> bool:
     """Return whether two segments cross."""
     (a, b), (c, d) = one, other
-    return _side(a, b, c) * _side(a, b, d) < 0 and _side(c, d, a) * _side(c, d, b) < 0
+    return (
+        _turn_direction(a, b, c) * _turn_direction(a, b, d) < 0
+        and _turn_direction(c, d, a) * _turn_direction(c, d, b) < 0
+    )
 
 
-def _side(a: Array, b: Array, c: Array) -> float:
+def _turn_direction(a: Array, b: Array, c: Array) -> float:
     """Return a positive number if c is to the left of the line from a to b, negative if it is to the right."""
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))

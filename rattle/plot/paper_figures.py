@@ -25,7 +25,7 @@ class Range(NamedTuple):
     high: float
 
 
-class Takes(Enum):
+class ParameterForm(Enum):
     """The form in which a figure takes δ or ε. The value names the form in error messages."""
 
     NUMBER = "a number"
@@ -37,22 +37,22 @@ class Takes(Enum):
 class PaperFigure:
     """A figure of the paper.
 
-    shows: the subject of the figure. delta_takes, epsilon_takes: the forms in which it takes δ and ε.
+    shows: the subject of the figure. delta_form, epsilon_form: the forms in which it takes δ and ε.
     delta, epsilon: the paper's values.
     draw: the function that draws it from δ, ε and β; δ and ε are a float, a tuple of floats or (low, high).
     stiff: the function that draws it for the stiff gear from δ, ε, β and κ, or None.
     """
 
     shows: str
-    delta_takes: Takes
-    epsilon_takes: Takes
+    delta_form: ParameterForm
+    epsilon_form: ParameterForm
     delta: Any
     epsilon: Any
     draw: Callable[[Any, Any, float], Drawing]
     stiff: Callable[[Any, Any, float, float], Drawing] | None = None
 
 
-NUMBER, NUMBERS, RANGE = Takes
+NUMBER, NUMBERS, RANGE = ParameterForm
 
 FIGURES: dict[int, PaperFigure] = {
     4: PaperFigure(
@@ -63,25 +63,25 @@ FIGURES: dict[int, PaperFigure] = {
         NUMBER,
         RANGE,
         *ranges.FIGURE_5,
-        diagram.along_epsilon,
-        diagram.stiff_along_epsilon,
+        diagram.draw_along_epsilon,
+        diagram.draw_stiff_along_epsilon,
     ),
     6: PaperFigure(
         "basins of attraction at one point, with A to D, W^s(A), W^s(B) and Γ",
         NUMBER,
         NUMBER,
         *ranges.FIGURE_6,
-        basins.blow_up,
+        basins.basins_with_manifolds,
     ),
-    7: PaperFigure("bifurcation curves in the (δ, ε) plane", RANGE, RANGE, *ranges.FIGURE_7, plane.plane),
-    8: PaperFigure("the same curves around COD21 and COD22", RANGE, RANGE, *ranges.FIGURE_8, plane.plane),
+    7: PaperFigure("bifurcation curves in the (δ, ε) plane", RANGE, RANGE, *ranges.FIGURE_7, plane.plane_figure),
+    8: PaperFigure("the same curves around COD21 and COD22", RANGE, RANGE, *ranges.FIGURE_8, plane.plane_figure),
     9: PaperFigure(
         "one-parameter diagram between COD21 and COD22",
         NUMBER,
         RANGE,
         *ranges.FIGURE_9,
-        diagram.along_epsilon,
-        diagram.stiff_along_epsilon,
+        diagram.draw_along_epsilon,
+        diagram.draw_stiff_along_epsilon,
     ),
 }
 
@@ -172,8 +172,8 @@ def request(
         require(figure.stiff is not None, f"only Figures {have} take {words}, not {number}")
     return Request(
         number,
-        figure.delta if delta is None else _checked(number, "delta", figure.delta_takes, delta, positive=True),
-        figure.epsilon if epsilon is None else _checked(number, "epsilon", figure.epsilon_takes, epsilon),
+        figure.delta if delta is None else _check_form(number, "delta", figure.delta_form, delta, positive=True),
+        figure.epsilon if epsilon is None else _check_form(number, "epsilon", figure.epsilon_form, epsilon),
         require_number("beta", beta, positive=True),
         {name: require_number(name, value, positive=True) for name, value in given.items()},
     )
@@ -193,8 +193,8 @@ def stiff_request(delta: Given | None = None, epsilon: Given | None = None, beta
         If a number is outside its domain, or more than one δ or ε is given.
     """
     return StiffRequest(
-        stiff.DELTA if delta is None else _checked("stiff", "delta", NUMBER, delta, positive=True),
-        stiff.EPSILON if epsilon is None else _checked("stiff", "epsilon", NUMBER, epsilon),
+        stiff.DELTA if delta is None else _check_form("stiff", "delta", NUMBER, delta, positive=True),
+        stiff.EPSILON if epsilon is None else _check_form("stiff", "epsilon", NUMBER, epsilon),
         require_number("beta", beta, positive=True),
     )
 
@@ -249,21 +249,21 @@ def parse(option: str, texts: Sequence[str]) -> Given | None:
     return tuple(numbers) or None
 
 
-def _checked(number: int | str, name: str, takes: Takes, given: Given, *, positive: bool = False) -> Any:
+def _check_form(number: int | str, name: str, takes: ParameterForm, given: Given, *, positive: bool = False) -> Any:
     """Return δ or ε in the form that a figure takes. Raises ParameterError if it was given in another form."""
     values = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
     fits = {NUMBER: len(values) == 1, NUMBERS: len(values) >= 1, RANGE: len(values) == 2}[takes]
     fits = fits and (takes is RANGE or not isinstance(given, Range))
-    require(fits, f"Figure {number} takes {takes.value} for {name}, got {_written(given)}")
+    require(fits, f"Figure {number} takes {takes.value} for {name}, got {_as_option_text(given)}")
     checked = tuple(require_number(name, value, positive=positive) for value in values)
     if takes is RANGE:
         low, high = require_pair(name, checked)
-        require(low < high, f"{name} must be LOW:HIGH with LOW below HIGH, got {_written(given)}")
+        require(low < high, f"{name} must be LOW:HIGH with LOW below HIGH, got {_as_option_text(given)}")
         return low, high
     return checked[0] if takes is NUMBER else checked
 
 
-def _written(given: Given) -> str:
+def _as_option_text(given: Given) -> str:
     """Return the value as it would be written on the command line."""
     if not isinstance(given, Sequence) or isinstance(given, str):
         return repr(given)

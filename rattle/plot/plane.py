@@ -45,11 +45,11 @@ CELLS = 240
 LEAST = 20
 #: Width and height of the inset including its tick labels, as shares of the axes.
 INSET = 0.42, 0.44
-#: The range of δ in the inset: least and largest distance from COD23, in units of the distance from COD21 to COD23.
+#: Least and largest distance in δ from COD23 in the inset, in units of the distance from COD21 to COD23.
 NEAREST, BEFORE = 0.15, 9.0
 #: Number of points of the inset's curves.
 BESIDE = 60
-#: An inset is drawn only in windows up to this width, in units of the distance from COD21 to COD23.
+#: An inset is drawn only in windows up to this wide along δ, in units of the distance from COD21 to COD23.
 FARTHEST = 200.0
 #: Style of the lines that mark the ranges of the paper's other figures.
 MARKED: dict[str, Any] = {"color": "0.35", "linestyle": (0, (5, 3)), "linewidth": 1.0}
@@ -101,13 +101,15 @@ def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Ar
     if not points:
         return None
     labels = Labels(axes, [*lines, *(np.array([[point.delta, point.epsilon]]) for point in points)])
-    labels.keep_clear_of([(point.delta, point.epsilon) for point in points], MARKER_SIZE + 1)  # 1 for the marker's edge
+    labels.keep_clear_of(
+        [(point.delta, point.epsilon) for point in points], MARKER_SIZE + 1
+    )  # 1 is the width of the marker's edge
     for point in points:
         labels.add(point.name, (point.delta, point.epsilon))
     return labels
 
 
-def plane(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
+def plane_figure(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
     """Draw the bifurcation diagram of Figures 7 and 8: curves, codimension-two points and regions in a window.
 
     Curves that the paper has are thick, other curves thin. At the paper's β dashed lines show the ranges of its Figures
@@ -152,18 +154,18 @@ def plane(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
             curves[name] = curve
             lines[name] = draw_curve(axes, curve, THICK if name in IN_PAPER else THIN, halo=False)
     axes.set(xlim=delta, ylim=epsilon)
-    marks = _paper_marks(axes) if beta == BETA else {}
+    marks = _draw_paper_marks(axes) if beta == BETA else {}
     axes.set_title(f"half-backlash β = {beta:g}", fontsize=10)
     _explain_widths(axes, lines)
     points = codimension_two(beta)
     covered = _draw_inset(axes, curves, lines, {point.name: point for point in points})
-    taken = [*lines.values(), *marks.values(), *([] if covered is None else _filled(covered))]
+    taken = [*lines.values(), *marks.values(), *([] if covered is None else _lines_over_box(covered))]
     labels = draw_points(axes, points, taken) or Labels(axes, taken)
     _name_regions(labels, delta, epsilon, beta, covered)
     for name, line in lines.items():
-        labels.along(name.replace("_", " "), line, 10 if name in IN_PAPER else 8, STYLES[name][0])
+        labels.add_along(name.replace("_", " "), line, 10 if name in IN_PAPER else 8, STYLES[name][0])
     for name, line in marks.items():
-        labels.along(name, line, 7, MARKED["color"])
+        labels.add_along(name, line, 7, MARKED["color"])
     figure.set_layout_engine("none")  # so that labels stay where they were placed
     return Drawing(figure, tuple(notes))
 
@@ -243,13 +245,13 @@ def _draw_inset(
     return left + x * across, left + (x + width) * across, bottom + y * up, bottom + (y + height) * up
 
 
-def _filled(box: Box) -> list[Array]:
+def _lines_over_box(box: Box) -> list[Array]:
     """Return lines that fill a box. Labels keep clear of lines, and so of the box."""
     left, right, bottom, top = box
     return [np.array([[left, height], [right, height]]) for height in np.linspace(bottom, top, 24)]
 
 
-def _paper_marks(axes: Axes) -> dict[str, Array]:
+def _draw_paper_marks(axes: Axes) -> dict[str, Array]:
     """Mark the ranges of Figures 5, 8 and 9 that are visible in the axes, and return their lines."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     marks = {}
@@ -283,7 +285,7 @@ def _name_regions(labels: Labels, delta: Range, epsilon: Range, beta: float, cov
         parts, count = label(region == number)
         sizes = np.bincount(parts.ravel())[1:]
         chosen = [part for part in np.argsort(-sizes) if sizes[part] >= LEAST]
-        written = [labels.within(name, parts == part + 1) for part in chosen]
+        written = [labels.add_within(name, parts == part + 1) for part in chosen]
         if count and chosen and not any(written):
-            point, _ = labels.widest(parts == chosen[0] + 1)
+            point, _ = labels.widest_place(parts == chosen[0] + 1)
             Text.set(labels.add(name, point, size=13), weight="bold")

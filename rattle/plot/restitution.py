@@ -61,7 +61,7 @@ class RestitutionPlane:
         """The model of the plane: impacting at restitution 1, otherwise inelastic."""
         return Impacting(self.beta) if self.restitution == 1.0 else Inelastic(self.beta, self.restitution)
 
-    def share_of(self, kind: Outcome) -> Array:
+    def fraction_of(self, kind: Outcome) -> Array:
         """Return the basin fraction (m, n) of all attractors of a kind."""
         found = np.zeros(self.epsilon.size * self.delta.size)
         rows = self.table.kind == kind
@@ -69,7 +69,7 @@ class RestitutionPlane:
         return found.reshape(self.epsilon.size, self.delta.size)
 
     @property
-    def contact_share(self) -> Array:
+    def contact_fraction(self) -> Array:
         """The basin fraction (m, n) of periodic attractors with contact phases."""
         found = np.zeros(self.epsilon.size * self.delta.size)
         rows = (self.table.kind == Outcome.PERIODIC) & (self.table.contacts > 0)
@@ -85,7 +85,7 @@ class RestitutionPlane:
         return found.reshape(self.epsilon.size, self.delta.size)
 
     @property
-    def dominant(self) -> NDArray[np.int64]:
+    def dominant_types(self) -> NDArray[np.int64]:
         """The type of each cell's attractor with the most samples, except quiet running: an index of SHOWN or CHAOTIC.
 
         Shape (m, n). QUIET_ALONE where quiet running is the only attractor.
@@ -95,10 +95,10 @@ class RestitutionPlane:
         for row in range(self.table.kind.size):
             cell, samples = int(self.table.cell[row]), int(self.table.samples[row])
             if self.table.kind[row] != Outcome.QUIET and samples > most[cell]:
-                most[cell], found[cell] = samples, self._code(row)
+                most[cell], found[cell] = samples, self._type_of_row(row)
         return found.reshape(self.epsilon.size, self.delta.size)
 
-    def _code(self, row: int) -> int:
+    def _type_of_row(self, row: int) -> int:
         """Return the type of the attractor in a row, which is not quiet: an index of SHOWN, or CHAOTIC."""
         if self.table.kind[row] != Outcome.PERIODIC:
             return CHAOTIC if self.table.kind[row] == Outcome.CHAOTIC else UNDECIDED
@@ -154,7 +154,7 @@ def restitution_figure(planes: Sequence[RestitutionPlane]) -> Drawing:
     row[0].set_ylabel("eccentricity ε")
     bar = figure.colorbar(ScalarMappable(EXPONENTS, CHAOS), ax=row.tolist(), pad=0.01, extend="max")
     bar.set_label("chaos: largest exponent per period")
-    seen = np.unique(np.concatenate([plane.dominant.ravel() for plane in planes]))
+    seen = np.unique(np.concatenate([plane.dominant_types.ravel() for plane in planes]))
     patches = [Patch(color=ink, label=name) for i, (name, ink) in enumerate(SHOWN.items()) if i in seen]
     figure.legend(handles=patches, loc="outside lower center", ncols=len(patches), fontsize=8, frameon=False)
     return Drawing(figure)
@@ -163,11 +163,11 @@ def restitution_figure(planes: Sequence[RestitutionPlane]) -> Drawing:
 def _draw_plane(axes: Axes, plane: RestitutionPlane) -> None:
     """Draw one plane with its bifurcation curves."""
     inks = ListedColormap(list(SHOWN.values()))
-    shown = np.ma.masked_greater(plane.dominant, UNDECIDED)
+    shown = np.ma.masked_greater(plane.dominant_types, UNDECIDED)
     axes.pcolormesh(plane.delta, plane.epsilon, shown, cmap=inks, vmin=-0.5, vmax=len(SHOWN) - 0.5, rasterized=True)
-    chaos = np.ma.masked_where(plane.dominant != CHAOTIC, plane.exponent)
+    chaos = np.ma.masked_where(plane.dominant_types != CHAOTIC, plane.exponent)
     axes.pcolormesh(plane.delta, plane.epsilon, chaos, cmap=CHAOS, norm=EXPONENTS, rasterized=True)
-    window = _edges(plane.delta), _edges(plane.epsilon)
+    window = _axis_ends(plane.delta), _axis_ends(plane.epsilon)
     for name in NAMES:
         try:
             curve = plane.model.trace(name, *window)
@@ -178,7 +178,7 @@ def _draw_plane(axes: Axes, plane: RestitutionPlane) -> None:
     axes.set(xlim=window[0], ylim=window[1])
 
 
-def _edges(values: Array) -> tuple[float, float]:
+def _axis_ends(values: Array) -> tuple[float, float]:
     """Return the first and the last value of an axis."""
     return float(values[0]), float(values[-1])
 

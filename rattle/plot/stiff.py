@@ -51,14 +51,14 @@ def stiff_figure(delta: float = DELTA, epsilon: float = EPSILON, beta: float = 0
     motions = {name: periodic_orbit(delta, epsilon, x.tau, x.v, 1, beta) for name, x in limits.items()}
     figure = new_figure(10.0, 8.0)
     places, multipliers, curves, graze = figure.subplots(2, 2).ravel()
-    _motions(places, multipliers, motions)
-    _bifurcations(curves, motions["D"])
-    _graze(graze, Gear(delta, epsilon, beta))
+    _draw_motions(places, multipliers, motions)
+    _draw_bifurcations(curves, motions["D"])
+    _draw_graze(graze, Gear(delta, epsilon, beta))
     figure.suptitle(f"δ = {delta:g}, ε = {epsilon:g}, β = {beta:g}", fontsize=11)
     return Drawing(figure)
 
 
-def _motions(places: Axes, multipliers: Axes, motions: dict[str, PeriodicOrbit]) -> None:
+def _draw_motions(places: Axes, multipliers: Axes, motions: dict[str, PeriodicOrbit]) -> None:
     """Draw how far A to D and their multipliers are from the same motions of the impacting model (`motions`)."""
     for name, limit in motions.items():
         kappas, off, change = [], [], []
@@ -73,13 +73,16 @@ def _motions(places: Axes, multipliers: Axes, motions: dict[str, PeriodicOrbit])
         (places, "motions A to D", "distance in (τ, v) from the impacting model"),
         (multipliers, "their multipliers", "change of the sum of both"),
     ):
-        _slope(axes, 1e3, -0.5, "κ$^{-1/2}$")
+        _draw_slope(axes, 1e3, -0.5, "κ$^{-1/2}$")
         axes.set(xlabel="stiffness κ", ylabel=label, title=title)
         axes.legend(fontsize=8, frameon=False)
 
 
-def _bifurcations(axes: Axes, limit: PeriodicOrbit) -> None:
-    """Draw how far SN1, SN2, PD1 and the quiet limit are from the impacting model's. limit: its motion D."""
+def _draw_bifurcations(axes: Axes, limit: PeriodicOrbit) -> None:
+    """Draw how far SN1, SN2, PD1 and the quiet limit are from those of the impacting model.
+
+    limit: the motion D of the impacting model.
+    """
     delta, beta = limit.delta, limit.beta
     span = 0.5 * limit.epsilon, 1.6 * limit.epsilon
     truth = {str(event.kind): event.epsilon for event in branch(limit, "epsilon", span).events}
@@ -98,14 +101,14 @@ def _bifurcations(axes: Axes, limit: PeriodicOrbit) -> None:
         if points:
             kappas, off = np.array(points).T
             axes.loglog(kappas, np.abs(off), ".-", color=colour, label=name)
-    _slope(axes, 1e3, -0.5, "κ$^{-1/2}$")
-    _slope(axes, 1e3, -1.0, "κ$^{-1}$")
+    _draw_slope(axes, 1e3, -0.5, "κ$^{-1/2}$")
+    _draw_slope(axes, 1e3, -1.0, "κ$^{-1}$")
     axes.set(xlabel="stiffness κ", ylabel="distance in ε from the impacting model", title="curves and quiet limit")
     axes.legend(fontsize=8, frameon=False)
 
 
-def _slope(axes: Axes, start: float, power: float, label: str) -> None:
-    """Draw a reference line proportional to κ^power, which at κ = `start` is above all curves."""
+def _draw_slope(axes: Axes, start: float, power: float, label: str) -> None:
+    """Draw a reference line proportional to κ^power that is above all curves at κ = `start`."""
     lines = [np.asarray(line.get_xydata()) for line in axes.get_lines()]
     heights = [float(line[np.searchsorted(line[:, 0], start), 1]) for line in lines]
     ends = np.array([start, 1e8])
@@ -113,7 +116,7 @@ def _slope(axes: Axes, start: float, power: float, label: str) -> None:
     axes.loglog(ends, 2.0 * max(heights) * (ends / start) ** power, "k", ls=dashes, lw=1.0, label=label)
 
 
-def _graze(axes: Axes, gear: Gear) -> None:
+def _draw_graze(axes: Axes, gear: Gear) -> None:
     """Draw the speed after one return against the speed before it, across the grazing curve Γ."""
     piece = max(gear.gamma(), key=lambda each: each.tau.size)
     i = piece.tau.size // 2

@@ -1,8 +1,8 @@
 """Ball arithmetic with python-flint, which the extra `proof` installs.
 
 A ball is an interval midpoint ± radius. The result of an operation is a ball that contains the results for all numbers
-of the operands. A comparison is True only if it holds for all numbers of both balls. So a condition that is undecided
-is refused if it is written `if not (x > 0)`.
+of the operands. A comparison is True only if it holds for all numbers of both balls. Proofs therefore write
+`if not (x > 0)` before they refuse: this also refuses where the sign of x is undecided.
 """
 
 import threading
@@ -39,8 +39,8 @@ def precision(bits: int = BITS) -> Iterator[None]:
             ctx.cap = before
 
 
-def tight() -> float:
-    """Return 2^(−0.7 p) at the precision of p bits: a ball of smaller radius is narrow enough for all later steps."""
+def tight_radius() -> float:
+    """Return 2^(−0.7 p) at a precision of p bits: balls of smaller radius are narrow enough for all later steps."""
     return float(2.0 ** (-0.7 * ctx.prec))
 
 
@@ -49,24 +49,24 @@ def ball(number: Fraction) -> arb:
     return arb(fmpq(number.numerator, number.denominator))
 
 
-def around(centre: Fraction, radius: Fraction) -> arb:
+def interval_ball(centre: Fraction, radius: Fraction) -> arb:
     """Return a ball that contains the interval centre ± radius."""
     return ball(centre) + arb(0, 1) * ball(radius)
 
 
 def ends(x: arb) -> tuple[Fraction, Fraction]:
     """Return a lower and an upper bound of a ball as exact numbers."""
-    return exactly(x.lower()), exactly(x.upper())
+    return exact_midpoint(x.lower()), exact_midpoint(x.upper())
 
 
-def exactly(x: arb) -> Fraction:
+def exact_midpoint(x: arb) -> Fraction:
     """Return the midpoint of a ball as an exact number."""
     mantissa, exponent = (int(each) for each in x.mid().man_exp())
     return Fraction(mantissa << exponent) if exponent >= 0 else Fraction(mantissa, 1 << -exponent)
 
 
-def nearest(x: arb, places: int) -> Fraction:
-    """Return a number with `places` decimals near the midpoint of a ball."""
+def rounded_midpoint(x: arb, places: int) -> Fraction:
+    """Return the midpoint of a ball, rounded down to `places` decimals."""
     mantissa, exponent = (int(each) for each in x.mid().man_exp())
     whole = mantissa * 10**places
     return Fraction(whole << exponent if exponent >= 0 else whole >> -exponent, 10**places)
@@ -79,11 +79,11 @@ __all__ = [
     "arb",
     "arb_mat",
     "arb_series",
-    "around",
     "ball",
     "ends",
-    "exactly",
-    "nearest",
+    "exact_midpoint",
+    "interval_ball",
     "precision",
-    "tight",
+    "rounded_midpoint",
+    "tight_radius",
 ]

@@ -13,7 +13,7 @@ from rattle.errors import ParameterError, require_finite
 
 #: Version of the JSON document.
 FORMAT = 1
-#: A decimal or a ratio of integers. The limits keep powers of ten short enough to be written out.
+#: Text that is a decimal or a ratio of integers. The limits on its length keep exact numbers at some thousand digits.
 NUMBER = re.compile(r"[+-]?(\d{1,400}(\.\d{0,1100})?|\.\d{1,1100})([eE][+-]?\d{1,3})?|[+-]?\d{1,1100}/[1-9]\d{0,1100}")
 
 Exact = str | float | Fraction
@@ -37,10 +37,11 @@ class Certificate:
 
     model: "impacting" or "stiff".
     parameters: δ, ε and β, and κ of the stiff gear.
-    walls: 1 for Σ⁺ and −1 for Σ⁻, in order.
+    walls: the walls of its impacts or contacts in order, 1 for Σ⁺ and −1 for Σ⁻.
     times, speeds: times of the impacts and speeds after them; for the stiff gear times and speeds at the beginning and
     the end of each contact in turn.
-    trace, determinant: both ends of the enclosures of the trace and determinant of the tangent map over m periods.
+    trace, determinant: both ends of the enclosures of the trace and the determinant of the tangent map over the m
+    forcing periods.
     multipliers: ends of four enclosures, the real and the imaginary part of the first multiplier, then of the second.
     verdict: "attracting" if both multipliers are inside the unit circle, "saddle" if one is outside, else "undecided".
     versions: versions of the programs that made the certificate.
@@ -94,7 +95,7 @@ class Certificate:
         }
 
     def json(self) -> str:
-        """Return the document, on one line."""
+        """Return the certificate as JSON text on one line."""
         return json.dumps(self.document(), ensure_ascii=False)
 
 
@@ -111,7 +112,7 @@ def exact_number(name: str, value: Exact) -> Fraction:
 
 
 def text(value: Fraction) -> str:
-    """Return an exact number as text: a decimal if its decimals end, else a ratio."""
+    """Return an exact number as text: a decimal if finitely many decimals suffice, else a ratio of integers."""
     twos, fives, rest = 0, 0, value.denominator
     while rest % 2 == 0:
         rest, twos = rest // 2, twos + 1

@@ -62,7 +62,7 @@ def certify(
             continue
         parameters[name] = exact_number(name, has if given is None else given)
         if abs(float(parameters[name]) - has) > SAME * abs(has):
-            raise ParameterError(f"{name} must be that of the motion, {has!r}, but for rounding, got {given}")
-    from rattle.proof.finder import certified  # imports python-flint, which only proofs need
+            raise ParameterError(f"{name} must equal that of the motion, {has!r}, up to rounding, got {given}")
+    from rattle.proof.finder import prove_motion  # imports python-flint, which only proofs need
 
-    return certified(orbit, parameters)
+    return prove_motion(orbit, parameters)

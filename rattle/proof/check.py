@@ -40,7 +40,7 @@ def require(ok: bool, why: str) -> None:
         raise Refused(why)
 
 
-def exact_fraction(text: str) -> Interval:
+def interval_of_text(text: str) -> Interval:
     """Return a narrow interval that contains the exact number in a text, a decimal or a ratio. Raises Refused."""
     require(bool(NUMBER.fullmatch(text)), f"{text[:40]!r} must be a decimal or a ratio of integers")
     number = Fraction(text)
@@ -61,7 +61,7 @@ class CertifiedMotion:
     """The motion that a certificate states.
 
     itinerary: the walls of its impacts or contacts, 1 for Σ⁺ and −1 for Σ⁻. walls: the wall of each event.
-    m: its forcing periods. k: the stiffness of the piece after each kind of event.
+    m: its forcing periods. k: the stiffness in its pieces, in turn: [0], or [2κ, 0] for a contact and a flight.
     turns: factor of the velocity at an event, −1 at an impact and 1 at the beginning or the end of a contact.
     centre, radii: the centre and the half-widths of the box of the unknowns x.
     """
@@ -69,7 +69,7 @@ class CertifiedMotion:
     def __init__(self, document: Any) -> None:
         names = ["delta", "epsilon", "beta", *{"impacting": [], "stiff": ["kappa"]}[document["model"]]]
         require({*document["parameters"]} == {*names}, f"`parameters` must be {', '.join(names)}")
-        self.delta, self.epsilon, self.beta, *kappa = (exact_fraction(document["parameters"][name]) for name in names)
+        self.delta, self.epsilon, self.beta, *kappa = (interval_of_text(document["parameters"][name]) for name in names)
         self.itinerary, (self.m, *counts) = document["walls"], document["label"]
         whole = all(type(x) is int for x in [self.m, *self.itinerary]) and self.m > 0 and {*self.itinerary} <= {1, -1}
         require(
@@ -87,9 +87,9 @@ class CertifiedMotion:
         self.centre = [
             x
             for t, v, sign in zip(times, speeds, signs, strict=True)
-            for x in (exact_fraction(t), sign * exact_fraction(v))
+            for x in (interval_of_text(t), sign * interval_of_text(v))
         ]
-        self.radii = [exact_fraction(document[name]) for name in ("time_radius", "speed_radius")] * len(self.walls)
+        self.radii = [interval_of_text(document[name]) for name in ("time_radius", "speed_radius")] * len(self.walls)
         require(
             is_positive(self.delta, self.beta, *kappa, *self.radii),
             "delta, beta, kappa and both radii must be positive",
@@ -112,7 +112,7 @@ class CertifiedMotion:
         """
         values, rows = [], []
         for p in self.pieces(x):
-            (y, v), (c, s, c1, s1) = p.after(p.duration), p.tangent(p.duration)
+            (y, v), (c, s, c1, s1) = p.state_after(p.duration), p.tangent(p.duration)
             start, end = p.force(ZERO) - self.delta * p.w, p.force(p.duration) - self.delta * v - p.k * y
             values += [y - (p.target - p.wall) * self.beta, self.turns * v - p.next]
             by_y, by_v = (-c * p.w - s * start, s, v, ZERO), (-c1 * p.w - s1 * start, s1, end, ZERO - self.turns)
@@ -122,8 +122,8 @@ class CertifiedMotion:
                     rows[-1][unknown] += sign * value
         return values, rows
 
-    def enclosed(self) -> list[Interval]:
-        """Return intervals that contain the only motion of the box, by Lemma 2 (Krawczyk). Raises Refused."""
+    def enclose_motion(self) -> list[Interval]:
+        """Return intervals that contain the only motion in the box (Lemma 2 of docs/proofs.md). Raises Refused."""
         x, n, spread = self.centre, len(self.centre), [radius * UNIT for radius in self.radii]
         values, rows = self.equations(x)
         about = (fp.matrix([[row.get(j, ZERO).mid for j in range(n)] for row in rows]) ** -1).tolist()
@@ -150,12 +150,12 @@ class CertifiedMotion:
             speeds = side * p.w, (-p.wall if p.k != 0 else p.target) * self.turns * p.next
             require(
                 is_positive(p.duration, *speeds),
-                f"piece {i} is not proved to last, and to start and end on the right side of its walls",
+                f"piece {i} is not proved to take time, and to start and end with velocities that its walls allow",
             )
-            require(p.stays(), f"piece {i} is not proved to reach its end before another event")
+            require(p.is_uninterrupted(), f"piece {i} is not proved to reach its end before another event")
 
     def require_least_period(self, x: Sequence[Interval]) -> None:
-        """Raise Refused unless m forcing periods are proved to be the least period (Lemma 7)."""
+        """Raise Refused unless m forcing periods are proved to be the least period (Lemma 7 of docs/proofs.md)."""
         n, times = len(self.itinerary), [*x[::2], *(t + self.m for t in x[::2])]
         for parts in range(2, n + 1):
             shift = n // parts
@@ -168,7 +168,7 @@ class CertifiedMotion:
                 )
 
     def trace(self, x: Sequence[Interval]) -> Interval:
-        """Return the trace of the tangent map of (Φ, Φ') over the period (Lemma 8)."""
+        """Return the trace of the tangent map of (Φ, Φ') over the period, as in Lemma 8 of docs/proofs.md."""
         a, b, c, d = ZERO + 1, ZERO, ZERO, ZERO + 1
         for p in self.pieces(x):
             e, f, g, h = p.tangent(p.duration)
@@ -184,8 +184,9 @@ class MotionPiece:
     """The piece of a motion from event i to the next, where y = Φ − Φ(event i) solves y'' + δy' + ky = g(t).
 
     t, w: time and velocity at the start; next: velocity after the next event; duration: time between the events.
-    unknowns: the numbers of t, w, the next time and `next` among the unknowns. wall, target: walls of both events.
-    cosine, sine: amplitudes of the particular solution (1.12), (1.13). y0, v0: its value and derivative at the start.
+    unknowns: the indices of t, w, the next time and `next` among the unknowns. wall, target: walls of both events.
+    cosine, sine: P and Q of the particular solution, (1.12) and (1.13) of docs/proofs.md. y0, v0: the value and the
+    derivative of this solution at the start.
     """
 
     def __init__(self, motion: CertifiedMotion, i: int, x: Sequence[Interval]) -> None:
@@ -197,14 +198,14 @@ class MotionPiece:
         stiff, loss = self.k - TWO_PI**2, TWO_PI * self.delta
         a, b, size = -(TWO_PI**2) * self.epsilon, -loss * self.epsilon, stiff**2 + loss**2
         self.cosine, self.sine = (a * stiff - b * loss) / size, (b * stiff + a * loss) / size
-        self.y0, self.v0 = self.driven(ZERO)
+        self.y0, self.v0 = self.forced_solution(ZERO)
 
     def force(self, u: Interval) -> Interval:
-        """Return the contact force g (1.2), a time u after the start of the piece."""
+        """Return the contact force g, (1.2) of docs/proofs.md, a time u after the start of the piece."""
         sine, cosine = sine_and_cosine(self.t + u)
         return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
 
-    def driven(self, u: Interval) -> tuple[Interval, Interval]:
+    def forced_solution(self, u: Interval) -> tuple[Interval, Interval]:
         """Return the particular (forced) solution and its derivative, a time u after the start of the piece."""
         sine, cosine = sine_and_cosine(self.t + u)
         y, v = self.cosine * cosine + self.sine * sine, TWO_PI * (self.sine * cosine - self.cosine * sine)
@@ -212,38 +213,40 @@ class MotionPiece:
         return y + 2 * TWO_PI * (u if flies else self.delta / self.k), v + (2 * TWO_PI if flies else 0)
 
     def tangent(self, u: Interval) -> tuple[Interval, Interval, Interval, Interval]:
-        """Return C, S, −kS and C − δS, the map of (y, y') over a time u without forcing, (1.14) and (1.15)."""
+        """Return (C, S, −kS, C − δS), the map of (y, y') over a time u without forcing (1.15 of docs/proofs.md)."""
         c, kept = ZERO + 1, IV.exp(-self.delta * u / 2) * (1 + SLACK)
         s = (1 - kept**2) / self.delta
         if self.k != 0:
-            rate = IV.sqrt(self.k - self.delta**2 / 4)  # raises ValueError if contacts are overdamped
+            rate = IV.sqrt(self.k - self.delta**2 / 4)  # ValueError if contacts are overdamped: `check` refuses
             sine, cosine = sine_and_cosine(rate * u / TWO_PI)
             c, s = kept * (cosine + self.delta * sine / (2 * rate)), kept * sine / rate
         return c, s, -self.k * s, c - self.delta * s
 
-    def after(self, u: Interval) -> tuple[Interval, Interval]:
-        """Return y and y', a time u after the start of the piece."""
-        (c, s, c1, s1), (y, v), pushed = self.tangent(u), self.driven(u), self.w - self.v0
+    def state_after(self, u: Interval) -> tuple[Interval, Interval]:
+        """Return y, the displacement Φ − Φ(start), and y', a time u after the start of the piece."""
+        (c, s, c1, s1), (y, v), pushed = self.tangent(u), self.forced_solution(u), self.w - self.v0
         return y - c * self.y0 + s * pushed, v - c1 * self.y0 + s1 * pushed
 
-    def stays(self) -> bool:
-        """Return whether a flight is proved to meet no wall, or a contact not to end, before its stated end."""
+    def is_uninterrupted(self) -> bool:
+        """Return whether a flight is proved to meet no wall, or a contact not to end, before its end (Lemma 6)."""
 
-        def clear(y: Interval) -> bool:
+        def is_clear(y: Interval) -> bool:
             """Return whether at the displacement y a flight is between the walls, or a contact beyond its wall."""
             free = (1 - self.wall) * self.beta - y, (1 + self.wall) * self.beta + y
             return is_positive(self.wall * y) if self.k != 0 else is_positive(*free)
 
         parts = [(ZERO, self.duration.b)]
-        for _ in range(MOST_PARTS):  # at both ends y is clear or on a wall: so between if y' has one sign
+        for _ in range(
+            MOST_PARTS
+        ):  # at both ends of a part y is clear or on a wall, so if y' has one sign y is clear between
             low, high = parts.pop()
             part, middle = IV.mpf([low, high]), (low + high).mid / 2
-            slope = self.after(part)[1]
+            slope = self.state_after(part)[1]
             if not (is_positive(slope) or is_positive(-slope)):
-                y = self.after(middle)[0]
-                if not clear(y):
+                y = self.state_after(middle)[0]
+                if not is_clear(y):
                     return False
-                if not clear(y + slope * (part - middle)):  # by the mean value theorem
+                if not is_clear(y + slope * (part - middle)):  # by the mean value theorem
                     parts += [(low, middle), (middle, high)]
             if not parts:
                 return True
@@ -265,13 +268,13 @@ def check(text: str) -> str:
         document = json.loads(text)
         require(document["format"] == 1, "`format` must be 1")
         motion = CertifiedMotion(document)
-        x = motion.enclosed()
+        x = motion.enclose_motion()
         motion.require_admissible(x)
         motion.require_least_period(x)
         trace, determinant = motion.trace(x), IV.exp(-motion.delta * motion.m) * (1 + SLACK)
         claims = [document["trace"], document["determinant"], *document["multipliers"]]
         for x, ends in zip([trace, determinant, *roots(trace, determinant)], claims, strict=True):
-            low, high = (exact_fraction(end) for end in ends)
+            low, high = (interval_of_text(end) for end in ends)
             ok = is_positive(x - low, high - x) or x == low == high == ZERO
             require(ok, f"trace, determinant or a multiplier is not proved to be between {' and '.join(ends)}")
         room = 1 + determinant - trace, 1 + determinant + trace

@@ -14,10 +14,20 @@ from rattle._version import __version__
 from rattle.errors import NotProvedError
 from rattle.orbits.periodic import Periodic
 from rattle.proof import impacting, stiff
-from rattle.proof.balls import BITS, VERSIONS, arb, around, ball, ends, exactly, nearest, precision
+from rattle.proof.balls import (
+    BITS,
+    VERSIONS,
+    arb,
+    ball,
+    ends,
+    exact_midpoint,
+    interval_ball,
+    precision,
+    rounded_midpoint,
+)
 from rattle.proof.certificate import Certificate, Ends, Verdict
 from rattle.proof.flights import ModelPlane
-from rattle.proof.krawczyk import MOST_MOVED, Evaluated, enclosed
+from rattle.proof.krawczyk import MOST_MOVED, EvaluatedEquations, enclose_zero
 
 #: A published enclosure is wider than its ball by this multiple of the ball's width: other programs round differently.
 ROOM = 10**4
@@ -27,11 +37,11 @@ FINEST = Fraction(1, 10**12)
 PLACES = 25
 #: Largest relative difference between the stated and the proved trace that rounding can explain.
 SAME_TRACE = 1e-6
-#: Most impacts of a motion that is proved with BITS; longer motions need twice the bits.
+#: Most impacts of a motion that is proved with the precision BITS; longer motions are proved with twice as many bits.
 LONG = 16
 
 
-class MotionSystem(Evaluated, Protocol):
+class MotionSystem(EvaluatedEquations, Protocol):
     """The pieces of a periodic motion between given times, which are balls."""
 
     @property
@@ -46,18 +56,18 @@ class MotionSystem(Evaluated, Protocol):
         """Raise NotProvedError unless every flight and contact is proved not to end before its stated time."""
 
 
-def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
+def prove_motion(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
     """Return the certificate of a computed motion at exact parameters. Raises NotProvedError."""
     with precision(BITS if len(orbit.walls) <= LONG else 2 * BITS):
-        motions, start = motions_of(orbit, parameters)
-        found = enclosed(motions, start)
+        motions, start = equations_and_guess(orbit, parameters)
+        found = enclose_zero(motions, start)
         motion = motions(found.zero)
         motion.require_admissible()
         require_least_period(found.zero, orbit.walls, orbit.m)
-        speeds = [nearest(each, PLACES) for each in motion.speeds]
-        box = motions([around(each, found.radius) for each in found.centre])
+        speeds = [rounded_midpoint(each, PLACES) for each in motion.speeds]
+        box = motions([interval_ball(each, found.radius) for each in found.centre])
         trace, determinant = motion.trace, (-ball(parameters["delta"]) * orbit.m).exp()
-        require_same(orbit, speeds, trace)
+        require_stated_values(orbit, speeds, trace)
         return Certificate(
             model=stiff.MODEL if stiff.ADDED in parameters else impacting.MODEL,
             parameters=parameters,
@@ -66,40 +76,46 @@ def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
             times=tuple(found.centre),
             speeds=tuple(speeds),
             time_radius=found.radius,
-            speed_radius=radius_of(box.speeds, speeds),
-            trace=published(trace),
-            determinant=published(determinant),
-            multipliers=multipliers(trace, determinant),
+            speed_radius=radius_upper_bound(box.speeds, speeds),
+            trace=widened_ends(trace),
+            determinant=widened_ends(determinant),
+            multipliers=multiplier_enclosures(trace, determinant),
             verdict=verdict_of(trace, determinant),
             versions={"gear-rattle": __version__, **VERSIONS},
         )
 
 
-def motions_of(
+def equations_and_guess(
     orbit: Periodic, parameters: dict[str, Fraction]
 ) -> tuple[Callable[[Sequence[arb]], MotionSystem], NDArray[np.float64]]:
-    """Return the equations for motions with the walls of a computed motion, and the times from which to solve them."""
+    """Return the equations of motions with the walls of a computed motion, and its times as a first guess."""
     plane = ModelPlane(*(ball(parameters[name]) for name in ("delta", "epsilon", "beta")))
     if stiff.ADDED not in parameters:
         return impacting.ImpactingSystem(plane, orbit.walls, orbit.m), orbit.departures
     times = np.stack([orbit.times, orbit.departures], axis=-1)
-    return stiff.StiffSystem(stiff.Walls(plane, ball(parameters[stiff.ADDED])), orbit.walls, orbit.m), times.ravel()
+    return stiff.StiffSystem(
+        stiff.StiffParameters(plane, ball(parameters[stiff.ADDED])), orbit.walls, orbit.m
+    ), times.ravel()
 
 
-def require_same(orbit: Periodic, speeds: Sequence[Fraction], trace: arb) -> None:
+def require_stated_values(orbit: Periodic, speeds: Sequence[Fraction], trace: arb) -> None:
     """Raise NotProvedError if the stated speeds or multipliers of a computed motion differ from the proved ones."""
     each = len(speeds) // len(orbit.walls)
     departures = [float(speed) for speed in speeds[each - 1 :: each]]
     moved = max(abs(stated - speed) for stated, speed in zip(orbit.speeds, departures, strict=True))
     if not moved < MOST_MOVED * max(1.0, *departures):
-        raise NotProvedError(f"the stated speeds of the motion differ from the proved ones by {moved:.1e}")
+        raise NotProvedError(
+            f"the stated speeds of the motion differ from the proved speeds by {moved:.1e}: compute the motion again"
+        )
     stated = sum(orbit.multipliers).real
     if not abs(stated - float(trace)) < SAME_TRACE * max(1.0, abs(float(trace))):
-        raise NotProvedError(f"the stated multipliers have the sum {stated:.6g}, the proved ones {float(trace):.6g}")
+        raise NotProvedError(
+            f"the stated multipliers have the sum {stated:.6g}, but the proved multipliers have {float(trace):.6g}"
+        )
 
 
 def require_least_period(times: Sequence[arb], walls: Sequence[int], m: int) -> None:
-    """Raise NotProvedError unless m forcing periods are proved to be the least period of the motion (Lemma 7)."""
+    """Raise NotProvedError unless m forcing periods are proved to be the least period: Lemma 7 of docs/proofs.md."""
     n, order = len(walls), tuple(walls)
     each = len(times) // n
     for parts in range(2, m + 1):
@@ -114,7 +130,7 @@ def require_least_period(times: Sequence[arb], walls: Sequence[int], m: int) -> 
 
 
 def verdict_of(trace: arb, determinant: arb) -> Verdict:
-    """Return the stability that the trace and the determinant of the tangent map prove (Lemma 8).
+    """Return the stability that the trace and the determinant of the tangent map prove (Lemma 8 of docs/proofs.md).
 
     The multipliers are the roots of λ² − trace λ + determinant, with 0 < determinant < 1. Both are inside the unit
     circle if and only if |trace| < 1 + determinant, and one is outside if |trace| > 1 + determinant.
@@ -129,21 +145,21 @@ def verdict_of(trace: arb, determinant: arb) -> Verdict:
     return Verdict.SADDLE if abs(trace) > 1 + determinant else Verdict.UNDECIDED
 
 
-def multipliers(trace: arb, determinant: arb) -> tuple[Ends, Ends, Ends, Ends]:
+def multiplier_enclosures(trace: arb, determinant: arb) -> tuple[Ends, Ends, Ends, Ends]:
     """Return enclosures of the real and the imaginary part of the first multiplier, then of the second."""
     zero, half, square = (Fraction(0), Fraction(0)), trace / 2, trace * trace / 4 - determinant
     if square > 0:
-        return published(half + square.sqrt()), zero, published(half - square.sqrt()), zero
+        return widened_ends(half + square.sqrt()), zero, widened_ends(half - square.sqrt()), zero
     if square < 0:
         root = (-square).sqrt()
-        return published(half), published(root), published(half), published(-root)
+        return widened_ends(half), widened_ends(root), widened_ends(half), widened_ends(-root)
     spread = arb(0, 1) * square.abs_upper().sqrt()  # the multipliers are equal, or too close to be separated
-    both = published(half + spread), published(spread)
+    both = widened_ends(half + spread), widened_ends(spread)
     return both + both
 
 
-def published(x: arb) -> Ends:
-    """Return the ends of an enclosure in few digits, wider than the ball. Raises NotProvedError if it is infinite."""
+def widened_ends(x: arb) -> Ends:
+    """Return the ends, in few digits, of an interval wider than the ball x. Raises NotProvedError if x is infinite."""
     if not x.is_finite():
         raise NotProvedError(
             "the multipliers are not enclosed: the motion is too long or too unstable for the precision"
@@ -155,10 +171,10 @@ def published(x: arb) -> Ends:
     return (low // unit - 1) * unit, (-(-high // unit) + 1) * unit
 
 
-def radius_of(box: Sequence[arb], centres: Sequence[Fraction]) -> Fraction:
-    """Return an upper bound, of two digits, of the distances of the balls in `box` from their `centres`."""
+def radius_upper_bound(box: Sequence[arb], centres: Sequence[Fraction]) -> Fraction:
+    """Return an upper bound, in two digits, of the distance of every number of the balls in `box` from its centre."""
     apart = (abs(each - ball(centre)) for each, centre in zip(box, centres, strict=True))
-    widest = exactly(reduce(arb.max, apart).upper())
+    widest = exact_midpoint(reduce(arb.max, apart).upper())
     unit = Fraction(1, 10**30)
     while 100 * unit < widest:
         unit *= 10

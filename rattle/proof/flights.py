@@ -35,22 +35,22 @@ class ModelPlane:
         return 4 * PI()
 
     @cached_property
-    def swing(self) -> arb:
+    def velocity_amplitude(self) -> arb:
         """2πε, the amplitude of the velocity's oscillation."""
         return 2 * PI() * self.epsilon
 
     @cached_property
-    def forcing(self) -> arb:
-        """4π²ε, the amplitude of the cosine in g (1.2)."""
-        return 2 * PI() * self.swing
+    def force_amplitude(self) -> arb:
+        """4π²ε, the amplitude of the cosine in the contact force g, (1.2) of docs/proofs.md."""
+        return 2 * PI() * self.velocity_amplitude
 
     def force(self, sine: arb, cosine: arb) -> arb:
-        """Return the contact force g (1.2), from sine = sin 2πt and cosine = cos 2πt."""
-        return self.delta * self.drift - self.forcing * cosine - self.delta * self.swing * sine
+        """Return the contact force g, (1.2) of docs/proofs.md, from sine = sin 2πt and cosine = cos 2πt."""
+        return self.delta * self.drift - self.force_amplitude * cosine - self.delta * self.velocity_amplitude * sine
 
     @cached_property
-    def edges(self) -> tuple[arb, ...]:
-        """The two phases at which g vanishes (Lemma 4); empty below the quiet limit. Raises NotProvedError at it."""
+    def force_zero_phases(self) -> tuple[arb, ...]:
+        """The two phases at which the contact force is 0; none below the quiet limit. Raises NotProvedError at it."""
         share = 2 * self.delta / (self.epsilon * (4 * PI() ** 2 + self.delta**2).sqrt())
         if share > 1:
             return ()
@@ -67,11 +67,11 @@ class FlightEnclosure:
     """A flight, all of whose numbers are balls.
 
     t0, t1: times at which it starts and ends.
-    rest: C of (1.5) to (1.7).
+    rest: the constant C of equations (1.4) to (1.7) of docs/proofs.md.
     cos0: cos 2πt0.
     w0, w1: velocities at t0 and t1.
     decay: e^(−δ(t1 − t0)).
-    w0_t0, w0_t1, w1_t0, w1_t1: the derivatives (1.10), w0_t0 being ∂w0/∂t0.
+    w0_t0, w0_t1, w1_t0, w1_t1: derivatives of the velocities by the times (1.10); w0_t0 is ∂w0/∂t0.
     """
 
     plane: ModelPlane
@@ -87,18 +87,18 @@ class FlightEnclosure:
     w1_t0: arb
     w1_t1: arb
 
-    def at(self, t: arb) -> tuple[arb, arb]:
-        """Return Φ(t) − Φ(t0) and Φ'(t), by (1.4) and (1.5)."""
+    def state_at(self, t: arb) -> tuple[arb, arb]:
+        """Return Φ(t) − Φ(t0) and Φ'(t), by (1.4) and (1.5) of docs/proofs.md."""
         plane, sine, cosine = self.plane, *(2 * t).sin_cos_pi()
         kept = (-plane.delta * (t - self.t0)).exp()
         height = self.rest * (kept - 1) / plane.delta + plane.epsilon * (cosine - self.cos0)
-        return height + plane.drift * (t - self.t0), plane.drift - plane.swing * sine - self.rest * kept
+        return height + plane.drift * (t - self.t0), plane.drift - plane.velocity_amplitude * sine - self.rest * kept
 
 
 def flight(
     plane: ModelPlane, t0: arb, t1: arb, turn0: tuple[arb, arb], turn1: tuple[arb, arb], distance: arb
 ) -> FlightEnclosure:
-    """Return the flight over a distance between two times, by (1.7) to (1.10).
+    """Return the flight over a distance between two times, by (1.7) to (1.10) of docs/proofs.md.
 
     Parameters
     ----------
@@ -116,13 +116,16 @@ def flight(
     lost = -(-delta * (t1 - t0)).expm1()
     decay, pull = 1 - lost, delta / lost
     rest = (plane.drift * (t1 - t0) + plane.epsilon * (cos1 - cos0) - distance) * pull
-    w0, w1 = plane.drift - plane.swing * sin0 - rest, plane.drift - plane.swing * sin1 - rest * decay
+    w0, w1 = (
+        plane.drift - plane.velocity_amplitude * sin0 - rest,
+        plane.drift - plane.velocity_amplitude * sin1 - rest * decay,
+    )
     return FlightEnclosure(
         plane, t0, t1, rest, cos0, w0, w1, decay,
-        w0_t0=w0 * pull + delta * rest - plane.forcing * cos0,
+        w0_t0=w0 * pull + delta * rest - plane.force_amplitude * cos0,
         w0_t1=-pull * w1,
         w1_t0=decay * pull * w0,
-        w1_t1=(delta * rest - w1 * pull) * decay - plane.forcing * cos1,
+        w1_t1=(delta * rest - w1 * pull) * decay - plane.force_amplitude * cos1,
     )  # fmt: skip
 
 
@@ -131,10 +134,11 @@ def sign(x: arb) -> int:
     return UP if x > 0 else DOWN if x < 0 else 0
 
 
-def require_first(flight: FlightEnclosure, wall: int, target: int, name: str) -> None:
-    """Prove that the flight leaves `wall` and that its first impact is its end on `target` (Lemma 3).
+def require_first_impact(flight: FlightEnclosure, wall: int, target: int, name: str) -> None:
+    """Prove that the flight leaves `wall` and that its first impact is its end on `target`.
 
-    The proof: the speeds at both ends are not 0, and all extrema of Φ between them are strictly between the walls.
+    By Lemma 3 of docs/proofs.md it suffices that the speeds at both ends are not 0 and that all extrema of Φ during the
+    flight are strictly between the walls.
 
     Parameters
     ----------
@@ -153,7 +157,7 @@ def require_first(flight: FlightEnclosure, wall: int, target: int, name: str) ->
             f"the duration of {name} is not proved to be positive: its times are wrong, or enclosed too widely"
         )
     if sign(flight.w0) != -wall or sign(flight.w1) != target:
-        raise NotProvedError(f"{name} is not proved to start and end inside the walls: it may graze or pass one")
+        raise NotProvedError(f"{name} is not proved to start and end inside the walls: it may graze or pass a wall")
     # Φ of both walls minus Φ at the departure
     above, below = flight.plane.beta * (1 - wall), -flight.plane.beta * (1 + wall)
     for turn, height in extrema(flight, name):
@@ -164,8 +168,8 @@ def require_first(flight: FlightEnclosure, wall: int, target: int, name: str) ->
 def extrema(flight: FlightEnclosure, name: str) -> Iterator[tuple[int, arb]]:
     """Yield all extrema of Φ on a flight.
 
-    M = e^(δt) Φ' is monotone between two neighbouring zeros of g (Lemma 4). So Φ has one extremum between them if
-    Φ' has different signs at them, and else none.
+    M = e^(δt) Φ' is monotone between two neighbouring zeros of the contact force g (Lemma 4 of docs/proofs.md). So Φ
+    has one extremum between them if Φ' has different signs at them, and else none.
 
     Yields
     ------
@@ -178,23 +182,23 @@ def extrema(flight: FlightEnclosure, name: str) -> Iterator[tuple[int, arb]]:
         If the sign of Φ' at a zero of g is undecided.
     """
     places = [flight.t0]
-    for time in [*cuts(flight), flight.t1]:
+    for time in [*force_zero_times(flight), flight.t1]:
         if places[-1] < time:
             places.append(time)
-        else:  # two times that balls do not separate count as one, at which Φ' must have one sign
+        else:  # the balls overlap, so the order of both times is unknown: Φ' must have one sign over their union
             places[-1] = places[-1].union(time)
-    signs = [sign(flight.at(place)[1]) for place in places]
+    signs = [sign(flight.state_at(place)[1]) for place in places]
     if not all(signs):
-        raise NotProvedError(f"{name} has an extremum too close to a zero of the contact force, so it stays undecided")
+        raise NotProvedError(f"{name} has an extremum too close to a zero of the contact force to be proved")
     for (start, end), (before, after) in zip(pairwise(places), pairwise(signs), strict=True):
         if after != before:
             yield after, extremum(flight, start, end, name)
 
 
-def cuts(flight: FlightEnclosure) -> list[arb]:
-    """Return the times at which g vanishes during a flight, in order; times at its very ends may be among them."""
+def force_zero_times(flight: FlightEnclosure) -> list[arb]:
+    """Return the times during a flight at which the contact force vanishes, in order, and perhaps times at its ends."""
     found = []
-    for edge in flight.plane.edges:
+    for edge in flight.plane.force_zero_phases:
         number = math.floor(float((flight.t0 - edge).mid())) - 1
         while not edge + number > flight.t1:
             if not edge + number < flight.t0:
@@ -204,10 +208,11 @@ def cuts(flight: FlightEnclosure) -> list[arb]:
 
 
 def extremum(flight: FlightEnclosure, start: arb, end: arb, name: str) -> arb:
-    """Return a ball that contains Φ − Φ(t0) at the only zero t* of Φ' between start and end, where M is monotone.
+    """Return a ball that contains Φ − Φ(t0) at the only zero t* of Φ' between start and end.
 
-    For any time e between them |M| ≤ |M(e)| from e to t*, so |Φ(t*) − Φ(e)| ≤ L e^(δL) |Φ'(e)| with L = end − start
-    (Lemma 5). The closer e is to t*, the narrower is the ball.
+    M = e^(δt) Φ' must be monotone between start and end. For any time e between them |M| ≤ |M(e)| from e to t*, so
+    |Φ(t*) − Φ(e)| ≤ L e^(δL) |Φ'(e)| with L = end − start (Lemma 5 of docs/proofs.md). The closer e is to t*, the
+    narrower is the ball.
 
     Returns
     -------
@@ -219,15 +224,15 @@ def extremum(flight: FlightEnclosure, start: arb, end: arb, name: str) -> arb:
     NotProvedError
         If the guess of t* is not between start and end.
     """
-    turn = arb(_turn(flight, float(start.mid()), float(end.mid())))
+    turn = arb(_guess_extremum_time(flight, float(start.mid()), float(end.mid())))
     if not (turn > start and turn < end):
         raise NotProvedError(f"{name} has an extremum too close to its end or to a zero of the contact force")
-    height, slope = flight.at(turn)
+    height, slope = flight.state_at(turn)
     length = end - start
     return height + arb(0, 1) * length * (flight.plane.delta * length).exp() * slope
 
 
-def _turn(flight: FlightEnclosure, start: float, end: float) -> float:
+def _guess_extremum_time(flight: FlightEnclosure, start: float, end: float) -> float:
     """Return a guess, in doubles, of the time at which Φ' changes sign. The bound of `extremum` holds for any guess."""
     delta, epsilon = float(flight.plane.delta), float(flight.plane.epsilon)
     t0, rest = float(flight.t0), float(flight.rest)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rattle.proof.balls import arb, arb_mat
-from rattle.proof.flights import FlightEnclosure, ModelPlane, flight, require_first
+from rattle.proof.flights import FlightEnclosure, ModelPlane, flight, require_first_impact
 
 #: Name of this model in certificates.
 MODEL = "impacting"
@@ -19,7 +19,7 @@ MODEL = "impacting"
 
 @dataclass(frozen=True)
 class ImpactEnclosures:
-    """The flights (n,) of a motion; flight i starts at impact i. The unknowns are the times (n,) of the impacts."""
+    """The flights (n,) between given times (n,) of impacts; flight i starts at impact i on walls[i]."""
 
     walls: tuple[int, ...]
     flights: list[FlightEnclosure]
@@ -31,7 +31,7 @@ class ImpactEnclosures:
 
     @property
     def jacobian(self) -> arb_mat:
-        """The Jacobian ∂R/∂t (n, n)."""
+        """The Jacobian ∂R/∂t (n, n) of the residual with respect to the times of the impacts."""
         n = len(self.flights)
         matrix = [[arb(0)] * n for _ in range(n)]
         for i, here in enumerate(self.flights):
@@ -49,7 +49,7 @@ class ImpactEnclosures:
 
     @property
     def trace(self) -> arb:
-        """The trace of the product of the flights' tangent maps in (t, w²/2), each of determinant e^(−δs)."""
+        """The trace of the product of the flights' tangent maps in (t, w²/2), each with determinant e^(−δ duration)."""
         product = arb_mat([[1, 0], [0, 1]])
         for each in self.flights:
             # dw0 = w0_t0 dt0 + w0_t1 dt1 determines dt1; then dw1 = w1_t0 dt0 + w1_t1 dt1
@@ -62,7 +62,7 @@ class ImpactEnclosures:
         """Raise NotProvedError unless the end of every flight is proved to be its first impact."""
         for i, each in enumerate(self.flights):
             target = self.walls[(i + 1) % len(self.walls)]
-            require_first(each, self.walls[i], target, f"the flight after impact {i + 1}")
+            require_first_impact(each, self.walls[i], target, f"the flight after impact {i + 1}")
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class ImpactingSystem:
     m: int
 
     def __call__(self, times: Sequence[arb]) -> ImpactEnclosures:
-        """Return the flights between these times. They form a motion if R = 0; else an impact is not elastic."""
+        """Return the flights between these times; they form a motion if their residual R is 0."""
         n, turns = len(times), [(2 * time).sin_cos_pi() for time in times]
         flights = [
             flight(

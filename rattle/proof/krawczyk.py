@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.errors import NotProvedError
-from rattle.proof.balls import arb, arb_mat, around, ball, nearest, tight
+from rattle.proof.balls import arb, arb_mat, ball, interval_ball, rounded_midpoint, tight_radius
 
-#: Half-widths of the boxes, in the order in which they are tried: uniqueness in a larger box says more.
+#: Half-widths of the boxes, the largest first, because uniqueness in a larger box says more.
 RADII = tuple(Fraction(1, 10**k) for k in (11, 13, 15, 17, 20))
 #: Decimals to which the centre of a box is rounded.
 PLACES = 28
@@ -23,7 +23,7 @@ MOST_REPEATED = 12
 MOST_MOVED = 1e-9
 
 
-class Evaluated(Protocol):
+class EvaluatedEquations(Protocol):
     """The value and the derivative of n equations in n unknowns x, over balls of x."""
 
     @property
@@ -35,7 +35,7 @@ class Evaluated(Protocol):
         """The Jacobian ∂R/∂x (n, n)."""
 
 
-Equations = Callable[[Sequence[arb]], Evaluated]
+Equations = Callable[[Sequence[arb]], EvaluatedEquations]
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Enclosure:
     zero: list[arb]
 
 
-def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
+def enclose_zero(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
     """Return a proved enclosure of the zero near a computed zero.
 
     Let X be a box with the centre c, and C any matrix. If K(X) = c − C R(c) + (1 − C ∂R(X)) (X − c) lies inside X, then
@@ -72,15 +72,17 @@ def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
     """
     about, centre = refined_zero(equations, start)
     x = [ball(each) for each in centre]
-    step, small = about * column(equations(x).residual), tight()
+    step, small = about * column(equations(x).residual), tight_radius()
     for radius in RADII:
         limit = ball(radius)
-        moved = _moved(equations, x, step, about, [around(Fraction(0), radius)] * len(x))
+        moved = _krawczyk_image(equations, x, step, about, [interval_ball(Fraction(0), radius)] * len(x))
         if all(abs(each) < limit for each in moved):
             for _ in range(MOST_REPEATED):
                 if all(each.rad() < small for each in moved):
                     break
-                moved = _moved(equations, x, step, about, moved)  # also contains the zero
+                moved = _krawczyk_image(
+                    equations, x, step, about, moved
+                )  # the image contains the zero, because the box does
             return Enclosure(centre, radius, [a + b for a, b in zip(x, moved, strict=True)])
     raise NotProvedError("no box around the motion is mapped into itself: the motion is too close to a bifurcation")
 
@@ -102,7 +104,7 @@ def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_
     """
     x = [arb(float(each)) for each in start]
     here = equations(x)
-    about = inverse(here.jacobian)
+    about = approximate_inverse(here.jacobian)
     step = (about * column(here.residual)).entries()
     moved = max(abs(float(each)) for each in step)
     if not moved < MOST_MOVED:
@@ -111,11 +113,11 @@ def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_
         )
     x = [(a - b).mid() for a, b in zip(x, step, strict=True)]
     step = (about * column(equations(x).residual)).entries()
-    return about, [nearest(a - b, PLACES) for a, b in zip(x, step, strict=True)]
+    return about, [rounded_midpoint(a - b, PLACES) for a, b in zip(x, step, strict=True)]
 
 
-def inverse(matrix: arb_mat) -> arb_mat:
-    """Return an approximate inverse (n, n) of a matrix, in doubles. Raises NotProvedError if the matrix is singular."""
+def approximate_inverse(matrix: arb_mat) -> arb_mat:
+    """Return an approximate inverse (n, n), computed in doubles. Raises NotProvedError if the matrix is singular."""
     middle = np.array([[float(each) for each in row] for row in matrix.tolist()])
     try:
         found = np.linalg.inv(middle)
@@ -133,8 +135,10 @@ def column(entries: Sequence[arb]) -> arb_mat:
     return arb_mat(len(entries), 1, list(entries))
 
 
-def _moved(equations: Equations, x: Sequence[arb], step: arb_mat, about: arb_mat, box: Sequence[arb]) -> list[arb]:
-    """Return K(x + box) − x for Krawczyk's operator K; `about` is the matrix C, and step = C R(x)."""
+def _krawczyk_image(
+    equations: Equations, x: Sequence[arb], step: arb_mat, about: arb_mat, box: Sequence[arb]
+) -> list[arb]:
+    """Return K(x + box) − x for Krawczyk's operator K (`enclose_zero`); `about` is its matrix C, and step is C R(x)."""
     n = len(x)
     unit = arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
     jacobian = equations([a + b for a, b in zip(x, box, strict=True)]).jacobian

@@ -1,4 +1,4 @@
-"""A periodic motion of the stiff gear in ball arithmetic, whose unknowns are the times of its contacts.
+"""A periodic motion of the stiff gear in ball arithmetic: the unknowns are the times of its contacts.
 
 Beyond Σ± the penetration y = Φ ∓ β obeys y'' + δy' + 2κy = g(t) (1.3 of docs/proofs.md). A contact begins with y = 0
 and the final velocity of the flight before it. It ends with y = 0 and the initial velocity of the flight after it.
@@ -12,7 +12,7 @@ from functools import cached_property
 
 from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb, arb_mat
-from rattle.proof.flights import FlightEnclosure, ModelPlane, flight, require_first
+from rattle.proof.flights import FlightEnclosure, ModelPlane, flight, require_first_impact
 
 #: Name of this model in certificates.
 MODEL = "stiff"
@@ -23,27 +23,31 @@ MOST_PARTS = 2000
 
 
 @dataclass(frozen=True)
-class Walls:
-    """The parameters of the stiff gear, with the stiffness κ in `kappa`, and its motion in contact with a wall."""
+class StiffParameters:
+    """The parameters δ, ε, β and κ of the stiff gear, and quantities of its contacts that follow from them alone."""
 
     plane: ModelPlane
     kappa: arb
 
     @cached_property
-    def response(self) -> tuple[arb, arb]:
-        """The amplitudes P and Q of cos 2πt and sin 2πt in the steady motion, (1.12) and (1.13)."""
+    def steady_amplitudes(self) -> tuple[arb, arb]:
+        """The amplitudes P and Q of cos 2πt and sin 2πt in the steady motion, (1.12) and (1.13) of docs/proofs.md."""
         stiff, loss = 2 * self.kappa - 4 * PI() ** 2, 2 * PI() * self.plane.delta
-        a, b, size = -self.plane.forcing, -self.plane.delta * self.plane.swing, stiff * stiff + loss * loss
+        a, b, size = (
+            -self.plane.force_amplitude,
+            -self.plane.delta * self.plane.velocity_amplitude,
+            stiff * stiff + loss * loss,
+        )
         return (a * stiff - b * loss) / size, (b * stiff + a * loss) / size
 
     @cached_property
-    def mean(self) -> arb:
-        """The mean 4πδ/2κ of the steady motion."""
+    def steady_mean(self) -> arb:
+        """The mean 4πδ/2κ of the steady motion, the permanent contact."""
         return self.plane.delta * self.plane.drift / (2 * self.kappa)
 
     @cached_property
-    def rate(self) -> arb:
-        """√(2κ − δ²/4), the frequency of free oscillations in contact."""
+    def free_frequency(self) -> arb:
+        """√(2κ − δ²/4), the frequency of free oscillations of a contact. Raises NotProvedError if overdamped."""
         square = 2 * self.kappa - self.plane.delta**2 / 4
         if not square > 0:
             raise NotProvedError(
@@ -51,17 +55,17 @@ class Walls:
             )
         return square.sqrt()
 
-    def steady(self, t: arb) -> tuple[arb, arb]:
-        """Return y and y' of the steady motion, the permanent contact (1.11)."""
-        (a, b), (sine, cosine) = self.response, (2 * t).sin_cos_pi()
-        return self.mean + a * cosine + b * sine, 2 * PI() * (b * cosine - a * sine)
+    def steady_motion(self, t: arb) -> tuple[arb, arb]:
+        """Return the penetration y, and y', of the steady motion, the permanent contact: (1.11) of docs/proofs.md."""
+        (a, b), (sine, cosine) = self.steady_amplitudes, (2 * t).sin_cos_pi()
+        return self.steady_mean + a * cosine + b * sine, 2 * PI() * (b * cosine - a * sine)
 
     def tangent(self, u: arb) -> tuple[arb, arb, arb, arb]:
-        """Return the tangent map (C, S, −2κS, C − δS) of (y, y') over a time u in contact, (1.14) and (1.15)."""
+        """Return the tangent map (C, S, −2κS, C − δS) of (y, y') over a time u in contact: (1.15) of docs/proofs.md."""
         delta = self.plane.delta
-        sine, cosine = (self.rate * u).sin_cos()
+        sine, cosine = (self.free_frequency * u).sin_cos()
         kept = (-delta * u / 2).exp()
-        s = kept * sine / self.rate
+        s = kept * sine / self.free_frequency
         c = kept * cosine + delta * s / 2
         return c, s, -2 * self.kappa * s, c - delta * s
 
@@ -72,36 +76,36 @@ class Walls:
 
 @dataclass(frozen=True)
 class ContactEnclosure:
-    """A contact that begins at time t0 with velocity w and ends at time t1."""
+    """A contact that begins at time t0 with y = 0 and the velocity w, and ends at time t1."""
 
-    walls: Walls
+    walls: StiffParameters
     t0: arb
     t1: arb
     w: arb
 
     @cached_property
-    def start(self) -> tuple[arb, arb]:
-        """The state (y, y') at t0, minus that of the steady motion."""
-        y, v = self.walls.steady(self.t0)
+    def initial_deviation(self) -> tuple[arb, arb]:
+        """The state (y, y') at t0 minus the state of the steady motion, the permanent contact."""
+        y, v = self.walls.steady_motion(self.t0)
         return -y, self.w - v
 
     @cached_property
     def tangent(self) -> tuple[arb, arb, arb, arb]:
-        """The tangent map of (y, y') from t0 to t1."""
+        """The tangent map (C, S, −2κS, C − δS) of (y, y') from t0 to t1, the ends of the contact."""
         return self.walls.tangent(self.t1 - self.t0)
 
     @cached_property
-    def end(self) -> tuple[arb, arb]:
-        """The state (y, y') at t1."""
-        return self._moved(self.t1, self.tangent)
+    def final_state(self) -> tuple[arb, arb]:
+        """The state (y, y') at t1, where y is the penetration of the wall."""
+        return self._state_from_tangent(self.t1, self.tangent)
 
-    def at(self, t: arb) -> tuple[arb, arb]:
-        """Return y and y' at time t."""
-        return self._moved(t, self.walls.tangent(t - self.t0))
+    def state_at(self, t: arb) -> tuple[arb, arb]:
+        """Return the penetration y of the wall, and y', at time t."""
+        return self._state_from_tangent(t, self.walls.tangent(t - self.t0))
 
-    def _moved(self, t: arb, tangent: tuple[arb, arb, arb, arb]) -> tuple[arb, arb]:
-        """Return y and y' at time t, from the tangent map from t0 to t."""
-        (moved, pushed), (y, v), (c, s, c1, s1) = self.start, self.walls.steady(t), tangent
+    def _state_from_tangent(self, t: arb, tangent: tuple[arb, arb, arb, arb]) -> tuple[arb, arb]:
+        """Return y and y' at time t, from the tangent map between t0 and t."""
+        (moved, pushed), (y, v), (c, s, c1, s1) = self.initial_deviation, self.walls.steady_motion(t), tangent
         return y + c * moved + s * pushed, v + c1 * moved + s1 * pushed
 
 
@@ -112,7 +116,7 @@ class Contacts:
     The unknowns (2c,) are the times at which each contact begins and ends.
     """
 
-    walls: Walls
+    walls: StiffParameters
     itinerary: tuple[int, ...]
     contacts: list[ContactEnclosure]
     flights: list[FlightEnclosure]
@@ -121,7 +125,9 @@ class Contacts:
     def residual(self) -> list[arb]:
         """R (2c,): y at the end of each contact, and its final velocity minus the next flight's initial velocity."""
         pairs = zip(self.contacts, self.flights, strict=True)
-        return [each for contact, after in pairs for each in (contact.end[0], contact.end[1] - after.w0)]
+        return [
+            each for contact, after in pairs for each in (contact.final_state[0], contact.final_state[1] - after.w0)
+        ]
 
     @property
     def jacobian(self) -> arb_mat:
@@ -130,7 +136,7 @@ class Contacts:
         matrix = [[arb(0)] * n for _ in range(n)]
         for i, (contact, after) in enumerate(zip(self.contacts, self.flights, strict=True)):
             before, begin, end = self.flights[i - 1], 2 * i, 2 * i + 1
-            (c, s, c1, s1), (y, v) = contact.tangent, contact.end
+            (c, s, c1, s1), (y, v) = contact.tangent, contact.final_state
             pull = self.walls.force(contact.t0) - delta * contact.w
             push = self.walls.force(contact.t1) - delta * v - 2 * self.walls.kappa * y
             for row, by_y, by_v, by_end in ((begin, c, s, v), (end, c1, s1, push)):
@@ -149,7 +155,7 @@ class Contacts:
 
     @property
     def trace(self) -> arb:
-        """The trace of the product of the tangent maps of (Φ, Φ') of all pieces, each of determinant e^(−δs)."""
+        """The trace of the product of the tangent maps of (Φ, Φ') over all contacts and flights."""
         product, delta = arb_mat([[1, 0], [0, 1]]), self.walls.plane.delta
         for contact, after in zip(self.contacts, self.flights, strict=True):
             c, s, c1, s1 = contact.tangent
@@ -162,20 +168,20 @@ class Contacts:
         """Raise NotProvedError unless every contact and every flight is proved not to end before its stated time."""
         for i, (contact, after) in enumerate(zip(self.contacts, self.flights, strict=True)):
             wall, target = self.itinerary[i], self.itinerary[(i + 1) % len(self.itinerary)]
-            require_lasts(contact, wall, f"contact {i + 1}")
-            require_first(after, wall, target, f"the flight after contact {i + 1}")
+            require_contact_lasts(contact, wall, f"contact {i + 1}")
+            require_first_impact(after, wall, target, f"the flight after contact {i + 1}")
 
 
 @dataclass(frozen=True)
 class StiffSystem:
     """The equations of motions that touch these walls (c,) in m forcing periods, for the times (2c,) of contacts."""
 
-    walls: Walls
+    walls: StiffParameters
     itinerary: tuple[int, ...]
     m: int
 
     def __call__(self, times: Sequence[arb]) -> Contacts:
-        """Return the contacts and flights between these times. They form a motion if R = 0; else they do not join."""
+        """Return the contacts and flights between these times; they form a motion if their residual R is 0."""
         c, n, plane = len(self.itinerary), len(times), self.walls.plane
         turns = [(2 * time).sin_cos_pi() for time in times]
         flights = [
@@ -189,11 +195,12 @@ class StiffSystem:
         return Contacts(self.walls, self.itinerary, contacts, flights)
 
 
-def require_lasts(contact: ContactEnclosure, wall: int, name: str) -> None:
-    """Prove that wall · y > 0 between the beginning and the end of a contact, by bisection of its time (Lemma 6).
+def require_contact_lasts(contact: ContactEnclosure, wall: int, name: str) -> None:
+    """Prove that wall · y > 0 between the beginning and the end of a contact (Lemma 6 of docs/proofs.md).
 
-    At both ends of each part wall · y > 0 is proved, or y = 0 at an end of the contact. So wall · y > 0 within the part
-    if y' has one sign there; if not, the mean value theorem bounds y.
+    The time of the contact is bisected. At both ends of each part wall · y > 0 is proved, or y = 0 because the contact
+    begins or ends there. So wall · y > 0 within the part if y' has one sign there; if not, the mean value theorem
+    bounds y.
 
     Raises
     ------
@@ -205,14 +212,14 @@ def require_lasts(contact: ContactEnclosure, wall: int, name: str) -> None:
             f"the duration of {name} is not proved to be positive: its times are wrong, or enclosed too widely"
         )
     if not wall * contact.w > 0:
-        raise NotProvedError(f"{name} is not proved to begin from inside the walls: it may graze")
+        raise NotProvedError(f"{name} is not proved to begin with a velocity into its wall: it may graze")
     parts = [(contact.t0.lower(), contact.t1.upper())]
     for _ in range(MOST_PARTS):
         start, end = parts.pop()
         part = start.union(end)
-        middle, slope = part.mid(), contact.at(part)[1]
+        middle, slope = part.mid(), contact.state_at(part)[1]
         if not (slope > 0 or slope < 0):
-            y = wall * contact.at(middle)[0]
+            y = wall * contact.state_at(middle)[0]
             if not y > 0:
                 break
             if not y + wall * slope * (part - middle) > 0:

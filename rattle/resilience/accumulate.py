@@ -27,8 +27,8 @@ class Accumulator(Protocol):
     def add(self, sample: NDArray[np.int64], tau: Array, v: Array, time: Array) -> NDArray[np.bool_] | None:
         """Add the next departure (τ, v) from Σ⁺ of k samples.
 
-        sample: the indices (k,) of these samples. time: forcing periods since the samples started. The method returns
-        flags (k,), True for samples that need not be followed further; or None if all must be followed.
+        sample: the indices (k,) of these samples. time: forcing periods since each sample started. The method returns
+        flags (k,), True for samples that need not be followed further; or None if all must be followed further.
         """
 
     def values(self) -> Array:

@@ -12,22 +12,23 @@ from rattle.errors import RattleError
 from rattle.flight.law import wrapped
 from rattle.models import AnyGear, gear_at
 from rattle.parameters import Parameters
-from rattle.resilience.gears import SAME_POINT, unit_of
+from rattle.resilience.gears import SAME_POINT, speed_unit_of
 
 Array = NDArray[np.float64]
 SADDLE_NODE, FLIP, GRAZE = "saddle-node", "flip", "graze"
 CRISIS, QUIET_LIMIT, SAMPLING, CONTINUES, UNKNOWN = "crisis", "quiet limit", "sampling", "continues", "unknown"
-#: Smallest step of continuation, as a share of the way from one point of the path to the next.
+#: Smallest step of continuation, as a share of the distance between two neighbouring points of the path.
 LEAST_STEP = 1e-9
 #: Orbits with more impacts are not followed, because an orbit of a hundred impacts would take half a minute.
 LONGEST = 32
-#: Largest distance between the departures of an orbit and of its continuation, with speeds in units of `unit_of`.
+#: Largest distance between the departures of an orbit and of its continuation, with speeds in units of `speed_unit_of`.
 FARTHEST = 0.1
 #: A multiplier that is closer to ±1 than this, where an orbit is about to end, counts as ±1.
 AT_ONE = 0.01
-#: The end of an orbit is extrapolated from two values whose ratio is larger than this.
+#: The end of an orbit is extrapolated from two values of a function of its multipliers whose ratio exceeds this.
 CLEARLY = 1.5
-#: Distance beyond the end of an orbit, as a share of the way, at which its virtual continuation is sought.
+#: Distance beyond the end of an orbit, as a share of the distance between two points of the path, at which a virtual
+#: continuation of the orbit is sought.
 BESIDE = 1e-3
 
 
@@ -59,7 +60,7 @@ def gear_between(start: Parameters, end: Parameters, share: float) -> AnyGear:
     return gear_at(start.interpolate(end, share))
 
 
-def end_of(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> OrbitEnd:
+def find_orbit_end(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> OrbitEnd:
     """Follow an orbit from one point towards another, as long as it is admissible and attracts.
 
     A step that fails is halved. Where a multiplier is close to ±1 Newton's method loses digits and stops before the
@@ -71,13 +72,13 @@ def end_of(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> OrbitEnd:
         The cause, and the shares of the way between which the orbit ends.
     """
     at, step, share = orbit, 1.0, 0.0
-    last = _solved(gear_between(start, end, 0.0), at) if sum(orbit.label[1:]) <= LONGEST else None
+    last = _orbit_near(gear_between(start, end, 0.0), at) if sum(orbit.label[1:]) <= LONGEST else None
     if last is None:
         return OrbitEnd(UNKNOWN, 0.0, 1.0)
     trail = [(share, last.multipliers)]
     while step > LEAST_STEP:
         ahead = min(share + step, 1.0)
-        found = _solved(gear_between(start, end, ahead), at)
+        found = _orbit_near(gear_between(start, end, ahead), at)
         if found is None or not (found.admissible and found.stable):
             step *= 0.5
             continue
@@ -86,19 +87,20 @@ def end_of(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> OrbitEnd:
         if share == 1.0:
             return OrbitEnd(SAMPLING, 1.0, 1.0, at)
         step *= 2.0
-    cause, distance = _cause(start, end, last, at, trail)
+    cause, distance = _cause_of_end(start, end, last, at, trail)
     return OrbitEnd(cause, share, min(share + 2.0 * max(step, distance), 1.0))
 
 
-def _to_zero(trail: list[tuple[float, Any]], sign: float, power: int) -> float:
-    """Return how far beyond the last point of a trail ((1 + sign λ₁)(1 + sign λ₂))^power becomes 0.
+def _distance_to_zero(trail: list[tuple[float, Any]], sign: float, power: int) -> float:
+    """Extrapolate to where ((1 + sign λ₁)(1 + sign λ₂))^power becomes 0, λ₁ and λ₂ being an orbit's multipliers.
 
-    trail: the shares of the way at which the orbit was found, with its multipliers λ₁ and λ₂ there.
+    trail: the multipliers of the orbit where it was found, each pair after its position, which is a share of the way
+    from one point of the path to the next.
 
     Returns
     -------
     float
-        The distance as a share of the way, by linear extrapolation; 0 if the values do not differ enough.
+        The distance from the last position to the zero, as such a share; 0 if the values do not differ enough.
     """
     known = [(share, float(np.real(np.prod(1.0 + sign * np.array(pair)))) ** power) for share, pair in trail]
     last, rest = known[-1]
@@ -108,20 +110,20 @@ def _to_zero(trail: list[tuple[float, Any]], sign: float, power: int) -> float:
     return 0.0
 
 
-def _solved(gear: AnyGear, near: TrackedOrbit) -> Any:
+def _orbit_near(gear: AnyGear, near: TrackedOrbit) -> Any:
     """Return the periodic motion with the label of `near` that departs close to it, or None if there is none."""
     try:
         found = gear.orbit(near.tau, near.v, near.label[1])
     except RattleError:
         return None
-    far = np.hypot(wrapped(found.tau - near.tau), (found.v - near.v) / unit_of(gear))
+    far = np.hypot(wrapped(found.tau - near.tau), (found.v - near.v) / speed_unit_of(gear))
     label = found.m, found.n_plus, found.n_minus
-    if label != near.label or far > FARTHEST or after_part(gear, near, found) < SAME_POINT:
+    if label != near.label or far > FARTHEST or distance_after_part(gear, near, found) < SAME_POINT:
         return None
     return found
 
 
-def after_part(gear: AnyGear, label: TrackedOrbit, found: Any) -> float:
+def distance_after_part(gear: AnyGear, label: TrackedOrbit, found: Any) -> float:
     """Return the least distance between the start of a motion and its state after a part of its period.
 
     A motion that closes after a part of its period is a shorter motion, run through several times.
@@ -129,12 +131,13 @@ def after_part(gear: AnyGear, label: TrackedOrbit, found: Any) -> float:
     Returns
     -------
     float
-        The distance, with speeds in units of `unit_of`; 0 for a motion that closes.
+        The distance, with speeds in units of `speed_unit_of`; 0 for a motion that closes after a part of its period,
+        inf if its period has no parts.
     """
     m, n_plus, n_minus = label.label
     parts = [n for n in range(2, m + 1) if not (m % n or n_plus % n or n_minus % n)]
     after = gear.iterate(found.tau, found.v, np.array([n_plus // n for n in parts], np.int64))
-    far = np.maximum(abs(wrapped(after.tau - found.tau)), abs(after.v - found.v) / unit_of(gear))
+    far = np.maximum(abs(wrapped(after.tau - found.tau)), abs(after.v - found.v) / speed_unit_of(gear))
     return float(far.min(initial=np.inf))
 
 
@@ -143,29 +146,30 @@ def _was_doubled(gear: AnyGear, at: TrackedOrbit) -> bool:
     if any(n % 2 for n in at.label):
         return False
     m, n_plus, n_minus = (n // 2 for n in at.label)
-    half = _solved(gear, TrackedOrbit((m, n_plus, n_minus), at.tau, at.v))
+    half = _orbit_near(gear, TrackedOrbit((m, n_plus, n_minus), at.tau, at.v))
     return half is not None and bool(np.abs(np.array(half.multipliers) + 1.0).min() < 2.0 * AT_ONE)
 
 
-def _cause(
+def _cause_of_end(
     start: Parameters, end: Parameters, last: Any, at: TrackedOrbit, trail: list[tuple[float, Any]]
 ) -> tuple[str, float]:
-    """Return why an orbit is about to end, and the distance to its end as a share of the way, 0 if unknown.
+    """Return why an orbit that was followed from `start` towards `end` is about to end, and how far its end is.
 
-    last, at: the orbit at the last step. trail: the shares of the way so far, with the orbit's multipliers.
+    last, at: the orbit at the last step. trail: the positions so far, as shares of the way from `start` to `end`, each
+    with the orbit's multipliers there.
 
     Returns
     -------
     tuple[str, float]
-        The cause and the distance.
+        The cause, and the distance to the end as a share of the way; 0 if the distance is unknown.
     """
     multipliers, share = np.array(last.multipliers), trail[-1][0]
     if np.abs(multipliers - 1.0).min() < AT_ONE:
         if _was_doubled(gear_between(start, end, share), at):
-            return FLIP, _to_zero(trail, -1.0, 1)
-        return SADDLE_NODE, _to_zero(trail, -1.0, 2)
+            return FLIP, _distance_to_zero(trail, -1.0, 1)
+        return SADDLE_NODE, _distance_to_zero(trail, -1.0, 2)
     if np.abs(multipliers + 1.0).min() < AT_ONE:
-        return FLIP, _to_zero(trail, 1.0, 1)
-    beyond = _solved(gear_between(start, end, min(share + BESIDE, 1.0)), at)
+        return FLIP, _distance_to_zero(trail, 1.0, 1)
+    beyond = _orbit_near(gear_between(start, end, min(share + BESIDE, 1.0)), at)
     # beyond a graze the orbit is virtual, or it meets another wall and Newton's method does not find it
     return (GRAZE if beyond is None or not beyond.admissible else UNKNOWN), 0.0

@@ -14,22 +14,21 @@ from rattle.flight.law import wrapped
 from rattle.models import AnyGear
 from rattle.numerics.sampling import wilson_interval
 from rattle.resilience.accumulate import accumulated
-from rattle.resilience.gears import States, sample_of, unit_of
+from rattle.resilience.gears import States, sample_of, speed_unit_of
 
 Array = NDArray[np.float64]
-#: Default observation time in relaxation times 1/δ.
+#: Default observation time, in relaxation times 1/δ.
 RELAXATIONS = 300.0
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """The arrivals of samples (n,) at their attractors.
+    """The times at which samples (n,) arrive at their attractors.
 
     attractors: the attractors, the largest basin fraction first. which (n,): the index of each sample's attractor.
-    time (n,): forcing periods until the sample departs from Σ⁺ nearer than `within` to its quiet or periodic
-    attractor for the first time. The time is NaN for chaotic and undecided samples, and for samples that did not arrive
-    within the observation time.
-    within: the distance at which a sample counts as arrived.
+    time (n,): forcing periods until the sample has arrived at its quiet or periodic attractor: until it departs from Σ⁺
+    nearer to the attractor than the distance `within` for the first time. The time is NaN for chaotic and undecided
+    samples, and for samples that did not arrive within the observation time.
     """
 
     attractors: tuple[Attractor, ...]
@@ -40,14 +39,14 @@ class Convergence:
     @property
     def median(self) -> Array:
         """The median time to each attractor, NaN where no time is known."""
-        return self._of(np.median)
+        return self._per_attractor(np.median)
 
     @property
     def largest(self) -> Array:
         """The largest known time to each attractor, NaN where no time is known."""
-        return self._of(np.max)
+        return self._per_attractor(np.max)
 
-    def _of(self, function: object) -> Array:
+    def _per_attractor(self, function: object) -> Array:
         """Return the value of a function of the known times, for each attractor; NaN where no time is known."""
         assert callable(function)
         times = (self.time[(self.which == i) & np.isfinite(self.time)] for i in range(len(self.attractors)))
@@ -73,12 +72,12 @@ class Convergence:
         return number / self.time.size, *wilson_interval(number, self.time.size)
 
 
-class _Arrival:
-    """Accumulate the first time at which each sample is near its attractor.
+class _ArrivalAccumulator:
+    """An `Accumulator` of the first time at which each sample is near its attractor.
 
-    which: the index of each sample's attractor. points: for each attractor its departures (k, 2); no rows for quiet
-    motion, and None for attractors whose arrival is not defined. near: the distance at which a sample has arrived.
-    unit: the unit of speeds in this distance.
+    which: the index of each sample's attractor. points: for each attractor its departures (τ, v) from Σ⁺ (k, 2); no
+    rows for quiet motion, and None for chaotic and undecided motion, at which samples never arrive. near: the distance
+    below which a sample has arrived. unit: the unit of speeds in this distance.
     """
 
     def __init__(self, which: NDArray[np.int64], points: list[Array | None], near: float, unit: float) -> None:
@@ -95,7 +94,9 @@ class _Arrival:
         for i, points in enumerate(self.points):
             mine = np.flatnonzero((self.which[sample] == i) & ~there)
             if points is None or not mine.size:
-                there[mine] = points is None  # these samples are not followed: their arrival is not defined
+                there[mine] = (
+                    points is None
+                )  # samples of chaotic and undecided motion are not followed: they never arrive
                 continue
             if not len(points):
                 there[mine] = v[mine] < self.near * self.unit
@@ -151,13 +152,13 @@ def convergence(
     require(within < 0.5, f"within must be below 0.5, half a forcing period, got {within}")
     tau, v = sample_of(gear, count, v_max, seed, states)
     found = gear.reached(tau, v)
-    points = [_points(gear, each) for each in found.attractors]
-    arrival = _Arrival(found.which, points, within, unit_of(gear))
+    points = [_departures_of(gear, each) for each in found.attractors]
+    arrival = _ArrivalAccumulator(found.which, points, within, speed_unit_of(gear))
     time = accumulated(gear, tau, v, arrival, RELAXATIONS / gear.delta if periods is None else periods)
     return Convergence(found.attractors, found.which, time, within)
 
 
-def _points(gear: AnyGear, attractor: Attractor) -> Array | None:
+def _departures_of(gear: AnyGear, attractor: Attractor) -> Array | None:
     """Return the departures (k, 2) of a periodic attractor, no rows for quiet motion, and None for other attractors."""
     if attractor.kind == "quiet":
         return np.zeros((0, 2))

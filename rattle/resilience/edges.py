@@ -17,22 +17,23 @@ from rattle.errors import RattleError, require, require_integer, require_pair
 from rattle.flight.law import wrapped
 from rattle.models import AnyGear
 from rattle.orbits.iterates import fold
-from rattle.resilience.gears import unit_of
+from rattle.resilience.gears import speed_unit_of
 
 Array = NDArray[np.float64]
-#: A bisection ends when the two states are closer than the first distance; they have separated at the second.
+#: A bisection ends when the two states are closer than TOGETHER. They are then followed until they are APART. Both are
+#: distances with speeds in units of `speed_unit_of`.
 TOGETHER, APART = 1e-12, 1e-6
 #: Number of parts into which each step of a bisection divides the line between the states.
 PARTS = 64
-#: Default of `turns`, the number of bisections.
+#: Default of `turns`, the largest number of bisections.
 MOST_TURNS = 200
-#: Saddles with up to this number of impacts on Σ⁺ a period are searched.
+#: Largest number of impacts on Σ⁺ per period of the saddles that are sought.
 LONGEST = 8
 #: A saddle with more impacts replaces a saddle with fewer only if its distance is smaller by this factor. Otherwise it
 #: may be the shorter saddle, run through several times.
 TWICE = 0.1
-#: Distance of a state from itself after some impacts below which a saddle is sought with Newton's method; and distance
-#: of a state from a saddle below which the saddle is the edge state.
+#: Newton's method seeks a saddle near a state that returns after some impacts to within CLOSE of itself. A saddle is
+#: the edge state if a state on the boundary is nearer to it than ARRIVED. Speeds are in units of `speed_unit_of`.
 CLOSE, ARRIVED = 1e-2, 1e-5
 
 
@@ -40,8 +41,8 @@ CLOSE, ARRIVED = 1e-2, 1e-5
 class EdgeState:
     """The edge state on the boundary between two basins.
 
-    tau, v: phase and speed of one state on the edge state. distance: the accuracy of this state.
-    orbit: the edge state as an unstable periodic motion; None if this was not found, because the motion has more than
+    tau, v: phase and speed of one departure from Σ⁺ on the edge state. distance: the accuracy of this state.
+    orbit: the edge state as an unstable periodic motion; None if no such motion was found, because it has more than
     eight impacts on Σ⁺ or the edge state is chaotic.
     impacts: the number of impacts on Σ⁺ that the search followed.
     """
@@ -79,12 +80,12 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
     """
     turns = require_integer("turns", turns, 1, 100_000)
     pair = np.array([require_pair(name, state) for name, state in (("one", one), ("other", other))])
-    require(bool((pair[:, 1] > 0.0).all()), "speeds must be greater than 0")
+    require(bool((pair[:, 1] > 0.0).all()), "the speeds of one and other must be greater than 0")
     pair[:, 0] = fold(pair[:, 0])
-    unit, made = unit_of(gear), 0
+    unit, made = speed_unit_of(gear), 0
     for _ in range(turns):
-        pair = _together(gear, pair, unit)
-        found = _saddle(gear, pair[0], unit)
+        pair = _bisect(gear, pair, unit)
+        found = _find_saddle(gear, pair[0], unit)
         if found is not None and found[1] < ARRIVED:
             orbit, distance = found
             return EdgeState(orbit.tau, orbit.v, orbit, distance, made)
@@ -103,8 +104,16 @@ def _distance(pair: Array, unit: float) -> float:
     return float(np.hypot(wrapped(pair[1, 0] - pair[0, 0]), (pair[1, 1] - pair[0, 1]) / unit))
 
 
-def _together(gear: AnyGear, pair: Array, unit: float) -> Array:
-    """Return two states on both sides of the basin boundary, closer than TOGETHER, on the line between `pair`."""
+def _bisect(gear: AnyGear, pair: Array, unit: float) -> Array:
+    """Return two states on the line between `pair`, on both sides of the basin boundary and closer than TOGETHER.
+
+    If rounding stops the bisection before, they are farther apart.
+
+    Returns
+    -------
+    Array
+        The states (2, 2), the one in the basin of pair[0] first.
+    """
     share = np.arange(PARTS + 1) / PARTS
     while True:
         step = np.array([wrapped(pair[1, 0] - pair[0, 0]), pair[1, 1] - pair[0, 1]])
@@ -119,8 +128,18 @@ def _together(gear: AnyGear, pair: Array, unit: float) -> Array:
             return pair
 
 
-def _saddle(gear: AnyGear, state: Array, unit: float) -> tuple[Any, float] | None:
-    """Return the unstable periodic motion nearest to a state, and its distance; None if none is CLOSE to the state."""
+def _find_saddle(gear: AnyGear, state: Array, unit: float) -> tuple[Any, float] | None:
+    """Return an unstable periodic motion near a state, and its distance from the state; None if none is found.
+
+    For each number of impacts on Σ⁺ up to LONGEST after which the motion from the state is closer to the state than
+    CLOSE, Newton's method starts from the state. A motion with more impacts is returned only if it is much nearer than
+    the motions with fewer (TWICE).
+
+    Returns
+    -------
+    tuple[Any, float] | None
+        The motion and the distance, with speeds in the given unit.
+    """
     best = None
     for n in range(1, LONGEST + 1):
         after = gear.iterate(state[0], state[1], n)

@@ -19,12 +19,23 @@ Array = NDArray[np.float64]
 States = tuple[ArrayLike, ArrayLike] | None
 #: Largest number of steps of a path.
 MOST_STEPS = 100_000
-#: Two points are on the same attractor if τ and v differ by less than this, with speeds in units of `unit_of`.
+#: Two points are on the same attractor if τ and v differ by less than this, with speeds in units of `speed_unit_of`.
 SAME_POINT = 1e-6
 
 
 def sample_of(gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, states: States = None) -> tuple[Array, Array]:
-    """Return the initial states (τ, v) of `Gear.attractors`, or `states` as flat arrays. Raises ParameterError."""
+    """Return the initial states (τ, v) that `Gear.attractors` draws, or `states` if given, as flat arrays.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        τ and v (n,).
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    """
     if states is not None:
         tau, v, _shape = checked_states(*states)
         return tau, v
@@ -32,12 +43,12 @@ def sample_of(gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, states: S
     return phases[0], speeds[0]
 
 
-def unit_of(gear: AnyGear) -> float:
+def speed_unit_of(gear: AnyGear) -> float:
     """Return the unit of speeds in which distances between states are measured, at the gear's parameters."""
     return float(speed_unit(gear.delta, gear.epsilon, gear.beta))
 
 
-def same(one: Attractor, other: Attractor, unit: float) -> bool:
+def is_same_attractor(one: Attractor, other: Attractor, unit: float) -> bool:
     """Return whether two attractors of a gear have the same label and, if periodic, the same state."""
     if (one.kind, one.m, one.n_plus, one.n_minus) != (other.kind, other.m, other.n_plus, other.n_minus):
         return False
@@ -73,7 +84,7 @@ def path_points(path: ArrayLike, beta: float, added: Mapping[str, float | None],
     """
     given = real_array("path", path)
     others = {name: x for name, x in added.items() if x is not None}
-    model = type(model_of(beta, **others)) if others or given.ndim != 2 else _adding(given.shape[1] - 3)
+    model = type(model_of(beta, **others)) if others or given.ndim != 2 else _model_with_parameters(given.shape[1] - 3)
     names = ("delta", "epsilon", *(each.name for each in model.parameters()))
     right = given.ndim == 2 and 2 <= given.shape[1] <= len(names) and len(given) >= 2
     require(
@@ -100,6 +111,6 @@ def path_points(path: ArrayLike, beta: float, added: Mapping[str, float | None],
     return Parameters(model.name, delta, epsilon, beta_, dict(zip(names[3:], rest, strict=True)))
 
 
-def _adding(more: int) -> type[Model]:
-    """Return the first model that adds this number of parameters, or the default model."""
+def _model_with_parameters(more: int) -> type[Model]:
+    """Return the first model with this number of parameters besides δ, ε and β; the default model if none has it."""
     return next((model for model in MODELS.values() if len(model.added) == max(more, 0)), MODELS[DEFAULT_MODEL])

@@ -20,8 +20,17 @@ from rattle.models import MODELS, AnyGear, gear_at, model_at
 from rattle.numerics.sampling import wilson_interval
 from rattle.parameters import Parameters
 from rattle.resilience.accumulate import Make, accumulated_at
-from rattle.resilience.causes import CONTINUES, CRISIS, QUIET_LIMIT, SAMPLING, UNKNOWN, OrbitEnd, TrackedOrbit, end_of
-from rattle.resilience.gears import States, path_points, unit_of
+from rattle.resilience.causes import (
+    CONTINUES,
+    CRISIS,
+    QUIET_LIMIT,
+    SAMPLING,
+    UNKNOWN,
+    OrbitEnd,
+    TrackedOrbit,
+    find_orbit_end,
+)
+from rattle.resilience.gears import States, path_points, speed_unit_of
 
 Array = NDArray[np.float64]
 NOTHING: Mapping[str, Make] = MappingProxyType({})
@@ -29,9 +38,9 @@ NOTHING: Mapping[str, Make] = MappingProxyType({})
 PERIODS = 200.0
 #: Number of states of a chaotic attractor that are followed at the next step.
 CHAOTIC_STATES = 16
-#: Two points are on the same attractor if τ and v differ by less than this, with speeds in units of `unit_of`.
+#: Two points are on the same attractor if τ and v differ by less than this, with speeds in units of `speed_unit_of`.
 SAME_POINT = 1e-6
-#: Stands for a family's number where a motion is chaotic, but no chaotic family is known at that step.
+#: This stands for the number of a family if a motion becomes chaotic at a step without a known chaotic family.
 CHAOS_THERE = -2
 
 
@@ -85,24 +94,31 @@ class GlobalContinuation:
         return tuple(int(x) for x in np.unique(self.family) if x >= 0)
 
     def label(self, number: int) -> tuple[str, int, int, int]:
-        """Return kind, m, n₊ and n₋ of a family."""
-        row = self._rows(number)[0]
+        """Return the label of a family: kind, m, n₊ and n₋."""
+        row = self._rows_of_family(number)[0]
         return KINDS[self.attractors.kind[row]], *self.attractors.label(row)
 
     def fractions(self, number: int) -> Array:
         """Return the basin fraction of a family at each step (n,), NaN where the family does not exist."""
-        won = self._won(number)
+        won = self._sample_numbers(number)
         return np.where(won >= 0, won / self.count, np.nan)
 
     def intervals(self, number: int) -> tuple[Array, Array]:
         """Return the ends (n,) of the 95 % Wilson intervals of a family's basin fractions."""
-        won = self._won(number)
+        won = self._sample_numbers(number)
         low, high = wilson_interval(np.maximum(won, 0), self.count)
         return np.where(won >= 0, low, np.nan), np.where(won >= 0, high, np.nan)
 
     def means(self, name: str, number: int) -> tuple[Array, Array]:
-        """Return the mean of a quantity over the samples of a family at each step (n,), and its standard error."""
-        mine = np.isin(self.which, self._rows(number))
+        """Return the mean of a quantity over the samples of a family, and its standard error, at each step (n,).
+
+        Returns
+        -------
+        tuple[Array, Array]
+            Means and standard errors; NaN at steps where no sample of the family has a known value. A standard error is
+            also NaN where only one sample has.
+        """
+        mine = np.isin(self.which, self._rows_of_family(number))
         values = np.where(mine, self.quantities[name], 0.0)
         known = np.where(mine, ~np.isnan(self.quantities[name]), False)
         values, many = np.where(known, values, 0.0), known.sum(axis=1)
@@ -111,15 +127,15 @@ class GlobalContinuation:
             spread = np.where(known, (self.quantities[name] - mean[:, None]) ** 2, 0.0).sum(axis=1)
             return mean, np.sqrt(spread / (many - 1) / many)
 
-    def _rows(self, number: int) -> NDArray[np.int64]:
+    def _rows_of_family(self, number: int) -> NDArray[np.int64]:
         """Return the rows of a family in `attractors`. Raises ParameterError if there is no such family."""
         rows = np.flatnonzero(self.family == number)
         require(rows.size > 0, f"there is no family {number}: choose one of {', '.join(map(str, self.families))}")
         return rows
 
-    def _won(self, number: int) -> NDArray[np.int64]:
+    def _sample_numbers(self, number: int) -> NDArray[np.int64]:
         """Return the number of samples that reach a family at each step (n,), −1 where the family does not exist."""
-        rows = self._rows(number)
+        rows = self._rows_of_family(number)
         cell, n = self.attractors.cell[rows], len(self.parameters)
         won = np.bincount(cell, self.attractors.samples[rows], n).astype(np.int64)
         return np.where(np.bincount(cell, minlength=n) > 0, won, -1)
@@ -194,27 +210,27 @@ def global_continuation(
         name: accumulated_at(every, tau.ravel(), v.ravel(), make(), periods).reshape(-1, count)
         for name, make in quantities.items()
     }
-    found = _Changes(points, attractors, family).all() if causes else ()
+    found = _ChangeFinder(points, attractors, family).find_all() if causes else ()
     rows = np.stack(list(points.values_by_name.values()), axis=1)
     return GlobalContinuation(rows, count, attractors, entered, family, which, tuple(found), gathered)
 
 
-class _Changes:
-    """Find the beginnings and ends of families along a path, and their causes.
+class _ChangeFinder:
+    """The search for the beginnings and ends of families along a path, and for their causes.
 
-    here: for each step a mapping from the number of each family that exists there to its row in the table.
+    here: for each step {number of a family: row of its attractor in the table}, for the families that exist there.
     """
 
     def __init__(self, points: Parameters, attractors: AttractorTable, family: NDArray[np.int64]) -> None:
         self.points, self.rows, self.family = points, attractors, family
         n = points.size
-        self.here = [{int(family[i]): int(i) for i in reversed(self._at(step))} for step in range(n)]
+        self.here = [{int(family[i]): int(i) for i in reversed(self._rows_at_step(step))} for step in range(n)]
 
-    def _at(self, step: int) -> NDArray[np.int64]:
+    def _rows_at_step(self, step: int) -> NDArray[np.int64]:
         """Return the rows of all families at a step."""
         return np.flatnonzero((self.rows.cell == step) & (self.family >= 0))
 
-    def all(self) -> list[Change]:
+    def find_all(self) -> list[Change]:
         """Return all changes, in order along the path."""
         found = [
             (family, step, begins)
@@ -225,78 +241,96 @@ class _Changes:
         explained: dict[tuple[int, int, bool], Change] = {}
         for chaotic in (False, True):  # changes of chaotic families are last, because they may follow from others
             for each in found:
-                if (self.rows.kind[self._row(*each)] == Outcome.CHAOTIC) == chaotic:
+                if (self.rows.kind[self._row_where_it_exists(*each)] == Outcome.CHAOTIC) == chaotic:
                     explained[each] = self._explain(*each, explained)
         return sorted(explained.values(), key=lambda change: (change.step, change.low, change.family))
 
-    def _row(self, family: int, step: int, begins: bool) -> int:
-        """Return the row of a family that begins or ends after a step, at the step where it exists."""
+    def _row_where_it_exists(self, family: int, step: int, begins: bool) -> int:
+        """Return the row of a family that begins or ends between `step` and `step` + 1, where the family exists."""
         return self.here[step + begins][family]
 
     def _explain(self, family: int, step: int, begins: bool, others: dict[tuple[int, int, bool], Change]) -> Change:
-        """Return the change of a family after a step, with its cause. others: the changes explained so far."""
-        row, where, away = self._row(family, step, begins), step + begins, step + 1 - begins
+        """Return the beginning or the end of a family between `step` and `step` + 1, with its cause.
+
+        others: the changes explained so far, by family, step and whether the family begins.
+
+        Returns
+        -------
+        Change
+            The change.
+        """
+        row, where, away = self._row_where_it_exists(family, step, begins), step + begins, step + 1 - begins
         kind, gears = self.rows.kind[row], (gear_at(self.points, where), gear_at(self.points, away))
         end = OrbitEnd(UNKNOWN, 0.0, 1.0)
         if kind == Outcome.QUIET:
             limited = gears[1].epsilon >= gears[1].quiet_limit
-            return self._change(family, step, begins, OrbitEnd(QUIET_LIMIT if limited else SAMPLING, 0.0, 1.0), -1)
-        other = self._goes_to(row, away, *gears)
+            return self._as_change(family, step, begins, OrbitEnd(QUIET_LIMIT if limited else SAMPLING, 0.0, 1.0), -1)
+        other = self._family_reached(row, away, *gears)
         if kind == Outcome.PERIODIC:
             orbit = TrackedOrbit(self.rows.label(row), float(self.rows.tau[row]), float(self.rows.v[row]))
-            end = end_of(self.points.take([where]), self.points.take([away]), orbit)
-            if end.orbit is not None and (goes_on := self._listed(end.orbit, away, gears[1])) >= 0:
+            end = find_orbit_end(self.points.take([where]), self.points.take([away]), orbit)
+            if end.orbit is not None and (goes_on := self._family_of_orbit(end.orbit, away, gears[1])) >= 0:
                 end, other = OrbitEnd(CONTINUES, 0.0, 1.0), goes_on
         elif other in self.here[where]:
             end = OrbitEnd(CRISIS, 0.0, 1.0)
         elif (because := others.get((other, step, not begins))) is not None:
             return Change(family, step, begins, *because[3:6], other)
         elif other >= 0:
-            end = OrbitEnd(CRISIS, 0.0, 1.0)  # chaos becomes chaos that visits other states
+            end = OrbitEnd(CRISIS, 0.0, 1.0)  # the chaotic motion goes to a chaotic attractor that visits other states
         elif other == CHAOS_THERE:
             end, other = OrbitEnd(SAMPLING, 0.0, 1.0), -1
-        return self._change(family, step, begins, end, other)
+        return self._as_change(family, step, begins, end, other)
 
-    def _change(self, family: int, step: int, begins: bool, end: OrbitEnd, other: int) -> Change:
-        """Return a change as a record; the shares low and high of `end` count from the step where the family exists."""
+    def _as_change(self, family: int, step: int, begins: bool, end: OrbitEnd, other: int) -> Change:
+        """Return the record of a change that has this end.
+
+        `end.low` and `end.high` are shares of the way from the step where the family exists to the neighbouring step.
+
+        Returns
+        -------
+        Change
+            The record, in which `low` and `high` are positions along the path.
+        """
         low, high = (step + 1 - end.high, step + 1 - end.low) if begins else (step + end.low, step + end.high)
         return Change(family, step, begins, end.cause, float(low), float(high), other)
 
-    def _goes_to(self, row: int, step: int, gear: AnyGear, there: AnyGear) -> int:
-        """Return the family at a step that most states of an attractor go to.
+    def _family_reached(self, row: int, step: int, gear: AnyGear, there: AnyGear) -> int:
+        """Return the family that motions on an attractor go to when the parameters jump to those of a step.
+
+        For a chaotic attractor it is the family that most of CHAOTIC_STATES states go to.
 
         row: the row of the attractor. gear, there: the gears at the attractor's own step and at `step`.
 
         Returns
         -------
         int
-            The number of the family; CHAOS_THERE if the motion becomes chaotic but belongs to no known family; −1 if no
-            family is known.
+            The number of the family; CHAOS_THERE if the motions become chaotic and belong to no known family; −1 if
+            they go to another attractor without a family, or are not followed.
         """
         tau, v = float(self.rows.tau[row]), float(self.rows.v[row])
         if self.rows.kind[row] == Outcome.CHAOTIC and model_at(there).rests_late(there.delta, there.epsilon):
-            return -1  # a motion on its way to rest would make very many impacts there
+            return -1  # a motion that comes to rest would make too many impacts there to be followed
         many = CHAOTIC_STATES if self.rows.kind[row] == Outcome.CHAOTIC else 1
         on = gear.iterate(tau, v, 7 * np.arange(many))
         goes = there.reached(on.tau, on.v).attractors[0]
         for family, other in self.here[step].items():
-            if self._is(goes, other, unit_of(there)):
+            if self._is_attractor_of_row(goes, other, speed_unit_of(there)):
                 return family
         return CHAOS_THERE if goes.kind == KINDS[Outcome.CHAOTIC] else -1
 
-    def _listed(self, orbit: TrackedOrbit, step: int, gear: AnyGear) -> int:
+    def _family_of_orbit(self, orbit: TrackedOrbit, step: int, gear: AnyGear) -> int:
         """Return the family at a step to which an orbit belongs, −1 if no attractor of the step is this orbit."""
         all_of_it = gear.iterate(orbit.tau, orbit.v, np.arange(orbit.label[1]))
         for family, row in self.here[step].items():
             if self.rows.label(row) == orbit.label:
                 far = abs(wrapped(all_of_it.tau - self.rows.tau[row]))
-                far = np.maximum(far, abs(all_of_it.v - self.rows.v[row]) / unit_of(gear))
+                far = np.maximum(far, abs(all_of_it.v - self.rows.v[row]) / speed_unit_of(gear))
                 if far.min() < SAME_POINT:
                     return family
         return -1
 
-    def _is(self, goes: Attractor, row: int, unit: float) -> bool:
-        """Return whether an attractor is the attractor in a row of the table. unit: the unit of speeds."""
+    def _is_attractor_of_row(self, goes: Attractor, row: int, unit: float) -> bool:
+        """Return whether an attractor is the one in a row of the table; speeds are compared in this unit."""
         label = KINDS[self.rows.kind[row]], *self.rows.label(row)
         if label != (goes.kind, goes.m, goes.n_plus, goes.n_minus):
             return False

@@ -12,18 +12,19 @@ from rattle.attractors.speeds import SpeedLimit, sampled_speed
 from rattle.attractors.table import Attractor
 from rattle.errors import RattleError, require, require_finite
 from rattle.models import AnyGear
-from rattle.resilience.gears import same, unit_of
+from rattle.resilience.gears import is_same_attractor, speed_unit_of
 
 Array = NDArray[np.float64]
 #: Number of shocks of each sign that are tried from a state in one scan.
 SCANNED = 64
-#: Number of scans of all states. Each tries shocks up to the smallest that was found before.
+#: Number of scans of all states. Each scan tries shocks up to the smallest fatal shock that was found before.
 ROUNDS = 3
-#: Number of further scans of the best state. Each narrows the interval of the smallest shock by the factor SCANNED.
+#: Number of further scans, of the state with the smallest fatal shock. Each scan narrows the interval that contains
+#: this shock by the factor SCANNED.
 HALVINGS = 5
 #: Number of phases at which shocks are applied to quiet motion.
 PHASES = 64
-#: A departure at this speed stands for a motion at rest on Σ⁺, in units of `unit_of`.
+#: A departure at this speed stands for a motion at rest on Σ⁺, in units of `speed_unit_of`.
 AT_REST = 1e-6
 #: Shocks are applied to at most this number of states of a chaotic attractor or of a long orbit.
 MOST_STATES = 64
@@ -37,7 +38,7 @@ class LeastShock(NamedTuple):
     tau: the phase of the shock. position, velocity: Φ and Φ' before the shock.
     to: the attractor that the motion goes to, None if no shock was found.
     error: the accuracy of `change`. A shock that is smaller by `error` was tried from the same state, and did not
-    suffice.
+    suffice. tau, position, velocity and error are NaN if no shock was found.
     """
 
     change: float
@@ -48,7 +49,7 @@ class LeastShock(NamedTuple):
     error: float
 
 
-class _State(NamedTuple):
+class _StateBeforeShock(NamedTuple):
     """A state of the motion before the shock: phase, Φ and Φ'."""
 
     tau: float
@@ -56,7 +57,7 @@ class _State(NamedTuple):
     velocity: float
 
 
-Departure = Callable[[_State, float], tuple[float, float] | None]
+Departure = Callable[[_StateBeforeShock, float], tuple[float, float] | None]
 
 
 def smallest_shock(
@@ -94,33 +95,33 @@ def smallest_shock(
         f"the attractor must be quiet, periodic or chaotic, got {attractor.kind!r}, which has no known basin",
     )
     if phase is not None:
-        states, departure = _at_phase(gear, attractor, require_finite("phase", phase) % 1.0)
+        states, departure = _states_at_phase(gear, attractor, require_finite("phase", phase) % 1.0)
     else:
-        states, departure = _at_departures(gear, attractor), _changed
+        states, departure = _states_at_departures(gear, attractor), _departure_from_wall
     search = _ShockSearch(gear, attractor, states, departure, highest)
     search.run()
-    return search.found()
+    return search.smallest()
 
 
-def _at_departures(gear: AnyGear, attractor: Attractor) -> list[_State]:
+def _states_at_departures(gear: AnyGear, attractor: Attractor) -> list[_StateBeforeShock]:
     """Return the states of an attractor at its departures from Σ⁺; for quiet motion, states at PHASES phases."""
     if attractor.kind == "quiet":
-        return [_State(float(tau), gear.beta, 0.0) for tau in (np.arange(PHASES) + 0.5) / PHASES]
+        return [_StateBeforeShock(float(tau), gear.beta, 0.0) for tau in (np.arange(PHASES) + 0.5) / PHASES]
     many = min(attractor.n_plus, MOST_STATES) if attractor.kind == "periodic" else MOST_STATES
     orbit = gear.iterate(attractor.tau, attractor.v, np.arange(many))
-    return [_State(float(tau), gear.beta, -float(v)) for tau, v in zip(orbit.tau, orbit.v, strict=True)]
+    return [_StateBeforeShock(float(tau), gear.beta, -float(v)) for tau, v in zip(orbit.tau, orbit.v, strict=True)]
 
 
-def _changed(state: _State, change: float) -> tuple[float, float] | None:
+def _departure_from_wall(state: _StateBeforeShock, change: float) -> tuple[float, float] | None:
     """Return the departure (τ, v) after a shock to a state on Σ⁺, or None if the shock is towards the wall."""
     v = -(state.velocity + change)
     return (state.tau, v) if v > 0.0 else None
 
 
-def _at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple[list[_State], Departure]:
-    """Return the states of an attractor at a phase, and a function that returns their departure after a shock."""
+def _states_at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple[list[_StateBeforeShock], Departure]:
+    """Return the states of an attractor at a phase, and a function that returns the departure after a shock to one."""
     if attractor.kind == "quiet":
-        return [_State(phase, gear.beta, 0.0)], _changed
+        return [_StateBeforeShock(phase, gear.beta, 0.0)], _departure_from_wall
     require(
         attractor.kind == "periodic",
         "phase can be given for quiet or periodic motion only: leave it out for a chaotic attractor",
@@ -129,28 +130,29 @@ def _at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple[list[_
     states = []
     for i in range(attractor.m):
         moving = gear.trajectory(attractor.tau, attractor.v, wait + i, 2)
-        states.append(_State(phase, float(moving.phi[-1]), float(moving.velocity[-1])))
+        states.append(_StateBeforeShock(phase, float(moving.phi[-1]), float(moving.velocity[-1])))
 
-    def departure(state: _State, change: float) -> tuple[float, float] | None:
+    def departure(state: _StateBeforeShock, change: float) -> tuple[float, float] | None:
         """Return the first departure from Σ⁺ after a shock, or None if there is none."""
         try:
             tau, v = gear.departure(state.tau, state.position, state.velocity + change)
         except RattleError:
             return None
-        return tau, max(v, AT_REST * unit_of(gear))
+        return tau, max(v, AT_REST * speed_unit_of(gear))
 
     return states, departure
 
 
 class _ShockSearch:
-    """The search of the smallest shock.
+    """The search for the smallest fatal shock.
 
-    state, way: the index of the best state, and the sign of the best shock. low, high: from this state a shock of size
-    `low` does not suffice, and one of size `high` does. to: the attractor after the shock.
+    state, way: the index of the state from which the smallest fatal shock was found, and the sign of this shock. low,
+    high: from this state a shock of size `low` does not suffice, and a shock of size `high` does. to: the attractor
+    after the shock; None, and `high` is inf, as long as no fatal shock is found.
     """
 
     def __init__(
-        self, gear: AnyGear, attractor: Attractor, states: list[_State], departure: Departure, highest: float
+        self, gear: AnyGear, attractor: Attractor, states: list[_StateBeforeShock], departure: Departure, highest: float
     ) -> None:
         self.gear, self.attractor, self.states, self.departure, self.highest = (
             gear, attractor, states, departure, highest,
@@ -159,7 +161,7 @@ class _ShockSearch:
         self.to: Attractor | None = None
 
     def run(self) -> None:
-        """Scan all states ROUNDS times up to the smallest known shock; then narrow the shock of the best state."""
+        """Scan all states ROUNDS times, then the state with the smallest fatal shock HALVINGS times more finely."""
         every, both = np.arange(len(self.states)), np.array([-1.0, 1.0])
         for _ in range(ROUNDS):
             limit = min(self.high, self.highest)
@@ -169,15 +171,23 @@ class _ShockSearch:
         for _ in range(HALVINGS):
             self._scan(np.array([self.state]), np.array([self.way]), self.low, self.high)
 
-    def found(self) -> LeastShock:
-        """Return the smallest shock that the scans found."""
+    def smallest(self) -> LeastShock:
+        """Return the smallest fatal shock that the scans found; its change is inf if they found none."""
         state = self.states[self.state]
         if self.to is None:
             return LeastShock(np.inf, np.nan, np.nan, np.nan, None, np.nan)
         return LeastShock(self.way * self.high, *state, self.to, self.high - self.low)
 
     def _scan(self, states: NDArray[np.int64], ways: Array, low: float, high: float) -> None:
-        """Try SCANNED sizes of shock from low to high, with the signs `ways`, from these states. Raises RattleError."""
+        """Try shocks with SCANNED sizes from low to high and the signs `ways` from these states.
+
+        The smallest shock after which the motion goes to another attractor becomes the best one.
+
+        Raises
+        ------
+        RattleError
+            If the attractor from which the shocks start is no attractor of the gear.
+        """
         size = low + (high - low) * np.arange(1, SCANNED + 1) / SCANNED
         tried = [(int(i), float(way), k) for i in states for way in ways for k in range(SCANNED)]
         after = [self.departure(self.states[i], way * float(size[k])) for i, way, k in tried]
@@ -186,7 +196,7 @@ class _ShockSearch:
         tau, v = np.array([each for each, ok in zip(after, there, strict=True) if ok] or np.zeros((0, 2))).T
         found = self.gear.reached(np.append(self.attractor.tau, tau), np.append(self.attractor.v, v))
         own = found.which[0]
-        if not same(found.attractors[own], self.attractor, unit_of(self.gear)):
+        if not is_same_attractor(found.attractors[own], self.attractor, speed_unit_of(self.gear)):
             raise RattleError(
                 f"the given {self.attractor.kind} motion is no attractor of this gear: pass one of gear.attractors()"
             )

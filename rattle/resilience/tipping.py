@@ -13,9 +13,9 @@ from rattle.errors import require
 from rattle.flight.forcing import phase_of_entry
 from rattle.models import AnyGear
 from rattle.numerics.sampling import wilson_interval
-from rattle.resilience.gears import States, sample_of, unit_of
+from rattle.resilience.gears import States, sample_of, speed_unit_of
 
-#: Speed of the departure that stands for a motion at rest on Σ⁺, in units of `unit_of`.
+#: Speed of the departure that stands for a motion at rest on Σ⁺, in units of `speed_unit_of`.
 SLOW = 1e-4
 
 
@@ -25,8 +25,8 @@ class Tipping:
 
     before, after: the attractors at the first and at the second point, the largest basin fraction first.
     number: for each pair (i, j) the number of samples in the basin of before[i] at the first point and in the basin of
-    after[j] at the second. goes: for each attractor in `before`, the index in `after` of the attractor that a motion on
-    it goes to after the jump.
+    after[j] at the second point. goes: for each attractor in `before`, the index in `after` of the attractor to which
+    its motion goes after the jump of the parameters.
     """
 
     before: tuple[Attractor, ...]
@@ -36,7 +36,7 @@ class Tipping:
 
     @property
     def probability(self) -> NDArray[np.float64]:
-        """The tipping probabilities (before, after): the share of each basin before the jump in each basin after it.
+        """The tipping probabilities: row i has the shares of the basin of before[i] that lie in each basin of `after`.
 
         The sum of each row is 1. Source: Kaszás, Feudel and Tél, Scientific Reports 9 (2019) 8654.
         """
@@ -48,7 +48,7 @@ class Tipping:
         return wilson_interval(self.number, np.broadcast_to(self.number.sum(axis=1, keepdims=True), self.number.shape))
 
 
-def lift_off(gear: AnyGear) -> tuple[float, float]:
+def departure_from_rest(gear: AnyGear) -> tuple[float, float]:
     """Return a very slow departure that stands for a motion at rest on Σ⁺.
 
     The departure is at the phase at which the contact force becomes 0; below the quiet limit, where the force is always
@@ -60,7 +60,7 @@ def lift_off(gear: AnyGear) -> tuple[float, float]:
         Phase and speed.
     """
     most = min(1.0, gear.quiet_limit / gear.epsilon) if gear.epsilon > 0.0 else 1.0
-    return phase_of_entry(gear.delta, most), SLOW * unit_of(gear)
+    return phase_of_entry(gear.delta, most), SLOW * speed_unit_of(gear)
 
 
 def tipping(
@@ -92,10 +92,10 @@ def tipping(
     ParameterError
         If the gears are of different models, or an argument is outside its domain.
     """
-    require(before.parameters.model == after.parameters.model, "both gears must be of one model")
+    require(before.parameters.model == after.parameters.model, "both gears must be of the same model")
     tau, v = sample_of(before, count, v_max, seed, states)
     first = before.reached(tau, v)
-    on = [lift_off(after) if each.kind == "quiet" else (each.tau, each.v) for each in first.attractors]
+    on = [departure_from_rest(after) if each.kind == "quiet" else (each.tau, each.v) for each in first.attractors]
     then = after.reached(np.append(tau, [x for x, _ in on]), np.append(v, [y for _, y in on]))
     shape = len(first.attractors), len(then.attractors)
     each = first.which * shape[1] + then.which[: tau.size]

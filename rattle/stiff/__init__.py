@@ -3,7 +3,7 @@
 Source: Mason and Piiroinen (2009), equations (2.1), (2.2).
 """
 
-from rattle.intensity.table import one_by_one as stretch
+from rattle.intensity.table import follow_one_by_one as stretch
 from rattle.stiff.attractors.classifier import attractors_of
 from rattle.stiff.attractors.families import families_of
 from rattle.stiff.bifurcations.branches import StiffBranch, StiffEvent, stiff_branch, stiff_curve

@@ -24,7 +24,11 @@ if TYPE_CHECKING:
 
 
 class GivenPoint(NamedTuple):
-    """The gear that options describe; with its machine, and its speed in rpm, if the options name them."""
+    """The gear that options describe.
+
+    machine: the machine of which the options give the numbers; None for dimensionless numbers. rpm: the speed in
+    revolutions per minute; None if no option gives it.
+    """
 
     gear: AnyGear
     machine: Machine | None
@@ -38,7 +42,7 @@ class GivenPoint(NamedTuple):
         return ", ".join(words)
 
 
-def _argument(name: str) -> Any:
+def _number_argument(name: str) -> Any:
     return Annotated[float | None, typer.Argument(metavar=name.upper(), help=NUMBERS[name][0], show_default=False)]
 
 
@@ -59,17 +63,17 @@ OPTIONS: dict[str, Any] = {
         int | None,
         typer.Option(help="Highest order of --transmission-error.", rich_help_panel=MACHINE, show_default="40"),
     ],
-    "delta": _argument("delta"),
-    "epsilon": _argument("epsilon"),
+    "delta": _number_argument("delta"),
+    "epsilon": _number_argument("epsilon"),
     "harmonic": Annotated[
         list[str] | None, typer.Option(metavar="ORDER:AMPLITUDE:PHASE", help=HARMONIC, show_default="none")
     ],
 }
-NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")  # required numbers of a machine
+NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")  # numbers that every machine needs
 
 
 def at_point(*, timed: bool = False) -> Callable[[Command], Command]:
-    """Return a decorator that gives a command OPTIONS. The command's first argument is then a `GivenPoint`.
+    """Return a decorator that gives a command the options OPTIONS. The command's first argument is then a `GivenPoint`.
 
     Parameters
     ----------
@@ -77,14 +81,27 @@ def at_point(*, timed: bool = False) -> Callable[[Command], Command]:
         Allow --rpm together with DELTA and EPSILON.
     """
 
-    def given_point(command: Command) -> Command:
+    def with_point(command: Command) -> Command:
         return with_options(command, OPTIONS, lambda given: point_of_options(given, timed))
 
-    return given_point
+    return with_point
 
 
 def point_of_options(given: dict[str, Any], timed: bool) -> GivenPoint:
-    """Return the point that the given options describe, by dimensionless numbers or as a machine."""
+    """Return the point that the given options describe, by dimensionless numbers or as a machine.
+
+    timed: whether a speed is allowed together with dimensionless numbers.
+
+    Returns
+    -------
+    GivenPoint
+        The gear, and its machine and speed if they are given.
+
+    Raises
+    ------
+    BadParameter
+        Options are missing, or exclude each other.
+    """
     harmonics = given.pop("harmonic", None) or ()
     plain = {name: given[name] for name in DIMENSIONLESS if name in given}
     machine = {name: value for name, value in given.items() if name not in plain}
@@ -113,7 +130,7 @@ def _machine_point(plain: dict[str, Any], machine: dict[str, Any]) -> GivenPoint
         )
     curve, orders = machine.pop("transmission_error", None), machine.pop("orders", None)
     if curve is not None:
-        machine = {**machine, **_measured(curve, orders, machine)}
+        machine = {**machine, **_measured_harmonics(curve, orders, machine)}
     elif orders is not None:
         raise typer.BadParameter("--orders needs a measured curve: give --transmission-error too")
     missing = [f"--{name}" for name in NEEDED if name not in machine]
@@ -126,7 +143,7 @@ def _machine_point(plain: dict[str, Any], machine: dict[str, Any]) -> GivenPoint
     return GivenPoint(found.gear, found, found.rpm)
 
 
-def _measured(curve: Path, orders: int | None, machine: dict[str, Any]) -> dict[str, Any]:
+def _measured_harmonics(curve: Path, orders: int | None, machine: dict[str, Any]) -> dict[str, Any]:
     """Return the harmonics of a measured transmission error as numbers of a machine, and print a summary."""
     from rattle import read_transmission_error
 

@@ -20,8 +20,8 @@ SpeedLimit = Annotated[
 ]
 
 
-def found_at(point: GivenPoint, count: int, v_max: float | None, seed: int) -> tuple[Attractor, ...]:
-    """Return the attractors of a point by falling basin fraction. Without v_max, the samples have natural speeds."""
+def attractors_of_point(point: GivenPoint, count: int, v_max: float | None, seed: int) -> tuple[Attractor, ...]:
+    """Return the attractors of a point by falling basin fraction. v_max: largest initial speed; None: natural."""
     return point.gear.attractors(count, "natural" if v_max is None else v_max, seed)
 
 
@@ -63,23 +63,23 @@ def attractors(
     speeds = ("mean speed", "largest") if machine is None else ("mean m/s", "largest m/s")
     interval = "95 % from", "to"
     table = Table("attractor", "share", *interval, "impacts+", "impacts-", *speeds, *columns, "in contact", box=None)
-    for each in found_at(point, count, v_max, seed):
+    for each in attractors_of_point(point, count, v_max, seed):
         found = point.gear.intensity(each)
         if machine is None:
-            velocity, loud = 1.0, [_number(found.energy), _number(found.errors.energy)]
+            velocity, loud = 1.0, [_number_text(found.energy), _number_text(found.errors.energy)]
         else:
             whole, velocity = machine.in_si(found), machine.units.velocity
-            loud = [_number(whole.power), _number(whole.power_error), _number(round(whole.level, 2))]
+            loud = [_number_text(whole.power), _number_text(whole.power_error), _number_text(round(whole.level, 2))]
         table.add_row(
             attractor_name(each),
             *(f"{share:.4f}" for share in (each.fraction, *each.fraction_interval)),
-            *(_number(x) for x in (found.impacts_plus, found.impacts_minus)),
-            *(_number(x * velocity) for x in (found.mean_speed, found.largest_speed)),
+            *(_number_text(x) for x in (found.impacts_plus, found.impacts_minus)),
+            *(_number_text(x * velocity) for x in (found.mean_speed, found.largest_speed)),
             *loud,
-            _number(found.contact),
+            _number_text(found.contact),
         )
     console.print(table)
 
 
-def _number(value: float) -> str:
+def _number_text(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.6g}"

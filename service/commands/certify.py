@@ -13,15 +13,15 @@ import typer
 
 from gear_rattle.service.commands import certify_bifurcations as bifurcations
 from gear_rattle.service.commands.certify_areas import prove_areas
-from gear_rattle.service.commands.filling import INTERRUPTED, started
+from gear_rattle.service.commands.filling import INTERRUPTED, cluster_context
 from gear_rattle.service.commands.options import NO_NUMBERS, Scheduler, Slice, with_added
 
 if TYPE_CHECKING:
     from rattle.proof.bifurcations.certificate import BifurcationCertificate
     from rattle.proof.chaos.certificate import HorseshoeCertificate
 
-NOT_PROVED = 1
-COLUMNS = 320  # default number of columns; it proves the regions of Figure 7 on more than 99 % of its plane
+NOT_PROVED = 1  # exit status if something is not proved
+COLUMNS = 320  # default number of columns; they suffice to prove more than 99 % of the plane of Figure 7
 SUFFIX = ".certificates.zarr"
 
 
@@ -83,22 +83,22 @@ def certify(
     if areas is not None:
         prove_areas(areas, delta, epsilon, beta, columns, processes, figure)
     elif check is not None:
-        _check(check)
+        _check_file(check)
     elif point is not None and chaos:
-        _write(_chaos(*point, beta))
+        _print_certificates(_horseshoe_certificates(*point, beta))
     elif point is not None:
         _prove_point(*point, beta, numbers)
     elif codimension_two:
-        _write(bifurcations.codimension_two_certificates(beta))
+        _print_certificates(bifurcations.codimension_two_certificates(beta))
     elif store is not None and curves:
-        _write(bifurcations.points_of_curves(store, slice_))
+        _print_certificates(bifurcations.curve_point_certificates(store, slice_))
     elif store is not None:
         beside = store.rstrip("/").removesuffix(".zarr") + ("" if slice_ is None else f".slice{slice_}") + SUFFIX
         _prove_survey(store, out or Path(beside), processes, scheduler, slice_)
 
 
-def _chaos(delta: str, epsilon: str, beta: str) -> Iterator[HorseshoeCertificate | str]:
-    """Yield the certificate of a horseshoe, or the reason why there is none."""
+def _horseshoe_certificates(delta: str, epsilon: str, beta: str) -> Iterator[HorseshoeCertificate | str]:
+    """Yield the certificate of a horseshoe (chaotic motions) at a point, or the reason why none is proved."""
     import rattle
     from rattle.proof.chaos.prove import certify_chaos
 
@@ -108,7 +108,7 @@ def _chaos(delta: str, epsilon: str, beta: str) -> Iterator[HorseshoeCertificate
         yield str(why)
 
 
-def _write(certificates: Iterable[BifurcationCertificate | HorseshoeCertificate | str]) -> None:
+def _print_certificates(certificates: Iterable[BifurcationCertificate | HorseshoeCertificate | str]) -> None:
     """Print certificates, one in a line, and print unproved statements to stderr."""
     refused, found = False, False
     for each in certificates:
@@ -124,7 +124,7 @@ def _write(certificates: Iterable[BifurcationCertificate | HorseshoeCertificate 
         raise typer.Exit(NOT_PROVED)
 
 
-def _check(path: Path) -> None:
+def _check_file(path: Path) -> None:
     from gear_rattle.workers.certificates import CERTIFICATES
     from rattle.proof import check
     from rattle.proof.areas.checker import check as areas
@@ -143,7 +143,7 @@ def _check(path: Path) -> None:
         raise typer.BadParameter(f"{file} has no certificate to check: name a file of certificates")
     for number, line in enumerate(lines, 1):
         try:
-            typer.echo(f"proved: {checkers.get(_theorem(line), check.check)(line)}")
+            typer.echo(f"proved: {checkers.get(_theorem_of(line), check.check)(line)}")
         except (check.Refused, areas.BlockRefused) as why:
             refused = True
             typer.echo(f"NOT PROVED, line {number}: {why}")
@@ -151,8 +151,8 @@ def _check(path: Path) -> None:
         raise typer.Exit(NOT_PROVED)
 
 
-def _theorem(line: str) -> object:
-    """Return the theorem that a certificate names; None for the certificate of a motion, and for any other line."""
+def _theorem_of(line: str) -> object:
+    """Return the kind of theorem that a certificate names; None for a motion's certificate, and for any other line."""
     try:
         return json.loads(line).get("theorem")
     except (ValueError, AttributeError, RecursionError):
@@ -196,7 +196,7 @@ def _prove_survey(store: str, out: Path, processes: int, scheduler: str | None, 
         survey = slice_of(whole, slice_number)
         number = len(claims_of(survey))
         here = processes == 1 and scheduler is None
-        cluster = nullcontext() if here else started({}, scheduler, processes, stop.is_set)
+        cluster = nullcontext() if here else cluster_context({}, scheduler, processes, stop.is_set)
         try:
             with cluster as client, reporter(number, what="motions") as progress:
 

@@ -24,7 +24,11 @@ def prove_areas(
     from rattle.proof.areas.shares import shares_of_claims
     from rattle.proof.certificate import exact_number
 
-    half_backlash, across, along = exact_number("beta", beta), _ends("delta", delta), _ends("epsilon", epsilon)
+    half_backlash, across, along = (
+        exact_number("beta", beta),
+        _exact_range("delta", delta),
+        _exact_range("epsilon", epsilon),
+    )
     require(half_backlash > 0 and across[0] > 0, "beta and delta must be greater than 0")
     with stop_requested() as stop, reporter(columns, what="columns") as progress:
         found = certify_areas(out, across, along, half_backlash, columns, processes, progress.show, stop.is_set)
@@ -35,11 +39,12 @@ def prove_areas(
 
         save(areas_figure(found, across, along).figure, figure)
     if stop.is_set():
-        typer.echo("Stopped: the other columns are not proved.", err=True)
+        typer.echo("Stopped: the remaining columns are not proved.", err=True)
         raise typer.Exit(INTERRUPTED)
 
 
-def _ends(name: str, text: str) -> Ends:
+def _exact_range(name: str, text: str) -> Ends:
+    """Return both ends of a range LOW:HIGH as exact numbers. Raises BadParameter."""
     from rattle.proof.certificate import exact_number
 
     low, colon, high = text.partition(":")

@@ -12,17 +12,17 @@ if TYPE_CHECKING:
 
 
 def codimension_two_certificates(beta: str) -> Iterator[BifurcationCertificate]:
-    """Yield the certificates of COD20 to COD23."""
+    """Yield the certificates of the codimension-two points COD20 to COD23 at a half-backlash."""
     from rattle.proof.bifurcations.prove import certify_codimension_two
 
     yield from certify_codimension_two(beta)
 
 
-def points_of_curves(store: str, slice_number: int | None) -> Iterator[BifurcationCertificate | str]:
+def curve_point_certificates(store: str, slice_number: int | None) -> Iterator[BifurcationCertificate | str]:
     """Yield the certificate of each point of a survey's curves, or the reason why it is not proved."""
     import rattle
     from gear_rattle.service.results import open_results
-    from gear_rattle.workers.survey.slices import group_in, slice_of, surveyed_model
+    from gear_rattle.workers.survey.slices import slice_group_path, slice_of, surveyed_model
     from rattle.models import Capability, require_capability
     from rattle.proof.bifurcations.prove import certify_curve_point
 
@@ -30,14 +30,14 @@ def points_of_curves(store: str, slice_number: int | None) -> Iterator[Bifurcati
         model = surveyed_model(slice_of(whole, slice_number))
     require_capability(Capability.BIFURCATION_PROOFS, model)
     for name in rattle.curves.CURVES:
-        with open_results(store, group=group_in(slice_number, f"curves/{name}")) as curve:
-            for delta, epsilon, *motion in _columns(curve):
+        with open_results(store, group=slice_group_path(slice_number, f"curves/{name}")) as curve:
+            for delta, epsilon, *motion in _rows_of_points(curve):
                 try:
                     yield certify_curve_point(name, delta, epsilon, model.beta, (motion[0], motion[1]))
                 except rattle.NotProvedError as why:
                     yield f"{name} at delta = {delta!r}, epsilon = {epsilon!r}: {why}"
 
 
-def _columns(curve: xr.Dataset) -> Iterator[tuple[float, ...]]:
+def _rows_of_points(curve: xr.Dataset) -> Iterator[tuple[float, ...]]:
     names = ("point_delta", "point_epsilon", "phase", "velocity")
     return zip(*(curve[name].values.tolist() for name in names), strict=True)

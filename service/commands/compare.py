@@ -57,10 +57,10 @@ def compare(
     found = comparison.compare(measured, point.gear, when, bins=bins, tolerance=tolerance, count=count, seed=seed)
     unit = "revolutions" if point.rpm is None else "s"
     typer.echo(f"{point.words}\n{measured.time.size} impacts in {measured.span:.6g} revolutions")
-    _print(found, turn, unit)
+    _print_comparison(found, turn, unit)
 
 
-def _print(found: Comparison, turn: float, unit: str) -> None:
+def _print_comparison(found: Comparison, turn: float, unit: str) -> None:
     import numpy as np
     from rich.console import Console
     from rich.table import Table
@@ -91,10 +91,10 @@ def _print(found: Comparison, turn: float, unit: str) -> None:
         columns = f"{near.attractor.fraction:.4f}", *(f"{x:.6g}" for x in rates), f"{near.distance:.4g}"
         nearest.add_row(attractor_name(near.attractor), *columns)
     console.print(nearest)
-    console.print(_histogram(found))
+    console.print(_histogram_table(found))
 
 
-def _histogram(found: Comparison) -> Table:
+def _histogram_table(found: Comparison) -> Table:
     """Return a table of impacts per revolution by phase, for the measured impacts and for the nearest attractor."""
     from rich.table import Table
 
@@ -108,9 +108,9 @@ def _histogram(found: Comparison) -> Table:
     most = max(float(values.max()) for _, values in columns)
     bins = found.histogram.shape[1]
     for i in range(bins):
-        table.add_row(f"{i / bins:.3f}", *(_bar(float(values[i]), most) for _, values in columns))
+        table.add_row(f"{i / bins:.3f}", *(_bar_text(float(values[i]), most) for _, values in columns))
     return table
 
 
-def _bar(value: float, most: float) -> str:
+def _bar_text(value: float, most: float) -> str:
     return f"{value:.3f} {'#' * round(BAR * value / most)}" if value > 0.0 else ""

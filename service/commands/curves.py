@@ -31,7 +31,7 @@ def curves(
 
     from rattle.curves import NAMES, codimension_two, trace
 
-    window = _range("--delta", delta), _range("--epsilon", epsilon)
+    window = _window_range("--delta", delta), _window_range("--epsilon", epsilon)
     traced = [trace(name, beta, *window) for name in NAMES]
     console = Console(highlight=False, width=WIDTH)
     points = Table("point", "delta", "epsilon", "curves", "what happens", box=None)
@@ -50,11 +50,12 @@ def curves(
     console.print()
     console.print(ends)
     if table is not None:
-        _write(table, traced)
+        _write_csv(table, traced)
         typer.echo(f"{table} holds {sum(map(len, traced))} points.")
 
 
-def _range(option: str, text: str) -> tuple[float, float]:
+def _window_range(option: str, text: str) -> tuple[float, float]:
+    """Return both ends of a range LOW:HIGH. Raises BadParameter, which names the option."""
     try:
         low, high = map(float, text.split(":"))
     except ValueError as error:
@@ -62,7 +63,7 @@ def _range(option: str, text: str) -> tuple[float, float]:
     return low, high
 
 
-def _write(path: Path, traced: list[Curve]) -> None:
+def _write_csv(path: Path, traced: list[Curve]) -> None:
     from gear_rattle.service.errors import ServiceError
 
     try:

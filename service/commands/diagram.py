@@ -43,17 +43,18 @@ def diagram(
     from rich.table import Table
 
     from gear_rattle.service.commands.drawing import require_writable, write_figure
-    from gear_rattle.service.commands.progress import compiling_told
+    from gear_rattle.service.commands.progress import compilation_messages
     from rattle.models import model_of
 
-    lows, highs = zip(_ends("--delta", delta), _ends("--epsilon", epsilon), strict=True)
+    lows, highs = zip(_range_or_number("--delta", delta), _range_or_number("--epsilon", epsilon), strict=True)
     if lows == highs:
         raise typer.BadParameter(
-            "one of --delta and --epsilon must be a range, such as 0.4:1.0; `rattle orbits` is for a point"
+            "one of --delta and --epsilon must be a range, such as 0.4:1.0: give a range, or use `rattle orbits` for a "
+            "point"
         )
     if picture is not None:
         require_writable(picture)
-    with compiling_told():
+    with compilation_messages():
         found = model_of(beta, **numbers).diagram(lows, highs, steps, count)
     console = Console(highlight=False, markup=False, width=WIDTH)
     table = Table("event", "named", "motion", "delta", "epsilon", box=None)
@@ -71,7 +72,7 @@ def diagram(
         write_figure(found.plot(), picture)
 
 
-def _ends(option: str, text: str) -> tuple[float, float]:
+def _range_or_number(option: str, text: str) -> tuple[float, float]:
     """Return both ends of a range LOW:HIGH, or a single number twice."""
     try:
         low, high = (float(part) for part in (text.split(":") if ":" in text else (text, text)))

@@ -17,7 +17,7 @@ def draw_survey(store: str | Path, out: Path, slice_number: int | None = None) -
     Parameters
     ----------
     slice_number : int | None
-        Number of the slice, for a survey with a third axis.
+        Number of the slice of a survey with a third axis, from 0; None without a third axis.
     """
     from gear_rattle.service.results import open_results
     from gear_rattle.workers.pictures.figure import survey_figure
@@ -29,7 +29,7 @@ def draw_survey(store: str | Path, out: Path, slice_number: int | None = None) -
 
 
 def write_figure(picture: Figure, out: Path) -> None:
-    """Write a figure to a file, whose suffix is the format."""
+    """Write a figure to the file `out`, whose suffix is the format. Raises ServiceError."""
     from gear_rattle.service.errors import ServiceError
 
     try:
@@ -40,7 +40,7 @@ def write_figure(picture: Figure, out: Path) -> None:
 
 
 def require_writable(out: Path) -> None:
-    """Raise ServiceError if a picture cannot be written, so that nobody computes for hours in vain."""
+    """Raise ServiceError if a picture cannot be written to `out`, before a command computes for hours in vain."""
     from matplotlib.backend_bases import FigureCanvasBase
 
     from gear_rattle.service.errors import ServiceError

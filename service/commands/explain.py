@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from gear_rattle.workers.boundaries.explain import Explanation
 
 WIDTH = 160  # characters in a line, enough for all numbers, however wide the terminal is
-UNEXPLAINED = 1
+UNEXPLAINED = 1  # exit status if a boundary of regions has no curve
 
 
 def explain(
@@ -33,18 +33,20 @@ def explain(
     """
     from gear_rattle.service.results import open_results
     from gear_rattle.workers.boundaries.explain import explain as explained
-    from gear_rattle.workers.survey.slices import group_in, slice_of
+    from gear_rattle.workers.survey.slices import slice_group_path, slice_of
 
     with open_results(store) as whole:
         dataset = slice_of(whole, slice_)
-        families = open_results(store, group=group_in(slice_, "families")) if "attractor_family" in dataset else None
+        families = (
+            open_results(store, group=slice_group_path(slice_, "families")) if "attractor_family" in dataset else None
+        )
         found = explained(dataset, most_curves, families)
-    _print(found, rows)
+    _print_explanation(found, rows)
     if found.region_explained.sum() < found.pairs.region.sum():
         raise typer.Exit(UNEXPLAINED)
 
 
-def _print(found: Explanation, rows: int) -> None:
+def _print_explanation(found: Explanation, rows: int) -> None:
     from rich.console import Console
     from rich.table import Table
 

@@ -45,11 +45,11 @@ def export(
             f"{store} is a URL of a service: download its files at …/download.nc, .csv or .parquet",
             param_hint="STORE",
         )
-    _write(store, out, RowForm(form))
+    _write_file(store, out, RowForm(form))
     typer.echo(f"{out} is complete: {out.stat().st_size:,} bytes.")
 
 
-def _write(store: str, out: Path, form: RowForm) -> None:
+def _write_file(store: str, out: Path, form: RowForm) -> None:
     from gear_rattle.workers import open_survey, place_of
     from gear_rattle.workers.storage.export import csv_lines, require_readable, table_names, write_netcdf, write_parquet
     from gear_rattle.workers.storage.store import open_groups
@@ -57,7 +57,7 @@ def _write(store: str, out: Path, form: RowForm) -> None:
     place = place_of(store)
     with open_survey(place, as_stored=True) as dataset:
         require_readable(dataset, None if out.suffix == ".nc" else table_names(dataset, form))
-        with _replaced(out) as file:
+        with _replacing_file(out) as file:
             if out.suffix == ".csv":
                 file.writelines(line.encode() for line in csv_lines(dataset, form))
                 return
@@ -67,8 +67,8 @@ def _write(store: str, out: Path, form: RowForm) -> None:
 
 
 @contextmanager
-def _replaced(path: Path) -> Iterator[IO[bytes]]:
-    """Yield a temporary file, which is renamed to `path` at the end. A failure leaves no file behind."""
+def _replacing_file(path: Path) -> Iterator[IO[bytes]]:
+    """Yield a temporary file that replaces `path` at the end of the context. A failure leaves no temporary file."""
     from gear_rattle.service.errors import ServiceError
 
     part = path.with_name(f".{path.name}.{os.getpid()}")

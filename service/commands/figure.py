@@ -86,26 +86,27 @@ def figure(
     if what[0] in (ALL, STIFF) or what[0].isdecimal():
         if slice_ is not None:
             raise typer.BadParameter("a figure of the paper has no slices: leave --slice out", param_hint="--slice")
-        requests = _requests(what, delta or [], epsilon or [], beta, numbers)
+        requests = _figure_requests(what, delta or [], epsilon or [], beta, numbers)
         _draw_figures(requests, out or Path(), format_ or ["pdf"])
         return
     for option, given in options.items():
         if given is not None:
             raise typer.BadParameter(
-                f"{option} is for figures of the paper, and {what[0]!r} is not the number of a figure",
+                f"{option} is for figures of the paper, and {what[0]!r} is not the number of a figure: leave "
+                f"{option} out",
                 param_hint="STORE",
             )
     if len(what) > 2:
         raise typer.BadParameter(
-            "give a survey and one file for its picture, or only numbers of figures", param_hint="STORE"
+            "give one survey and one file for its picture, or only numbers of figures", param_hint="STORE"
         )
     draw_survey(what[0], Path(what[1] if len(what) == 2 else SURVEY_PICTURE), slice_)
 
 
-def _requests(
+def _figure_requests(
     what: list[str], delta: list[str], epsilon: list[str], beta: float | None, added: Mapping[str, float]
 ) -> list[Request | StiffRequest]:
-    """Return the requested figures. All of them are checked before the first figure is computed."""
+    """Return the requested figures. All requests are checked before the first figure is computed."""
     from rattle.plot import BETA, FIGURES, parse, request, stiff_request
 
     numbers: list[int] = []
@@ -152,7 +153,7 @@ def _draw_figures(requests: list[Request | StiffRequest], directory: Path, forma
 
 
 def _require_directory(directory: Path) -> None:
-    """Raise ServiceError if a directory cannot be written to, so that nobody computes a figure in vain."""
+    """Create a directory if necessary. Raise ServiceError if files cannot be written to it."""
     from gear_rattle.service.errors import ServiceError
 
     try:

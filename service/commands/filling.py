@@ -16,40 +16,46 @@ if TYPE_CHECKING:
     from gear_rattle.workers import AnyRequest, SurveyRequest, TileRecord
     from gear_rattle.workers.kinds import AnyTile
 
-INTERRUPTED = 130
-PROCESSES = 2
-MAX_MESSAGES = 10
-LOOK_SECONDS = 0.1
+INTERRUPTED = 130  # exit status after SIGINT or SIGTERM
+PROCESSES = 2  # number of processes that a command starts by default
+MAX_MESSAGES = 10  # largest number of failed cells whose messages are printed
+CHECK_SECONDS = 0.1  # seconds between two checks whether the command must stop
 
 
-def fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | None) -> None:
-    """Create or resume the store of a request, compute all missing parts, and finish the store."""
-    from gear_rattle.service.commands.progress import compiling_told
+def compute_store(request: AnyRequest, out: str, scheduler: str | None, workers: int | None) -> None:
+    """Create or resume the store of a request, compute all missing parts, and mark the store as complete.
+
+    out: the location of the store. scheduler: the address of a dask scheduler, or None. workers: the number of
+    processes to start; None: PROCESSES, or no process if the work takes only a few seconds.
+    """
+    from gear_rattle.service.commands.progress import compilation_messages
     from gear_rattle.workers.certificates import require_certifiable
 
     require_certifiable(request, out)
-    with compiling_told():
-        _fill(request, out, scheduler, workers)
+    with compilation_messages():
+        _compute_missing(request, out, scheduler, workers)
 
 
-def _fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | None) -> None:
+def _compute_missing(request: AnyRequest, out: str, scheduler: str | None, workers: int | None) -> None:
     from gear_rattle import workers as survey
 
     alone = not (scheduler or workers)
     if alone and survey.is_short(request, request.n_cells):
-        with _stoppable(out) as stop:
-            _compile(request, stop)
+        with _stop_event(out) as stop:
+            _compile_kernels(request, stop)
     survey.create_store(request, out)
     done = survey.tiles_done(request, out)
     missing = [tile for tile in survey.tiles_of(request) if tile.index not in done]
     if missing or survey.is_incomplete(request, out):
-        with _stoppable(out) as stop:
+        with _stop_event(out) as stop:
             try:
                 short = survey.is_short(request, sum(tile.n_cells for tile in missing) or request.n_cells)
                 here = short and alone
                 processes = workers or PROCESSES
-                cluster = nullcontext() if here else started(request.added_numbers, scheduler, processes, stop.is_set)
-                _compute(request, out, missing, cluster, stop.is_set)
+                cluster = (
+                    nullcontext() if here else cluster_context(request.added_numbers, scheduler, processes, stop.is_set)
+                )
+                _compute_tiles(request, out, missing, cluster, stop.is_set)
             except survey.SurveyError:
                 if not stop.is_set():  # after a stop, the error only reports the end of the cluster
                     raise
@@ -59,8 +65,8 @@ def _fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | N
 
 
 @contextmanager
-def _stoppable(out: str) -> Iterator[threading.Event]:
-    """Yield an event that SIGINT or SIGTERM sets. If it is set at the end of the context, end the command."""
+def _stop_event(out: str) -> Iterator[threading.Event]:
+    """Yield an event that SIGINT or SIGTERM sets. If the event is set when the context ends, end the command."""
     from gear_rattle.service.commands.signals import stop_requested
 
     with stop_requested() as stop:
@@ -70,20 +76,29 @@ def _stoppable(out: str) -> Iterator[threading.Event]:
             raise typer.Exit(INTERRUPTED)
 
 
-def _compile(request: AnyRequest, stop: threading.Event) -> None:
-    """Compile the kernels of a survey in this process. Return when they are compiled or the process must stop."""
+def _compile_kernels(request: AnyRequest, stop: threading.Event) -> None:
+    """Compile the kernels of a survey in this process. Return when they are compiled, or when `stop` is set."""
     from gear_rattle.workers import compile_for
 
     compiling = threading.Thread(target=compile_for, args=(request,), name="kernels", daemon=True)
     compiling.start()
     while compiling.is_alive() and not stop.is_set():
-        compiling.join(LOOK_SECONDS)
+        compiling.join(CHECK_SECONDS)
 
 
-def started(
+def cluster_context(
     numbers: dict[str, float], scheduler: str | None, workers: int, should_stop: Callable[[], bool]
 ) -> AbstractContextManager[Client]:
-    """Return the context of a cluster; print a message if processes start."""
+    """Return the context of a cluster: an existing one, or processes that start on this machine.
+
+    numbers: the parameters that the model adds, whose kernels are compiled meanwhile. scheduler: the address of a dask
+    scheduler; None starts processes, and prints a message.
+
+    Returns
+    -------
+    AbstractContextManager[Client]
+        Its context has the client of the cluster.
+    """
     import rattle
     from gear_rattle.workers import connect, embedded_cluster
 
@@ -95,7 +110,7 @@ def started(
     return embedded_cluster(workers, should_stop=should_stop)
 
 
-def _compute(
+def _compute_tiles(
     request: AnyRequest,
     out: str,
     missing: list[AnyTile],
@@ -104,9 +119,9 @@ def _compute(
 ) -> None:
     from gear_rattle import workers as survey
     from gear_rattle.service.commands.progress import reporter
-    from gear_rattle.workers.kinds import place_of_cell
+    from gear_rattle.workers.kinds import position_of_cell
     from gear_rattle.workers.storage.manifest import attributes_of
-    from gear_rattle.workers.survey.refined.audit import TOLD
+    from gear_rattle.workers.survey.refined.audit import AUDIT_ATTRIBUTES
 
     todo = sum(tile.n_cells for tile in missing)
     done = before = request.n_cells - todo
@@ -126,44 +141,44 @@ def _compute(
         if client is None:
             survey.run_tiles_here(request, out, missing, on_tile, should_stop)
         else:
-            survey.run_tiles(request, out, missing, client, on_tile, should_stop, on_left=progress.tell_left)
+            survey.run_tiles(request, out, missing, client, on_tile, should_stop, on_left=progress.show_time_left)
         seconds = time.monotonic() - began
         if not should_stop() and survey.is_incomplete(request, out):
-            _complete(request, out, client, should_stop)
-    if isinstance(request, survey.SurveyRequest) and request.is_bounded:
+            _complete_survey(request, out, client, should_stop)
+    if isinstance(request, survey.SurveyRequest) and request.has_bound:
         # Rounds of audits have computed some of the cells that tiles had filled.
-        filled = 0 if before else attributes_of(survey.place_of(out)).get(TOLD[0], 0)
+        filled = 0 if before else attributes_of(survey.place_of(out)).get(AUDIT_ATTRIBUTES[0], 0)
     if missing:
         some = f", {filled} of them filled" if filled else ""
         typer.echo(f"{done - before} {what} in {seconds:.1f} s{some}: {(done - before) / seconds:.1f} {what}/s")
     for i, j, message in failed[:MAX_MESSAGES]:
-        where = ", ".join(f"{axis}[{number}]" for axis, number in place_of_cell(request, i, j).items())
+        where = ", ".join(f"{axis}[{number}]" for axis, number in position_of_cell(request, i, j).items())
         typer.echo(f"failed: {where}: {message}", err=True)
 
 
-def _complete(request: AnyRequest, out: str, client: Client | None, should_stop: Callable[[], bool]) -> None:
+def _complete_survey(request: AnyRequest, out: str, client: Client | None, should_stop: Callable[[], bool]) -> None:
     from gear_rattle import workers as survey
 
     if isinstance(request, survey.SurveyRequest):
-        for words in _what_follows(request):
+        for words in _steps_after_tiles(request):
             typer.echo(f"{words} …", err=True)
     if client is None:
-        with survey.place_of(out).writing():
+        with survey.place_of(out).lock_for_writing():
             survey.complete(request, out)
     else:
         survey.complete_on(client, request, out, should_stop)
 
 
-def _what_follows(request: SurveyRequest) -> Iterator[str]:
-    """Yield a description of each step that follows after all tiles."""
+def _steps_after_tiles(request: SurveyRequest) -> Iterator[str]:
+    """Yield a description of each step that follows after the survey's tiles."""
     from gear_rattle.workers import Group
     from gear_rattle.workers.survey.levels.grid import levels_of
 
-    if request.is_bounded:
+    if request.has_bound:
         yield "Auditing filled cells until the bound is met"
     if Group.FAMILIES in request.quantities:
         yield "Joining the attractors to families"
     elif levels_of(request.shape):
-        yield "Making the levels"
+        yield "Building the pyramid levels"
     if request.certify:
         yield "Proving the periodic attractors"

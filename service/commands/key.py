@@ -12,8 +12,8 @@ import typer
 if TYPE_CHECKING:
     from gear_rattle.service.database import Database
 
-LARGEST = 2**31 - 1  # largest value of an integer column
-LONGEST_NAME = 100
+LARGEST_INTEGER = 2**31 - 1  # largest number that a column of the database can hold
+LONGEST_NAME = 100  # largest number of characters of a key's name
 
 app = typer.Typer(help="Add, list and revoke the API keys of a service.", no_args_is_help=True)
 
@@ -39,12 +39,17 @@ def add(
     max_cells: Annotated[
         int | None,
         typer.Option(
-            min=1, max=LARGEST, help="Quota of cells of all its surveys, kept ones too.", show_default="no quota"
+            min=1,
+            max=LARGEST_INTEGER,
+            help="Quota of cells of all its surveys, kept ones too.",
+            show_default="no quota",
         ),
     ] = None,
     max_running: Annotated[
         int | None,
-        typer.Option(min=1, max=LARGEST, help="Quota of its queued and running surveys.", show_default="no quota"),
+        typer.Option(
+            min=1, max=LARGEST_INTEGER, help="Quota of its queued and running surveys.", show_default="no quota"
+        ),
     ] = None,
     data: Data = None,
     database_url: DatabaseUrl = None,
@@ -55,7 +60,7 @@ def add(
 
     if not (name.isprintable() and 0 < len(name) <= LONGEST_NAME):
         raise typer.BadParameter(f"NAME must have 1 to {LONGEST_NAME} printable characters")
-    with _database(data, database_url, create=True) as database:
+    with _job_database(data, database_url, create=True) as database:
         key, token = add_key(database, name, Scope(scope), max_cells, max_running)
     typer.echo(f"Key {key.id} for {name}. Keep it in RATTLE_API_KEY; it cannot be shown again:", err=True)
     typer.echo(token)
@@ -68,7 +73,7 @@ def list_keys(data: Data = None, database_url: DatabaseUrl = None) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    with _database(data, database_url) as database:
+    with _job_database(data, database_url) as database:
         keys = database.keys()
     table = Table("id", "scope", "max cells", "max running", "created", "revoked", "name", box=None)
     for key in keys:
@@ -86,13 +91,14 @@ def revoke(
     database_url: DatabaseUrl = None,
 ) -> None:
     """Revoke a key permanently. Its surveys stay and continue."""
-    with _database(data, database_url) as database:
+    with _job_database(data, database_url) as database:
         key = database.revoke_key(key_id)
     typer.echo(f"Key {key.id} for {key.name} is revoked.")
 
 
 @contextmanager
-def _database(data: Path | None, database_url: str | None, create: bool = False) -> Iterator[Database]:
+def _job_database(data: Path | None, database_url: str | None, create: bool = False) -> Iterator[Database]:
+    """Yield the job database of a service. create: create its data directory if it does not exist."""
     from gear_rattle.service.commands.options import settings_of
     from gear_rattle.service.database import Database
     from gear_rattle.service.errors import DataDirectoryError
@@ -104,7 +110,9 @@ def _database(data: Path | None, database_url: str | None, create: bool = False)
         if create:
             directory.path.mkdir(parents=True, exist_ok=True)
         elif not directory.has_database:
-            raise DataDirectoryError(f"There is no data directory {directory.path}: name that of the service (--data).")
+            raise DataDirectoryError(
+                f"There is no data directory {directory.path}: name the data directory of the service (--data)."
+            )
     # A service may be running, so the database is not opened exclusively, and the directory is not locked.
     with closing(Database(settings.database_url or directory.database_url, exclusive=False)) as database:
         yield database

@@ -10,11 +10,12 @@ LETTERS = str.maketrans("αβγδεκλμµντφΓΔΛΣΦΩ⁺⁻⁰¹²³⁴�
 )
 
 
-def _nearest(error: UnicodeError) -> tuple[str, int]:
+def _replace_letters(error: UnicodeError) -> tuple[str, int]:
+    """Return the replacement for letters that an encoding lacks, and the position after them in the text."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     text = error.object[error.start : error.end].translate(LETTERS)
     return text.encode("ascii", "replace").decode(), error.end
 
 
-codecs.register_error(NEAREST, _nearest)
+codecs.register_error(NEAREST, _replace_letters)

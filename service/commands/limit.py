@@ -12,7 +12,7 @@ from gear_rattle.service.commands import options
 if TYPE_CHECKING:
     from rattle import Limit
 
-#: The unit in which a length is printed, and the factor from metres.
+#: The unit in which a length is printed, and the factor from metres to this unit.
 MICROMETRES = (" µm", 1e6)
 LENGTHS = ("eccentricity", "backlash", "driven_eccentricity", "mesh_error", "mesh_error_2", "mesh_error_3")
 UNITS = {
@@ -21,7 +21,7 @@ UNITS = {
     "drag": (" N m s/rad", 1.0),
     "load_torque": (" N m", 1.0),
 }
-MOST_VALUES = 1000
+MOST_VALUES = 1000  # largest number of values for --over
 
 
 @options.with_numbers
@@ -59,27 +59,29 @@ def limit(
     For eccentricity, mesh error, backlash, restitution and speed this is the largest allowed value, for drag and load
     the least. All other numbers of the gear are options: delta, epsilon and beta, or a machine's numbers.
     """
-    from gear_rattle.service.commands.progress import compiling_told
+    from gear_rattle.service.commands.progress import compilation_messages
     from rattle import design_limit, design_limits
     from rattle.attractors import BUDGET
 
-    given: dict[str, Any] = {name: text if name == "drive" else _number(name, text) for name, text in numbers.items()}
-    asked: dict[str, Any] = {"between": None if between is None else _pair(between)}
+    given: dict[str, Any] = {
+        name: text if name == "drive" else _read_number(name, text) for name, text in numbers.items()
+    }
+    asked: dict[str, Any] = {"between": None if between is None else _read_range(between)}
     asked |= {"count": count, "seed": seed, "budget": BUDGET if budget is None else budget}
-    with compiling_told():
+    with compilation_messages():
         if over is None:
             at = f" at {given['rpm']:g} rpm" if "rpm" in given and of != "rpm" else ""
-            typer.echo(_words(of, share, design_limit(given, of, share, **asked), at))
+            typer.echo(_limit_text(of, share, design_limit(given, of, share, **asked), at))
             return
-        name, values = _axis(over)
+        name, values = _read_axis(over)
         for value in values:
             (found,) = design_limits(given, of, name, [value], share, **asked)
             unit, scale = UNITS.get(name, ("", 1.0))
-            typer.echo(f"{name} {scale * value:.6g}{unit if scale != 1.0 else ''}: {_words(of, share, found)}")
+            typer.echo(f"{name} {scale * value:.6g}{unit if scale != 1.0 else ''}: {_limit_text(of, share, found)}")
 
 
-def _words(of: str, share: float, found: Limit, at: str = "") -> str:
-    """Return a limit as a line of text."""
+def _limit_text(of: str, share: float, found: Limit, at: str = "") -> str:
+    """Return a limit as a line of text. of: the limited number. share: the required probability of quiet running."""
     from rattle.populations import SAFE_IF_SMALL
 
     unit, scale = UNITS.get(of, MICROMETRES if of.startswith("error_") else ("", 1.0))
@@ -90,22 +92,22 @@ def _words(of: str, share: float, found: Limit, at: str = "") -> str:
     return f"{of} {way} {value}{unit} [{low}, {high}]{at} for P(quiet) of {share:g} at least"
 
 
-def _number(name: str, text: str) -> float:
+def _read_number(name: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
         raise typer.BadParameter(f"--{name} must be one number here, got {text!r}") from None
 
 
-def _pair(text: str) -> tuple[float, float]:
+def _read_range(text: str) -> tuple[float, float]:
     try:
         low, high = (float(part) for part in text.split(":"))
     except ValueError:
-        raise typer.BadParameter(f"between {text!r}: write LOW:HIGH, such as 1e-6:50e-6") from None
+        raise typer.BadParameter(f"--between {text!r}: write LOW:HIGH, such as 1e-6:50e-6") from None
     return low, high
 
 
-def _axis(text: str) -> tuple[str, list[float]]:
+def _read_axis(text: str) -> tuple[str, list[float]]:
     from gear_rattle.workers import Axis
 
     name, _, axis = text.partition("=")

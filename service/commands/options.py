@@ -1,4 +1,4 @@
-"""Options of several commands, each declared once."""
+"""Declare the options that several commands share."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ DIMENSIONLESS = ("delta", "epsilon", "beta", *added_parameters())
 
 
 def number_options(kind: Any, metavar: str | None = None, panel: str = MACHINE) -> dict[str, Any]:
-    """Return an option for each of NUMBERS. kind: type of the options, except that `drive` is text."""
+    """Return {name: option} for each of NUMBERS. kind: the type of the options, except that `drive` is text."""
     found = {}
     for name, (text, default) in NUMBERS.items():
         taken, shown = (str, "torque|speed") if name == "drive" else (kind, metavar)
@@ -82,7 +82,7 @@ def with_options(
 ) -> Command:
     """Give a command further options. defaults: default values by option; the default of other options is None.
 
-    The command's first argument is then `taken_as(given)`, with the given options by name.
+    The command's first argument is then `taken_as(given)`, where `given` is a dictionary {option: given value}.
 
     Returns
     -------
@@ -101,14 +101,14 @@ def with_options(
     taken = [*required, *shared, *(each for each in own if each not in required)]
 
     @functools.wraps(command)
-    def with_given(**given: Any) -> None:
+    def command_with_options(**given: Any) -> None:
         found = {name: given.pop(name) for name in options}
         command(taken_as({name: value for name, value in found.items() if value is not None}), **given)
 
-    del with_given.__wrapped__  # typer would read its annotations
-    with_given.__signature__ = inspect.Signature([each.replace(kind=keyword) for each in taken])  # type: ignore[attr-defined]
-    with_given.__annotations__ = {each.name: each.annotation for each in taken}
-    return with_given
+    del command_with_options.__wrapped__  # typer would read the annotations of the original command
+    command_with_options.__signature__ = inspect.Signature([each.replace(kind=keyword) for each in taken])  # type: ignore[attr-defined]
+    command_with_options.__annotations__ = {each.name: each.annotation for each in taken}
+    return command_with_options
 
 
 def with_added(
@@ -116,14 +116,14 @@ def with_added(
 ) -> Command:
     """Give a command an option for each parameter that a model adds, after its own option `after`.
 
-    The command's last argument is then a mapping of the given parameters, by name.
+    The command's last argument is then a mapping {name: value} of the given parameters.
 
     Parameters
     ----------
     text : str | None
         Help text of an option, with `{}` for the parameter's label; by default the text in NUMBERS.
     model : str | None
-        The only model whose parameters are options; by default those of all models.
+        The only model whose parameters become options; by default the parameters of all models do.
 
     Returns
     -------
@@ -150,22 +150,22 @@ def with_added(
     place = 1 + [each.name for each in own].index(after)
 
     @functools.wraps(command)
-    def with_given(**given: Any) -> None:
+    def command_with_options(**given: Any) -> None:
         found = {each.name: given.pop(each.name) for each in options}
         command(**given, numbers={name: value for name, value in found.items() if value is not None})
 
-    del with_given.__wrapped__  # typer would read its annotations
+    del command_with_options.__wrapped__  # typer would read the annotations of the original command
     taken = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in own]
     taken[place:place] = options
-    with_given.__signature__ = inspect.Signature(taken)  # type: ignore[attr-defined]
-    with_given.__annotations__ = {each.name: each.annotation for each in taken}
-    return with_given
+    command_with_options.__signature__ = inspect.Signature(taken)  # type: ignore[attr-defined]
+    command_with_options.__annotations__ = {each.name: each.annotation for each in taken}
+    return command_with_options
 
 
 def with_numbers(command: Command) -> Command:
     """Give a command options for the numbers of a gear, each a number or a distribution.
 
-    The command's first argument is then a mapping of the given texts, by name.
+    The command's first argument is then a mapping {name: given text}.
 
     Returns
     -------
@@ -221,6 +221,6 @@ def settings_of(**given: Any) -> Settings:
     try:
         return Settings(**{name: value for name, value in given.items() if value is not None})
     except ValidationError as error:
-        from gear_rattle.workers.survey.axes import place_and_reason
+        from gear_rattle.workers.survey.axes import field_and_message
 
-        raise typer.BadParameter(place_and_reason(error)) from error
+        raise typer.BadParameter(field_and_message(error)) from error

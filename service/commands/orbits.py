@@ -5,7 +5,8 @@ from __future__ import annotations
 from gear_rattle.service.commands.at_point import GivenPoint, at_point
 
 WIDTH = 140  # characters in a line, enough for all numbers, however wide the terminal is
-NAMES = {"sn1": "SN1", "flip": "flip", "quiet_limit": "quiet limit"}  # names of the limits
+#: {field of the analytic limits: the name that is printed}.
+NAMES = {"sn1": "SN1", "flip": "flip", "quiet_limit": "quiet limit"}
 
 
 @at_point()
@@ -37,12 +38,12 @@ def orbits(point: GivenPoint) -> None:
     unit = 1.0 if machine is None else machine.units.velocity
     table = Table("orbit", "P(m, n+, n-)", "phase", speed, "multipliers", "stable", box=None)
     for orbit in gear.orbits():
-        first, second = (_complex(value) for value in orbit.multipliers)
+        first, second = (_complex_text(value) for value in orbit.multipliers)
         label = f"({orbit.m}, {orbit.n_plus}, {orbit.n_minus})"
         stable = "yes" if orbit.stable else "no"
         table.add_row(orbit.name, label, f"{orbit.tau:.10f}", f"{orbit.v * unit:.10f}", f"{first}, {second}", stable)
     console.print(table)
 
 
-def _complex(value: complex) -> str:
+def _complex_text(value: complex) -> str:
     return f"{value.real:.10g}" if value.imag == 0 else f"{value.real:.10g}{value.imag:+.10g}i"

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from rattle.paper import Report
 
 WIDTH = 140  # characters in a line, enough for all numbers, however wide the terminal is
-UNEXPECTED = 1
+UNEXPECTED = 1  # exit status if a number or statement differs unexpectedly
 
 
 def paper(
@@ -37,14 +37,14 @@ def paper(
     if markdown:
         typer.echo(checks.markdown(report), nl=False)
     else:
-        _show(report)
-    for what in report.unexpected:
+        _print_report(report)
+    for what in report.deviations:
         typer.echo(f"rattle: unexpected: {what}", err=True)
-    if report.unexpected:
+    if report.deviations:
         raise typer.Exit(UNEXPECTED)
 
 
-def _show(report: Report) -> None:
+def _print_report(report: Report) -> None:
     from rich.console import Console
     from rich.table import Table
 

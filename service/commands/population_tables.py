@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from rattle import Estimate, Population
 
 WIDTH = 140  # characters in a line, enough for all numbers, however wide the terminal is
-#: By number of a machine: its unit in a table, and the factor from the SI unit.
+#: {number of a machine: its unit in a table, and the factor from the SI unit}.
 UNITS = {
     "eccentricity": ("µm", 1e6),
     "backlash": ("µm", 1e6),
@@ -30,36 +30,38 @@ def print_population(found: Population) -> None:
 
     console = Console(highlight=False, markup=False, width=WIDTH)
     console.print(f"{found.plan.gears} gears, {found.plan.count} starts each; in brackets 95 % intervals")
-    console.print(f"runs quietly with a probability of {_words(found.quiet)}, {100 * found.undecided:.2g} % undecided")
+    console.print(
+        f"runs quietly with a probability of {_estimate_text(found.quiet)}, {100 * found.undecided:.2g} % undecided"
+    )
     if found.passing is not None:
-        console.print(f"passes: {_words(found.passing)} of all gears")
+        console.print(f"passes: {_estimate_text(found.passing)} of all gears")
     if found.undecided < 1.0:
         of = "W" if is_machine(found.plan.tolerances.given) else "energy per revolution"
         console.print(f"impacts hand over ({of}):")
         for share, each in found.intensity().items():
-            console.print(f"  {100 * share:g} % of all are below {_words(each)}")
+            console.print(f"  {100 * share:g} % of all are below {_estimate_text(each)}")
     for of, what in (("quiet", "whether a gear runs quietly"), ("energy", "how hard it rattles")):
         try:
-            console.print(_indices(found, of, what))
+            console.print(_sobol_table(found, of, what))
         except RattleError as error:
             console.print(f"What decides {what}: {error}")
-    console.print(_worst(found))
+    console.print(_worst_table(found))
 
 
-def _words(found: Estimate) -> str:
+def _estimate_text(found: Estimate) -> str:
     return f"{found.value:.4g} [{found.low:.4g}, {found.high:.4g}]"
 
 
-def _indices(found: Population, of: str, what: str) -> Table:
+def _sobol_table(found: Population, of: str, what: str) -> Table:
     from rich.table import Table
 
     table = Table(f"what decides {what} [95 %]", "alone", "with others", box=None)
     for name, each in found.indices(of).items():
-        table.add_row(name, _words(each.first), _words(each.total))
+        table.add_row(name, _estimate_text(each.first), _estimate_text(each.total))
     return table
 
 
-def _worst(found: Population) -> Table:
+def _worst_table(found: Population) -> Table:
     from rich.table import Table
 
     from rattle.populations import is_machine

@@ -13,11 +13,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-PLAIN_SECONDS = 10.0
+PLAIN_SECONDS = 10.0  # least number of seconds between two printed lines
 
 
 class Reporter(Protocol):
-    """Shows the number of computed cells, and the time left according to the run's estimate or to the speed so far."""
+    """A display of the number of computed cells, and of the time left by the run's estimate or by the speed so far."""
 
     def __enter__(self) -> Self:
         """Begin the display."""
@@ -30,11 +30,11 @@ class Reporter(Protocol):
     def show(self, cells_done: int) -> None:
         """Show the number of computed cells."""
 
-    def tell_left(self, seconds: float) -> None:
+    def show_time_left(self, seconds: float) -> None:
         """Show the run's estimate of the time left."""
 
 
-class _Told(logging.Handler):
+class _CompilationHandler(logging.Handler):
     """Log handler that announces the compilation of kernels once, and then prints its progress."""
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -46,9 +46,9 @@ class _Told(logging.Handler):
 
 
 @contextmanager
-def compiling_told() -> Iterator[None]:
+def compilation_messages() -> Iterator[None]:
     """Print messages about the compilation of kernels to stderr during this context."""
-    log, told = logging.getLogger("rattle.numerics.compile"), _Told(logging.INFO)
+    log, told = logging.getLogger("rattle.numerics.compile"), _CompilationHandler(logging.INFO)
     level = log.level
     log.setLevel(logging.INFO)
     log.addHandler(told)
@@ -60,13 +60,22 @@ def compiling_told() -> Iterator[None]:
 
 
 def reporter(cells: int, cells_done: int = 0, what: str = "cells") -> Reporter:
-    """Return a reporter that draws a progress bar if stderr is a terminal, and prints a line now and then if not."""
+    """Return a reporter that draws a progress bar if stderr is a terminal, and otherwise prints a line now and then.
+
+    cells: the number of all cells. cells_done: the number of cells that were computed before. what: their name in the
+    display.
+
+    Returns
+    -------
+    Reporter
+        A context manager.
+    """
     console = Console(stderr=True)
-    return (_Bar if console.is_terminal else _Lines)(console, cells, cells_done, what)
+    return (_BarReporter if console.is_terminal else _LineReporter)(console, cells, cells_done, what)
 
 
-class _Speed(ProgressColumn):
-    """A column with the number of cells per second."""
+class _SpeedColumn(ProgressColumn):
+    """A column of a progress bar with the number of cells per second."""
 
     def __init__(self, what: str) -> None:
         super().__init__()
@@ -77,8 +86,8 @@ class _Speed(ProgressColumn):
         return Text("" if speed is None else f"{speed:.0f} {self._what}/s", style="progress.data.speed")
 
 
-class _Left(TimeRemainingColumn):
-    """A column with the time left, according to the run's estimate if there is one, else to the speed so far."""
+class _TimeLeftColumn(TimeRemainingColumn):
+    """A column of a progress bar with the time left, by the run's estimate if it has one, else by the speed so far."""
 
     def render(self, task: Task) -> Text:
         if task.finished or (ends := task.fields.get("ends")) is None:
@@ -88,14 +97,14 @@ class _Left(TimeRemainingColumn):
         return Text(f"{hours:d}:{minutes:02d}:{seconds:02d}", style="progress.remaining")
 
 
-class _Bar:
+class _BarReporter:
     def __init__(self, console: Console, cells: int, cells_done: int, what: str) -> None:
         self._progress = Progress(
             TextColumn(f"{{task.completed:.0f}} of {{task.total:.0f}} {what}"),
             BarColumn(),
             TaskProgressColumn(),
-            _Speed(what),
-            _Left(),
+            _SpeedColumn(what),
+            _TimeLeftColumn(),
             console=console,
             speed_estimate_period=60.0,
         )
@@ -113,11 +122,11 @@ class _Bar:
     def show(self, cells_done: int) -> None:
         self._progress.update(self._task, completed=cells_done)
 
-    def tell_left(self, seconds: float) -> None:
+    def show_time_left(self, seconds: float) -> None:
         self._progress.update(self._task, ends=time.monotonic() + seconds)
 
 
-class _Lines:
+class _LineReporter:
     def __init__(self, console: Console, cells: int, cells_done: int, what: str) -> None:
         self._console = console
         self._cells = cells
@@ -148,5 +157,5 @@ class _Lines:
             highlight=False,
         )
 
-    def tell_left(self, seconds: float) -> None:
+    def show_time_left(self, seconds: float) -> None:
         self._ends = time.monotonic() + seconds

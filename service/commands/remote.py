@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from gear_rattle.service.client import Client, Job
     from gear_rattle.workers import SurveyRequest
 
-NOT_FOUND = 404
+NOT_FOUND = 404  # HTTP status of the answer to an unknown id
 
 Key = Annotated[
     str | None, typer.Option(help="Idempotency key: submitting again with the same key creates no second survey.")
@@ -67,7 +67,7 @@ def list_(
             table.add_row(
                 job.id, job.state, f"{shown['progress']} %", cells, shown["created"][:19], Text(shown["name"])
             )
-    Console(width=140).print(table)  # wide enough for ids
+    Console(width=140).print(table)  # at this width no id is cut
 
 
 def watch(
@@ -78,7 +78,7 @@ def watch(
     from gear_rattle.service.client import Client
 
     with Client(url) as client:
-        follow_job(_job(client, job_id))
+        follow_job(_survey_or_population(client, job_id))
 
 
 def describe(
@@ -96,8 +96,8 @@ def describe(
     typer.echo(f"{shown['name']}\n{shown['notes']}".rstrip("\n"))
 
 
-def _job(client: Client, job_id: str) -> Job:
-    """Return the survey or population with this id."""
+def _survey_or_population(client: Client, job_id: str) -> Job:
+    """Return the survey or population with an id. Raises BadParameter if the service has neither."""
     from gear_rattle.service.errors import ResponseError
 
     try:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gear_rattle.service.commands import options
-from gear_rattle.service.commands.filling import fill
+from gear_rattle.service.commands.filling import compute_store
 from gear_rattle.service.commands.survey_options import with_survey
 
 if TYPE_CHECKING:
@@ -34,45 +34,48 @@ def run(
     from gear_rattle.service.commands.drawing import draw_survey, require_writable
 
     if figure is not None:
-        if request.third:
+        if request.third_axis_name:
             raise typer.BadParameter(
-                f"draw a slice when the survey is complete, with rattle figure {out} --slice 0", param_hint="--figure"
+                f"draw a slice of this survey when the survey is complete, with rattle figure {out} --slice 0",
+                param_hint="--figure",
             )
         require_writable(figure)
-    fill(request, out, scheduler, workers)
-    _summarise(out)
+    compute_store(request, out, scheduler, workers)
+    _print_summary(out)
     if figure is not None:
         draw_survey(out, figure)
 
 
-def _percent(share: float) -> str:
+def _percent_text(share: float) -> str:
     """Return a share in per cent with two significant digits, for example "0.22" or "100"."""
     return f"{float(f'{100 * share:.2g}'):g}"
 
 
-def _summarise(out: str) -> None:
+def _print_summary(out: str) -> None:
     import numpy as np
-    import zarr  # not xarray, which takes half a second to load
+    import zarr  # used instead of xarray, which takes half a second to load
 
     from gear_rattle.workers.storage.location import place_of
-    from gear_rattle.workers.storage.store import bands
-    from gear_rattle.workers.survey.refined.audit import TOLD
+    from gear_rattle.workers.storage.store import read_bands
+    from gear_rattle.workers.survey.refined.audit import AUDIT_ATTRIBUTES
     from gear_rattle.workers.survey.values.evaluate import FAILED
 
     place = place_of(out)
     told = zarr.open_group(place.zarr(), mode="r")
-    cells, n_failed = np.sum([(band.size, (band == FAILED).sum()) for band in bands(place, "status")], axis=0).tolist()
+    cells, n_failed = np.sum(
+        [(band.size, (band == FAILED).sum()) for band in read_bands(place, "status")], axis=0
+    ).tolist()
     summary = f"{cells} cells, {n_failed} failed"
     if "undecided_fraction" in told and n_failed < cells:
-        both = zip(bands(place, "undecided_fraction"), bands(place, "status"), strict=True)
+        both = zip(read_bands(place, "undecided_fraction"), read_bands(place, "status"), strict=True)
         shares = (band[status != FAILED] for band, status in both)
         undecided = sum(float(np.sum(each, dtype=float)) for each in shares) / (cells - n_failed)
         summary += f", {100 * undecided:.3f} % of samples undecided"
     attributes: dict[str, Any] = dict(told.attrs)
     if "refined_cells_filled" in attributes:
-        filled, audited, wrong, bound = (attributes[name] for name in TOLD)
+        filled, audited, wrong, bound = (attributes[name] for name in AUDIT_ATTRIBUTES)
         summary += (
             f"; {cells - filled - n_failed} computed, {filled} filled: of {audited} audited ones {wrong} disagreed, at "
-            f"most {_percent(bound)} % are wrong (95 %)"
+            f"most {_percent_text(bound)} % are wrong (95 %)"
         )
     typer.echo(summary)

@@ -80,7 +80,7 @@ def serve(
 
 
 def require_keys(settings: Settings, database: Database) -> None:
-    """Raise AccessError if the service requires keys and no key exists."""
+    """Raise AccessError if the service requires API keys and no valid key exists."""
     from gear_rattle.service.access.keys import has_live_key
     from gear_rattle.service.access.middleware import requires_keys
     from gear_rattle.service.errors import AccessError

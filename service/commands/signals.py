@@ -17,7 +17,7 @@ def stop_requested() -> Iterator[threading.Event]:
     event = threading.Event()
     previous = {number: signal.getsignal(number) for number in STOPS}
 
-    def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the interpreter's signature
+    def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - Python passes both arguments
         event.set()
         for each in STOPS:
             signal.signal(each, previous[each])

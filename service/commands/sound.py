@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gear_rattle.service.commands.at_point import GivenPoint, at_point
-from gear_rattle.service.commands.attractors import SpeedLimit, attractor_name, found_at
+from gear_rattle.service.commands.attractors import SpeedLimit, attractor_name, attractors_of_point
 from gear_rattle.service.commands.options import Sample, Seed
 
 if TYPE_CHECKING:
@@ -45,15 +45,15 @@ def sound(
     """Write the impacts of a motion to a sound file. Each impact rings as loud as its impulse; --rpm is the speed."""
     if point.rpm is None:
         raise typer.BadParameter("a sound needs the speed of rotation: give --rpm", param_hint="--rpm")
-    chosen = _chosen(point, found_at(point, count, v_max, seed), attractor)
+    chosen = _chosen_attractor(point, attractors_of_point(point, count, v_max, seed), attractor)
     heard = point.gear.sound(chosen, point.rpm, seconds, rate, ring, decay)
-    _write(out, heard, rate, full_scale)
+    _write_wav(out, heard, rate, full_scale)
     share = f"{100 * chosen.fraction:.3g} % of the initial conditions"
     typer.echo(f"{out}: {attractor_name(chosen)}, {share}" + ("" if heard.any() else ", is silent"))
 
 
-def _chosen(point: GivenPoint, found: tuple[Attractor, ...], number: int | None) -> Attractor:
-    """Return the attractor with a number, or, without a number, the attractor with the most energy."""
+def _chosen_attractor(point: GivenPoint, found: tuple[Attractor, ...], number: int | None) -> Attractor:
+    """Return the attractor with a number, counted from 1; if `number` is None, the attractor with the most energy."""
     if number is not None:
         if not 1 <= number <= len(found):
             raise typer.BadParameter(
@@ -64,7 +64,7 @@ def _chosen(point: GivenPoint, found: tuple[Attractor, ...], number: int | None)
     return max(told or found, key=lambda each: point.gear.intensity(each).energy)
 
 
-def _write(out: Path, heard: np.ndarray, rate: int, full_scale: float | None) -> None:
+def _write_wav(out: Path, heard: np.ndarray, rate: int, full_scale: float | None) -> None:
     from gear_rattle.service.errors import ServiceError
     from rattle.intensity import wav
 

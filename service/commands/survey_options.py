@@ -31,16 +31,16 @@ def _option(kind: Any, text: str, **more: Any) -> Any:
     return Annotated[kind | None, typer.Option(help=text, **more)]
 
 
-def _axis(name: str) -> Any:
+def _axis_option(name: str) -> Any:
     return _option(str, f"{NUMBERS[name][0].rstrip('.')}: {EVENLY}", metavar=AXIS, show_default=False)
 
 
-_OF_A_MACHINE = number_options(float)
+_MACHINE_OPTIONS = number_options(float)
 #: All options of a survey. Fields of `SurveyRequest` and of its initial conditions keep their names. Their defaults are
 #: repeated here, because `SurveyRequest` is slow to import.
 OPTIONS: dict[str, Any] = {
-    "delta": _axis("delta"),
-    "epsilon": _axis("epsilon"),
+    "delta": _axis_option("delta"),
+    "epsilon": _axis_option("epsilon"),
     "beta": _option(str, "Half-backlash: one value, or a third axis.", metavar=f"BETA|{AXIS}", show_default="0.6"),
     **{
         name: _option(
@@ -109,7 +109,7 @@ OPTIONS: dict[str, Any] = {
             "--certify", help="Prove the periodic attractors, and write certificates to a store beside the survey's."
         ),
     ],
-    **{name: _OF_A_MACHINE[name] for name in SURVEYED_MACHINE},
+    **{name: _MACHINE_OPTIONS[name] for name in SURVEYED_MACHINE},
     "rpm": _option(
         str,
         "Speed range in revolutions per minute, both ends included; values are evenly spaced in δ.",
@@ -135,7 +135,7 @@ def with_survey(command: Command) -> Command:
 
 
 def survey_request(given: dict[str, Any]) -> SurveyRequest:
-    """Return the request that the given options describe.
+    """Return the request that the given options describe. given: {option: value}.
 
     Raises
     ------
@@ -145,15 +145,19 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
     from pydantic import ValidationError
 
     from gear_rattle.workers import Axis, SurveyRequest
-    from gear_rattle.workers.survey.axes import place_and_reason
+    from gear_rattle.workers.survey.axes import field_and_message
     from rattle import RattleError
     from rattle.attractors import read_speed
 
-    def taken(*names: str) -> dict[str, Any]:
+    def take_fields(*names: str) -> dict[str, Any]:
         return {name: fields.pop(name) for name in names if name in fields}
 
     fields = dict(given)
-    machine, refined, sample = taken(*SURVEYED_MACHINE), taken("audit", "bound"), taken("count", "v_max", "budget")
+    machine, refined, sample = (
+        take_fields(*SURVEYED_MACHINE),
+        take_fields("audit", "bound"),
+        take_fields("count", "v_max", "budget"),
+    )
     refine = fields.pop("refine", False)
     if refined and not refine:
         raise typer.BadParameter(f"--{next(iter(refined))} is a share of filled cells: give --refine too")
@@ -161,10 +165,10 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
         if (axis in fields) == (other in machine):
             raise typer.BadParameter(f"give either --{axis}, or a machine with --{other}")
     try:
-        fields |= {name: Axis.parse(text) for name, text in taken("delta", "epsilon").items()}
+        fields |= {name: Axis.parse(text) for name, text in take_fields("delta", "epsilon").items()}
         machine |= {name: Axis.parse(machine[name]).model_dump() for name in ("rpm", "eccentricity") if name in machine}
         machine |= {name: int(machine[name]) for name in ("teeth", "driven_teeth") if name in machine}
-        texts = taken("beta", *added_parameters())
+        texts = take_fields("beta", *added_parameters())
         fields |= {name: _number_or_axis(f"--{name}", text) for name, text in texts.items()}
         if "v_max" in sample:
             sample["v_max"] = read_speed(sample["v_max"])
@@ -172,7 +176,7 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
             if each.name in fields:
                 fields["model"] = each.model
         if "tile" in fields:
-            fields["tile"] = _tile(fields["tile"])
+            fields["tile"] = _tile_sides(fields["tile"])
         if harmonics := fields.pop("harmonic", None):
             from gear_rattle.service.harmonics import read_harmonics
 
@@ -185,7 +189,7 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
             fields["refine"] = refined or True
         return SurveyRequest(**fields | {"initial_conditions": sample})
     except ValidationError as error:
-        raise typer.BadParameter(place_and_reason(error)) from error
+        raise typer.BadParameter(field_and_message(error)) from error
     except RattleError as error:
         raise typer.BadParameter(str(error)) from error
 
@@ -198,12 +202,12 @@ def _number_or_axis(option: str, text: str) -> float | Axis:
     try:
         return float(text)
     except ValueError as error:
-        raise typer.BadParameter(f"{text!r}: write a number, or {AXIS}", param_hint=option) from error
+        raise typer.BadParameter(f"{text!r} is no number: write a number, or {AXIS}", param_hint=option) from error
 
 
-def _tile(text: str) -> dict[str, int]:
+def _tile_sides(text: str) -> dict[str, int]:
     try:
         delta, epsilon = (int(size) for size in text.lower().split("x"))
     except ValueError as error:
-        raise typer.BadParameter(f"tile {text!r}: write DELTAxEPSILON, such as 16x16") from error
+        raise typer.BadParameter(f"--tile {text!r}: write DELTAxEPSILON, such as 16x16") from error
     return {"delta": delta, "epsilon": epsilon}

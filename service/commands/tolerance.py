@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gear_rattle.service.commands import options
-from gear_rattle.service.commands.filling import fill
+from gear_rattle.service.commands.filling import compute_store
 from gear_rattle.service.commands.population_tables import print_population
 from gear_rattle.service.commands.remote import Force, Key, Watch, follow_job
 
@@ -74,23 +74,25 @@ def tolerance(
     population; the numbers are the same to the last bit.
     """
     if (out is None) != submit:
-        raise typer.BadParameter("give --out PATH to compute it here, or --submit to have a service compute it")
+        raise typer.BadParameter(
+            "give --out PATH to compute the population here, or --submit to have a service compute it"
+        )
     shock = {"speed": shock_speed, "phase": shock_phase}
     asked: dict[str, Any] = {"gears": gears, "count": count, "share": share, "margin": margin, "judged": judged}
     asked |= {"pairs": pairs, "seed": seed, "name": name, "tile": tile}
     asked |= {} if budget is None else {"budget": budget}
-    request = _request(numbers, measured, correlation or [], shock, asked)
+    request = _population_request(numbers, measured, correlation or [], shock, asked)
     if out is None:
-        _submit(request, url, key, force, watch)
+        _submit_population(request, url, key, force, watch)
         return
-    fill(request, out, scheduler, workers)
+    compute_store(request, out, scheduler, workers)
 
     from gear_rattle.workers.answers import population_of
 
     print_population(population_of(out))
 
 
-def _submit(request: PopulationRequest, url: str, key: str | None, force: bool, watch: bool) -> None:
+def _submit_population(request: PopulationRequest, url: str, key: str | None, force: bool, watch: bool) -> None:
     from gear_rattle.service.client import Client
 
     with Client(url) as client:
@@ -100,7 +102,7 @@ def _submit(request: PopulationRequest, url: str, key: str | None, force: bool, 
             follow_job(job)
 
 
-def _request(
+def _population_request(
     numbers: dict[str, str],
     measured: Path | None,
     pairs: list[str],
@@ -112,18 +114,20 @@ def _request(
 
     import rattle
     from gear_rattle.workers import PopulationRequest
-    from gear_rattle.workers.populations.numbers import as_requested
-    from gear_rattle.workers.survey.axes import place_and_reason
+    from gear_rattle.workers.populations.numbers import request_field_of
+    from gear_rattle.workers.survey.axes import field_and_message
     from rattle.populations import Tolerances, distribution_of
 
-    def read(text: str) -> Any:
+    def read_number_or_distribution(text: str) -> Any:
         try:
             return float(text)
         except ValueError:
-            return as_requested(distribution_of(text))
+            return request_field_of(distribution_of(text))
 
     try:
-        gear: dict[str, Any] = {name: text if name == "drive" else read(text) for name, text in numbers.items()}
+        gear: dict[str, Any] = {
+            name: text if name == "drive" else read_number_or_distribution(text) for name, text in numbers.items()
+        }
         matrix = None
         if measured is not None:
             found, matrix = rattle.read_gears(measured)
@@ -135,26 +139,25 @@ def _request(
             varying = [name for name, value in gear.items() if isinstance(value, dict)]
             if varying or pairs:
                 raise typer.BadParameter(
-                    f"the numbers that vary are those of {measured}: give one value for each other number, and no "
-                    "correlation"
+                    f"only the numbers in {measured} may vary: give one value for each other number, and no correlation"
                 )
-            gear |= {name: as_requested(each) for name, each in found.items()}
+            gear |= {name: request_field_of(each) for name, each in found.items()}
         elif pairs:
-            matrix = _matrix(Tolerances({**numbers}).names, pairs)
-        given = {name: read(text) for name, text in shock.items() if text is not None}
+            matrix = _correlation_matrix(Tolerances({**numbers}).names, pairs)
+        given = {name: read_number_or_distribution(text) for name, text in shock.items() if text is not None}
         if given and "speed" not in given:
             raise typer.BadParameter("a shock needs a speed: give --shock-speed too")
         rows = None if matrix is None else tuple(map(tuple, matrix.tolist()))
         fields = {"gear": gear, "correlation": rows, "shock": given or None, **asked}
         return PopulationRequest.model_validate(fields)
     except ValidationError as error:
-        raise typer.BadParameter(place_and_reason(error)) from error
+        raise typer.BadParameter(field_and_message(error)) from error
     except rattle.RattleError as error:
         raise typer.BadParameter(str(error)) from error
 
 
-def _matrix(names: tuple[str, ...], pairs: list[str]) -> Any:
-    """Return the correlation matrix for correlations given as text NAME:NAME:NUMBER."""
+def _correlation_matrix(names: tuple[str, ...], pairs: list[str]) -> Any:
+    """Return the correlation matrix of the varying numbers `names`. pairs: correlations as text NAME:NAME:NUMBER."""
     import numpy as np
 
     matrix, given = np.eye(len(names)), list[set[int]]()

@@ -10,8 +10,8 @@ if TYPE_CHECKING:
     from gear_rattle.workers import Integrity
     from gear_rattle.workers.certificates import CertificatesIntegrity
 
-DAMAGED = 1
-MAX_LINES = 20
+DAMAGED = 1  # exit status if a file is damaged or lost
+MAX_DAMAGED_LINES = 20  # largest number of damaged files that are printed
 
 
 def verify(
@@ -27,23 +27,23 @@ def verify(
     only the damaged parts again.
     """
     from gear_rattle.workers import examine, place_of
-    from gear_rattle.workers.certificates import examine_beside, examine_certificates, holds_certificates
+    from gear_rattle.workers.certificates import examine_certificates, examine_certificates_beside, holds_certificates
 
     place, damaged = place_of(store), list[str]()
     if holds_certificates(place):
         certificates = [examine_certificates(place.path)]  # type: ignore[union-attr]  # a directory
     else:
-        found, certificates = examine(place, processes), examine_beside(place)
+        found, certificates = examine(place, processes), examine_certificates_beside(place)
         _print_survey(found, str(place))
         damaged += [f"tile {tile}: {', '.join(names)}" for tile, names in found.damaged.items()]
         damaged += found.template
     for each in certificates:
         _print_certificates(each)
         damaged += [f"{each.path.name}/{name}" for name in each.damaged]
-    for what in damaged[:MAX_LINES]:
+    for what in damaged[:MAX_DAMAGED_LINES]:
         typer.echo(f"damaged: {what}")
-    if len(damaged) > MAX_LINES:
-        typer.echo(f"and {len(damaged) - MAX_LINES} more")
+    if len(damaged) > MAX_DAMAGED_LINES:
+        typer.echo(f"and {len(damaged) - MAX_DAMAGED_LINES} more")
     if damaged:
         raise typer.Exit(DAMAGED)
 
@@ -51,10 +51,10 @@ def verify(
 def _print_survey(found: Integrity, where: str) -> None:
     state = f"completed {found.completed}" if found.completed else "not completed"
     typer.echo(f"{where}: computed by version {found.version or 'unknown'}, {state}")
-    if found.decoded:
+    if found.is_decoded:
         typer.echo(
             f"{found.files:,} chunks decoded, {len(found.template):,} damaged. This version cannot read the checksums "
-            "of the store: verify it with the version that made it, to find lost or exchanged chunks"
+            "of the store: verify the store with the version that made it, to find lost or exchanged chunks"
         )
         return
     missing = found.tiles - len(found.done) - len(found.damaged)

@@ -54,7 +54,9 @@ class BucketDirectory(DataDirectory):
         for name in self._root.children():
             if match := SURVEY_STORE.fullmatch(name):
                 store = self.store(match["survey"])
-                yield StoreEntry(f"{self._root}/{name}", match["survey"], store.deletion_begun(), False, store.delete)
+                yield StoreEntry(
+                    f"{self._root}/{name}", match["survey"], store.has_deletion_begun(), False, store.delete
+                )
             else:
                 yield StoreEntry(f"{self._root}/{name}", "", False, False, lambda: None)
 

@@ -17,7 +17,7 @@ from filelock import FileLock, Timeout
 from sqlalchemy import URL
 
 from gear_rattle.service.errors import DataDirectoryError, DirectoryAwayError
-from gear_rattle.workers.storage.location import CERTIFICATES, certificates_of
+from gear_rattle.workers.storage.location import CERTIFICATES, certificates_path
 
 if TYPE_CHECKING:
     from gear_rattle.workers import Bucket
@@ -180,7 +180,7 @@ class DataDirectory:
 
         The store is renamed first, so that a crash never leaves half of a store under the store's name.
         """
-        shutil.rmtree(certificates_of(self._path_of(survey_id)), ignore_errors=True)
+        shutil.rmtree(certificates_path(self._path_of(survey_id)), ignore_errors=True)
         trash = self._stores / f"{TRASH_PREFIX}{survey_id}"
         try:
             os.rename(self._path_of(survey_id), trash)

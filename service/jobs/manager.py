@@ -34,8 +34,8 @@ from gear_rattle.workers import (
     tiles_done,
     tiles_of,
 )
-from gear_rattle.workers.kinds import place_of_cell
-from gear_rattle.workers.survey.axes import place_and_reason
+from gear_rattle.workers.kinds import position_of_cell
+from gear_rattle.workers.survey.axes import field_and_message
 from rattle import RattleError
 
 if TYPE_CHECKING:
@@ -428,7 +428,7 @@ class JobManager:
     def _record_tile(self, survey_id: str, request: AnyRequest, tile: TileRecord) -> None:
         self._on_tile(tile)
         first = tile.failed_cells[:MAX_FAILURES]
-        failures = [{**place_of_cell(request, i, j), "message": message} for i, j, message in first]
+        failures = [{**position_of_cell(request, i, j), "message": message} for i, j, message in first]
         failed = len(tile.failed_cells)
         self._database.add_tile(survey_id, DoneTile(tile.index, tile.cells, tile.seconds, failed, failures))
 
@@ -447,6 +447,6 @@ def _request_of(job: JobRow) -> AnyRequest:
         return request_of(job.request)
     except ValidationError as error:
         raise ServiceError(
-            f"The request of this survey is no longer valid in this version ({place_and_reason(error)}). Submit a "
+            f"The request of this survey is no longer valid in this version ({field_and_message(error)}). Submit a "
             "corrected request."
         ) from error

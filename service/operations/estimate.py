@@ -130,7 +130,12 @@ def _is_similar_sample(request: SurveyRequest, other: SurveyRequest) -> bool:
     """Return whether both surveys have similar observation times, and equal budgets and boxes of initial conditions."""
     ratio = max(request.delta.start, STRONG_DAMPING) / max(other.delta.start, STRONG_DAMPING)
     sample, its = request.initial_conditions, other.initial_conditions
-    same = (sample.budget, sample.tau, sample.v_min, request.v_max) == (its.budget, its.tau, its.v_min, other.v_max)
+    same = (sample.budget, sample.tau_range, sample.v_min, request.v_max) == (
+        its.budget,
+        its.tau_range,
+        its.v_min,
+        other.v_max,
+    )
     return same and 1.0 / SIMILAR_FACTOR <= ratio <= SIMILAR_FACTOR
 
 
@@ -154,7 +159,7 @@ def _few_gears(request: PopulationRequest) -> PopulationRequest:
 
 
 def _few_cells(request: SurveyRequest) -> SurveyRequest:
-    request = request.at(next(islice(request.slices, request.n_slices // 2, None)))
+    request = request.slice_request(next(islice(request.slices, request.n_slices // 2, None)))
     axes = {"delta": _few_values(request.delta), "epsilon": _few_values(request.epsilon)}
     return request.model_copy(update={**axes, "tile": TileShape()})
 

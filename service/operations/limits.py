@@ -5,7 +5,7 @@ from __future__ import annotations
 from gear_rattle.service.errors import LimitError
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers import AnyRequest, PopulationRequest
-from gear_rattle.workers.certificates import require_proofs
+from gear_rattle.workers.certificates import require_proof_extra
 from rattle import MissingExtraError
 
 
@@ -44,7 +44,7 @@ def _require_proofs(settings: Settings) -> None:
             "prove the survey afterwards: rattle certify URL --out PATH.",
         )
     try:
-        require_proofs()
+        require_proof_extra()
     except MissingExtraError as error:
         raise LimitError("body.certify", f"This service cannot make certificates. {error}") from error
 

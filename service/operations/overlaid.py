@@ -12,7 +12,7 @@ from gear_rattle.service.operations.design_limits import DesignLimits
 from gear_rattle.service.operations.windows import Windows, clip_to_plane, is_coarse
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyError, SurveyRequest
-from gear_rattle.workers.pictures.look import CRISIS, LIMIT, Finer, Look, Over, is_of_survey_only
+from gear_rattle.workers.pictures.look import CRISIS, LIMIT, FinerCells, Look, OverlayData, is_survey_only
 from gear_rattle.workers.pictures.planes import drawn_numbers
 from rattle import RattleError
 from rattle.models import Model
@@ -45,7 +45,7 @@ class Overlays:
     def __init__(self, front: Front) -> None:
         self.crises, self.limits, self.windows = Crises(front), DesignLimits(front), Windows(front)
 
-    async def overlays_of(self, request: SurveyRequest, asked: PictureOptions) -> Over:
+    async def overlays_of(self, request: SurveyRequest, asked: PictureOptions) -> OverlayData:
         """Return the overlays of a map of a survey or of one slice. Raises UnavailableError or ClusterLostError."""
         lines = asked.look.lines or ()
         found: dict[str, Line] = {}
@@ -54,7 +54,7 @@ class Overlays:
             found[CRISIS] = crisis
         if LIMIT in lines:
             found[LIMIT], band = await self._limit_line_and_band(request, asked.share)
-        return Over(found, band, await self._finer_window(request, asked))
+        return OverlayData(found, band, await self._finer_window(request, asked))
 
     async def _crisis_line(self, model: Model) -> Line | None:
         try:
@@ -70,9 +70,9 @@ class Overlays:
         delta, limits = found[-1]  # the last result has all dampings
         return limit_line(delta, limits), limit_band(delta, limits)
 
-    async def _finer_window(self, request: SurveyRequest, asked: PictureOptions) -> Finer | None:
+    async def _finer_window(self, request: SurveyRequest, asked: PictureOptions) -> FinerCells | None:
         look, pixels = asked.look, asked.pixels
-        if look.delta is None or look.epsilon is None or pixels is None or is_of_survey_only(asked.variable, request):
+        if look.delta is None or look.epsilon is None or pixels is None or is_survey_only(asked.variable, request):
             return None
         if not is_coarse(request.delta.values(), request.epsilon.values(), (look.delta, look.epsilon), pixels):
             return None
@@ -81,7 +81,7 @@ class Overlays:
             frame = await self.windows.last_frame(request, asked.variable, asked.index, window, pixels)
         except SurveyError:  # the window lies outside the plane, or is too narrow: the survey's own cells are drawn
             return None
-        return Finer(frame.delta, frame.epsilon, drawn_numbers(frame.values))
+        return FinerCells(frame.delta, frame.epsilon, drawn_numbers(frame.values))
 
 
 def limit_line(delta: np.ndarray, limits: np.ndarray) -> Line:

@@ -15,7 +15,7 @@ from gear_rattle.service.errors import ForbiddenError
 from gear_rattle.service.operations.limits import check_limits
 from gear_rattle.service.state import Front
 from gear_rattle.workers import AnyRequest, PopulationRequest
-from gear_rattle.workers.survey.axes import Name, Strict, require_visible
+from gear_rattle.workers.survey.axes import Name, StrictRecord, require_visible
 
 MAX_FAILURES = 100  # an answer lists at most this many failed cells
 MOST_NOTES = 10_000  # notes have at most this many characters
@@ -30,7 +30,7 @@ def _require_visible_notes(text: str) -> str:
 Notes = Annotated[str, Field(max_length=MOST_NOTES), AfterValidator(_require_visible_notes)]
 
 
-class Description(Strict):
+class Description(StrictRecord):
     """The name and the notes of a survey. Fields that are left out do not change."""
 
     name: Name | None = None

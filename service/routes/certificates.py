@@ -18,7 +18,7 @@ from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web.conditional import HOUR, NOT_MODIFIED, REVALIDATE, json_answer
 from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers.certificates import CERTIFICATES, REFUSED
-from gear_rattle.workers.storage.location import certificates_of
+from gear_rattle.workers.storage.location import certificates_path
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
@@ -102,7 +102,7 @@ def _certificate_store(front: Front, survey_id: str) -> tuple[JobRow, pathlib.Pa
             f"Survey {survey_id} was submitted without certify. Submit it again with certify, or prove it with the "
             "command rattle certify."
         )
-    return job, certificates_of(store)
+    return job, certificates_path(store)
 
 
 def _count_lines(file: pathlib.Path) -> int:

@@ -25,7 +25,7 @@ from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_not
 from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers import QUANTITIES, Bucket, SurveyRequest, open_survey
 from gear_rattle.workers.cluster.window import MOST_PIXELS
-from gear_rattle.workers.pictures.look import LARGEST, LINES, SHARE, USUAL_SHARE, Form, Look, Over, Pair, Span
+from gear_rattle.workers.pictures.look import LARGEST, LINES, SHARE, USUAL_SHARE, Form, Look, OverlayData, Pair, Span
 from gear_rattle.workers.storage.store import has_added
 from gear_rattle.workers.survey.levels.grid import GROUP as LEVELS
 from gear_rattle.workers.survey.request import MAX_SLICES
@@ -209,16 +209,16 @@ async def _picture_response(
     return Response(drawn, media_type=media, headers=headers)
 
 
-async def _compute_overlays(front: Front, overlaid: Overlays, job: JobRow, asked: PictureOptions) -> Over:
+async def _compute_overlays(front: Front, overlaid: Overlays, job: JobRow, asked: PictureOptions) -> OverlayData:
     """Compute the overlays of a map before it is drawn. Raises SurveyError and UnavailableError."""
     whole = SurveyRequest.model_validate(job.request)
     require_slice({name: axis.num for name, axis in whole.third_axis.items()}, asked.slice)
-    survey = whole.at(whole.along(asked.slice or 0))
+    survey = whole.slice_request(whole.slice_index(asked.slice or 0))
     await front.kernels.wait_until_compiled(survey.gear_model.name, patience=math.inf)
     return await overlaid.overlays_of(survey, asked)
 
 
-async def _await_while_connected(request: Request, finding: Coroutine[Any, Any, Over]) -> Over:
+async def _await_while_connected(request: Request, finding: Coroutine[Any, Any, OverlayData]) -> OverlayData:
     """Wait for the overlays of a picture. Cancel them and raise UnavailableError if the client disconnects."""
     task = asyncio.ensure_future(finding)
     try:
@@ -234,9 +234,9 @@ def _caption(job: JobRow, address: str) -> str:
     return f"{job.name or job.id}, {address}, {PACKAGE} {rattle.__version__}"
 
 
-def _draw(place: Path | Bucket, asked: PictureOptions, form: Form, over: Over) -> bytes:
+def _draw(place: Path | Bucket, asked: PictureOptions, form: Form, over: OverlayData) -> bytes:
     from gear_rattle.workers.pictures.largest import open_maps
-    from gear_rattle.workers.pictures.levels import levels_in_groups
+    from gear_rattle.workers.pictures.levels import level_opener
     from gear_rattle.workers.pictures.maps import (
         map_picture,
     )  # loads matplotlib in a second, so only for the first picture
@@ -244,5 +244,5 @@ def _draw(place: Path | Bucket, asked: PictureOptions, form: Form, over: Over) -
     opened = partial(open_survey, place)
     with_families = SHARE if asked.look.family is not None else asked.variable
     with open_maps(opened, with_families, asked.slice) as dataset:
-        levels = levels_in_groups(opened, asked.slice, has_added(place, LEVELS))
+        levels = level_opener(opened, asked.slice, has_added(place, LEVELS))
         return map_picture(dataset, asked.variable, asked.index, levels, asked.look, form, over)

@@ -24,7 +24,7 @@ from gear_rattle.service import errors
 from gear_rattle.service.web.examples import ANSWERS
 from gear_rattle.workers import StorageError, SurveyError
 from gear_rattle.workers.errors import DamageError
-from gear_rattle.workers.survey.axes import words_of
+from gear_rattle.workers.survey.axes import field_message
 from rattle import ParameterError, RattleError
 
 MEDIA_TYPE = "application/problem+json"
@@ -170,7 +170,9 @@ def _openapi_with_problem(generate: Callable[[], dict[str, Any]]) -> dict[str, A
 
 def field_errors_of(details: Iterable[Mapping[str, Any]]) -> list[FieldError]:
     """Return the refused fields of a pydantic error, with this project's messages."""
-    return [FieldError(field=".".join(str(part) for part in item["loc"]), message=words_of(item)) for item in details]
+    return [
+        FieldError(field=".".join(str(part) for part in item["loc"]), message=field_message(item)) for item in details
+    ]
 
 
 def _on_validation_error(request: Request, error: Exception) -> Response:

@@ -43,7 +43,7 @@ assert "orbit_count" in SCHEMA
 """,
     "curve": """
 import rattle
-from rattle.plot.plane import plane
+from rattle.plot.plane import plane_figure
 from gear_rattle.service.explorer.map.overlays import key_entries
 from rattle.models import Impacting
 from gear_rattle.workers import SurveyRequest
@@ -52,7 +52,7 @@ curve = rattle.curves.trace("PDC_low", 0.6, (0.4, 0.6), (0.0, 0.3))
 assert 0.49 < curve.delta.max() <= 0.5 + 1e-9
 assert abs(curve.epsilon - [rattle.flip(delta) for delta in curve.delta]).max() < 1e-9
 assert "the flip of C at low damping" in str(key_entries(Impacting()))
-texts = plane((0.4, 0.9), (0.005, 0.3)).figure.findobj(lambda artist: hasattr(artist, "get_text"))
+texts = plane_figure((0.4, 0.9), (0.005, 0.3)).figure.findobj(lambda artist: hasattr(artist, "get_text"))
 assert "PDC_low" in {text.get_text().replace(" ", "_") for text in texts}
 request = SurveyRequest(
     delta={"start": 0.5, "stop": 0.7, "num": 2}, epsilon={"start": 0.1, "stop": 0.2, "num": 2}, quantities=["region"]
@@ -117,7 +117,7 @@ with front_end(data, points=IN_A_THREAD) as client:
     assert client.get("/v1/curves", params={"wear": 0.5}).json()["curves"] == []
 assert "wear" in OPTIONS
 options = {"delta": "0.4:0.5:2", "epsilon": "0.1:0.2:2", "wear": "0.1:0.5:3"}
-assert (survey_request(options).model, survey_request(options).third) == ("worn", "wear")
+assert (survey_request(options).model, survey_request(options).third_axis_name) == ("worn", "wear")
 pin = pin_of(0.4, 0.1, model)
 assert "wear" in View(pins=(pin,)).query() and pin.model == model
 

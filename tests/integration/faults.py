@@ -119,7 +119,7 @@ IN_PROCESS = """
         async def nothing(self, worker):
             pass
         cluster.SpecCluster, cluster.WarmKernels.setup = start, nothing
-        cluster._Processes._run = lambda self: self._over.wait()
+        cluster._WorkerProcesses._run = lambda self: self._over.wait()
 """
 
 #: A survey of 9 tiles that has to meet a bound. With FEW_AUDITED, its tiles go through a further round.
@@ -135,7 +135,7 @@ SPARE = 0.1
 FEW_AUDITED = f"""
     @patch("gear_rattle.workers.survey.refined.rounds")
     def few_audited(rounds):
-        rounds.SPARE = {SPARE}
+        rounds.FIRST_AUDIT_FACTOR = {SPARE}
 """
 
 #: A service without a deadline: its stop hangs unless the service itself ends everything that is open.

@@ -52,7 +52,7 @@ def main() -> None:
                     kills["worker"] += _kill_a_worker(service.pid, rng)
             store = data / "surveys" / f"{job.id}.zarr"
             assert job.refresh().document["tiles_done"] == request.n_tiles
-            assert examine(store).whole
+            assert examine(store).is_whole
             assert_bit_identical(xr.open_zarr(store), serial_run(request))
             surveys += 1
             print(f"{surveys} surveys, killed: {kills}", flush=True)

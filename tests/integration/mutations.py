@@ -178,8 +178,8 @@ PROTECTIONS = (
         "a tile apart goes on after the cell that killed it",
         f"{WORKERS}::test_a_poison_cell_is_the_only_one_lost",
         "workers/cluster/isolation.py",
-        '({_cause(child.returncode)})"\n                first, deaths = first + 1, 0\n',
-        '({_cause(child.returncode)})"\n                first, deaths = first, 0\n',
+        '({_cause_of_death(child.returncode)})"\n                first, deaths = first + 1, 0\n',
+        '({_cause_of_death(child.returncode)})"\n                first, deaths = first, 0\n',
     ),
     _one(
         "a cell that raises fails alone",
@@ -220,12 +220,12 @@ PROTECTIONS = (
         (
             Edit(
                 "workers/cluster/in_flight.py",
-                "            raise self.lost() from error\n        raise error",
+                "            raise self.lost_error() from error\n        raise error",
                 "            return None\n        raise error",
             ),
             Edit(
                 "workers/cluster/in_flight.py",
-                "            raise self.lost() from error\n        now",
+                "            raise self.lost_error() from error\n        now",
                 "            return 0\n        now",
             ),
         ),

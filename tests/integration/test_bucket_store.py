@@ -72,8 +72,8 @@ def documents(place: Any) -> dict[str, bytes]:
 
 
 def test_bytes_are_those_on_disk(url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gear_rattle.workers.survey.template.now", lambda: "2009-01-01T00:00:00+00:00")
-    monkeypatch.setattr("gear_rattle.workers.storage.store.now", lambda: "2009-01-01T00:00:00+00:00")
+    monkeypatch.setattr("gear_rattle.workers.survey.template.current_time", lambda: "2009-01-01T00:00:00+00:00")
+    monkeypatch.setattr("gear_rattle.workers.storage.store.current_time", lambda: "2009-01-01T00:00:00+00:00")
     path = tmp_path / "survey.zarr"
     for where in (url, path):
         create_store(REQUEST, where)
@@ -88,7 +88,7 @@ def test_bytes_are_those_on_disk(url: str, tmp_path: Path, monkeypatch: pytest.M
 @deep
 def test_families_are_joined_in_it(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The join leaves no temporary file."""
-    monkeypatch.setattr("gear_rattle.workers.families.join._curves", lambda *_: {})
+    monkeypatch.setattr("gear_rattle.workers.families.join._read_curves", lambda *_: {})
     monkeypatch.setattr("gear_rattle.workers.families.blocks.SLOTS_OF_BLOCK", 8 * 3**2)
     groups = {"quantities": ("attractors", "lyapunov", "families"), "initial_conditions": {"count": 4}}
     request = SurveyRequest.model_validate(REQUEST.model_dump() | groups)
@@ -97,7 +97,7 @@ def test_families_are_joined_in_it(url: str, monkeypatch: pytest.MonkeyPatch) ->
         write_tile(request, url, tile, compute_tile(request, tile)[0])
     join_survey(request, url)
     finish_store(url)
-    assert examine(url).whole
+    assert examine(url).is_whole
     assert not [key for key in documents(place_of(url)) if "joining" in key]
     with open_survey(url) as survey, open_survey(url, "families") as families:
         listed = survey["attractor_family"].load()
@@ -157,11 +157,11 @@ def test_another_survey_is_left_alone(url: str) -> None:
 
 def test_one_writer(url: str) -> None:
     create_store(REQUEST, url)
-    with place_of(url).writing():
-        for second in (place_of(url).writing().__enter__, lambda: finish_store(url)):
+    with place_of(url).lock_for_writing():
+        for second in (place_of(url).lock_for_writing().__enter__, lambda: finish_store(url)):
             with pytest.raises(SurveyError, match="another run"):
                 second()
-    with place_of(url).writing():  # the lock was released
+    with place_of(url).lock_for_writing():  # the lock was released
         pass
 
 
@@ -172,13 +172,13 @@ def test_the_lock_of_a_dead_process_is_taken_over(url: str) -> None:
     assert isinstance(place, Bucket)
     with subprocess.Popen(["true"]) as ended:
         pass
-    holder = bucket_lock.identity() | {"process": ended.pid}
+    holder = bucket_lock.process_identity() | {"process": ended.pid}
     obstore.put(place.objects, gear_rattle.workers.storage.bucket.LOCK, json.dumps(holder).encode())
-    with place.writing():
+    with place.lock_for_writing():
         pass
     elsewhere = json.dumps(holder | {"host": "elsewhere"}).encode()
     obstore.put(place.objects, gear_rattle.workers.storage.bucket.LOCK, elsewhere)
-    with pytest.raises(SurveyError, match=r"on elsewhere.*delete the object .*\.lock"), place.writing():
+    with pytest.raises(SurveyError, match=r"on elsewhere.*delete the object .*\.lock"), place.lock_for_writing():
         pass
     assert place.read(gear_rattle.workers.storage.bucket.LOCK) == elsewhere
 
@@ -214,7 +214,7 @@ def test_deletion_cut_short_is_no_store(url: str, monkeypatch: pytest.MonkeyPatc
         with pytest.raises(KeyboardInterrupt):
             place.delete()
     assert not place.exists()
-    assert place.deletion_begun()
+    assert place.has_deletion_begun()
     with pytest.raises(SurveyError):
         create_store(REQUEST, url)
     place.delete()
@@ -227,7 +227,7 @@ def test_a_server_that_fails_once_is_asked_again(url: str, s3: S3) -> None:
     s3.fail(2)
     fill(url, TILES)
     finish_store(url)
-    assert examine(url).whole
+    assert examine(url).is_whole
 
 
 def test_a_server_that_fails_is_waited_for(url: str, s3: S3, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -238,7 +238,7 @@ def test_a_server_that_fails_is_waited_for(url: str, s3: S3, monkeypatch: pytest
     with pytest.raises(StorageError):
         examine(impatient)
     s3.fail(0)
-    assert examine(impatient).whole
+    assert examine(impatient).is_whole
 
 
 @pytest.mark.parametrize("where", ["s3://bucket", "s3:///x", "gs://bucket/x", "s3://user@bucket/x", "s3://b/x?y=1"])

@@ -32,7 +32,7 @@ INSTANTS = {
     "template renamed": """
         @patch("gear_rattle.workers.storage.store")
         def kill(store):
-            before(store, "_require_same", lambda *_: in_service() and die())
+            before(store, "_require_same_survey", lambda *_: in_service() and die())
     """,
     "tile half written": """
         @patch("gear_rattle.workers.storage.location")
@@ -59,7 +59,7 @@ INSTANTS = {
     "all tiles done": """
         @patch("gear_rattle.workers.storage.location")
         def kill(location):
-            before(location.Directory, "sweep", lambda *_: die())
+            before(location.Directory, "remove_leftovers", lambda *_: die())
     """,
     "whole, about to be dated": """
         @patch("gear_rattle.workers.storage.location")
@@ -142,7 +142,7 @@ def test_a_refined_survey_of_a_service_that_is_killed(tmp_path: Path, monkeypatc
         faults.inject(IN_PROCESS, FEW_AUDITED)
         with server(data, port, settings=faults.environment):
             job.wait()
-    monkeypatch.setattr("gear_rattle.workers.survey.refined.rounds.SPARE", SPARE)
+    monkeypatch.setattr("gear_rattle.workers.survey.refined.rounds.FIRST_AUDIT_FACTOR", SPARE)
     run_survey(BOUNDED, out=tmp_path / "here.zarr").close()
     assert written_in(data / "surveys" / f"{job.id}.zarr") == written_in(tmp_path / "here.zarr")
     other = run_survey(BOUNDED, tile={"delta": 96, "epsilon": 64})

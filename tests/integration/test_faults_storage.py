@@ -201,7 +201,7 @@ def test_damaged_and_lost_chunks_are_found_and_computed_again(
     assert verify(store).exit_code == 0
     assert_bit_identical(xr.open_zarr(store), expected)
     assert np.array_equal(xr.open_zarr(store)["delta"], REQUEST.delta.values())
-    assert examine(store).whole
+    assert examine(store).is_whole
 
 
 def test_every_byte_of_a_chunk_is_under_its_checksum(store: Path) -> None:

@@ -212,7 +212,7 @@ def test_workers_killed_at_random(faults: Faults, client: Client, store: Path, e
 def test_a_refined_survey_has_the_same_bytes_whatever_is_killed(
     faults: Faults, client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gear_rattle.workers.survey.refined.rounds.SPARE", SPARE)
+    monkeypatch.setattr("gear_rattle.workers.survey.refined.rounds.FIRST_AUDIT_FACTOR", SPARE)
     run_survey(BOUNDED, out=tmp_path / "bounded.zarr", cluster=client).close()
     assert faults.notes("written").total() >= 2 * BOUNDED.n_tiles  # there was a further round
     assert faults.notes("dead").total() == 2

@@ -103,7 +103,7 @@ def test_a_kill_a_freeze_and_a_clock_in_the_middle_of_a_tile(
             os.killpg(run.pid, signal.SIGKILL)
     assert run.returncode == 0, errors
     assert f"{REQUEST.n_cells} cells, 0 failed" in told
-    assert examine(out).whole
+    assert examine(out).is_whole
     assert_bit_identical(open_survey(out), expected)
     # Repeated: one tile for the kill, one for the freeze, and up to two per worker for each change of the clock.
     assert faults.executions().total() <= REQUEST.n_tiles + 2 + 2 * 2 * 2

@@ -205,7 +205,7 @@ def test_a_survey_outlives_a_kill_in_its_middle(tmp_path: Path, survey: SurveyRe
 
     store, undisturbed = data / "surveys" / f"{job.id}.zarr", tmp_path / "undisturbed.zarr"
     run_survey(survey, out=undisturbed).close()
-    assert examine(store).whole
+    assert examine(store).is_whole
     assert written_in(store) == written_in(undisturbed)
     assert opened_elsewhere(store) == opened_elsewhere(undisturbed)
     assert opened_elsewhere(store)["restitution"] == (survey is INELASTIC) * [0.5, 0.7]

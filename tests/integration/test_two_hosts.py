@@ -137,7 +137,7 @@ def test_a_survey_of_two_hosts_survives_a_cut_cable_and_tells_nothing_on_it(
         assert (document["state"], document["cells_done"]) == ("successful", REQUEST.n_cells), document["message"]
         assert wire.poll() is None
     store = tmp_path / "data" / "surveys" / f"{survey}.zarr"
-    assert examine(store).whole
+    assert examine(store).is_whole
     assert_bit_identical(open_survey(store), expected)
     assert faults.executions().total() <= REQUEST.n_tiles + 4  # the running and the waiting tile, twice at most
     told = (tmp_path / "wire").read_bytes()

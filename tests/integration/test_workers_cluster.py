@@ -255,8 +255,8 @@ def test_a_connection_that_ends_with_its_cluster_says_nothing(
 
     client = SimpleNamespace(register_plugin=lambda _: None)
     processes = SimpleNamespace(wait=lambda _: None, started=threading.Event())
-    monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "_scheduler", left)
-    monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "_Processes", lambda *_: nullcontext(processes))
+    monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "_cluster_without_workers", left)
+    monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "_WorkerProcesses", lambda *_: nullcontext(processes))
     monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "Client", lambda *_, **__: nullcontext(client))
     handler = logging.StreamHandler()  # dask's own handler writes where this test cannot read
     logging.getLogger("distributed").addHandler(handler)
@@ -395,7 +395,7 @@ def test_workers_that_cannot_prove_say_so_before_they_compute(
     def missing() -> None:
         raise MissingExtraError("proofs need python-flint")
 
-    monkeypatch.setattr(gear_rattle.workers.cluster.runner, "require_proofs", missing)
+    monkeypatch.setattr(gear_rattle.workers.cluster.runner, "require_proof_extra", missing)
     request = REQUEST.model_copy(update={"certify": True})
     create_store(request, tmp_path / "survey.zarr")
     with pytest.raises(MissingExtraError):

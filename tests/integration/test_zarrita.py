@@ -33,8 +33,8 @@ class Silent(SimpleHTTPRequestHandler):
 def test_zarrita_reads_every_array(
     tmp_path: Path, beta: float | tuple[float, float, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(grid, "LARGEST", 3 if beta == 0.6 else 2)
-    monkeypatch.setattr(grid, "LEAST", 2)
+    monkeypatch.setattr(grid, "LARGEST_WITHOUT_LEVELS", 3 if beta == 0.6 else 2)
+    monkeypatch.setattr(grid, "LARGEST_NOT_HALVED", 2)
     run_survey(
         delta=(0.55, 0.7, 3),
         epsilon=(0.05, 0.1, 2),

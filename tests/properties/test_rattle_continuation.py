@@ -239,9 +239,9 @@ def test_grazing_curves_graze():
 
 
 def event_itinerary(event):
-    from rattle.impacting.bifurcations.curves import _begun_on_sigma_plus
+    from rattle.impacting.bifurcations.curves import _rotate_to_sigma_plus
 
-    return _begun_on_sigma_plus(event)[0]
+    return _rotate_to_sigma_plus(event)[0]
 
 
 def place(wall, t0, w0, s, x, beta):

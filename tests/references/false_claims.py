@@ -20,7 +20,7 @@ import numpy as np
 import rattle
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.periodic import PeriodicOrbit, orbit_of
-from rattle.orbits.periodic import Periodic, at_parameters
+from rattle.orbits.periodic import Periodic, solve_at_parameters
 from rattle.proof.check import Refused, check
 from rattle.stiff import StiffGear
 from rattle.stiff.orbits.equations import StiffItinerary
@@ -138,7 +138,7 @@ def with_contacts(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit | None:
     """The solution of the stiff gear near one of its limit, if there is one."""
     itinerary = StiffItinerary(orbit.walls, orbit.m, orbit.beta, (2 * kappa) ** -0.5)
     start = np.concatenate([orbit.times, np.full(orbit.times.size, np.pi), [orbit.delta, orbit.epsilon]])
-    found = at_parameters(itinerary, start)
+    found = solve_at_parameters(itinerary, start)
     return None if found is None or (found[orbit.times.size : -2] < 1).any() else stiff_orbit_of(itinerary, found)
 
 
@@ -148,8 +148,8 @@ def without_an_impact(orbit: PeriodicOrbit, rng: np.random.Generator) -> Periodi
     if n < 2:
         return None
     at = int(rng.integers(1, n))
-    itinerary = orbit.itinerary.without(at)
-    found = at_parameters(itinerary, np.delete(orbit.unknowns, at))
+    itinerary = orbit.itinerary.without_impact(at)
+    found = solve_at_parameters(itinerary, np.delete(orbit.unknowns, at))
     try:
         return None if found is None or (np.diff(found[: n - 1]) <= 0).any() else orbit_of(itinerary, found)
     except (rattle.RattleError, FloatingPointError):

@@ -33,8 +33,8 @@ MUTATIONS = {
     ),
     "the velocity of a flight with a wrong sign": (
         "flights",
-        "plane.drift - plane.swing * sine - ",
-        "plane.drift + plane.swing * sine - ",
+        "plane.drift - plane.velocity_amplitude * sine - ",
+        "plane.drift + plane.velocity_amplitude * sine - ",
     ),
     "the height of a flight with a wrong sign": ("flights", "(kept - 1) / plane.delta", "(1 - kept) / plane.delta"),
     "the force never changes sign": ("flights", "if share > 1:", "if share > 0:"),
@@ -76,8 +76,8 @@ MUTATIONS = {
     ),
     "a steady motion with a wrong sign": (
         "stiff",
-        "self.mean + a * cosine + b * sine",
-        "self.mean + a * cosine - b * sine",
+        "self.steady_mean + a * cosine + b * sine",
+        "self.steady_mean + a * cosine - b * sine",
     ),
     "a contact that turns unseen": ("stiff", "if not (slope > 0 or slope < 0):", "if slope > 0 and slope < 0:"),
     "a contact without its mean value bound": (
@@ -92,19 +92,19 @@ MUTATIONS = {
     ),
     "a flight that is looked at for the wrong amplitude": (
         "areas/one_impact",
-        "if not over(most) > -2 * piece.beta:",
-        "if not over(least) > -2 * piece.beta:",
+        "if not height_over(most) > -2 * piece.beta:",
+        "if not height_over(least) > -2 * piece.beta:",
     ),
     "a flip that only part of a block has passed": (
         "areas/one_impact",
         "True if upper(x) < lower(limit)",
         "True if lower(x) < lower(limit)",
     ),
-    "a mean value without its derivative": ("areas/piece", " + of(arb_series([at, 1]))[1] * (at - middle)", ""),
+    "a mean value without its derivative": ("areas/piece", " + function(arb_series([at, 1]))[1] * (at - middle)", ""),
     "cells that are empty for a part of a block": (
         "areas/two_impacts",
-        "self.square < low or",
-        "self.square < high or",
+        "self.epsilon_squared < low or",
+        "self.epsilon_squared < high or",
     ),
     "a speed after two impacts with a wrong sign": ("areas/two_impacts", "+ 2 * PI() * y\n", "- 2 * PI() * y\n"),
     "multipliers of two impacts with a wrong sign": (
@@ -119,8 +119,8 @@ MUTATIONS = {
     ),
     "a graze that is compared with the wrong edge": (
         "areas/two_impacts",
-        "self.combination(-1) < -high",
-        "self.combination(-1) < -low",
+        "self.square_plus_speed(-1) < -high",
+        "self.square_plus_speed(-1) < -low",
     ),
     "one motion counted for none": ("areas/two_impacts", "return sides == [", "return sides != ["),
     "quiet beyond its limit": ("areas/quiet", "True if piece.epsilon < share", "True if piece.epsilon.lower() < share"),

@@ -175,13 +175,13 @@ def summary(name):
 
 if __name__ == "__main__":
     from rattle.impacting.orbits.impact_times import MOST_ORBITS
-    from rattle.impacting.orbits.stable import stable_cells
+    from rattle.impacting.orbits.stable import find_stable_orbits
 
     answers = {}
     for name in PLANES:
         answers[name], stable = summary(name)
         delta, epsilon, beta = cells_of(name)
-        found = stable_cells(delta, epsilon, beta, MOST_ORBITS)
+        found = find_stable_orbits(delta, epsilon, beta, MOST_ORBITS)
         missing, more = Counter(), Counter()
         for cell, rows in enumerate(stable):
             n = found.n[cell]

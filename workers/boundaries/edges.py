@@ -12,7 +12,7 @@ from rattle.attractors import CHAOTIC
 from rattle.families import Rectangle
 
 
-class Edges(NamedTuple):
+class FamilyEdges(NamedTuple):
     """Edges of families. An edge is a pair of neighbouring cells of which exactly one has the family.
 
     names: the names of the bifurcation curves. number (families,): how many edges each family has.
@@ -25,10 +25,11 @@ class Edges(NamedTuple):
     on: np.ndarray
 
 
-class FamilyEnds(NamedTuple):
-    """Edges in a part of a grid. A component is a connected part of a family.
+class ComponentEdges(NamedTuple):
+    """Edges of components (connected parts of families) in a part of a grid.
 
-    component (k,): the numbers of the components in the part. number (k,): how many edges each component has.
+    An edge is a pair of neighbouring cells of which exactly one has the component. component (k,): the numbers of the
+    components in the part. number (k,): how many edges each component has.
     on (k, curves): at how many of these edges each curve passes between the two cells.
     """
 
@@ -37,19 +38,19 @@ class FamilyEnds(NamedTuple):
     on: np.ndarray
 
 
-def ends_in(
+def edges_in_part(
     part: Rectangle, columns: int, cell: np.ndarray, component: np.ndarray, crossings: Sequence[Crossings]
-) -> FamilyEnds:
-    """Return the edges between the cells of a part of a grid and their next cells along δ and ε.
+) -> ComponentEdges:
+    """Return the edges between the cells of a part of a grid and the next cells along δ and ε.
 
     columns: the number of columns of the grid. cell, component (attractors,): the cell and the component of each
-    attractor in the part and in the next cells; component −1 stands for undecided samples. A pair is left out if one of
-    its cells has no attractor, because that cell is not computed, or if one has undecided samples, because that cell
-    may have attractors that are not listed.
+    attractor in the part and in the next cells; component −1 stands for undecided samples. A pair of cells is left out
+    if one cell has no attractor, because this cell is not computed, or if one cell has undecided samples, because this
+    cell may have attractors that are not listed.
 
     Returns
     -------
-    FamilyEnds
+    ComponentEdges
         One row for each component in the part.
     """
     width = part.right - part.left + 1
@@ -78,17 +79,19 @@ def ends_in(
             first = (part.top + i[ends]) * columns + part.left + j[ends]
             for k, crossing in enumerate(crossings):
                 on[:, k] += np.bincount(which[ends][np.isin(first, crossing[axis])], minlength=ids.size)
-    return FamilyEnds(ids, number, on)
+    return ComponentEdges(ids, number, on)
 
 
-def edges_of(parts: Iterable[FamilyEnds], family: np.ndarray, table: FamilyTable, names: Sequence[str]) -> Edges:
-    """Add the edges of all parts of a survey to sums for each family.
+def edges_of(
+    parts: Iterable[ComponentEdges], family: np.ndarray, table: FamilyTable, names: Sequence[str]
+) -> FamilyEdges:
+    """Count the edges of each family in the whole survey, from the edges in its parts.
 
     family: the number of the family of each component. table: the families. names: the names of the curves.
 
     Returns
     -------
-    Edges
+    FamilyEdges
         The numbers of edges for each family, and for each family and curve.
     """
     n = table.cells.size
@@ -96,12 +99,12 @@ def edges_of(parts: Iterable[FamilyEnds], family: np.ndarray, table: FamilyTable
     for part in parts:
         np.add.at(number, family[part.component], part.number)
         np.add.at(on, family[part.component], part.on)
-    concerned = np.array([_concerned(table, name) for name in names]).reshape(len(names), n)
-    return Edges(tuple(names), number, np.where(concerned.T, on, 0))
+    concerned = np.array([_is_concerned(table, name) for name in names]).reshape(len(names), n)
+    return FamilyEdges(tuple(names), number, np.where(concerned.T, on, 0))
 
 
-def _concerned(table: FamilyTable, name: str) -> np.ndarray:
-    """Return for each family whether a curve makes or ends motions of the family's label; False for chaos."""
+def _is_concerned(table: FamilyTable, name: str) -> np.ndarray:
+    """Return for each family whether a curve makes or ends motions of the family's label; False if it is chaotic."""
     known = labels_on_curve(name)
     labels = zip(*(column.tolist() for column in table[:4]), strict=True)
     return np.array([label in known for label in labels], bool) & (table.kind != CHAOTIC)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import xarray as xr
 
-from gear_rattle.workers.boundaries.labels import QUIET_LABEL, Label, labels, labels_on_curve
+from gear_rattle.workers.boundaries.labels import QUIET_LABEL, Label, labels_at_bifurcation, labels_on_curve
 from gear_rattle.workers.boundaries.pairs import KINDS, CellAttractor, CellGrid, Pairs, crossed_pairs, label_name
 from gear_rattle.workers.errors import SurveyError
 from rattle import REGIONS, Event, PeriodicOrbit, RattleError, curves, fate, period_one, periodic_orbit, quiet_limit
@@ -21,12 +21,13 @@ from rattle.curves import Curve
 from rattle.models import DEFAULT_MODEL, MODELS, Capability, lacking
 
 CHAOTIC = KINDS.index("chaotic")
-MOST_CURVES = 100  # at most this many curves of motions of higher period are computed, by default
-WORTH_A_CURVE = 4  # a curve is traced if at least this many pairs differ by motions of the same label
-#: Curves of motions with more impacts are not traced, because such a curve takes seconds and explains few pairs.
+MOST_CURVES = 100  # default of the largest number of computed curves of motions of higher period
+LEAST_PAIRS_FOR_CURVE = 4  # a curve is traced if at least this many pairs differ by motions of the same label
+#: Curves of motions with more impacts per period than this are not traced: they take seconds and explain few pairs.
 LONGEST_TRACED = 16
-#: Number of points of a curve across the survey. Few suffice, because crossings with grid lines are computed exactly.
-COARSE = 30
+#: Number of points of a traced curve across the survey. Few points suffice, because crossings with grid lines are
+#: computed exactly.
+CURVE_POINTS_ACROSS = 30
 ORBITS = ("A", "B", "C", "D")
 
 
@@ -35,8 +36,8 @@ class KnownCurve:
     """A bifurcation curve, and the pairs of neighbouring cells that it explains.
 
     labels: the labels of the attractors that the curve may make or end. bounds_regions: whether the curve divides
-    regions. crosses (n,): for each pair, whether the curve passes between its cells. explains: how many of these pairs
-    differ by an attractor with such a label, or by a region that the curve bounds.
+    regions. crosses (n,): for each pair, whether the curve passes between its cells. explains: how many of the crossed
+    pairs differ by an attractor with one of these labels, or by a region that the curve bounds.
     """
 
     curve: Curve
@@ -47,11 +48,11 @@ class KnownCurve:
 
 
 @dataclass(frozen=True)
-class Rest:
+class UnexplainedPairs:
     """Pairs that no curve explains, grouped by what changes between the two cells and by the reason.
 
-    change: the difference between the two cells, in words. why: the reason why no curve explains it. pairs: how many
-    pairs. example: (δ, ε) of both cells of one pair.
+    change: the difference between the two cells, in words. why: the reason why no curve explains the difference. pairs:
+    how many pairs the group has. example: (δ, ε) of both cells of one pair.
     """
 
     change: str
@@ -66,9 +67,9 @@ class Explanation:
 
     pairs: the n pairs of neighbouring cells that differ. known: the curves, sorted by the number of explained pairs,
     largest first. region_explained, attractors_explained (n,): whether the cells of a pair differ in their region (or
-    attractors) and a curve between them explains the difference. sampling (n,): whether both cells have the same
-    families, so that nothing needs an explanation: in one cell no sample reached one of the attractors. met: how many
-    pairs are explained by a single computed point of a curve between the two cells. rest: the unexplained pairs.
+    attractors) and a curve between them explains the difference. sampling (n,): whether the attractors of both cells
+    differ only because no sample reached one of them in one cell, since both cells have the same families. met: how
+    many pairs are explained by a single computed point of a curve between the two cells. rest: the unexplained pairs.
     crossed (n,): whether any curve passes between the cells of a pair.
     """
 
@@ -78,7 +79,7 @@ class Explanation:
     attractors_explained: np.ndarray
     sampling: np.ndarray
     met: int
-    rest: tuple[Rest, ...]
+    rest: tuple[UnexplainedPairs, ...]
     crossed: np.ndarray
 
 
@@ -107,22 +108,22 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Da
         raise SurveyError(str(lacking(Capability.BOUNDARIES, model)))
     search = _Search(CellGrid(dataset, families), most_curves)
     why = dict(search.run())
-    region = search.covers_region()
+    region = search.is_region_explained()
     every = range(len(search.pairs))
     sampling = np.array([not search.changes[n] for n in every], bool) & search.pairs.attractors
-    attractors = np.array([not search.uncovered(n) for n in every], bool) & search.pairs.attractors & ~sampling
+    attractors = np.array([not search.unexplained_labels(n) for n in every], bool) & search.pairs.attractors & ~sampling
     crossing = np.any([item.crosses for item in search.known], axis=0)
     met = np.array(sorted(search.met), np.int64)
     met = met[~crossing[met]]
     crossing[met] = True
     return Explanation(
         search.pairs,
-        tuple(sorted(search.counted(), key=lambda item: -item.explains)),
+        tuple(sorted(search.curves_with_counts(), key=lambda item: -item.explains)),
         region,
         attractors,
         sampling,
         met.size,
-        _grouped(search, why, region, attractors | sampling),
+        _group_unexplained(search, why, region, attractors | sampling),
         crossing,
     )
 
@@ -136,12 +137,12 @@ class _Search:
     met: dict[int, frozenset[Label]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.pairs = self.grid.differing()
+        self.pairs = self.grid.differing_pairs()
         for name in curves.NAMES:
             curve = curves.trace(name, self.grid.beta, *self.window)
-            self._add(curve, labels_on_curve(name), name not in ("PDC", "quiet_limit"))
-        self.changes = [_changes(self.grid, self.pairs, n) for n in range(len(self.pairs))]
-        self.often = Counter(label for n in range(len(self.pairs)) for label in self.uncovered(n))
+            self._add_curve(curve, labels_on_curve(name), name not in ("PDC", "quiet_limit"))
+        self.changes = [_changed_labels(self.grid, self.pairs, n) for n in range(len(self.pairs))]
+        self.often = Counter(label for n in range(len(self.pairs)) for label in self.unexplained_labels(n))
 
     @property
     def window(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -150,32 +151,32 @@ class _Search:
         return (float(delta[0]), float(delta[-1])), (float(epsilon[0]), float(epsilon[-1]))
 
     def run(self) -> Iterator[tuple[int, str]]:
-        """Compute curves for all pairs; yield the number of each pair that no curve explains, and the reason."""
+        """Compute curves for all pairs. Yield the number of each pair that no curve explains, and the reason."""
         for n in range(len(self.pairs)):
-            if self.pairs.region[n] and not self.covers_region()[n]:
+            if self.pairs.region[n] and not self.is_region_explained()[n]:
                 for orbit, target in self._period_one_changes(n):
-                    self._follow(n, orbit, target, worth=True)
-                if not self.covers_region()[n]:
+                    self._follow_motion(n, orbit, target, worth=True)
+                if not self.is_region_explained()[n]:
                     yield n, "the region's boundary could not be followed"
-            for label in self.uncovered(n):
-                reason = self._resolve(n, label)
+            for label in self.unexplained_labels(n):
+                reason = self._explain_label(n, label)
                 if reason:
                     yield n, reason
 
-    def counted(self) -> Iterator[KnownCurve]:
-        """Yield the curves with the number of pairs that each explains."""
+    def curves_with_counts(self) -> Iterator[KnownCurve]:
+        """Yield the curves, each with the number of pairs that it explains."""
         for item in self.known:
             here = np.flatnonzero(item.crosses)
             own = np.array([bool(item.labels.intersection(self.changes[n])) for n in here], bool)
             region = self.pairs.region[here] & item.bounds_regions
             yield replace(item, explains=int(np.sum(own | region)))
 
-    def covers_region(self) -> np.ndarray:
-        """Return for each pair (n,) whether its regions differ and a curve that bounds regions passes between them."""
+    def is_region_explained(self) -> np.ndarray:
+        """Return for each pair (n,) whether its regions differ and a curve between its cells bounds regions."""
         bounds = [item.crosses for item in self.known if item.bounds_regions]
         return self.pairs.region & np.any(bounds, axis=0)
 
-    def uncovered(self, n: int) -> list[Label]:
+    def unexplained_labels(self, n: int) -> list[Label]:
         """Return the labels of attractors that only one cell of the n-th pair has and that no curve explains.
 
         If curves explain all other differences, chaos counts as explained: it replaces a motion that a curve ends, or
@@ -192,39 +193,50 @@ class _Search:
         chaos = [label for label in changed if label[0] == CHAOTIC]
         return left + chaos if left or len(chaos) == len(changed) else []
 
-    def _resolve(self, n: int, label: Label) -> str | None:
+    def _explain_label(self, n: int, label: Label) -> str | None:
         """Find the curve that explains why the cells of a pair differ in a label; return the reason if none does."""
         if label == QUIET_LABEL:
-            return "quiet motion exists on both sides: its basin fraction is small" if self._quiet(n) else "quiet limit"
+            return (
+                "quiet motion exists on both sides: its basin fraction is small"
+                if self._has_quiet_motion(n)
+                else "quiet limit"
+            )
         if label[0] == CHAOTIC:
             return "chaos begins or ends by itself: a crisis, or a transient longer than the observation time"
-        here, there, attractor = self._side(n, label)
+        here, there, attractor = self._cell_with_motion(n, label)
         try:
             start = periodic_orbit(*self.grid.point(here), attractor.tau, attractor.v, label[2], self.grid.beta)
         except RattleError:
             return "the motion could not be solved for"
-        found = self._follow(n, start, self.grid.point(there), self.often[label] >= WORTH_A_CURVE)
+        found = self._follow_motion(n, start, self.grid.point(there), self.often[label] >= LEAST_PAIRS_FOR_CURVE)
         if isinstance(found, PeriodicOrbit):
             return "the motion attracts on both sides: its basin fraction is small, and one sample missed it"
         if found is None:
             return "the motion could not be followed"
-        return None if label not in self.uncovered(n) else f"{found.kind} of another motion on the way"
+        return None if label not in self.unexplained_labels(n) else f"{found.kind} of another motion on the way"
 
-    def _side(self, n: int, label: Label) -> tuple[np.ndarray, np.ndarray, CellAttractor]:
-        """Return the cell of the n-th pair with more attractors of a label, the other cell, and the rarest of these."""
+    def _cell_with_motion(self, n: int, label: Label) -> tuple[np.ndarray, np.ndarray, CellAttractor]:
+        """Return the cell of the n-th pair with more attractors of a label, and the other cell.
+
+        Returns
+        -------
+        tuple[np.ndarray, np.ndarray, CellAttractor]
+            Both cells; and of the attractors with this label in the first cell, the one with the least basin fraction.
+        """
         ends = self.pairs.first[n], self.pairs.second[n]
         having = [[found for found in self.grid.attractors(cell) if found.label == label] for cell in ends]
         here = 0 if len(having[0]) > len(having[1]) else 1
         return ends[here], ends[1 - here], having[here][-1]
 
-    def _quiet(self, n: int) -> bool:
+    def _has_quiet_motion(self, n: int) -> bool:
+        """Return whether quiet motion exists in both cells of the n-th pair."""
         return all(
             epsilon < quiet_limit(delta)
             for delta, epsilon in map(self.grid.point, (self.pairs.first[n], self.pairs.second[n]))
         )
 
     def _period_one_changes(self, n: int) -> Iterator[tuple[PeriodicOrbit, tuple[float, float]]]:
-        """Yield each of A to D whose existence or stability differs in the n-th pair, and (δ, ε) of the other cell."""
+        """Yield the orbits A to D that exist or are stable in one cell of a pair only, with the other cell's (δ, ε)."""
         points = [self.grid.point(cell) for cell in (self.pairs.first[n], self.pairs.second[n])]
         found = [period_one(*point, self.grid.beta) for point in points]
         for here, there in ((0, 1), (1, 0)):
@@ -236,7 +248,7 @@ class _Search:
                     tau, v = float(found[here].tau[i]), float(found[here].v[i])
                     yield periodic_orbit(*points[here], tau, v, 1, self.grid.beta), points[there]
 
-    def _follow(
+    def _follow_motion(
         self, n: int, orbit: PeriodicOrbit, target: tuple[float, float], worth: bool
     ) -> PeriodicOrbit | Event | None:
         """Follow a motion from its cell to the other cell of the pair, at (δ, ε) = target, or to a bifurcation.
@@ -250,30 +262,30 @@ class _Search:
         """
         found = fate(orbit, *target)
         if isinstance(found, Event):
-            self.met[n] = self.met.get(n, frozenset()) | _labels_at(found)
+            self.met[n] = self.met.get(n, frozenset()) | _labels_at_event(found)
             worth = worth and found.itinerary.n <= LONGEST_TRACED
             if worth and len(self.known) < len(curves.NAMES) + self.most_curves:
-                curve = curves.bifurcation_curve(found, *self.window, COARSE)
-                self._add(curve, _labels_at(found), found.itinerary.m == 1)
+                curve = curves.bifurcation_curve(found, *self.window, CURVE_POINTS_ACROSS)
+                self._add_curve(curve, _labels_at_event(found), found.itinerary.m == 1)
         return found
 
-    def _add(self, curve: Curve, labels: frozenset[Label], bounds_regions: bool) -> None:
+    def _add_curve(self, curve: Curve, labels: frozenset[Label], bounds_regions: bool) -> None:
         self.known.append(KnownCurve(curve, labels, bounds_regions, crossed_pairs(curve, self.grid, self.pairs)))
 
 
-def _labels_at(event: Event) -> frozenset[Label]:
-    return labels(event.itinerary.walls, event.itinerary.m, event.impact, event.kind == "PD")
+def _labels_at_event(event: Event) -> frozenset[Label]:
+    return labels_at_bifurcation(event.itinerary.walls, event.itinerary.m, event.impact, event.kind == "PD")
 
 
-def _changes(grid: CellGrid, pairs: Pairs, n: int) -> list[Label]:
-    """Return the labels of which the cells of the n-th pair have different numbers of attractors.
+def _changed_labels(grid: CellGrid, pairs: Pairs, n: int) -> list[Label]:
+    """Return the labels of which the two cells of the n-th pair have different numbers of attractors.
 
-    If the survey has families, labels are left out whose families are the same in both cells.
+    If the survey has families, a label whose families are the same in both cells is left out.
 
     Returns
     -------
     list[Label]
-        Labels in ascending order.
+        Labels in ascending order; empty if the attractors of the cells do not differ.
     """
     if not pairs.attractors[n]:
         return []
@@ -284,7 +296,9 @@ def _changes(grid: CellGrid, pairs: Pairs, n: int) -> list[Label]:
     return sorted(changed if told is None else changed & told)
 
 
-def _grouped(search: _Search, why: dict[int, str], region: np.ndarray, attractors: np.ndarray) -> tuple[Rest, ...]:
+def _group_unexplained(
+    search: _Search, why: dict[int, str], region: np.ndarray, attractors: np.ndarray
+) -> tuple[UnexplainedPairs, ...]:
     """Return the unexplained pairs, grouped by change and reason, largest group first."""
     groups: dict[tuple[str, str], list[int]] = {}
     pairs, grid = search.pairs, search.grid
@@ -292,10 +306,12 @@ def _grouped(search: _Search, why: dict[int, str], region: np.ndarray, attractor
         if pairs.region[n] and not region[n]:
             change = "region " + " | ".join(REGIONS[grid.region[i, j]] for i, j in (pairs.first[n], pairs.second[n]))
         else:
-            change = " and ".join(label_name(label) for label in search.uncovered(n))
+            change = " and ".join(label_name(label) for label in search.unexplained_labels(n))
         groups.setdefault((change, why.get(n, "")), []).append(n)
     found = [
-        Rest(change, reason, len(members), (grid.point(pairs.first[members[0]]), grid.point(pairs.second[members[0]])))
+        UnexplainedPairs(
+            change, reason, len(members), (grid.point(pairs.first[members[0]]), grid.point(pairs.second[members[0]]))
+        )
         for (change, reason), members in groups.items()
     ]
     return tuple(sorted(found, key=lambda rest: (-rest.pairs, rest.change)))

@@ -1,4 +1,4 @@
-"""The labels of the motions that a bifurcation curve makes or ends."""
+"""Find the labels of the motions that a bifurcation curve makes or ends."""
 
 from rattle import KINDS, curves
 
@@ -20,20 +20,20 @@ def labels_on_curve(name: str) -> frozenset[Label]:
     if name == curves.QUIET_LIMIT:
         return frozenset({QUIET_LABEL})
     definition = curves.CURVES[name]
-    return labels(definition.walls, 1, definition.impact, definition.kind == "PD")
+    return labels_at_bifurcation(definition.walls, 1, definition.impact, definition.kind == "PD")
 
 
-def labels(walls: tuple[int, ...], m: int, impact: int | None, flip: bool) -> frozenset[Label]:
+def labels_at_bifurcation(walls: tuple[int, ...], m: int, impact: int | None, flip: bool) -> frozenset[Label]:
     """Return the labels of the motions at a bifurcation: the motion itself, and motions that a graze or flip adds.
 
-    walls: 1 or −1 for each impact of the motion, on Σ⁺ or Σ⁻. m: its forcing periods. impact: at a graze, the index of
-    the impact of speed 0, which the second motion does not have; None otherwise. flip: at a flip the second motion has
-    twice the period.
+    walls: 1 or −1 for each impact of the motion, on Σ⁺ or Σ⁻. m: its period in forcing periods. impact: at a graze, the
+    index of the impact of speed 0, which the second motion does not have; None otherwise. flip: whether the bifurcation
+    is a flip, at which the second motion has twice the period.
 
     Returns
     -------
     frozenset[Label]
-        One or two labels, or three.
+        One to three labels.
     """
     plus, minus = walls.count(1), walls.count(-1)
     found = {(PERIODIC, m, plus, minus)}

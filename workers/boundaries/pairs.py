@@ -47,7 +47,7 @@ class CellGrid:
     """The cells of an open survey: the axes δ and ε, the half-backlash, and each cell's region and attractors."""
 
     def __init__(self, dataset: xr.Dataset, families: xr.Dataset | None = None) -> None:
-        """Read the variables that are compared; `families` is the survey's group of that name.
+        """Read the variables that are compared. families: the survey's group `families`; None if it has none.
 
         Raises
         ------
@@ -68,12 +68,12 @@ class CellGrid:
             self.labels = np.sort(((kind * 2**15 + m) * 2**15 + plus) * 2**15 + minus, axis=0)
             self.slots = kind, m, plus, minus
             self.states = tuple(np.asarray(dataset[f"attractor_{name}"]) for name in ("phase", "velocity", "fraction"))
-        self.families = None if families is None else _Families(dataset, families)
+        self.families = None if families is None else _CellFamilies(dataset, families)
         if "region" not in dataset and self.labels is None:
-            raise SurveyError("there is nothing to explain: compute a survey with the group region or attractors")
+            raise SurveyError("the survey has no regions and no attractors: compute a survey with one of the two")
 
-    def differing(self) -> Pairs:
-        """Return the pairs of neighbouring computed cells that differ."""
+    def differing_pairs(self) -> Pairs:
+        """Return the pairs of neighbouring computed cells that differ in their region or their attractors."""
         found = []
         for step in ((0, 1), (1, 0)):
             here = tuple(slice(0, size - s) for size, s in zip(self.known.shape, step, strict=True))
@@ -83,31 +83,31 @@ class CellGrid:
             sets = np.zeros(known.shape, bool)
             if self.labels is not None:
                 sets = (self.labels[:, *here] != self.labels[:, *there]).any(axis=0)
-                sets &= ~(self._undecided()[here] | self._undecided()[there])
+                sets &= ~(self._has_undecided_sample()[here] | self._has_undecided_sample()[there])
             i, j = np.nonzero(known & (region | sets))
             found.append((np.column_stack([i, j]), np.array(step), region[i, j], sets[i, j]))
         first = np.concatenate([at for at, *_ in found])
         second = np.concatenate([at + step for at, step, *_ in found])
         return Pairs(first, second, *(np.concatenate([item[k] for item in found]) for k in (2, 3)))
 
-    def _undecided(self) -> np.ndarray:
+    def _has_undecided_sample(self) -> np.ndarray:
         """Return for each cell (m, n) whether it has an undecided sample, so that its attractors are not all known."""
         return (self.slots[0] == UNDECIDED).any(axis=0)
 
     def differing_labels(self, one: np.ndarray, other: np.ndarray) -> frozenset[Label] | None:
-        """Return the labels of the families that exist in only one of two cells, even if no sample reached them.
+        """Return the labels of the families that exist in only one of two cells, whether samples reached them or not.
 
         Returns
         -------
         frozenset[Label] | None
-            None if the survey has no families.
+            Empty if both cells have the same families; None if the survey has no families.
         """
         if self.families is None:
             return None
-        both = [self.families.at(cell, self._quiet(cell)) for cell in (one, other)]
+        both = [self.families.families_of_cell(cell, self._has_quiet_motion(cell)) for cell in (one, other)]
         return frozenset(self.families.labels[number] for number in both[0] ^ both[1])
 
-    def _quiet(self, cell: np.ndarray) -> bool:
+    def _has_quiet_motion(self, cell: np.ndarray) -> bool:
         delta, epsilon = self.point(cell)
         return bool(epsilon < quiet_limit(delta))
 
@@ -127,7 +127,7 @@ class CellGrid:
         return float(self.delta[cell[1]]), float(self.epsilon[cell[0]])
 
 
-class _Families:
+class _CellFamilies:
     """The families of each cell.
 
     A cell has a family if one of the cell's slots lists it, or if the family's orbit was continued into the cell from a
@@ -144,7 +144,7 @@ class _Families:
         for i, j, number in zip(*(np.asarray(families[name]).tolist() for name in names), strict=True):
             self.entered.setdefault((i, j), set()).add(number)
 
-    def at(self, cell: np.ndarray, is_quiet: bool) -> set[int]:
+    def families_of_cell(self, cell: np.ndarray, is_quiet: bool) -> set[int]:
         """Return the numbers of the families of a cell (i, j); is_quiet: whether ε is below the quiet limit there."""
         i, j = int(cell[0]), int(cell[1])
         listed = {int(number) for number in self.slots[:, i, j] if number >= 0}

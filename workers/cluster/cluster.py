@@ -49,9 +49,9 @@ WATCH_SECONDS = 0.1  # seconds between two checks whether the nannies' process l
 END_SECONDS, LOOK_SECONDS = 1.0, 0.02
 #: Cancelled tasks have ended if no worker runs one in this many successive checks: by then all messages have arrived.
 ROUNDS = 5
-#: Fewer diagnostics than dask keeps by default (1000 messages of every connection, two hours of each processor's load,
-#: all submitted tasks), because nobody reads them here. dask's frequent measurements of load and clock took a seventh
-#: of a processor for two idle workers.
+#: NOTES makes dask keep fewer diagnostics than by default (1000 messages of every connection, two hours of each
+#: processor's load, all submitted tasks), because nobody reads them here. dask's frequent measurements of load and
+#: clock took a seventh of a processor for two idle workers.
 LAST = 10
 NOTES = {
     "distributed.admin.low-level-log-length": LAST,
@@ -144,7 +144,7 @@ def version_check(versions: Mapping[str, str | None], module: str, topic: str) -
                 # only once the worker has started.
                 self.closing = asyncio.create_task(worker.close(reason=sentence))
                 await asyncio.sleep(0)  # closing has begun
-                raise RuntimeError(sentence)  # dask writes it to the worker's log
+                raise RuntimeError(sentence)  # dask writes this error to the worker's log
             await import_module(module).WarmKernels().setup(worker)
 
     return VersionCheck()
@@ -163,7 +163,7 @@ def _interrupts_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-class _Processes:
+class _WorkerProcesses:
     """Keep the process of the nannies and workers running: start it, and start it again if it is killed.
 
     Parameters
@@ -185,13 +185,13 @@ class _Processes:
             "extensions": {},  # without SPANS, which is dask's only extension of workers
             "preload": __name__,  # imported before the worker must send heartbeats
         }
-        start = nannies.Start(dask.config.config, cluster.scheduler_address, n_workers, nice, options)
+        start = nannies.StartMessage(dask.config.config, cluster.scheduler_address, n_workers, nice, options)
         self._start, self._n_workers, self._should_stop = pickle.dumps(start), n_workers, should_stop
         self._cluster = cluster
         self.started, self._over = Event(), Event()
-        self._thread = Thread(target=self._keep, name="keep-workers", daemon=True)
+        self._thread = Thread(target=self._keep_running, name="keep-workers", daemon=True)
 
-    def __enter__(self) -> "_Processes":
+    def __enter__(self) -> "_WorkerProcesses":
         self._thread.start()
         return self
 
@@ -213,7 +213,7 @@ class _Processes:
                     "start-up was cancelled" if self._should_stop() else "the process that starts the workers has ended"
                 )
 
-    def _keep(self) -> None:
+    def _keep_running(self) -> None:
         while not self._over.is_set():
             self._run()
             if not self.started.is_set() or self._cluster.status != Status.running:
@@ -284,8 +284,8 @@ def embedded_cluster(
         stack.enter_context(dask.config.set({**NOTES, **NO_PAGES, "temporary-directory": scratch}))
         try:
             with _interrupts_blocked():
-                cluster = stack.enter_context(_scheduler())
-                processes = stack.enter_context(_Processes(n_workers, nice, cluster, should_stop))
+                cluster = stack.enter_context(_cluster_without_workers())
+                processes = stack.enter_context(_WorkerProcesses(n_workers, nice, cluster, should_stop))
                 client = stack.enter_context(Client(cluster, set_as_default=False))
             processes.wait(client)
             client.register_plugin(WarmKernels())
@@ -295,7 +295,7 @@ def embedded_cluster(
         yield client
 
 
-def _scheduler() -> SpecCluster:
+def _cluster_without_workers() -> SpecCluster:
     part = {"host": "127.0.0.1", "protocol": "tls://", "security": Security.temporary()}
     options = {
         **part,
@@ -344,7 +344,7 @@ def connect(url: str) -> Iterator[Client]:
             client.wait_for_workers(1, timeout=CONNECT_SECONDS)
         except (OSError, ValueError, TypeError, RuntimeError) as error:  # the last two mean wrong settings of TLS
             raise ClusterLostError(
-                f"no dask scheduler with workers answers at {url} ({error}): start them, or correct the address"
+                f"no dask scheduler with workers answers at {url} ({error}): start both, or correct the address"
             ) from error
         try:
             versions = require_compatible(client)
@@ -374,35 +374,35 @@ def require_compatible(client: Client) -> dict[str, str | None]:
     found = client.run(find_spec, MODULE, on_error="return")
     if without := [address for address, spec in found.items() if not isinstance(spec, ModuleSpec)]:
         raise SurveyError(
-            f"{_named(without)} cannot import {MODULE}: install it there, in the version of this process, with "
-            f"pip install '{OURS}[workers]=={_here(client)}' (and [s3] for stores in a bucket)"
+            f"{_workers_in_words(without)} cannot import {MODULE}: install it there, in the version of this process, "
+            f"with pip install '{OURS}[workers]=={_own_version(client)}' (and [s3] for stores in a bucket)"
         )
     versions: Any = client.get_versions(packages=list(PACKAGES))
-    here = _versions(versions["client"])
-    others = {address: _versions(each) for address, each in versions["workers"].items()}
+    here = _versions_by_package(versions["client"])
+    others = {address: _versions_by_package(each) for address, each in versions["workers"].items()}
     for name, version in here.items():
         differing = {address: each[name] for address, each in others.items() if each[name] != version}
         if differing:
             theirs = ", ".join(sorted({each or "none" for each in differing.values()}))
             raise SurveyError(
-                f"{_named(list(differing))} has {name} {theirs}, and this process has {name} {version or 'none'}: "
-                "install the same version on both"
+                f"{_workers_in_words(list(differing))} has {name} {theirs}, and this process has {name} "
+                f"{version or 'none'}: install the same version on both"
             )
     return here
 
 
-def _here(client: Client) -> str:
+def _own_version(client: Client) -> str:
     versions: Any = client.get_versions(packages=[OURS])
     return str(versions["client"]["packages"][OURS] or "VERSION")
 
 
-def _versions(of: Mapping[str, Any]) -> dict[str, str | None]:
+def _versions_by_package(of: Mapping[str, Any]) -> dict[str, str | None]:
     """Return versions by package; the version of Python is its first two numbers."""
     packages = {name: of["packages"].get(name) for name in PACKAGES}
     return packages | {"Python": ".".join(str(of["host"]["python"]).split(".")[:2])}
 
 
-def _named(addresses: list[str]) -> str:
+def _workers_in_words(addresses: list[str]) -> str:
     more = f" and {len(addresses) - SHOWN} more" if len(addresses) > SHOWN else ""
     return ("the worker at " if len(addresses) == 1 else "workers at ") + ", ".join(sorted(addresses)[:SHOWN]) + more
 
@@ -415,7 +415,7 @@ def _address_of(url: str) -> str:
         return str(json.loads(Path(url).read_text())["address"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ClusterLostError(
-            f"no dask scheduler has written the scheduler file {url} ({error}): start it, or correct the path"
+            f"no dask scheduler has written the scheduler file {url} ({error}): start a scheduler, or correct the path"
         ) from error
 
 
@@ -453,7 +453,7 @@ def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
     quiet, keys = 0, {future.key for future in futures}
     while quiet < ROUNDS:
         answers: SimpleQueue[dict[str, bool]] = SimpleQueue()
-        Thread(target=_ask, args=(client, keys, answers), name="ask-workers", daemon=True).start()
+        Thread(target=_ask_workers, args=(client, keys, answers), name="ask-workers", daemon=True).start()
         at_work = list[str]()
         with suppress(Empty):  # a frozen worker does not answer, but it computes nothing either
             at_work = [address for address, here in answers.get(timeout=END_SECONDS).items() if here]
@@ -462,12 +462,12 @@ def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
         time.sleep(LOOK_SECONDS)
 
 
-def _ask(client: Client, keys: set[str], answers: SimpleQueue[dict[str, bool]]) -> None:
+def _ask_workers(client: Client, keys: set[str], answers: SimpleQueue[dict[str, bool]]) -> None:
     with suppress(OSError):  # the scheduler is gone, and its workers end
-        answers.put(client.run(_computes, keys, on_error="ignore"))
+        answers.put(client.run(_is_computing, keys, on_error="ignore"))
 
 
-async def _computes(keys: set[str], dask_worker: Worker) -> bool:
+async def _is_computing(keys: set[str], dask_worker: Worker) -> bool:
     return any(task.key in keys for task in dask_worker.state.executing)
 
 

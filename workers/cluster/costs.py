@@ -25,7 +25,7 @@ BITS = 20  # numbers of rows and columns of tiles have at most this many bits
 
 @dataclass
 class Begun:
-    """State of a run, with which it continues after a pause.
+    """State of a run, from which the run continues after a pause.
 
     partial: partly computed tiles, by index. foreseen: mean seconds per measured cell of a tile, by index of the tile.
     """
@@ -33,20 +33,20 @@ class Begun:
     partial: dict[int, PartialTile] = field(default_factory=dict)
     foreseen: dict[int, float] = field(default_factory=dict)
     _each: int = 1  # how many cells are measured in a tile
-    _expected: dict[int, float] = field(default_factory=dict)  # predicted seconds of each tile that is left, by index
+    _expected: dict[int, float] = field(default_factory=dict)  # predicted seconds of each remaining tile, by index
     _rest: float = 0.0  # sum of _expected
     _ended: float = 0.0  # predicted seconds of all finished tiles
     _spent: float = 0.0  # measured seconds of all finished tiles
 
-    def to_measure(self, tiles: Sequence[AnyTile], columns: int) -> list[AnyTile]:
+    def tiles_to_measure(self, tiles: Sequence[AnyTile], columns: int) -> list[AnyTile]:
         """Return the tiles in which cells are measured, to predict costs. columns: columns of the grid of tiles."""
         if len(tiles) + len(self.foreseen) < MANY:
             return []
         new = [tile for tile in tiles if tile.index not in self.foreseen]
         self._each = min(max(FEWEST // max(len(tiles), 1), 1), EACH)
-        return evenly(new, columns)[: MEASURED - len(self.foreseen)]
+        return spread_evenly(new, columns)[: MEASURED - len(self.foreseen)]
 
-    def take_measured(self, tile: AnyTile) -> bool:
+    def record_measured(self, tile: AnyTile) -> bool:
         """Record the cost of a tile after one more of its cells was measured. Return whether to measure another."""
         part = self.partial[tile.index]
         self.foreseen[tile.index] = part.record.seconds / part.record.cells
@@ -56,14 +56,14 @@ class Begun:
             del self.partial[tile.index]
         return False
 
-    def take_ended(self, record: TileRecord) -> None:
+    def record_ended(self, record: TileRecord) -> None:
         """Record the measured cost of a finished tile."""
         seconds = self._expected.pop(record.index)
         self._rest -= seconds
         self._ended += seconds
         self._spent += record.seconds
 
-    def expect(self, tiles: Sequence[AnyTile], columns: int) -> None:
+    def predict_costs(self, tiles: Sequence[AnyTile], columns: int) -> None:
         """Predict the cost of each remaining tile from the measured tiles near it. tiles: all remaining tiles.
 
         Without measurements a cell counts as one second, until finished tiles show how long a cell really takes.
@@ -72,7 +72,7 @@ class Begun:
         for index in self.partial.keys() - self._expected.keys():
             del self.partial[index]
         if self.foreseen and tiles:
-            from scipy.spatial import KDTree  # here, because it takes a tenth of a second to load
+            from scipy.spatial import KDTree  # imported here, because it takes a tenth of a second to load
 
             known = np.array(list(self.foreseen))
             wanted = np.array(list(self._expected))
@@ -84,7 +84,7 @@ class Begun:
             self._expected = dict(zip(wanted.tolist(), seconds.tolist(), strict=True))
         self._rest = math.fsum(self._expected.values())
 
-    def in_order(self, tiles: Sequence[AnyTile], columns: int) -> list[AnyTile]:
+    def by_falling_cost(self, tiles: Sequence[AnyTile], columns: int) -> list[AnyTile]:
         """Sort tiles: first partly computed tiles, then by falling cost; equally expensive tiles spread over the plane.
 
         Fewer than MANY tiles keep their order.
@@ -97,7 +97,8 @@ class Begun:
         if len(tiles) + len(self.foreseen) < MANY:
             return list(tiles)
         return sorted(
-            evenly(tiles, columns), key=lambda tile: (tile.index not in self.partial, -self._expected[tile.index])
+            spread_evenly(tiles, columns),
+            key=lambda tile: (tile.index not in self.partial, -self._expected[tile.index]),
         )
 
     def seconds_left(self, threads: int) -> float | None:
@@ -107,7 +108,7 @@ class Begun:
             return None
         pace = (self._spent + trusted) / (self._ended + trusted)
         # Tiles with too high predictions begin first. So the ratio of measured and predicted time of the finished tiles
-        # # must not be extrapolated to the others.
+        # must not be extrapolated to the others.
         if self.foreseen:
             pace = max(pace, 1.0)
         lefts, begun = [], 0.0
@@ -122,7 +123,7 @@ class Begun:
         return max((others + math.fsum(lefts)) / threads, max(lefts, default=0.0))
 
 
-def evenly(tiles: Iterable[AnyTile], columns: int) -> list[AnyTile]:
+def spread_evenly(tiles: Iterable[AnyTile], columns: int) -> list[AnyTile]:
     """Sort tiles so that the first n tiles, for any n, are spread over the plane. columns: columns of tiles.
 
     The order is that of ordered dithering: tiles with even row and column numbers come first, then the three groups of

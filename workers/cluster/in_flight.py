@@ -27,7 +27,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Task(Generic[Work]):
-    """A submitted task. work: what it computes. began: time.monotonic() when it was submitted."""
+    """A submitted task. work: the work that the task does. began: time.monotonic() when the task was submitted."""
 
     future: Future
     work: Work
@@ -48,10 +48,10 @@ class InFlight(ABC, Generic[Work, Result]):
         self.in_flight: dict[Key, Task[Work]] = {}
 
     @abstractmethod
-    def after_error(self, task: Task[Work], error: BaseException) -> None:
+    def handle_error(self, task: Task[Work], error: BaseException) -> None:
         """Respond to a failed task, or raise its error."""
 
-    def threads(self, patience: float) -> int:
+    def count_threads(self, patience: float) -> int:
         """Return the number of the cluster's threads.
 
         Returns
@@ -67,7 +67,7 @@ class InFlight(ABC, Generic[Work, Result]):
         try:
             threads = sum(self._client.nthreads().values())
         except Exception as error:  # a client that was closed meanwhile raises errors of several types
-            raise self.lost() from error
+            raise self.lost_error() from error
         now = time.monotonic()
         if threads:
             self._workers_seen = now
@@ -82,11 +82,11 @@ class InFlight(ABC, Generic[Work, Result]):
         try:
             future = self._client.submit(function, *arguments, key=key, pure=False, **options)
         except Exception as error:
-            raise self.lost() from error
+            raise self.lost_error() from error
         self.in_flight[key] = Task(future, work, time.monotonic())
-        future.add_done_callback(partial(self._loop.add_callback, self._bring))
+        future.add_done_callback(partial(self._loop.add_callback, self._queue_result))
 
-    def next_ended(self, seconds: float) -> tuple[Task[Work], Result] | None:
+    def next_result(self, seconds: float) -> tuple[Task[Work], Result] | None:
         """Return the next finished task and its result, or None if no task finishes within `seconds`."""
         try:
             future, result, error = self._ended.get(timeout=seconds)
@@ -98,13 +98,13 @@ class InFlight(ABC, Generic[Work, Result]):
         if error is None:
             return task, result
         if future.status == "error":
-            self.after_error(task, future.exception())
+            self.handle_error(task, future.exception())
             return None
         if isinstance(error, CANCELLED | OSError):  # no other code cancels tasks, so the scheduler is gone
-            raise self.lost() from error
+            raise self.lost_error() from error
         raise error
 
-    async def _bring(self, future: Future) -> None:
+    async def _queue_result(self, future: Future) -> None:
         """Wait for a task, and queue its result or error.
 
         If the worker dies before it has sent the result, dask computes the task again. Each result is requested once
@@ -127,6 +127,6 @@ class InFlight(ABC, Generic[Work, Result]):
                 del self.in_flight[key]
                 task.future.release()
 
-    def lost(self) -> ClusterLostError:
+    def lost_error(self) -> ClusterLostError:
         """Return the error for a lost scheduler."""
         return ClusterLostError(self._lost)

@@ -25,7 +25,7 @@ CELL_SECONDS = 600
 _START = f"from {__name__} import serve_cells; serve_cells()"
 
 
-def compute_tile_apart(request: AnyRequest, tile: AnyTile, memory: int | None) -> tuple[TileArrays, TileRecord]:
+def compute_tile_isolated(request: AnyRequest, tile: AnyTile, memory: int | None) -> tuple[TileArrays, TileRecord]:
     """Compute a tile in a process that may be killed; values are equal to the bit to those of `compute_tile`.
 
     A cell that kills the process counts as failed: it has status 3, and a message that names the signal.
@@ -54,7 +54,7 @@ def _outcomes(request: AnyRequest, tile: AnyTile, memory: int | None) -> Iterato
         try:
             pickle.dump((request, tile, first, memory), child.stdin)
             child.stdin.flush()
-            for outcome in _received(child.stdout):
+            for outcome in _receive_outcomes(child.stdout):
                 yield outcome
                 first, deaths = first + 1, 0
         finally:
@@ -66,11 +66,11 @@ def _outcomes(request: AnyRequest, tile: AnyTile, memory: int | None) -> Iterato
         elif first < tile.n_cells:
             deaths += 1
             if deaths == ATTEMPTS:
-                yield f"killed its process {ATTEMPTS} times ({_cause(child.returncode)})"
+                yield f"killed its process {ATTEMPTS} times ({_cause_of_death(child.returncode)})"
                 first, deaths = first + 1, 0
 
 
-def _received(stream: IO[bytes]) -> Iterator[CellOutcome]:
+def _receive_outcomes(stream: IO[bytes]) -> Iterator[CellOutcome]:
     """Yield the outcomes of cells until the process ends. Raises its error if it failed outside of a cell."""
     try:
         pickle.load(stream)
@@ -86,7 +86,7 @@ def _received(stream: IO[bytes]) -> Iterator[CellOutcome]:
         yield received
 
 
-def _cause(code: int) -> str:
+def _cause_of_death(code: int) -> str:
     return signal.Signals(-code).name if code < 0 else f"exit status {code}"
 
 

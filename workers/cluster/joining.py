@@ -16,7 +16,9 @@ from gear_rattle.workers.survey.tiles import POLL_SECONDS
 
 #: A task is attempted at most this many times; an attempt fails when two workers have died during it.
 ATTEMPTS = 3
-SEVERAL = 8  # tasks for each thread in a batch; the next batch begins only after all tasks of this one have ended
+SEVERAL = (
+    8  # number of tasks for each thread in a batch; the next batch begins only after all tasks of this one have ended
+)
 
 
 @dataclass(frozen=True)
@@ -27,8 +29,8 @@ class _Item:
     attempt: int
 
 
-class Joining(InFlight[_Item, Any]):
-    """Runs the tasks that complete a survey on a cluster. Its method `each` is an argument of `complete`."""
+class CompletionTasks(InFlight[_Item, Any]):
+    """Runs the tasks that complete a survey on a cluster. `complete` takes its method `run_for_each`."""
 
     def __init__(self, client: Client, should_stop: Callable[[], bool]) -> None:
         """Store the client. should_stop: returns whether to stop; it is called several times a second."""
@@ -36,7 +38,7 @@ class Joining(InFlight[_Item, Any]):
         self._should_stop = should_stop
         self._waiting = deque[_Item]()
 
-    def each(
+    def run_for_each(
         self, task: Callable[..., Any], request: SurveyRequest, path: str, items: Sequence[tuple[Any, ...]]
     ) -> list[Any]:
         """Run `task(request, path, *item)` for each item with `map`, and return the results in order."""
@@ -65,11 +67,11 @@ class Joining(InFlight[_Item, Any]):
             while self._waiting or self.in_flight:
                 if self._should_stop():
                     raise StoppedError("stopped while the survey was completed")
-                room = self.threads(WORKERLESS_SECONDS) - len(self.in_flight)
+                room = self.count_threads(WORKERLESS_SECONDS) - len(self.in_flight)
                 for _ in range(min(room, len(self._waiting))):
                     item = self._waiting.popleft()
                     self.put(item, task, *items[item.number])
-                if ended := self.next_ended(POLL_SECONDS):
+                if ended := self.next_result(POLL_SECONDS):
                     done, result = ended
                     found[done.work.number] = result
                     self.drop(done.work.__eq__)
@@ -79,11 +81,11 @@ class Joining(InFlight[_Item, Any]):
                 end_tasks_and_wait(self._client, futures)
         return found
 
-    def several(self) -> int:
+    def batch_size(self) -> int:
         """Return how many tasks a batch needs so that no thread is idle for long before the batch ends."""
-        return SEVERAL * max(self.threads(WORKERLESS_SECONDS), 1)
+        return SEVERAL * max(self.count_threads(WORKERLESS_SECONDS), 1)
 
-    def after_error(self, task: Task[_Item], error: BaseException) -> None:
+    def handle_error(self, task: Task[_Item], error: BaseException) -> None:
         """Repeat a task after a worker's death; raise any other error."""
         self.drop(task.work.__eq__)
         if not isinstance(error, KilledWorker):

@@ -24,7 +24,7 @@ gc.set_threshold(OBJECTS)
 TRACKER = "multiprocessing.resource_tracker"
 
 
-class Start(NamedTuple):
+class StartMessage(NamedTuple):
     """The message that this process reads from stdin.
 
     config: dask's settings. scheduler: address of the scheduler. nice: how far to lower the priority of all processes.
@@ -44,14 +44,14 @@ def main() -> None:
     import dask
     import distributed  # noqa: F401 - loaded while the caller's scheduler starts
 
-    start: Start = pickle.load(sys.stdin.buffer)
+    start: StartMessage = pickle.load(sys.stdin.buffer)
     threading.Thread(target=_end_with_parent, name="end-with-parent", daemon=True).start()
     os.setpriority(os.PRIO_PROCESS, 0, max(start.nice, os.getpriority(os.PRIO_PROCESS, 0)))
     dask.config.update(dask.config.config, start.config)
-    asyncio.run(_serve(start))
+    asyncio.run(_run_nannies(start))
 
 
-async def _serve(start: Start) -> None:
+async def _run_nannies(start: StartMessage) -> None:
     from distributed import Nanny
 
     nannies = [Nanny(start.scheduler, **start.options) for _ in range(start.n_workers)]

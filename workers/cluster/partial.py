@@ -23,8 +23,9 @@ QUICK = 0.25  # a tile that takes less than this share of a task's time has no p
 class PartialTile:
     """A partly computed tile.
 
-    values: arrays of the whole tile. done (rows, columns): flags of the computed cells; the gears of a population are
-    one row. record: sums over the computed cells. slowest: seconds for a cell in the slowest group of cells so far.
+    values: arrays of the whole tile, 0 in cells that are not computed.
+    done (rows, columns): flags of the computed cells; the gears of a population are one row.
+    record: sums over the computed cells. slowest: seconds for a cell in the slowest group of cells so far.
     """
 
     values: TileArrays
@@ -81,18 +82,18 @@ def compute_partly(
         The tile with more cells computed.
     """
     began = time.perf_counter()
-    part = before or _nothing(tile)
+    part = before or _empty_part(tile)
     if before is None and expected * part.done.size < QUICK * seconds:
-        return _extended(part, request, tile, *(slice(0, size) for size in part.done.shape))
+        return _compute_group(part, request, tile, *(slice(0, size) for size in part.done.shape))
     while True:
         left = max(seconds - (time.perf_counter() - began), 0.0)
         most = int(min(max(left / part.slowest, 1.0), part.done.size)) if part.slowest else 1
-        part = _extended(part, request, tile, *_next_group(part.done, most))
+        part = _compute_group(part, request, tile, *_next_group(part.done, most))
         if part.is_whole or time.perf_counter() - began >= seconds:
             return part
 
 
-def _nothing(tile: AnyTile) -> PartialTile:
+def _empty_part(tile: AnyTile) -> PartialTile:
     shape = tuple(span.stop - span.start for span in tile.spans)
     return PartialTile({}, np.zeros((1, *shape)[-2:], bool), TileRecord(tile.index, 0, (), 0, 0.0), 0.0)
 
@@ -113,9 +114,9 @@ def _next_group(done: np.ndarray, most: int) -> tuple[slice, slice]:
     return slice(row, row + 1), slice(first, first + (int(np.argmax(free)) if free.any() else free.size))
 
 
-def _extended(part: PartialTile, request: AnyRequest, tile: AnyTile, rows: slice, columns: slice) -> PartialTile:
+def _compute_group(part: PartialTile, request: AnyRequest, tile: AnyTile, rows: slice, columns: slice) -> PartialTile:
     began = time.perf_counter()
-    values, record = compute_tile(request, _piece(tile, rows, columns))
+    values, record = compute_tile(request, _subtile(tile, rows, columns))
     slowest = max((time.perf_counter() - began) / record.cells, part.slowest)
     arrays, done = {name: array.copy() for name, array in part.values.items()}, part.done.copy()
     for name, value in values.items():
@@ -127,21 +128,21 @@ def _extended(part: PartialTile, request: AnyRequest, tile: AnyTile, rows: slice
             )
         arrays[name][at] = value
     done[rows, columns] = True
-    return PartialTile(arrays, done, _sum(part.record, record), slowest)
+    return PartialTile(arrays, done, _sum_records(part.record, record), slowest)
 
 
-def _piece(tile: AnyTile, rows: slice, columns: slice) -> AnyTile:
+def _subtile(tile: AnyTile, rows: slice, columns: slice) -> AnyTile:
     """Return some rows and columns of a tile as a tile with the same index."""
     if isinstance(tile, Tile):
-        return replace(tile, epsilon=_within(tile.epsilon, rows), delta=_within(tile.delta, columns))
-    return replace(tile, gear=_within(tile.gear, columns))
+        return replace(tile, epsilon=_subslice(tile.epsilon, rows), delta=_subslice(tile.delta, columns))
+    return replace(tile, gear=_subslice(tile.gear, columns))
 
 
-def _within(span: slice, part: slice) -> slice:
+def _subslice(span: slice, part: slice) -> slice:
     return slice(span.start + part.start, span.start + part.stop)
 
 
-def _sum(one: TileRecord, other: TileRecord) -> TileRecord:
+def _sum_records(one: TileRecord, other: TileRecord) -> TileRecord:
     return TileRecord(
         one.index,
         one.cells + other.cells,

@@ -6,14 +6,14 @@ from collections.abc import Callable, Generator, Iterator
 from distributed import Client, KilledWorker
 
 from gear_rattle.workers.cluster.in_flight import InFlight, Task
-from gear_rattle.workers.cluster.window import Frame, Grid, PartValues, WindowPart, compute_part, map_quantity
+from gear_rattle.workers.cluster.window import Frame, PartValues, WindowGrid, WindowPart, compute_part, map_quantity
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.survey.request import SurveyRequest
 
 PRIORITY = 10  # dask runs tasks of higher priority first; tiles have 0
 PART_SECONDS = 0.3  # intended duration of a part; a running part cannot be interrupted
 FIRST_CELLS = 64  # number of cells of a part until the time per cell has been measured
-FIRST_CLOSED_FORM = 16_384  # this number for variables in closed form
+FIRST_CLOSED_FORM = 16_384  # number of cells of a part, for variables in closed form
 FRAME_SECONDS = 0.4  # seconds between two frames of a level
 POLL_SECONDS = 0.1  # seconds between two checks whether to stop
 WORKERLESS_SECONDS = 20.0  # the cluster is lost after this time without workers
@@ -46,9 +46,9 @@ def refined_frames(
     SurveyError
         The survey has no such map, or a part of the map cannot be computed.
     """
-    work = _Work(client, survey, variable, index)
+    work = _WindowTasks(client, survey, variable, index)
     quantity = map_quantity(variable, index, survey)
-    grid = Grid(survey, quantity)
+    grid = WindowGrid(survey, quantity)
     try:
         for level in grid.levels:
             shown = time.monotonic()
@@ -68,7 +68,7 @@ def refined_frames(
         work.drop(lambda _: True)
 
 
-class _Work(InFlight[WindowPart, PartValues]):
+class _WindowTasks(InFlight[WindowPart, PartValues]):
     """The parts of a window that are submitted to the cluster and have not ended."""
 
     def __init__(self, client: Client, survey: SurveyRequest, variable: str, index: int) -> None:
@@ -77,7 +77,7 @@ class _Work(InFlight[WindowPart, PartValues]):
         self._delta, self._epsilon = survey.delta.values(), survey.epsilon.values()
         self._cells, self._seconds = 0, 0.0
 
-    def parts(self, grid: Grid, level: int, first_cells: int) -> Iterator[WindowPart]:
+    def parts(self, grid: WindowGrid, level: int, first_cells: int) -> Iterator[WindowPart]:
         """Yield the parts of a level. Their size follows from measured times, so that a part takes PART_SECONDS."""
         cells = max(1, int(PART_SECONDS * self._cells / self._seconds)) if self._seconds else first_cells
         for block in grid.blocks(level):
@@ -90,19 +90,19 @@ class _Work(InFlight[WindowPart, PartValues]):
         left = next(parts, None)
         self._cells, self._seconds = 0, 0.0  # cells of a finer level are at other points, and may take longer
         while (left or self.in_flight) and not should_stop():
-            room = AHEAD * self.threads(WORKERLESS_SECONDS) - len(self.in_flight)
+            room = AHEAD * self.count_threads(WORKERLESS_SECONDS) - len(self.in_flight)
             while left and room > 0:
                 axes = self._delta[left.delta], self._epsilon[left.epsilon]
                 self.put(left, compute_part, *self._map, *axes, priority=PRIORITY)
                 left, room = next(parts, None), room - 1
-            if ended := self.next_ended(POLL_SECONDS):
+            if ended := self.next_result(POLL_SECONDS):
                 task, values = ended
                 del self.in_flight[task.future.key]
                 self._cells += values.values.size
                 self._seconds += values.seconds
                 yield task.work, values
 
-    def after_error(self, _: Task[WindowPart], error: BaseException) -> None:
+    def handle_error(self, _: Task[WindowPart], error: BaseException) -> None:
         """Raise an error. Parts are not repeated, because a viewer does not wait for a window that long."""
         if isinstance(error, KilledWorker):
             raise SurveyError("a part of this window kills its worker: choose another window") from error

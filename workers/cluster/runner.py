@@ -17,11 +17,17 @@ from uuid import uuid4
 
 from distributed import Client, Future, KilledWorker, get_worker
 
-from gear_rattle.workers.certificates import Answers, AttractorClaim, certify_claims, certify_survey, require_proofs
+from gear_rattle.workers.certificates import (
+    Answers,
+    AttractorClaim,
+    certify_claims,
+    certify_survey,
+    require_proof_extra,
+)
 from gear_rattle.workers.cluster.cluster import end_tasks, end_tasks_and_wait
 from gear_rattle.workers.cluster.costs import Begun
-from gear_rattle.workers.cluster.isolation import compute_tile_apart
-from gear_rattle.workers.cluster.joining import Joining
+from gear_rattle.workers.cluster.isolation import compute_tile_isolated
+from gear_rattle.workers.cluster.joining import CompletionTasks
 from gear_rattle.workers.cluster.partial import PART_SECONDS, PartialTile, compute_partly, is_divisible
 from gear_rattle.workers.cluster.submission import Submission
 from gear_rattle.workers.completion import complete
@@ -29,8 +35,8 @@ from gear_rattle.workers.errors import ClusterLostError, StoppedError, SurveyErr
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, compute_tile, template_of
 from gear_rattle.workers.populations.tiles import GearTile
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import noting
-from gear_rattle.workers.storage.store import before_tiles, require_aligned, write_tile
+from gear_rattle.workers.storage.manifest import recording_tiles
+from gear_rattle.workers.storage.store import prepare_for_tiles, require_aligned, write_tile
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.template import Template
 from gear_rattle.workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, TileRecord
@@ -46,7 +52,7 @@ ATTEMPTS = 3
 def compute_and_write(request: AnyRequest, path: str, tile: AnyTile, apart: bool = False) -> TileRecord:
     """Compute a tile and write it to the store. apart: compute it in a process of its own."""
     if apart:
-        values, record = compute_tile_apart(request, tile, get_worker().memory_manager.memory_limit)
+        values, record = compute_tile_isolated(request, tile, get_worker().memory_manager.memory_limit)
     else:
         values, record = compute_tile(request, tile)
     return replace(record, files=write_tile(request, path, tile, values))
@@ -84,11 +90,11 @@ def advance_tile(
 
 @lru_cache(maxsize=16)
 def _loaded_for(_request: AnyRequest) -> list[bool]:
-    """Return the list of this request. It is empty until this process has loaded the kernels that the request needs."""
+    """Return a list for a request, which is empty until this process has loaded the kernels that the request needs."""
     return []
 
 
-def _never() -> bool:
+def _always_false() -> bool:
     return False
 
 
@@ -116,11 +122,13 @@ def template_on(client: Client, request: AnyRequest, created: str | None, should
     """
     for _ in range(ATTEMPTS):
         with suppress(KilledWorker):
-            return _traced(client, request, created, should_stop)
+            return _compute_template(client, request, created, should_stop)
     raise SurveyError("the process that traces the survey's curves was killed repeatedly: see the log of the workers")
 
 
-def _traced(client: Client, request: AnyRequest, created: str | None, should_stop: Callable[[], bool]) -> Template:
+def _compute_template(
+    client: Client, request: AnyRequest, created: str | None, should_stop: Callable[[], bool]
+) -> Template:
     future = client.submit(template_of, request, created, key=f"template-{uuid4().hex}", pure=False)
     ended: SimpleQueue[Future] = SimpleQueue()
     future.add_done_callback(ended.put)
@@ -144,16 +152,16 @@ def complete_on(
     where: str | Path | Place,
     should_stop: Callable[[], bool],
     on_proved: Callable[[int, int], None] = lambda _done, _number: None,
-    should_pause: Callable[[], bool] = _never,
+    should_pause: Callable[[], bool] = _always_false,
 ) -> None:
     """Complete a survey on a cluster with `complete`, while holding the lock of the store.
 
     See `complete` for on_proved and should_pause, and `template_on` for should_stop and the errors. After a stop no
     process continues the work.
     """
-    place, joining = place_of(where), Joining(client, should_stop)
-    with place.writing():
-        complete(request, place, joining.each, joining.several(), on_proved, should_pause)
+    place, joining = place_of(where), CompletionTasks(client, should_stop)
+    with place.lock_for_writing():
+        complete(request, place, joining.run_for_each, joining.batch_size(), on_proved, should_pause)
 
 
 def certify_on(
@@ -161,15 +169,15 @@ def certify_on(
     survey: Dataset,
     out: Path,
     on_done: Callable[[int, int], None] = lambda _done, _number: None,
-    should_stop: Callable[[], bool] = _never,
+    should_stop: Callable[[], bool] = _always_false,
 ) -> Dataset:
     """Prove the attractors of a survey on a cluster with `certify_survey`. Raises StoppedError after a stop."""
-    joining = Joining(client, should_stop)
+    joining = CompletionTasks(client, should_stop)
 
     def prove(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
         return joining.map(certify_claims, [(part,) for part in parts])
 
-    return certify_survey(survey, out, prove, joining.several(), on_done)
+    return certify_survey(survey, out, prove, joining.batch_size(), on_done)
 
 
 def run_tiles(
@@ -179,8 +187,8 @@ def run_tiles(
     client: Client,
     on_tile: Callable[[TileRecord], None],
     should_stop: Callable[[], bool],
-    unwanted: Callable[[], bool] = _never,
-    should_pause: Callable[[], bool] = _never,
+    unwanted: Callable[[], bool] = _always_false,
+    should_pause: Callable[[], bool] = _always_false,
     begun: Begun | None = None,
     on_left: Callable[[float], None] = lambda _: None,
 ) -> None:
@@ -221,60 +229,60 @@ def run_tiles(
     tiles = list(tiles)
     require_aligned(request, tiles)
     place = place_of(where)
-    with place.writing():
+    with place.lock_for_writing():
         if tiles:
-            before_tiles(request, place)
+            prepare_for_tiles(request, place)
             if isinstance(request, SurveyRequest) and request.certify:
                 with suppress(StoppedError):
-                    Joining(client, should_stop).map(require_proofs, [()])
+                    CompletionTasks(client, should_stop).map(require_proof_extra, [()])
         begun, columns = begun or Begun(), request.tile_grid[1]
-        begun.expect(tiles, columns)
+        begun.predict_costs(tiles, columns)
         submission = Submission(advance_tile, request, str(place), client, begun.partial)
         left = {tile.index: tile for tile in tiles}
 
-        with noting(place) as note:
+        with recording_tiles(place) as note:
 
             def on_ended(record: TileRecord) -> None:
                 note({record.index: record.files})
-                begun.take_ended(record)
+                begun.record_ended(record)
                 del left[record.index]
                 on_tile(record)
-                tell_left()
+                report_time_left()
 
-            def tell_left() -> None:
+            def report_time_left() -> None:
                 if (seconds := begun.seconds_left(submission.n_threads)) is not None:
                     on_left(seconds)
 
             asked = should_stop, unwanted, should_pause
             try:
                 if is_divisible(request, math.prod(request.tile_shape)):
-                    measuring = deque(begun.to_measure(tiles, columns))
+                    measuring = deque(begun.tiles_to_measure(tiles, columns))
 
                     def on_measured(tile: AnyTile) -> None:
-                        if begun.take_measured(tile):
+                        if begun.record_measured(tile):
                             measuring.append(tile)
 
                     submission.seconds = 0.0  # a task computes one cell
-                    _run(submission, measuring, on_ended, *asked, on_measured)
+                    _run_submission(submission, measuring, on_ended, *asked, on_measured)
                     submission.seconds = PART_SECONDS
-                    begun.expect(list(left.values()), columns)
-                    tell_left()
-                waiting = deque(begun.in_order(list(left.values()), columns))
+                    begun.predict_costs(list(left.values()), columns)
+                    report_time_left()
+                waiting = deque(begun.by_falling_cost(list(left.values()), columns))
 
                 def on_part(tile: AnyTile) -> None:
                     waiting.appendleft(tile)
-                    tell_left()
+                    report_time_left()
 
                 if not should_stop():
-                    _run(submission, waiting, on_ended, *asked, on_part)
-                if submission.superseded and isinstance(request, SurveyRequest) and request.is_bounded:
+                    _run_submission(submission, waiting, on_ended, *asked, on_part)
+                if submission.superseded and isinstance(request, SurveyRequest) and request.has_bound:
                     # Repeated attempts at finished tiles would overwrite the tiles of later rounds.
                     end_tasks_and_wait(client, submission.superseded)
             finally:
                 submission.cancel()
 
 
-def _run(
+def _run_submission(
     submission: Submission,
     waiting: deque[AnyTile],
     on_tile: Callable[[TileRecord], None],
@@ -283,7 +291,7 @@ def _run(
     should_pause: Callable[[], bool],
     on_part: Callable[[AnyTile], None],
 ) -> None:
-    def take(found: TileRecord | AnyTile | None) -> None:
+    def report(found: TileRecord | AnyTile | None) -> None:
         if isinstance(found, Tile | GearTile):
             on_part(found)
         elif found:
@@ -295,15 +303,15 @@ def _run(
             waiting.clear()
         # Late tiles are repeated before new tiles begin. If there are no new tiles, late tiles are repeated once more,
         # because the first repetition may have gone to a frozen worker, too.
-        room = submission.room()
+        room = submission.free_threads()
         room -= submission.repeat_late_tiles(again=not waiting or not room)
         for _ in range(min(room, len(waiting))):
             submission.submit(waiting.popleft())
             has_begun = True
-        submission.set_endless_tile_apart()
-        take(submission.next_record(POLL_SECONDS))
+        submission.isolate_endless_tile()
+        report(submission.next_record(POLL_SECONDS))
     if submission.in_flight and unwanted():
-        submission.cut_off()
+        submission.kill_tasks()
     deadline = time.monotonic() + GRACE_SECONDS
     while submission.in_flight and (left := deadline - time.monotonic()) > 0:
-        take(submission.next_record(left))
+        report(submission.next_record(left))

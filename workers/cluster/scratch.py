@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 PREFIX = "rattle-workers-"
-HELD = "held"  # a file that the directory's owner keeps locked; the system unlocks it however the owner ends
+HELD = "held"  # name of a file that the directory's owner keeps locked; the system unlocks it when the owner ends
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from gear_rattle.workers.cluster.cluster import end_tasks
 from gear_rattle.workers.cluster.in_flight import InFlight, Task
 from gear_rattle.workers.cluster.partial import PART_SECONDS, PartialTile
 from gear_rattle.workers.errors import SurveyError
-from gear_rattle.workers.kinds import AnyRequest, AnyTile, described, tile_error
+from gear_rattle.workers.kinds import AnyRequest, AnyTile, tile_error, tile_name
 from gear_rattle.workers.survey.tiles import TileRecord
 
 #: A tile is late if it takes longer than LATE_SECONDS, and than LATE_FACTOR times the longest tile of the run so far.
@@ -69,7 +69,7 @@ class Submission(InFlight[Attempt, Found]):
         #: Futures that may still run although another attempt at the same tile has ended.
         self.superseded: list[Future] = []
 
-    def room(self) -> int:
+    def free_threads(self) -> int:
         """Return how many more tiles are needed to keep every thread busy.
 
         No tile waits at a busy worker, because dask counts a worker's death against every task that the worker has.
@@ -79,7 +79,7 @@ class Submission(InFlight[Attempt, Found]):
         int
             0 or more.
         """
-        self.n_threads = self.threads(WORKERLESS_SECONDS)
+        self.n_threads = self.count_threads(WORKERLESS_SECONDS)
         return max(self.n_threads - len(self.in_flight), 0)
 
     def submit(self, tile: AnyTile, apart: bool = False, workers: Iterable[str] | None = None) -> None:
@@ -108,23 +108,27 @@ class Submission(InFlight[Attempt, Found]):
         ]
         before = len(self.in_flight)
         if late:
-            idle = self._idle()
+            idle = self._idle_workers()
             for attempt, address in zip(late, idle, strict=False):
                 self.submit(attempt.tile, attempt.apart, workers=[address])
         return len(self.in_flight) - before
 
-    def set_endless_tile_apart(self) -> None:
+    def isolate_endless_tile(self) -> None:
         """Kill the process of a tile that has taken too long, and compute its cells with a time limit in a new process.
 
         Only one tile is treated at a time: dask may send another tile to the ending process, and would count the death
         against that tile.
         """
         now = time.monotonic()
-        endless = (each for each in self.in_flight.values() if not each.work.apart and now - each.began > _limit(each))
+        endless = (
+            each
+            for each in self.in_flight.values()
+            if not each.work.apart and now - each.began > _allowed_seconds(each)
+        )
         if now >= self._next_end and (task := next(endless, None)):
             self._next_end = now + RESTART_SECONDS
             end_tasks(self._client, [task.future])
-            self._again_apart(task.work.tile)
+            self._submit_isolated(task.work.tile)
 
     def next_record(self, seconds: float) -> TileRecord | AnyTile | None:
         """Wait for the next task. Return the record of a finished tile, or a tile with another part computed.
@@ -134,7 +138,7 @@ class Submission(InFlight[Attempt, Found]):
         TileRecord | AnyTile | None
             None if no task ends within `seconds`.
         """
-        if (ended := self.next_ended(seconds)) is None:
+        if (ended := self.next_result(seconds)) is None:
             return None
         task, found = ended
         tile = task.work.tile
@@ -150,20 +154,20 @@ class Submission(InFlight[Attempt, Found]):
         self._partial.pop(tile.index, None)
         return found
 
-    def after_error(self, task: Task[Attempt], error: BaseException) -> None:
+    def handle_error(self, task: Task[Attempt], error: BaseException) -> None:
         """Compute a tile in a process of its own if it has killed its workers; raise any other error."""
         tile = task.work.tile
         if not isinstance(error, KilledWorker):
             raise tile_error(self._request, tile, error) from error
         if task.work.apart:
-            what, attempts = described(self._request, tile), error.allowed_failures + 1
+            what, attempts = tile_name(self._request, tile), error.allowed_failures + 1
             raise SurveyError(
                 f"{what} killed its worker (attempts: {attempts}), although its cells were computed in another process"
                 ": see the logs of the workers"
             ) from error
-        self._again_apart(tile)
+        self._submit_isolated(tile)
 
-    def _again_apart(self, tile: AnyTile) -> None:
+    def _submit_isolated(self, tile: AnyTile) -> None:
         self._drop(tile)
         self.submit(tile, apart=True)
 
@@ -171,7 +175,7 @@ class Submission(InFlight[Attempt, Found]):
         """Forget every attempt at a tile."""
         self.drop(lambda attempt: attempt.tile.index == tile.index)
 
-    def cut_off(self) -> None:
+    def kill_tasks(self) -> None:
         """Cancel all tasks of this run, and kill the workers that run only these tasks."""
         futures = [task.future for task in self.in_flight.values()]
         self.in_flight.clear()
@@ -183,16 +187,16 @@ class Submission(InFlight[Attempt, Found]):
             with suppress(OSError):  # the scheduler is gone: nothing to cancel
                 self._client.cancel([task.future for task in self.in_flight.values()])
 
-    def _idle(self) -> list[str]:
+    def _idle_workers(self) -> list[str]:
         """Return the idle workers. Workers with an undelivered result come last, because they may be frozen."""
         try:
             processing: dict[str, tuple[Key, ...]] = self._client.processing()
             held: dict[Key, tuple[str, ...]] = self._client.who_has([task.future for task in self.in_flight.values()])
         except OSError as error:
-            raise self.lost() from error
+            raise self.lost_error() from error
         holding = {address for addresses in held.values() for address in addresses}
         return sorted((address for address, keys in processing.items() if not keys), key=holding.__contains__)
 
 
-def _limit(task: Task[Attempt]) -> float:
+def _allowed_seconds(task: Task[Attempt]) -> float:
     return TILE_SECONDS * min(max(task.work.tile.n_cells / TILE_CELLS, 1.0), MOST)

@@ -13,13 +13,13 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from gear_rattle.workers.errors import SurveyError, no_map
-from gear_rattle.workers.survey.axes import Axis, Window, reason
+from gear_rattle.workers.errors import SurveyError, missing_map_message
+from gear_rattle.workers.survey.axes import Axis, Window, first_message
 from gear_rattle.workers.survey.request import SurveyRequest, TileShape
 from gear_rattle.workers.survey.tiles import MACHINE_FAILURES
 from gear_rattle.workers.survey.values.cells import Cells
 from gear_rattle.workers.survey.values.evaluate import FAILED
-from gear_rattle.workers.survey.values.quantities import QUANTITIES, shape_of, stored
+from gear_rattle.workers.survey.values.quantities import QUANTITIES, shape_of, stored_variables
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group, Quantity
 from rattle.errors import require_integer, require_pair
 
@@ -62,10 +62,10 @@ class Frame:
 
 def map_quantity(variable: str, index: int, request: SurveyRequest) -> Quantity:
     """Return the variable that a map shows. Raises SurveyError if a survey of this model has no such map."""
-    per_cell = [quantity for quantity in QUANTITIES if quantity.per_cell and quantity.is_of(request.model)]
+    per_cell = [quantity for quantity in QUANTITIES if quantity.per_cell and quantity.is_in_model(request.model)]
     maps = {quantity.name: quantity for quantity in per_cell}
     if variable not in maps:
-        raise SurveyError(no_map(variable, maps))
+        raise SurveyError(missing_map_message(variable, maps))
     count, *_ = (*shape_of(maps[variable], (1, 1), request.n_slots)[:-2], 1)
     if not 0 <= index < count:
         raise SurveyError(f"{variable} has no map {index}: use an index from 0 to {count - 1}")
@@ -100,7 +100,7 @@ def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int
         same = {"initial_conditions": sample, "slots": request.n_slots, "tile": TileShape(), "certify": False}
         return SurveyRequest.model_validate(request.model_dump() | axes | same)
     except ValidationError as error:
-        raise SurveyError(f"the window cannot be computed: {reason(error)}") from error
+        raise SurveyError(f"the window cannot be computed: {first_message(error)}") from error
 
 
 def _axis(name: str, low: float, high: float, number: int) -> Axis:
@@ -118,12 +118,12 @@ def _axis(name: str, low: float, high: float, number: int) -> Axis:
     return Axis(start=low, stop=high, num=step * max(1, (number - 1) // step) + 1)
 
 
-class Grid:
+class WindowGrid:
     """The grid of a window, with the values computed so far."""
 
     def __init__(self, survey: SurveyRequest, quantity: Quantity) -> None:
         self.delta, self.epsilon = survey.delta.values(), survey.epsilon.values()
-        self.values = np.full(survey.shape, quantity.fill, quantity.dtype)
+        self.values = np.full(survey.shape, quantity.fill_value, quantity.dtype)
         self.known = np.zeros(survey.shape, np.bool_)
         self.failed = 0
         whole = math.gcd(*(number - 1 for number in survey.shape))
@@ -146,7 +146,7 @@ class Grid:
         piece = len(columns) if cells >= len(columns) else max(1, cells)
         for i in range(0, len(rows), band):
             for j in range(0, len(columns), piece):
-                yield WindowPart(*(_slice(some) for some in (rows[i : i + band], columns[j : j + piece])))
+                yield WindowPart(*(_as_slice(some) for some in (rows[i : i + band], columns[j : j + piece])))
 
     def put(self, part: WindowPart, found: PartValues) -> None:
         """Store the values of a part."""
@@ -165,7 +165,7 @@ class Grid:
         )
 
 
-def _slice(some: range) -> slice:
+def _as_slice(some: range) -> slice:
     return slice(some.start, some.stop, some.step)
 
 
@@ -176,7 +176,7 @@ def compute_part(
     began = time.perf_counter()
     quantity = map_quantity(variable, index, request)
     # The variable `status`, which has no group, needs the computation of all stored variables.
-    wanted = (quantity,) if quantity.group else stored(request.quantities, request.model)
+    wanted = (quantity,) if quantity.group else stored_variables(request.quantities, request.model)
     groups = {each.group for each in wanted}
     cells = Cells(
         delta=delta,
@@ -188,14 +188,14 @@ def compute_part(
     )
     failed = 0
     try:
-        values = _evaluated(wanted, index, cells)
+        values = _compute_map(wanted, index, cells)
     except MACHINE_FAILURES:
         raise
     except Exception:  # the model failed in some cell: compute the cells one by one
-        values = np.full(cells.shape, quantity.fill if quantity.group else FAILED, quantity.dtype)
+        values = np.full(cells.shape, quantity.fill_value if quantity.group else FAILED, quantity.dtype)
         for cell in np.ndindex(cells.shape):
             try:
-                values[cell] = _evaluated(wanted, index, cells.one(*cell))[0, 0]
+                values[cell] = _compute_map(wanted, index, cells.single_cell(*cell))[0, 0]
             except MACHINE_FAILURES:
                 raise
             except Exception:
@@ -203,8 +203,16 @@ def compute_part(
     return PartValues(values, failed, time.perf_counter() - began)
 
 
-def _evaluated(wanted: tuple[Quantity, ...], index: int, cells: Cells) -> np.ndarray:
-    """Compute variables, and return the map of the last one. index: position along its dimension besides δ and ε."""
+def _compute_map(wanted: tuple[Quantity, ...], index: int, cells: Cells) -> np.ndarray:
+    """Compute variables of cells, and return a map of the last variable.
+
+    index: which of its maps, if the variable has a further dimension.
+
+    Returns
+    -------
+    np.ndarray
+        The values of the map.
+    """
     for quantity in (each for each in wanted if each.per_cell):
         values = np.asarray(quantity.evaluate(cells)).astype(quantity.dtype)
     return values[(index, *(0,) * (values.ndim - 3))] if values.ndim > 2 else values

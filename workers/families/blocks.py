@@ -1,6 +1,6 @@
 """The blocks (rectangles of cells) in which a survey's attractors are joined to families, and their temporary files.
 
-Blocks do not depend on the tiles of the survey. The temporary files are in the store.
+Blocks do not depend on the tiles of the survey. The store holds the temporary files during the join.
 """
 
 from __future__ import annotations
@@ -13,15 +13,21 @@ from types import EllipsisType
 import numpy as np
 import zarr
 
-from gear_rattle.workers.errors import reading
+from gear_rattle.workers.errors import report_damage
 from gear_rattle.workers.storage.location import Place
-from gear_rattle.workers.survey.families import FAMILY, GROUP, STORED, Slots, attractors_in_slots
+from gear_rattle.workers.survey.families import (
+    ATTRACTOR_VARIABLES,
+    FAMILY,
+    GROUP,
+    ListedAttractors,
+    attractors_in_slots,
+)
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from rattle import Attractors
 from rattle.families import Rectangle
 
-#: Largest number of slots in a block, for which a worker needs some 100 MB. With another number one in 10⁸ continued
-#: orbits would differ.
+#: Largest number of slots in a block, for which a worker needs some 100 MB. Another number would change one continued
+#: orbit in 10⁸.
 SLOTS_OF_BLOCK = 1 << 19
 
 
@@ -29,27 +35,29 @@ SLOTS_OF_BLOCK = 1 << 19
 class Block:
     """A rectangle of cells that one task joins, and that is a chunk of the array of family numbers.
 
-    row, column: the position of the block among all blocks. cells: its cells. side: the number of cells along a side of
-    a block; blocks at the ends of the axes may be smaller.
+    row, column: the position of the block among all blocks. cells: the ranges of its rows and columns of cells. side:
+    the number of cells along a side of a block; blocks at the ends of the axes may be smaller. along: the index of its
+    slice; () without a third axis.
     """
 
     row: int
     column: int
     cells: Rectangle
     side: int
-    along: Along = ()  # index of its slice
+    along: Along = ()
 
     @property
     def chunk(self) -> str:
         """The key of the chunk with the family numbers of the block's slots."""
         return "/".join([FAMILY, "c", *map(str, (*self.along, 0, self.row, self.column))])
 
-    def kept(self, what: str) -> str:
-        """Return the key of a temporary file of the block, COMPONENTS or TARGETS, which exists during the join only."""
+    def temporary_key(self, what: str) -> str:
+        """Return the key of a temporary file of the block, which exists during the join only. what: its name."""
         return ".".join([f"{GROUP}/joining", *map(str, (*self.along, self.row, self.column)), what])
 
 
-#: Names of a block's temporary files: the component (connected part of a family) of each attractor, and its slot.
+#: Names of a block's temporary files: the component (connected part of a family) of each attractor, and each
+#: attractor's slot after the join.
 COMPONENTS, TARGETS = "components", "slots"
 
 
@@ -63,8 +71,8 @@ def blocks_of(request: SurveyRequest, along: Along = ()) -> list[Block]:
     ]
 
 
-def with_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
-    """Extend a rectangle by one cell on each side. With before=0, extend it at the end of both axes only."""
+def extended_by_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
+    """Extend a rectangle by one cell on each side, inside a grid of this shape; with before=0, only at both ends."""
     return Rectangle(
         max(cells.top - before, 0),
         min(cells.bottom + 1, shape[0]),
@@ -73,31 +81,31 @@ def with_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Recta
     )
 
 
-def within(cell: np.ndarray, cells: Rectangle, columns: int) -> np.ndarray:
-    """Return for each cell, given by its number in the grid, whether it is in a rectangle."""
+def is_within(cell: np.ndarray, cells: Rectangle, columns: int) -> np.ndarray:
+    """Return for each cell number in a grid of so many columns whether the cell is in a rectangle."""
     row, column = np.divmod(cell, columns)
     found: np.ndarray = (cells.top <= row) & (row < cells.bottom) & (cells.left <= column) & (column < cells.right)
     return found
 
 
-def numbered_in(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
-    """Return attractors whose cells are numbered in a rectangle, from a table whose cells are numbered in the grid."""
+def renumbered_in_rectangle(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
+    """Return attractors with the numbers of their cells in a rectangle, instead of the numbers in the grid."""
     row, column = np.divmod(table.cell, columns)
     return table.replace(cell=(row - cells.top) * (cells.right - cells.left) + column - cells.left)
 
 
-def numbered_over(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
-    """Return attractors whose cells are numbered in the grid, from a table whose cells are numbered in a rectangle."""
+def renumbered_in_grid(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
+    """Return attractors with the numbers of their cells in the grid, instead of the numbers in a rectangle."""
     row, column = np.divmod(table.cell, cells.right - cells.left)
     return table.replace(cell=(row + cells.top) * columns + column + cells.left)
 
 
-def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along: Along) -> Slots:
-    """Read the attractors that a survey lists in a rectangle of a slice; their cells are numbered in the grid.
+def read_attractors(request: SurveyRequest, place: Place, cells: Rectangle, along: Along) -> ListedAttractors:
+    """Read the attractors that a survey lists in a rectangle of a slice. Cells are numbered in the whole grid.
 
     Returns
     -------
-    Slots
+    ListedAttractors
         The attractors, sorted by cell, and their slots.
     """
     at: tuple[int | slice | EllipsisType, ...] = (
@@ -106,20 +114,30 @@ def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along:
         slice(cells.top, cells.bottom),
         slice(cells.left, cells.right),
     )
-    with reading(f"the attractors of {place}"):
-        values = {name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[at]) for name in STORED}
+    with report_damage(f"the attractors of {place}"):
+        values = {
+            name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[at]) for name in ATTRACTOR_VARIABLES
+        }
     found = attractors_in_slots(values, request.initial_conditions.count)
-    return found._replace(attractors=numbered_over(found.attractors, cells, request.shape[1]))
+    return found._replace(attractors=renumbered_in_grid(found.attractors, cells, request.shape[1]))
 
 
 def read_components(place: Place, block: Block) -> np.ndarray:
-    """Return the component of each attractor of a block, listed in a slot or continued into it, sorted by cell."""
-    with reading(f"a temporary file of {place}"):
-        return np.frombuffer(place.read(block.kept(COMPONENTS)), np.int32).astype(np.int64)
+    """Return for each attractor of a block the number of its component (connected part of a family), sorted by cell.
+
+    The attractors are those that a slot lists and the orbits that were continued into the block.
+
+    Returns
+    -------
+    np.ndarray
+        Shape (attractors,), int64; −1 for undecided samples.
+    """
+    with report_damage(f"a temporary file of {place}"):
+        return np.frombuffer(place.read(block.temporary_key(COMPONENTS)), np.int32).astype(np.int64)
 
 
-def common(one: Rectangle, other: Rectangle) -> Rectangle:
-    """Return the intersection of two rectangles. If it is empty, its end is before its beginning."""
+def intersection(one: Rectangle, other: Rectangle) -> Rectangle:
+    """Return the intersection of two rectangles. An empty intersection ends before it begins."""
     return Rectangle(
         max(one.top, other.top),
         min(one.bottom, other.bottom),
@@ -128,10 +146,11 @@ def common(one: Rectangle, other: Rectangle) -> Rectangle:
     )
 
 
-def read_targets(request: SurveyRequest, place: Place, cells: Rectangle, blocks: Iterable[Block]) -> np.ndarray:
-    """Read for each listed attractor in a rectangle of cells the slot in which it belongs, shape (slots, m, n).
+def read_target_slots(request: SurveyRequest, place: Place, cells: Rectangle, blocks: Iterable[Block]) -> np.ndarray:
+    """Read for each listed attractor in a rectangle of cells the slot to which the attractor must move.
 
-    The first axis counts the attractors of a cell. blocks: the blocks that cover the rectangle.
+    The first axis of the result (slots, m, n) counts the attractors of a cell. blocks: the blocks that cover the
+    rectangle.
 
     Returns
     -------
@@ -140,16 +159,16 @@ def read_targets(request: SurveyRequest, place: Place, cells: Rectangle, blocks:
     """
     found = np.empty((request.n_slots, cells.bottom - cells.top, cells.right - cells.left), np.int8)
     for block in blocks:
-        of, both = block.cells, common(block.cells, cells)
-        with reading(f"a temporary file of {place}"):
-            kept = np.frombuffer(place.read(block.kept(TARGETS)), np.int8)
+        of, both = block.cells, intersection(block.cells, cells)
+        with report_damage(f"a temporary file of {place}"):
+            kept = np.frombuffer(place.read(block.temporary_key(TARGETS)), np.int8)
         kept = kept.reshape(request.n_slots, of.bottom - of.top, of.right - of.left)
-        found[_at(both, cells)] = kept[_at(both, of)]
+        found[_index_of_part(both, cells)] = kept[_index_of_part(both, of)]
     return found
 
 
-def _at(part: Rectangle, whole: Rectangle) -> tuple[slice, slice, slice]:
-    """Return the index of a part of a rectangle in an array (slots, m, n) over the rectangle."""
+def _index_of_part(part: Rectangle, whole: Rectangle) -> tuple[slice, slice, slice]:
+    """Return the index that selects a part of a rectangle in an array (slots, m, n) over the whole rectangle."""
     return (
         slice(None),
         slice(part.top - whole.top, part.bottom - whole.top),
@@ -157,7 +176,7 @@ def _at(part: Rectangle, whole: Rectangle) -> tuple[slice, slice, slice]:
     )
 
 
-def place_in_cell(cell: np.ndarray) -> np.ndarray:
+def position_in_cell(cell: np.ndarray) -> np.ndarray:
     """Return for each attractor, sorted by cell, how many attractors of the same cell precede it."""
     found: np.ndarray = np.arange(cell.size) - np.searchsorted(cell, cell)
     return found

@@ -10,28 +10,28 @@ from typing import Any, TypeVar
 import numpy as np
 import zarr
 
-from gear_rattle.workers.boundaries.edges import Edges, edges_of
-from gear_rattle.workers.errors import reading, storage_error
-from gear_rattle.workers.families.blocks import COMPONENTS, TARGETS, Block, blocks_of, with_rim, within
+from gear_rattle.workers.boundaries.edges import FamilyEdges, edges_of
+from gear_rattle.workers.errors import report_damage, storage_error
+from gear_rattle.workers.families.blocks import COMPONENTS, TARGETS, Block, blocks_of, extended_by_rim, is_within
 from gear_rattle.workers.families.move import move_tile
 from gear_rattle.workers.families.tasks import (
-    Border,
-    Connected,
-    Told,
+    BlockComponents,
+    BlockSummary,
+    BorderAttractors,
     connect_block,
-    enter_block,
-    tell_block,
+    continue_into_block,
+    summarize_block,
     write_families,
 )
-from gear_rattle.workers.storage.added import Each, here
+from gear_rattle.workers.storage.added import Each, run_in_process
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import known_manifest, noting
-from gear_rattle.workers.storage.store import added_to_store, has_added
+from gear_rattle.workers.storage.manifest import recording_tiles, require_manifest
+from gear_rattle.workers.storage.store import add_to_store, has_added
 from gear_rattle.workers.survey.crossings import Crossings, Polyline, crossings_of
-from gear_rattle.workers.survey.families import FAMILY, Joined, files_of_families, slots_of_families
+from gear_rattle.workers.survey.families import FAMILY, JoinedFamilies, files_of_families, slots_of_families
 from gear_rattle.workers.survey.manifest import group_path
 from gear_rattle.workers.survey.request import Along, SurveyRequest
-from gear_rattle.workers.survey.tiles import Tile, tiles_at
+from gear_rattle.workers.survey.tiles import Tile, tiles_of_slice
 from gear_rattle.workers.survey.values.schema import Group
 from rattle import Attractors
 from rattle.families import (
@@ -45,18 +45,20 @@ from rattle.families import (
     together,
 )
 
-#: Variables of a stored curve: δ and ε of its points, and the number of the piece that each point is on.
+#: Names of a stored curve's variables: δ and ε of its points, and the number of the piece that each point is on.
 CURVE_POINTS = ("point_delta", "point_epsilon", "piece")
 
-Rows = TypeVar("Rows", Attractors, Border)
+Rows = TypeVar("Rows", Attractors, BorderAttractors)
 
 
 def lacks_families(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Return whether a survey, whose tiles are all computed, is to have families but does not have them yet."""
+    """Return whether a survey, whose tiles are all computed, requests families and does not have them yet."""
     return Group.FAMILIES in request.quantities and not has_added(where, FAMILY)
 
 
-def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = here, at_once: int = 1) -> None:
+def join_survey(
+    request: SurveyRequest, where: str | Path | Place, each: Each = run_in_process, at_once: int = 1
+) -> None:
     """Join the attractors of a survey whose tiles are all computed, slice by slice, and store their families.
 
     The caller must hold the lock of the store. The result depends on the cells alone, and not on the shape or order of
@@ -67,7 +69,7 @@ def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = 
     each : Each
         Function that runs a task for each block.
     at_once : int
-        Number of tiles whose attractors are moved to their slots at the same time.
+        Number of tiles in a group; the attractors of a group of tiles are moved to their slots at the same time.
 
     Raises
     ------
@@ -81,85 +83,92 @@ def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = 
     try:
         found = {join.along: join.run() for join in joins}
         files = files_of_families(request, joins[0].blocks[0].side, {along: x[:2] for along, x in found.items()})
-        added_to_store(place, files, {key: of for _, _, chunks in found.values() for key, of in chunks.items()})
-        place.remove([block.kept(what) for join in joins for block in join.blocks for what in (COMPONENTS, TARGETS)])
+        add_to_store(place, files, {key: of for _, _, chunks in found.values() for key, of in chunks.items()})
+        place.remove(
+            [block.temporary_key(what) for join in joins for block in join.blocks for what in (COMPONENTS, TARGETS)]
+        )
     except OSError as error:
         refusal = storage_error(f"the families of {place} cannot be written", error)
         raise refusal from error
 
 
 class _Join:
-    """The join of one slice. Summaries of all blocks are in memory: their families, and the attractors at borders."""
+    """The join of one slice's attractors to families. A summary and the border of each block are in memory."""
 
     def __init__(self, survey: SurveyRequest, place: Place, each: Each, at_once: int, along: Along) -> None:
-        self.along, self._survey, self._request = along, survey, survey.at(along)
+        self.along, self._survey, self._request = along, survey, survey.slice_request(along)
         self._place, self._each, self._at_once = place, each, at_once
         self._columns = survey.shape[1]
         self.blocks = blocks_of(self._request, along)
         self._number = {(block.row, block.column): i for i, block in enumerate(self.blocks)}
 
-    def run(self) -> tuple[Joined, Edges, dict[str, str]]:
+    def run(self) -> tuple[JoinedFamilies, FamilyEdges, dict[str, str]]:
         """Join the slice and write the family numbers of its cells.
 
         Returns
         -------
-        tuple[Joined, Edges, dict[str, str]]
+        tuple[JoinedFamilies, FamilyEdges, dict[str, str]]
             The families, their edges, and the digests of the written chunks by key.
         """
-        curves = _curves(self._request, self._place, self.along)
-        entered = self._entered()
-        parts: list[Connected] = self._of_blocks(connect_block, zip(entered, self._after(entered), strict=True))
-        component = self._components(parts)
-        told = self._told(entered, parts, component, curves)
+        curves = _read_curves(self._request, self._place, self.along)
+        entered = self._continue_into_blocks()
+        parts: list[BlockComponents] = self._run_on_blocks(
+            connect_block, zip(entered, self._rows_after_blocks(entered), strict=True)
+        )
+        component = self._connect_components(parts)
+        told = self._summarize_blocks(entered, parts, component, curves)
         sums = add_sums(each.sums for each in told)
         family = numbers_of(sums)
         delta, epsilon = self._request.delta.values(), self._request.epsilon.values()
         table = tabulate_families(delta, epsilon, self._request.initial_conditions.count, sums)
-        slots = self._slots(told, family, table.cells.size)
-        chunks = self._written(entered, [family[each] for each in component], slots)
+        slots = self._slots_of_families(told, family, table.cells.size)
+        chunks = self._write_families(entered, [family[each] for each in component], slots)
         orbits = together(*entered)
         order = in_order(orbits)
         numbers = np.concatenate([family[of[part.entered]] for of, part in zip(component, parts, strict=True)])
-        joined = Joined(table, orbits.take(order), numbers[order], self._columns)
+        joined = JoinedFamilies(table, orbits.take(order), numbers[order], self._columns)
         return joined, edges_of((each.ends for each in told), family, table, list(curves)), chunks
 
-    def _of_blocks(self, task: Callable[..., Any], arguments: Iterable[tuple[Any, ...]]) -> list[Any]:
+    def _run_on_blocks(self, task: Callable[..., Any], arguments: Iterable[tuple[Any, ...]]) -> list[Any]:
+        """Run a task for each block, with the block's entry of `arguments`; return the results in the same order."""
         items = [(block, *more) for block, more in zip(self.blocks, arguments, strict=True)]
         return self._each(task, self._request, str(self._place), items)
 
-    def _near(self, block: Block) -> list[int]:
+    def _nearby_blocks(self, block: Block) -> list[int]:
         """Return the indices of a block and of the blocks around it."""
         steps = product((-1, 0, 1), repeat=2)
         found = (self._number.get((block.row + i, block.column + j)) for i, j in steps)
         return [i for i in found if i is not None]
 
-    def _beside(self, block: Block, tables: Sequence[Rows], before: int = 1) -> Rows:
-        """Return the rows, from the tables of all blocks, that belong to cells just around a block.
+    def _rows_around(self, block: Block, tables: Sequence[Rows], before: int = 1) -> Rows:
+        """Return those rows of all blocks' tables that belong to cells just around a block.
 
-        before: 0 for only the cells after the block's last row and column.
+        before: with 0, only the cells after the block's last row and column count.
 
         Returns
         -------
         Rows
             A table of the same type.
         """
-        frame = with_rim(block.cells, self._request.shape, before)
-        near = [tables[i] for i in self._near(block)]
+        frame = extended_by_rim(block.cells, self._request.shape, before)
+        near = [tables[i] for i in self._nearby_blocks(block)]
         rim = [
-            within(table.cell, frame, self._columns) & ~within(table.cell, block.cells, self._columns) for table in near
+            is_within(table.cell, frame, self._columns) & ~is_within(table.cell, block.cells, self._columns)
+            for table in near
         ]
         return type(near[0]).concat([table.take(at) for table, at in zip(near, rim, strict=True)])
 
-    def _around(self, tile: Tile) -> list[Block]:
+    def _blocks_of_tile(self, tile: Tile) -> list[Block]:
         """Return the blocks that cover a tile."""
         side = self.blocks[0].side
         rows, columns = (range(span.start // side, (span.stop - 1) // side + 1) for span in tile.spans)
         return [self.blocks[self._number[at]] for at in product(rows, columns)]
 
-    def _after(self, tables: Sequence[Rows]) -> list[Rows]:
-        return [self._beside(block, tables, before=0) for block in self.blocks]
+    def _rows_after_blocks(self, tables: Sequence[Rows]) -> list[Rows]:
+        """Return for each block the rows that belong to the cells just after its last row and column."""
+        return [self._rows_around(block, tables, before=0) for block in self.blocks]
 
-    def _entered(self) -> list[Attractors]:
+    def _continue_into_blocks(self) -> list[Attractors]:
         """Continue orbits into each block from its neighbours, in rounds, until no block gets a new orbit.
 
         Returns
@@ -168,38 +177,40 @@ class _Join:
             The continued orbits of each block.
         """
         nothing = no_attractors()
-        new: list[Attractors] = self._of_blocks(enter_block, [(nothing, None)] * len(self.blocks))
+        new: list[Attractors] = self._run_on_blocks(continue_into_block, [(nothing, None)] * len(self.blocks))
         entered = list(new)
         while True:
-            beside = [self._beside(block, new) for block in self.blocks]
+            beside = [self._rows_around(block, new) for block in self.blocks]
             again = [i for i, each in enumerate(beside) if each.cell.size]
             if not again:
                 return entered
             items = [(self.blocks[i], entered[i], beside[i]) for i in again]
             new = [nothing] * len(self.blocks)
-            for i, found in zip(again, self._each(enter_block, self._request, str(self._place), items), strict=True):
+            for i, found in zip(
+                again, self._each(continue_into_block, self._request, str(self._place), items), strict=True
+            ):
                 new[i], entered[i] = found, together(entered[i], found)
 
-    def _components(self, parts: Sequence[Connected]) -> list[np.ndarray]:
+    def _connect_components(self, parts: Sequence[BlockComponents]) -> list[np.ndarray]:
         """Connect the components of all blocks to components of the survey.
 
         Parameters
         ----------
-        parts : Sequence[Connected]
+        parts : Sequence[BlockComponents]
             The components of each block.
 
         Returns
         -------
         list[np.ndarray]
-            For each block an array: for each component of the block the number of the survey's component to which it
+            One array for each block. Entry i is the number of the survey's component to which the block's component i
             belongs. The last entry is NO_FAMILY, so that component −1 (undecided samples) has no family.
         """
         from scipy.sparse import coo_array  # imported here, because it takes an eighth of a second to load
         from scipy.sparse.csgraph import connected_components
 
         begin = np.cumsum([0, *(part.number for part in parts)])
-        first = _of_all([part.first for part in parts], begin)
-        beyond = _of_all([part.beyond for part in parts], begin)
+        first = _concatenate_borders([part.first for part in parts], begin)
+        beyond = _concatenate_borders([part.beyond for part in parts], begin)
         order = np.argsort(first.key)
         other = first.component[order[np.searchsorted(first.key[order], beyond.key)]]
         graph = coo_array((np.ones(other.size, np.int8), (beyond.component, other)), (int(begin[-1]),) * 2)
@@ -207,66 +218,69 @@ class _Join:
         component[begin[:-1]] = QUIET_FAMILY
         return [np.append(component[i:j], NO_FAMILY) for i, j in pairwise(begin)]
 
-    def _told(
+    def _summarize_blocks(
         self,
         entered: Sequence[Attractors],
-        parts: Sequence[Connected],
+        parts: Sequence[BlockComponents],
         component: Sequence[np.ndarray],
         curves: Mapping[str, Polyline],
-    ) -> list[Told]:
+    ) -> list[BlockSummary]:
+        """Summarize the survey's components in each block: their sums, their edges, and the pairs that share a cell."""
         delta, epsilon = self._request.delta.values(), self._request.epsilon.values()
         crossings = [crossings_of(curve, delta, epsilon) for curve in curves.values()]
         passed = [
-            [Crossings._make(x[within(x, block.cells, self._columns)] for x in each) for each in crossings]
+            [Crossings._make(x[is_within(x, block.cells, self._columns)] for x in each) for each in crossings]
             for block in self.blocks
         ]
         first = [
             part.first.replace(component=of[part.first.component]) for part, of in zip(parts, component, strict=True)
         ]
-        return self._of_blocks(tell_block, zip(entered, component, self._after(first), passed, strict=True))
+        return self._run_on_blocks(
+            summarize_block, zip(entered, component, self._rows_after_blocks(first), passed, strict=True)
+        )
 
-    def _slots(self, told: Sequence[Told], family: np.ndarray, families: int) -> np.ndarray:
-        """Return the slot of each family in all its cells, −1 for none. A last entry −1 stands for no family."""
+    def _slots_of_families(self, told: Sequence[BlockSummary], family: np.ndarray, families: int) -> np.ndarray:
+        """Return the slot that each family has in all its cells, −1 for none. The last entry −1 is for "no family"."""
         if not self._request.slots_follow_families:
             return np.full(families + 1, -1, np.int8)
         pairs = np.unique(np.sort(np.concatenate([family[each.pairs] for each in told]), axis=1), axis=0)
         return np.append(slots_of_families(pairs, families, self._request.n_slots), np.int8(-1))
 
-    def _written(
+    def _write_families(
         self, entered: Sequence[Attractors], family: Sequence[np.ndarray], slots: np.ndarray
     ) -> dict[str, str]:
         """Write all family numbers, move attractors to their slots, and return the digests of the new chunks."""
-        found = self._of_blocks(
+        found = self._run_on_blocks(
             write_families, ((orbits, of, slots[of]) for orbits, of in zip(entered, family, strict=True))
         )
         if self._request.slots_follow_families:
-            self._move()
+            self._move_tiles()
         return {block.chunk: digest for block, digest in zip(self.blocks, found, strict=True)}
 
-    def _move(self) -> None:
+    def _move_tiles(self) -> None:
         """Move the attractors of all tiles to their slots.
 
         If an earlier run rewrote a tile but was killed before it recorded the tile, the tile counts as damaged, and is
         computed again.
         """
-        known, tiles = known_manifest(self._place), iter(tiles_at(self._survey, self.along))
-        with noting(self._place) as note:
+        known, tiles = require_manifest(self._place), iter(tiles_of_slice(self._survey, self.along))
+        with recording_tiles(self._place) as note:
             while some := list(islice(tiles, self._at_once)):
-                items = [(tile, self._around(tile), known.digests_of(tile.index)) for tile in some]
+                items = [(tile, self._blocks_of_tile(tile), known.digests_of(tile.index)) for tile in some]
                 moved = self._each(move_tile, self._survey, str(self._place), items)
                 note({tile.index: files for tile, files in zip(some, moved, strict=True)})
 
 
-def _of_all(borders: Sequence[Border], begin: np.ndarray) -> Border:
-    """Concatenate the borders of all blocks. begin[i] is added to the numbers of the components of block i."""
-    found = Border.concat(list(borders))
+def _concatenate_borders(borders: Sequence[BorderAttractors], begin: np.ndarray) -> BorderAttractors:
+    """Concatenate the borders of all blocks. The numbers of block i's components are raised by begin[i]."""
+    found = BorderAttractors.concat(list(borders))
     return found.replace(component=found.component + np.repeat(begin[:-1], [each.cell.size for each in borders]))
 
 
-def _curves(request: SurveyRequest, place: Place, along: Along) -> dict[str, Polyline]:
-    """Read the bifurcation curves of a slice from the store: δ, ε and piece of their points, by name of the curve."""
+def _read_curves(request: SurveyRequest, place: Place, along: Along) -> dict[str, Polyline]:
+    """Read the bifurcation curves of a slice from the store. Return {name of a curve: its points}."""
     found: dict[str, Polyline] = {}
-    with reading(f"the curves of {place}"):
+    with report_damage(f"the curves of {place}"):
         for name in request.gear_model.curve_names:
             delta, epsilon, piece = (
                 np.asarray(zarr.open_array(place.zarr(), path=group_path(along, f"curves/{name}/{each}"), mode="r")[:])

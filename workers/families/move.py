@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gear_rattle.workers.families.blocks import Block, place_in_cell, read_targets
+from gear_rattle.workers.families.blocks import Block, position_in_cell, read_target_slots
 from gear_rattle.workers.kinds import compute_tile
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import read_tile, write_tile
-from gear_rattle.workers.survey.families import attractors_in_slots, with_empty
+from gear_rattle.workers.survey.families import attractors_in_slots, complete_sources
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.tiles import Tile, TileArrays
 from gear_rattle.workers.survey.values.schema import SLOT
@@ -41,7 +41,7 @@ def move_tile(
     if values is None:
         values = compute_tile(request, tile)[0]
     place = place_of(path)
-    source = _source(request, place, tile, blocks, values)
+    source = _source_slots(request, place, tile, blocks, values)
     if computed and (source == np.arange(request.n_slots)[:, None, None]).all():
         return known
     for each in request.variables:
@@ -51,14 +51,14 @@ def move_tile(
     return write_tile(request, path, tile, values)
 
 
-def _source(
+def _source_slots(
     request: SurveyRequest, place: Place, tile: Tile, blocks: Sequence[Block], values: TileArrays
 ) -> np.ndarray:
-    """Return for each slot of a tile (slots, m, n) the slot in which the attractor that belongs there is now."""
+    """Return for each slot of a tile (slots, m, n) the slot that now holds the attractor which must move into it."""
     cells = Rectangle(tile.epsilon.start, tile.epsilon.stop, tile.delta.start, tile.delta.stop)
-    target = read_targets(request, place, cells, blocks).reshape(request.n_slots, -1)
+    target = read_target_slots(request, place, cells, blocks).reshape(request.n_slots, -1)
     found = attractors_in_slots(values, request.initial_conditions.count)
     cell = found.attractors.cell
     source = np.full(target.shape, -1, np.int8)
-    source[target[place_in_cell(cell), cell], cell] = found.slot
-    return with_empty(source.reshape(request.n_slots, cells.bottom - cells.top, -1))
+    source[target[position_in_cell(cell), cell], cell] = found.slot
+    return complete_sources(source.reshape(request.n_slots, cells.bottom - cells.top, -1))

@@ -13,14 +13,15 @@ from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.storage.location import Place
 from gear_rattle.workers.storage.store import open_survey
 from gear_rattle.workers.survey.families import FAMILY, GROUP
-from gear_rattle.workers.survey.slices import group_in, slice_of
+from gear_rattle.workers.survey.slices import slice_group_path, slice_of
 from gear_rattle.workers.survey.values.schema import CELL, Group
 from rattle import KINDS, wilson_interval
 
 if TYPE_CHECKING:
     import xarray as xr
 
-PER_CELL = {
+#: {variable of a family's map: its description}.
+MAP_VARIABLES = {
     "fraction": "share of the sampled initial conditions; 0 for a stable orbit that none of them reached",
     "fraction_upper": "upper end of the 95 % Wilson interval of fraction",
     "phase": "phase τ of a representative point, in forcing periods",
@@ -62,12 +63,12 @@ def open_family(path_or_url: str | Path | Place, number: int, slice_number: int 
 def family_of(
     opened: Callable[[str | None], xr.Dataset], name: str, number: int, slice_number: int | None = None
 ) -> xr.Dataset:
-    """Return one family as a map, like `open_family`, of a survey that is opened by a function.
+    """Return one family as a map, as `open_family` does, of a survey that the function `opened` opens.
 
     Parameters
     ----------
     opened : Callable[[str | None], xr.Dataset]
-        Function that opens the survey (called with None) or one of its groups (called with the group's path).
+        Function that opens the survey (if it is called with None) or a group of the survey (with the group's path).
     name : str
         The name of the survey in messages.
 
@@ -87,12 +88,12 @@ def family_of(
         survey = slice_of(whole, slice_number)
         if FAMILY not in survey:
             raise SurveyError(f"{name} has no families: compute a survey with --quantity {Group.FAMILIES}")
-        with opened(group_in(slice_number, GROUP)) as table:
+        with opened(slice_group_path(slice_number, GROUP)) as table:
             if not (isinstance(number, int | np.integer) and 0 <= number < table.sizes["family"]):
                 raise SurveyError(f"there is no family {number!r}: use a number from 0 to {table.sizes['family'] - 1}")
             row = {str(key): values.item() for key, values in table.isel(family=int(number)).items() if not values.ndim}
             entered = table.isel(entered=np.flatnonzero(np.asarray(table["entered_family"]) == number)).load()
-        values = _map_of(survey, int(number), entered)
+        values = _family_maps(survey, int(number), entered)
         count = json.loads(survey.attrs["request"])["initial_conditions"]["count"]
         coords = {axis: survey[axis].load() for axis in CELL} | {"exponent": [1, 2]}
     there = values["attractors"] > 0
@@ -100,15 +101,17 @@ def family_of(
     values["fraction_upper"] = np.where(there, wilson_interval(won, count)[1], np.nan)
     m = int(row["m"])
     values["multiplier"] = np.exp(m * values["lyapunov"]) if m else np.full_like(values["lyapunov"], np.nan)
-    dims = {name: (("exponent", *CELL) if values[name].ndim == 3 else CELL) for name in PER_CELL}
-    data = {name: (dims[name], values[name], {"long_name": PER_CELL[name], "units": "1"}) for name in PER_CELL}
+    dims = {name: (("exponent", *CELL) if values[name].ndim == 3 else CELL) for name in MAP_VARIABLES}
+    data = {
+        name: (dims[name], values[name], {"long_name": MAP_VARIABLES[name], "units": "1"}) for name in MAP_VARIABLES
+    }
     kind = KINDS[row.pop("kind")]
     label = f"P({m},{row['n_plus']},{row['n_minus']})" if m else kind
     return xr.Dataset(data, coords, {"family": int(number), "kind": kind, "label": label, **row})
 
 
-def _map_of(survey: xr.Dataset, number: int, entered: xr.Dataset) -> dict[str, np.ndarray]:
-    """Return the maps of a family: fraction, state, exponents, and number of attractors.
+def _family_maps(survey: xr.Dataset, number: int, entered: xr.Dataset) -> dict[str, np.ndarray]:
+    """Return the maps of a family: basin fraction, state, Lyapunov exponents, and number of attractors.
 
     entered: the family's orbits that have no slot, because only continuation found them.
 
@@ -122,8 +125,16 @@ def _map_of(survey: xr.Dataset, number: int, entered: xr.Dataset) -> dict[str, n
     slot, there = share.argmax(axis=0), of.any(axis=0)
     at = entered["entered_row"].values, entered["entered_column"].values
 
-    def best(name: str, of_entered: np.ndarray) -> np.ndarray:
-        """Return the values of the attractor with the largest fraction, or of the continued orbit without a slot."""
+    def values_of_largest(name: str, of_entered: np.ndarray) -> np.ndarray:
+        """Return the values of each cell's attractor with the largest fraction, or of a continued orbit without a slot.
+
+        of_entered: the values of the continued orbits without a slot, for cells where no slot lists the family.
+
+        Returns
+        -------
+        np.ndarray
+            NaN in cells without the family.
+        """
         values = np.asarray(survey[f"attractor_{name}"], float)
         index = slot.reshape(1, *(1,) * (values.ndim - 3), *slot.shape)
         found: np.ndarray = np.where(there, np.take_along_axis(values, index, 0)[0], np.nan)
@@ -135,8 +146,8 @@ def _map_of(survey: xr.Dataset, number: int, entered: xr.Dataset) -> dict[str, n
     np.add.at(attractors, at, 1)
     return {
         "fraction": np.where(attractors > 0, np.where(of, share, 0.0).sum(axis=0), np.nan),
-        "phase": best("phase", entered["entered_phase"].values),
-        "velocity": best("velocity", entered["entered_velocity"].values),
-        "lyapunov": best("lyapunov", entered["entered_lyapunov"].values),
+        "phase": values_of_largest("phase", entered["entered_phase"].values),
+        "velocity": values_of_largest("velocity", entered["entered_velocity"].values),
+        "lyapunov": values_of_largest("lyapunov", entered["entered_lyapunov"].values),
         "attractors": attractors,
     }

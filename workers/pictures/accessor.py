@@ -40,7 +40,7 @@ class SurveyAccessor:
         Raises
         ------
         SurveyError
-            The survey has no such map, or it cannot be read.
+            The survey has no such map, or the map cannot be read.
         """
         from gear_rattle.workers.pictures.maps import map_figure
         from gear_rattle.workers.survey.slices import slice_of

@@ -64,12 +64,12 @@ def _name_regions(axes: Axes, dataset: xr.Dataset) -> None:
 
 def region_places(region: np.ndarray, delta: np.ndarray, epsilon: np.ndarray) -> dict[str, tuple[float, float]]:
     """Return the names of the regions of a map (epsilon, delta), each with the (δ, ε) where it is widest."""
-    widest = widest_of(region, range(1, len(REGIONS)))
+    widest = widest_cells(region, range(1, len(REGIONS)))
     return {REGIONS[code]: (float(delta[j]), float(epsilon[i])) for code, (i, j, _) in widest.items()}
 
 
-def widest_of(codes: np.ndarray, asked: Iterable[int]) -> dict[int, tuple[int, int, float]]:
-    """Return for each requested code that occurs in a map (m, n) the middle cell of the widest part with this code.
+def widest_cells(codes: np.ndarray, wanted: Iterable[int]) -> dict[int, tuple[int, int, float]]:
+    """Return for each wanted code that occurs in a map (m, n) the middle cell of the widest part with this code.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def widest_of(codes: np.ndarray, asked: Iterable[int]) -> dict[int, tuple[int, i
     from scipy.ndimage import distance_transform_edt  # imported here, because it takes a fifth of a second to load
 
     places = {}
-    for code in asked:
+    for code in wanted:
         inside = codes == code
         if inside.any():
             # A margin of cells with another code keeps the name away from the frame.

@@ -15,10 +15,10 @@ import xarray as xr
 from xarray.backends import BackendArray
 from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
 
-from gear_rattle.workers.errors import SurveyError, reading
+from gear_rattle.workers.errors import SurveyError, report_damage
 from gear_rattle.workers.pictures.look import AMONG, LARGEST, SHARE, WHICH
 from gear_rattle.workers.survey.families import FAMILY, GROUP
-from gear_rattle.workers.survey.slices import group_in, slice_of, surveyed_model
+from gear_rattle.workers.survey.slices import slice_group_path, slice_of, surveyed_model
 from gear_rattle.workers.survey.values.schema import CELL, SLOT, Group
 from rattle import KINDS
 from rattle.attractors import CHAOTIC, PERIODIC
@@ -63,12 +63,13 @@ def open_maps(
     if FAMILY not in survey:
         if Group.FAMILIES in json.loads(survey.attrs["request"])["quantities"]:
             raise SurveyError(NOT_JOINED)
-        raise SurveyError(f"this survey has no families: compute one with --quantity {Group.FAMILIES}")
+        raise SurveyError(f"this survey has no families: compute a survey with --quantity {Group.FAMILIES}")
     if (cells := math.prod(survey.sizes[axis] for axis in CELL)) > limit:
         raise SurveyError(
-            f"the families of this survey's {cells:,} cells cannot be drawn, at most of {limit:,}: save a window of it"
+            f"this survey has {cells:,} cells, and families can be drawn for at most {limit:,}: save a window of the "
+            "survey"
         )
-    return with_families(survey, opened(group_in(number, GROUP)))
+    return with_families(survey, opened(slice_group_path(number, GROUP)))
 
 
 def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
@@ -79,8 +80,8 @@ def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
     xr.Dataset
         The survey with the variables LARGEST (among, epsilon, delta) and SHARE (family, epsilon, delta).
     """
-    with reading("the families"):
-        names, colours = names_of(survey, table), colours_of(table)
+    with report_damage("the families"):
+        names, colours = family_names(survey, table), family_colours(table)
     if len(names) > OTHERS - 1:
         names, colours = [*names[: OTHERS - 1], "others"], [*colours[: OTHERS - 1], KIND_COLOURS["undecided"]]
     meanings = [each.replace(" ", "_") for each in ("none", *names)]
@@ -92,7 +93,7 @@ def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
         FLAG_COLOURS: " ".join((NONE_COLOUR, *colours)),
     }
     of_one = {"long_name": "share of the samples", "units": "1"}
-    arrays = {LARGEST: _Codes(survey), SHARE: _Shares(survey, table.sizes["family"])}
+    arrays = {LARGEST: _LargestFamilyMaps(survey), SHARE: _FamilyShareMaps(survey, table.sizes["family"])}
     lazy = {name: LazilyIndexedArray(array) for name, array in arrays.items()}
     added = {
         LARGEST: xr.Variable((AMONG, *CELL), lazy[LARGEST], described),
@@ -101,8 +102,8 @@ def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
     return survey.assign(added).assign_coords({AMONG: list(WHICH), "family": np.arange(table.sizes["family"])})
 
 
-def names_of(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> list[str]:
-    """Return the names of the first families, such as "2: P(1,1,0) = C"; letters only for the impacting gear."""
+def family_names(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> list[str]:
+    """Return names of the first `most` families, such as "2: P(1,1,0) = C". Only the impacting gear has the letters."""
     of = {name: np.asarray(table[name][:most]).tolist() for name in ("kind", "m", "n_plus", "n_minus")}
     letters = LETTERS if surveyed_model(survey).in_closed_form else {}
     found = []
@@ -126,16 +127,16 @@ def _contacts_of(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
     return int(np.asarray(here[CONTACTS])[np.asarray(here[FAMILY]) == number].max(initial=0))
 
 
-def colours_of(table: xr.Dataset) -> list[str]:
-    """Return a colour for each of the first families: the colour of its motion, or a spare one if that is taken."""
+def family_colours(table: xr.Dataset) -> list[str]:
+    """Return a colour for each of the first families: that of its motion, or a spare one if another family has it."""
     palette, found = Palette(APART), []
     rows = (np.asarray(table[name][: OTHERS - 1]).tolist() for name in ("kind", "m", "n_plus", "n_minus"))
     for kind, *label in zip(*rows, strict=True):
-        found.append(palette.another((label[0], label[1], label[2]) if kind == PERIODIC else KINDS[kind]))
+        found.append(palette.next_colour((label[0], label[1], label[2]) if kind == PERIODIC else KINDS[kind]))
     return found
 
 
-def largest(family: np.ndarray, share: np.ndarray, first: int = 0) -> np.ndarray:
+def dominant_family(family: np.ndarray, share: np.ndarray, first: int = 0) -> np.ndarray:
     """Return for each cell the family with the largest share of its samples.
 
     Shares of several slots of one family are added. Of two families with equal shares, the lower number is returned.
@@ -163,7 +164,7 @@ def largest(family: np.ndarray, share: np.ndarray, first: int = 0) -> np.ndarray
     return best
 
 
-class _OfFamilies(BackendArray):
+class _FamilyMaps(BackendArray):
     """An array (length, epsilon, delta) of maps. Its values are computed from a survey's slots when they are read."""
 
     def __init__(self, survey: xr.Dataset, length: int, dtype: type) -> None:
@@ -181,10 +182,10 @@ class _OfFamilies(BackendArray):
         together = max(1, BAND // max(self._family.sizes[SLOT] * columns.size, 1))
         for begin in range(0, rows.size, together):
             at = slice(begin, begin + together)
-            found[:, at] = self._of(index, rows[at], columns)
+            found[:, at] = self._maps_in_window(index, rows[at], columns)
         return found.reshape([size for each in asked for size in np.shape(each)])
 
-    def _of(self, index: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    def _maps_in_window(self, index: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """Return the values of the maps with the numbers `index`, in these rows and columns."""
         spans = dict(zip(CELL, ((each.min(), each.max() + 1) for each in (rows, columns)), strict=True))
         window = {axis: slice(int(low), int(high)) for axis, (low, high) in spans.items()}
@@ -198,17 +199,17 @@ class _OfFamilies(BackendArray):
         raise NotImplementedError
 
 
-class _Codes(_OfFamilies):
+class _LargestFamilyMaps(_FamilyMaps):
     """The map LARGEST. A code is the number of the family plus 1, at most OTHERS; 0 means no family."""
 
     def __init__(self, survey: xr.Dataset) -> None:
         super().__init__(survey, len(WHICH), np.int8)
 
     def _values(self, index: int, family: np.ndarray, share: np.ndarray) -> np.ndarray:
-        return np.minimum(largest(family, share, first=index) + 1, OTHERS).astype(np.int8)
+        return np.minimum(dominant_family(family, share, first=index) + 1, OTHERS).astype(np.int8)
 
 
-class _Shares(_OfFamilies):
+class _FamilyShareMaps(_FamilyMaps):
     """The map SHARE: the share of one family, 0 where no sample reaches it."""
 
     def __init__(self, survey: xr.Dataset, families: int) -> None:

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import xarray as xr
 
-from gear_rattle.workers.errors import reading
-from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of, with_periodic
+from gear_rattle.workers.errors import report_damage
+from gear_rattle.workers.pictures.planes import drawn_numbers, mask_nonperiodic, plane_of
 from gear_rattle.workers.survey.levels import reduce
-from gear_rattle.workers.survey.levels.grid import GROUP, Level, Pair, centres, halvings, levels_of
+from gear_rattle.workers.survey.levels.grid import GROUP, Level, Pair, level_centres, levels_of, possible_levels
 from gear_rattle.workers.survey.levels.template import LEVEL_CELL, OCCURS, SHARE, STATISTIC
 from gear_rattle.workers.survey.slices import slice_of
 from gear_rattle.workers.survey.values.evaluate import FAILED
@@ -46,13 +46,16 @@ class DisplayedCells:
 
 @dataclass(frozen=True)
 class LevelPart:
-    """A rectangle of the cells of a pyramid level. level: None for the full map. at: its rows and columns there."""
+    """A rectangle of the cells of a pyramid level.
+
+    level: the level, or None for the full map. at: the rows and the columns of the rectangle on this level.
+    """
 
     level: Level | None
     at: tuple[slice, slice]
 
 
-def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> LevelPart:
+def level_part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> LevelPart:
     """Return the finest pyramid level on which a window has at most `room` cells along (epsilon, delta).
 
     first, end: the first cell of the window, and the cell after the last one, as (row, column) of the map. If no level
@@ -72,21 +75,25 @@ def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> Lev
     return found
 
 
-def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level: Level) -> DisplayedCells:
+def reduce_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level: Level) -> DisplayedCells:
     """Reduce a map to the cells of a pyramid level. values (m, n): its `drawn_numbers`. status (m, n): as stored."""
-    steps = [_step(level.cells, number) for number in range(max(level.cells).bit_length() - 1)]
-    states = _codes(status, status > 0, steps, FAILED + 1, level.cells[0])
+    steps = [_halving_of(level.cells, number) for number in range(max(level.cells).bit_length() - 1)]
+    states = _reduce_codes(status, status > 0, steps, FAILED + 1, level.cells[0])
     known = (status > 0) & (status != FAILED)
     if count := _number_of_codes(plane):
-        found = _codes(values, known, steps, count, level.cells[0])
+        found = _reduce_codes(values, known, steps, count, level.cells[0])
         everything = slice(None)
-        sizes = (_sizes(size, cells, everything) for size, cells in zip(values.shape, level.cells, strict=True))
-        return _coded(found, states, *sizes)
-    *_, statistics = (reduce.phases if is_phase(str(plane.name)) else reduce.numbers)(values, known, steps)
-    return _numbered(plane, statistics, states)
+        sizes = (_covered_cells(size, cells, everything) for size, cells in zip(values.shape, level.cells, strict=True))
+        return _display_codes(found, states, *sizes)
+    *_, statistics = (reduce.reduced_phases if is_phase(str(plane.name)) else reduce.reduced_numbers)(
+        values, known, steps
+    )
+    return _display_numbers(plane, statistics, states)
 
 
-def _codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int, rows: int) -> reduce.Codes:
+def _reduce_codes(
+    values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int, rows: int
+) -> reduce.LevelCodes:
     """Reduce a map of codes step by step, and return the last, coarsest level.
 
     known: flags of the cells that have a value. steps: for each halving, how many cells become one along (epsilon,
@@ -95,39 +102,41 @@ def _codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number:
 
     Returns
     -------
-    reduce.Codes
+    reduce.LevelCodes
         The most frequent codes, their shares, and all codes that occur.
     """
     together = max(1, BAND // (rows * values.shape[1])) * rows
     parts = []
     for begin in range(0, values.shape[0], together):
         band = slice(begin, begin + together)
-        *_, last = reduce.codes(np.nan_to_num(values[band]).astype(np.int8), known[band], steps, number)
+        *_, last = reduce.reduced_codes(np.nan_to_num(values[band]).astype(np.int8), known[band], steps, number)
         parts.append(last)
-    return reduce.Codes(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+    return reduce.LevelCodes(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
-def of_level(
+def read_level(
     plane: xr.DataArray, stored: xr.Dataset, index: int, level: Level, at: tuple[slice, slice]
 ) -> DisplayedCells:
     """Return the displayed cells in the part `at` of a stored pyramid level. plane: the map in full resolution."""
     name = str(plane.name)
 
-    def read(name: str) -> np.ndarray:
+    def read_part(name: str) -> np.ndarray:
         array = stored[name]
         beside = [dim for dim in array.dims[:-2] if dim != STATISTIC]
         chosen = dict(zip(beside, [index] + [0] * len(beside), strict=False))
         return np.asarray(array.isel(chosen | dict(zip(LEVEL_CELL, at, strict=True))))
 
-    with reading(f"the map of {name}"):
-        states = reduce.Codes(*(read("status" + end) for end in ("", SHARE, OCCURS)))
+    with report_damage(f"the map of {name}"):
+        states = reduce.LevelCodes(*(read_part("status" + end) for end in ("", SHARE, OCCURS)))
         if _number_of_codes(plane):
-            found = reduce.Codes(*(read(name + end) for end in ("", SHARE, OCCURS)))
-            return _coded(found, states, *(_sizes(*each) for each in zip(plane.shape, level.cells, at, strict=True)))
-        return _numbered(plane, read(name), states)
+            found = reduce.LevelCodes(*(read_part(name + end) for end in ("", SHARE, OCCURS)))
+            return _display_codes(
+                found, states, *(_covered_cells(*each) for each in zip(plane.shape, level.cells, at, strict=True))
+            )
+        return _display_numbers(plane, read_part(name), states)
 
 
-def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened: OpenGroup | None) -> xr.Dataset:
+def reduce_map(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened: OpenGroup | None) -> xr.Dataset:
     """Reduce one map of an open survey, or of a slice, to at most `room` cells along (epsilon, delta).
 
     Parameters
@@ -148,17 +157,17 @@ def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened:
     """
     plane = plane_of(dataset, variable, index)
     shape = plane.shape[0], plane.shape[1]
-    part = part_for(halvings(shape), (0, 0), shape, room)
+    part = level_part_for(possible_levels(shape), (0, 0), shape, room)
     if (level := part.level) is None:
         return dataset
     stored = opened(level.path) if opened and level in levels_of(shape) else None
     if stored is not None and variable in stored:  # maps of families have no stored levels
-        seen = of_level(plane, stored, index, level, part.at)
+        seen = read_level(plane, stored, index, level, part.at)
     else:
-        with reading(f"the map of {variable}"):
-            cells = drawn_numbers(with_periodic(dataset, plane.load(), index))
-            seen = of_cells(plane, cells, np.asarray(dataset["status"]), level)
-    axes = {name: centres(dataset[name].values, cells) for name, cells in zip(CELL, level.cells, strict=True)}
+        with report_damage(f"the map of {variable}"):
+            cells = drawn_numbers(mask_nonperiodic(dataset, plane.load(), index))
+            seen = reduce_cells(plane, cells, np.asarray(dataset["status"]), level)
+    axes = {name: level_centres(dataset[name].values, cells) for name, cells in zip(CELL, level.cells, strict=True)}
     modulus = {"long_name": f"|{plane.attrs.get('long_name', variable)}|"} if np.iscomplexobj(plane) else {}
     whole = np.issubdtype(plane.dtype, np.integer) or plane.dtype == bool
     values = np.nan_to_num(seen.values).astype(plane.dtype) if whole else seen.values
@@ -170,12 +179,20 @@ def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened:
     )
 
 
-def levels_in_groups(opened: Callable[[str], xr.Dataset], number: int | None, has_levels: bool) -> OpenGroup:
-    """Return a function that opens a pyramid level by its path. number: of the slice; None without a third axis."""
+def level_opener(opened: Callable[[str], xr.Dataset], number: int | None, has_levels: bool) -> OpenGroup:
+    """Return a function that opens a pyramid level by its path, and returns None if there is no such level.
+
+    number: the number of the slice, None without a third axis. has_levels: whether the store has pyramid levels.
+
+    Returns
+    -------
+    OpenGroup
+        The function.
+    """
     return lambda path: slice_of(opened(path), number) if has_levels and path.startswith(GROUP) else None
 
 
-def _step(cells: Pair, number: int) -> Pair:
+def _halving_of(cells: Pair, number: int) -> Pair:
     """Return how many cells along each axis become one in the halving with this number, from 0.
 
     cells: how many cells of the map a cell of the last level covers along each axis. An axis that needs fewer halvings
@@ -190,24 +207,27 @@ def _step(cells: Pair, number: int) -> Pair:
 
 
 def _number_of_codes(plane: xr.DataArray) -> int:
+    """Return the number of codes of a map: 2 for flags, 0 for a map of numbers."""
     return 2 if plane.dtype == bool else len(plane.attrs.get("flag_meanings", "").split())
 
 
-def _status(states: reduce.Codes) -> np.ndarray:
-    """Return the status of reduced cells: failed if one of their cells failed."""
+def _reduced_status(states: reduce.LevelCodes) -> np.ndarray:
+    """Return the status of each reduced cell: failed if one of its cells failed, else the most frequent status."""
     failed = (states.occurs >> FAILED & 1).astype(bool)
     found: np.ndarray = np.where(failed, np.int8(FAILED), states.most).astype(np.int8)
     return found
 
 
-def _sizes(size: int, cells: int, at: slice) -> np.ndarray:
+def _covered_cells(size: int, cells: int, at: slice) -> np.ndarray:
     """Return how many cells of the map each cell of a level covers along an axis: `cells`, or fewer for the last."""
     begins = np.arange(0, size, cells)[at]
     found: np.ndarray = np.minimum(size - begins, cells)
     return found
 
 
-def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns: np.ndarray) -> DisplayedCells:
+def _display_codes(
+    found: reduce.LevelCodes, states: reduce.LevelCodes, rows: np.ndarray, columns: np.ndarray
+) -> DisplayedCells:
     """Choose the displayed code of each cell of a level.
 
     A cell with several codes displays the code that occurs in the fewest cells around it. If two codes are equally
@@ -230,15 +250,15 @@ def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns:
     shown = np.where(found.share > 0.5, others, found.occurs)
     fewest = np.full(values.shape, np.iinfo(np.int64).max)
     for code in sorted(cells, key=lambda code: int(cells[code].sum())):
-        around = _around(cells[code])
+        around = _count_around(cells[code])
         better = (shown >> code & 1).astype(bool) & (around < fewest)
         values[better], fewest[better] = code, around[better]
     return DisplayedCells(
-        values.astype(np.float32), _status(states), _shares(found, others, cells, np.outer(rows, columns))
+        values.astype(np.float32), _reduced_status(states), _code_shares(found, others, cells, np.outer(rows, columns))
     )
 
 
-def _around(cells: np.ndarray) -> np.ndarray:
+def _count_around(cells: np.ndarray) -> np.ndarray:
     """Return for each cell how many of the flags `cells` are set up to NEAR cells away from it."""
     size = 2 * NEAR + 1
     sums = np.pad(cells, ((NEAR + 1, NEAR), (NEAR + 1, NEAR))).astype(np.int64).cumsum(axis=0).cumsum(axis=1)
@@ -246,8 +266,8 @@ def _around(cells: np.ndarray) -> np.ndarray:
     return found
 
 
-def _shares(
-    found: reduce.Codes, others: np.ndarray, cells: Mapping[int, np.ndarray], sizes: np.ndarray
+def _code_shares(
+    found: reduce.LevelCodes, others: np.ndarray, cells: Mapping[int, np.ndarray], sizes: np.ndarray
 ) -> dict[int, float]:
     """Return the share of each code among the survey's cells.
 
@@ -268,7 +288,7 @@ def _shares(
     }
 
 
-def _numbered(plane: xr.DataArray, statistics: np.ndarray, states: reduce.Codes) -> DisplayedCells:
+def _display_numbers(plane: xr.DataArray, statistics: np.ndarray, states: reduce.LevelCodes) -> DisplayedCells:
     """Choose the displayed number of each cell of a level: the mean, or an extreme if it is rare.
 
     If some of the survey's cells in a cell have no number, but less than half of them, the cell displays no number,
@@ -295,4 +315,4 @@ def _numbered(plane: xr.DataArray, statistics: np.ndarray, states: reduce.Codes)
         values = np.where(((share < 1) & (share > 0.5)) | (share == 0), lacking, values)
     known = np.isfinite(share)
     without = None if infinite.any() or not known.any() else float(1 - share[known].mean())
-    return DisplayedCells(values.astype(np.float32), _status(states), without=without)
+    return DisplayedCells(values.astype(np.float32), _reduced_status(states), without=without)

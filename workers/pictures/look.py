@@ -40,7 +40,7 @@ COVERED = 0xC4 / 0xFF  # opacity of the white cover over cells without the chose
 OPACITY = 0.3  # opacity of the interval of a design limit
 
 
-def is_of_survey_only(variable: str, request: SurveyRequest) -> bool:
+def is_survey_only(variable: str, request: SurveyRequest) -> bool:
     """Return whether a map exists for surveys only, so that no window of it can be computed at finer resolution."""
     return variable in SURVEY_ONLY or (variable in IN_SLOTS and request.slots_follow_families)
 
@@ -73,31 +73,31 @@ class Look:
     family: int | None = None
     caption: str = ""
 
-    def cut(self, dataset: xr.Dataset) -> xr.Dataset:
+    def cut_to_window(self, dataset: xr.Dataset) -> xr.Dataset:
         """Return the cells of a survey inside the window, with one more cell on each side."""
         windows = {"delta": self.delta, "epsilon": self.epsilon}
-        return dataset.isel({axis: _around(dataset[axis].values, *at) for axis, at in windows.items() if at})
+        return dataset.isel({axis: _cells_around(dataset[axis].values, *at) for axis, at in windows.items() if at})
 
     def with_caption(self, caption: str) -> Look:
         """Return a copy with another caption."""
         return replace(self, caption=caption)
 
     def norm(self, usual: Normalize, values: np.ndarray) -> Normalize:
-        """Return the colour scale for these values. usual: the variable's usual scale."""
+        """Return matplotlib's norm (range of colours) for these values. usual: the usual norm of the variable."""
         from matplotlib.colors import LogNorm, Normalize
 
-        low, high, _ = limits_of(values, (float(usual.vmin or 0.0), float(usual.vmax or 0.0)), self.span)
+        low, high, _ = colour_limits(values, (float(usual.vmin or 0.0), float(usual.vmax or 0.0)), self.span)
         log = False
         if self.log:
-            low, high, log, _ = positive(values, low, high, "")
+            low, high, log, _ = logarithmic_limits(values, low, high, "")
         return (LogNorm if log else Normalize)(low, high)
 
 
-USUAL = Look()
+USUAL_LOOK = Look()
 
 
 @dataclass(frozen=True)
-class Finer:
+class FinerCells:
     """Cells of a window at a finer resolution than the survey's: delta (n,), epsilon (m,), values (m, n)."""
 
     delta: np.ndarray
@@ -106,8 +106,8 @@ class Finer:
 
 
 @dataclass(frozen=True)
-class Over:
-    """Overlays of a map that are computed beforehand, because this takes long.
+class OverlayData:
+    """Overlays of a map, which are computed before the map is drawn, because they take long.
 
     lines: points (k, 2) of the lines CRISIS and LIMIT, by name, with NaN between pieces. band: dampings (n,), and the
     lower and upper ends of the design limit's confidence interval at each damping, NaN at an open end; None for no
@@ -116,19 +116,19 @@ class Over:
 
     lines: Mapping[str, np.ndarray] = field(default_factory=dict)
     band: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-    finer: Finer | None = None
+    finer: FinerCells | None = None
 
 
-NOTHING_OVER = Over()
+NO_OVERLAYS = OverlayData()
 
 
-def _around(cells: np.ndarray, low: float, high: float) -> slice:
+def _cells_around(cells: np.ndarray, low: float, high: float) -> slice:
     """Return the cells of an ascending axis inside a range and one cell more on each side, in all at least two."""
     first = min(max(int(np.searchsorted(cells, low)) - 1, 0), max(cells.size - 2, 0))
     return slice(first, max(int(np.searchsorted(cells, high, "right")) + 1, first + 2))
 
 
-def limits_of(shown: np.ndarray, auto: Pair, span: Span | Pair) -> tuple[float, float, str]:
+def colour_limits(shown: np.ndarray, auto: Pair, span: Span | Pair) -> tuple[float, float, str]:
     """Return the range (low, high) of the colours for the shown values, and a note for the viewer, "" for no note.
 
     auto: the usual range of the variable. span: as in `Look`.
@@ -148,7 +148,7 @@ def limits_of(shown: np.ndarray, auto: Pair, span: Span | Pair) -> tuple[float, 
     return low, high, ""
 
 
-def positive(shown: np.ndarray, low: float, high: float, note: str) -> tuple[float, float, bool, str]:
+def logarithmic_limits(shown: np.ndarray, low: float, high: float, note: str) -> tuple[float, float, bool, str]:
     """Return limits (low, high) of a logarithmic scale, whether such a scale is possible, and a note for the viewer.
 
     low, high, note: the limits and the note for a linear scale.

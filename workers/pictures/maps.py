@@ -17,32 +17,32 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 
-from gear_rattle.workers.errors import SurveyError, reading
+from gear_rattle.workers.errors import SurveyError, report_damage
 from gear_rattle.workers.pictures.largest import FLAG_COLOURS
-from gear_rattle.workers.pictures.levels import OpenGroup, overview, part_for
+from gear_rattle.workers.pictures.levels import OpenGroup, level_part_for, reduce_map
 from gear_rattle.workers.pictures.look import (
     AMONG,
     COVERED,
     LARGEST,
-    NOTHING_OVER,
+    NO_OVERLAYS,
     POINTS,
     SHARE,
-    USUAL,
+    USUAL_LOOK,
     WHICH,
-    Finer,
+    FinerCells,
     Form,
     Look,
-    Over,
+    OverlayData,
     in_revolutions,
     variable_words,
 )
 from gear_rattle.workers.pictures.machine_axes import draw_machine_axes
 from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points_over
-from gear_rattle.workers.pictures.planes import SLOT_ORDER, UNJOINED, drawn_numbers, plane_of, with_periodic
-from gear_rattle.workers.survey.levels.grid import centres, halvings
+from gear_rattle.workers.pictures.planes import SLOT_ORDER, UNJOINED, drawn_numbers, mask_nonperiodic, plane_of
+from gear_rattle.workers.survey.levels.grid import level_centres, possible_levels
 from gear_rattle.workers.survey.levels.reduce import pooled_cells
 from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION
-from gear_rattle.workers.survey.slices import value_along
+from gear_rattle.workers.survey.slices import third_axis_value
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from gear_rattle.workers.survey.values.quantities import QUANTITIES
 from gear_rattle.workers.survey.values.schema import FIXED, OF_PERIODIC, SLOT, Group, is_phase
@@ -92,7 +92,7 @@ UNITS = {
     "periods": "forcing periods",
 }
 FARTHEST_DRAWN = 1e300  # axes reach at most to this value, so that matplotlib's margins do not overflow
-SIGNS = {"+": "₊", "-": "₋"}  # subscripts of the walls
+SIGNS = {"+": "₊", "-": "₋"}  # subscripts that name the walls Σ⁺ and Σ⁻
 CAPTION = 110  # at most this many characters in a line of the caption
 ROOM = (512, 512)  # largest number of drawn cells along (epsilon, delta); a map has more pixels than cells
 SYMMETRIC = "symmetric"  # attribute of a map whose colours are centred at 0
@@ -104,9 +104,9 @@ def map_picture(
     variable: str,
     index: int = 0,
     opened: OpenGroup | None = None,
-    look: Look = USUAL,
+    look: Look = USUAL_LOOK,
     form: Form = "png",
-    over: Over = NOTHING_OVER,
+    over: OverlayData = NO_OVERLAYS,
 ) -> bytes:
     """Return the picture that `map_figure` draws, with the same arguments, as the content of a file.
 
@@ -136,8 +136,8 @@ def map_figure(
     variable: str,
     index: int = 0,
     opened: OpenGroup | None = None,
-    look: Look = USUAL,
-    over: Over = NOTHING_OVER,
+    look: Look = USUAL_LOOK,
+    over: OverlayData = NO_OVERLAYS,
 ) -> Figure:
     """Draw a variable of an open survey, finished or not.
 
@@ -169,11 +169,11 @@ def map_figure(
         The survey has no such map, it cannot be read, or its axes reach too far to be drawn.
     """
     if look.delta or look.epsilon:
-        dataset, opened = look.cut(dataset), None  # levels cover all cells, not a window
-    shown = overview(dataset, variable, index, ROOM, opened)
+        dataset, opened = look.cut_to_window(dataset), None  # levels cover all cells, not a window
+    shown = reduce_map(dataset, variable, index, ROOM, opened)
     plane = plane_of(shown, variable, index if shown is dataset else 0)
-    with reading(f"the map of {variable}"):
-        plane = with_periodic(shown, plane.load(), index) if shown is dataset else plane
+    with report_damage(f"the map of {variable}"):
+        plane = mask_nonperiodic(shown, plane.load(), index) if shown is dataset else plane
         shown["status"].load()
     figure = new_figure(7.0, 5.2)
     axes = figure.add_subplot()
@@ -181,11 +181,11 @@ def map_figure(
     is_machine = draw_machine_axes(axes, dataset)
     if look.family is not None:
         _dim_others(axes, dataset, look.family)
-    third = "".join(f", {name} = {value:g}" for name, value in value_along(dataset).items())
+    third = "".join(f", {name} = {value:g}" for name, value in third_axis_value(dataset).items())
     axes.set_title(title_of(plane) + third, fontsize=11)
     if is_machine:
         axes.set_title(in_revolutions(axes.get_title()), fontsize=11)
-        for each in figure.axes[1:]:  # the colour bar
+        for each in figure.axes[1:]:  # the axes of the colour bar
             each.set_ylabel(in_revolutions(each.get_ylabel()))
     usual = (*CURVES_ON.get(variable, ()), *([POINTS] if variable == "region" else []))
     lines = usual if look.lines is None else look.lines
@@ -205,7 +205,7 @@ def bar_label(plane: xr.DataArray) -> str:
     return f"{name}, {unit}" if unit else name
 
 
-def readable(text: str) -> str:
+def readable_description(text: str) -> str:
     """Return a description from a store with subscripts and superscripts, such as P(m,n₊,n₋) for P(m, n+, n-)."""
     text = text.replace("P(m, n+, n-)", "P(m,n₊,n₋)").replace("Σ+", "Σ⁺").replace("Σ-", "Σ⁻")
     return re.sub(r"\b([nv]|Σv)([+-])(?![\w.])", lambda found: found[1] + SIGNS[found[2]], text)
@@ -213,22 +213,22 @@ def readable(text: str) -> str:
 
 def title_of(plane: xr.DataArray) -> str:
     """Return the title of a map: the variable's meaning, and its orbit or slot."""
-    name = readable(str(plane.attrs.get("long_name", plane.name)))
+    name = readable_description(str(plane.attrs.get("long_name", plane.name)))
     if np.iscomplexobj(plane):
         name = f"|{name}|"
     along = (dim for dim, value in plane.coords.items() if not value.dims and dim not in FIXED)
-    chosen = ", ".join(_chosen(str(dim), plane.coords[dim].item(), plane) for dim in along)
+    chosen = ", ".join(_orbit_or_slot(str(dim), plane.coords[dim].item(), plane) for dim in along)
     return f"{name} ({chosen})" if chosen else name
 
 
-def _chosen(dim: str, value: object, plane: xr.DataArray) -> str:
-    """Return the words that tell one map of a variable from its others: the orbit, or the slot of the attractors."""
+def _orbit_or_slot(dim: str, value: object, plane: xr.DataArray) -> str:
+    """Return in words which of a variable's maps this is: the map of an orbit, or of a slot of attractors."""
     if dim != SLOT:
         return f"{dim} {value}"
     return SLOTS[plane.attrs.get(SLOT_ORDER, BY_FRACTION)].format(value)
 
 
-def without_value(plane: xr.DataArray) -> str:
+def words_without_value(plane: xr.DataArray) -> str:
     """Return the words with which the legend explains computed cells that have no value."""
     words = (words for dim, words in WITHOUT_VALUE_OF.items() if dim in plane.coords)
     return WITHOUT_VALUE.get(str(plane.name)) or next(words, "no value")
@@ -249,8 +249,8 @@ def draw_map(
     dataset: xr.Dataset,
     plane: xr.DataArray,
     nothing: str = "",
-    look: Look = USUAL,
-    finer: Finer | None = None,
+    look: Look = USUAL_LOOK,
+    finer: FinerCells | None = None,
 ) -> None:
     """Draw a map with its colour bar.
 
@@ -260,10 +260,10 @@ def draw_map(
     Parameters
     ----------
     nothing : str
-        Words in the legend for computed cells without a value; "": the words of `without_value(plane)`.
+        Words in the legend for computed cells without a value; "": the words of `words_without_value(plane)`.
     look : Look
         Window, and range of the colours.
-    finer : Finer | None
+    finer : FinerCells | None
         Cells of finer resolution to draw over the survey's cells.
 
     Raises
@@ -277,10 +277,12 @@ def draw_map(
             f"axes up to {reach:g} cannot be drawn, only up to {FARTHEST_DRAWN:g}: read the numbers with open_survey"
         )
     values = drawn_numbers(plane)
-    layers = valueless_layers(str(plane.name), values, np.asarray(dataset["status"]), nothing or without_value(plane))
+    layers = valueless_layers(
+        str(plane.name), values, np.asarray(dataset["status"]), nothing or words_without_value(plane)
+    )
     valueless = np.logical_or.reduce([mask for mask, _ in layers.values()])
     for mask, colour in layers.values():
-        _cells(axes, dataset, np.where(mask, 1.0, np.nan), ListedColormap([colour]), Normalize(0, 1))
+        _draw_cells(axes, dataset, np.where(mask, 1.0, np.nan), ListedColormap([colour]), Normalize(0, 1))
     seen = values[~valueless]
     if finer is not None:
         seen = np.append(seen, finer.values[np.isfinite(finer.values)])
@@ -290,12 +292,12 @@ def draw_map(
     if isinstance(norm, LogNorm) and (hidden := ~valueless & (values <= 0)).any():
         layers["zero or below"] = hidden, ZERO
         valueless = valueless | hidden
-        _cells(axes, dataset, np.where(hidden, 1.0, np.nan), ListedColormap([ZERO]), Normalize(0, 1))
-    extend = _extend(norm, seen[seen > 0] if isinstance(norm, LogNorm) else seen)
-    mesh = _cells(axes, dataset, np.where(valueless, np.nan, values), cmap, norm)
+        _draw_cells(axes, dataset, np.where(hidden, 1.0, np.nan), ListedColormap([ZERO]), Normalize(0, 1))
+    extend = _exceeded_ends(norm, seen[seen > 0] if isinstance(norm, LogNorm) else seen)
+    mesh = _draw_cells(axes, dataset, np.where(valueless, np.nan, values), cmap, norm)
     if finer is not None:
         shown = finer.values if not isinstance(norm, LogNorm) else np.where(finer.values > 0, finer.values, np.nan)
-        _cells(axes, finer, shown, cmap, norm)
+        _draw_cells(axes, finer, shown, cmap, norm)
     # These axes have a figure, although the type of `get_figure` allows None.
     bar = axes.get_figure().colorbar(mesh, ax=axes, ticks=ticks, pad=0.02, extend=extend)  # type: ignore[union-attr]
     bar.set_label(bar_label(plane))
@@ -340,36 +342,48 @@ def draw_legend(axes: Axes) -> None:
 def _dim_others(axes: Axes, dataset: xr.Dataset, family: int) -> None:
     """Dim the cells without a family. A cell of a reduced map stays bright if any of the cells in it has the family."""
     share = plane_of(dataset, SHARE, family)
-    with reading(f"the map of {SHARE}"):
+    with report_damage(f"the map of {SHARE}"):
         values = drawn_numbers(share)
     shape = values.shape[0], values.shape[1]
-    level = part_for(halvings(shape), (0, 0), shape, ROOM).level
+    level = level_part_for(possible_levels(shape), (0, 0), shape, ROOM).level
     along, across = level.cells if level else (1, 1)
-    shown = Finer(
-        centres(dataset["delta"].values, across),
-        centres(dataset["epsilon"].values, along),
+    shown = FinerCells(
+        level_centres(dataset["delta"].values, across),
+        level_centres(dataset["epsilon"].values, along),
         pooled_cells(np.nan_to_num(values), (along, across), np.maximum),
     )
     others = np.where(shown.values > 0, np.nan, 1.0)
-    _cells(axes, shown, others, ListedColormap(["white"]), Normalize(0, 1)).set_alpha(COVERED)
+    _draw_cells(axes, shown, others, ListedColormap(["white"]), Normalize(0, 1)).set_alpha(COVERED)
 
 
-def _cells(axes: Axes, at: xr.Dataset | Finer, values: np.ndarray, cmap: Colormap, norm: Normalize) -> QuadMesh:
-    delta, epsilon = (at.delta, at.epsilon) if isinstance(at, Finer) else (at["delta"].values, at["epsilon"].values)
+def _draw_cells(
+    axes: Axes, at: xr.Dataset | FinerCells, values: np.ndarray, cmap: Colormap, norm: Normalize
+) -> QuadMesh:
+    delta, epsilon = (
+        (at.delta, at.epsilon) if isinstance(at, FinerCells) else (at["delta"].values, at["epsilon"].values)
+    )
     # The map is rasterised, because a vector file would have a path for each cell.
     return axes.pcolormesh(
         delta, epsilon, np.ma.masked_invalid(values), cmap=cmap, norm=norm, shading="nearest", rasterized=True
     )
 
 
-def _extend(norm: Normalize, values: np.ndarray) -> str:
+def _exceeded_ends(norm: Normalize, values: np.ndarray) -> str:
     """Return at which ends values exceed the colour bar: matplotlib's "both", "min", "max" or "neither"."""
     low, high = bool(np.any(values < norm.vmin)), bool(np.any(values > norm.vmax))
     return {(True, True): "both", (True, False): "min", (False, True): "max"}.get((low, high), "neither")
 
 
 def _is_listed(plane: xr.DataArray, code: int, values: np.ndarray) -> bool:
-    """Return whether the colour bar lists a code. Families, and regions not in the paper, are listed if they occur."""
+    """Return whether the colour bar lists the region, family or motion with this code.
+
+    Families, and regions that the paper does not name, are listed only if they occur among the values.
+
+    Returns
+    -------
+    bool
+        True if the code is listed.
+    """
     always = code <= len(PAPER_REGIONS) if plane.name == "region" else plane.name != LARGEST
     return always or bool((values == code).any())
 

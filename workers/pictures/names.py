@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Box = tuple[float, float, float, float]
 
-DIRECTIONS = ((1, 1), (-1, 1), (1, -1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1))  # tried in turn
+DIRECTIONS = (
+    (1, 1),
+    (-1, 1),
+    (1, -1),
+    (-1, -1),
+    (1, 0),
+    (-1, 0),
+    (0, 1),
+    (0, -1),
+)  # in this order, directions from a mark to its name are tried
 GAPS = (8.0, 20.0, 34.0, 50.0, 70.0, 95.0, 125.0)  # pixels between a mark and its name
 MARK = 6.0  # half a side of the square that a mark fills
 SAMPLES = np.linspace(0.1, 1.0, 24)[:, None]  # positions of the tested points along a leader, from mark (0) to name (1)
@@ -55,11 +64,11 @@ def place_names(
     leaders: list[Array] = []
     placed = []
     for mark, size in zip(marks, sizes, strict=True):
-        found = _first_free(np.array(mark), np.array(size), frame, boxes, len(taken) + len(marks), leaders)
+        found = _first_free_place(np.array(mark), np.array(size), frame, boxes, len(taken) + len(marks), leaders)
         placed.append(found)
         if found is not None:
             boxes.append(box_about(found.centre, size))
-            leaders.append(_dense(np.array(mark), found.leader))
+            leaders.append(_leader_points(np.array(mark), found.leader))
     return placed
 
 
@@ -69,12 +78,12 @@ def box_about(centre: tuple[float, float], size: tuple[float, float]) -> Box:
     return x - width / 2, y - height / 2, x + width / 2, y + height / 2
 
 
-def overlap(one: Box, other: Box) -> bool:
+def is_overlapping(one: Box, other: Box) -> bool:
     """Return whether two boxes share more than an edge."""
     return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
-def _first_free(
+def _first_free_place(
     mark: Array,
     size: Array,
     frame: tuple[float, float],
@@ -88,19 +97,21 @@ def _first_free(
             box = box_about((float(centre[0]), float(centre[1])), (float(size[0]), float(size[1])))
             if not (box[0] >= 0 and box[1] >= 0 and box[2] <= frame[0] and box[3] <= frame[1]):
                 continue
-            if any(overlap(box, other) for other in boxes) or any(_crosses(leader, box) for leader in leaders):
+            if any(is_overlapping(box, other) for other in boxes) or any(
+                _runs_through(leader, box) for leader in leaders
+            ):
                 continue
             end = tuple(np.clip(mark, box[:2], box[2:]).tolist()) if gap > GAPS[0] else None
-            own = _dense(mark, end)
-            if not any(_crosses(own, other) for other in boxes[first_name:]):
+            own = _leader_points(mark, end)
+            if not any(_runs_through(own, other) for other in boxes[first_name:]):
                 return PlacedName((float(centre[0]), float(centre[1])), end)
     return None
 
 
-def _dense(mark: Array, end: tuple[float, float] | None) -> Array:
+def _leader_points(mark: Array, end: tuple[float, float] | None) -> Array:
     """Return points (k, 2) along the leader from a mark to `end`; an empty array if `end` is None (no leader)."""
     return np.empty((0, 2)) if end is None else mark + SAMPLES * (np.array(end) - mark)
 
 
-def _crosses(leader: Array, box: Box) -> bool:
+def _runs_through(leader: Array, box: Box) -> bool:
     return bool(np.any(np.all((leader > box[:2]) & (leader < box[2:]), axis=1)))

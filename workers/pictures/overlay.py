@@ -6,9 +6,9 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from gear_rattle.workers.pictures.look import LIMIT, NOTHING_OVER, OPACITY, OWN_STYLES, Over
+from gear_rattle.workers.pictures.look import LIMIT, NO_OVERLAYS, OPACITY, OWN_STYLES, OverlayData
 from gear_rattle.workers.survey.axes import Window
-from gear_rattle.workers.survey.curves import Missing, traced_curve, window_around
+from gear_rattle.workers.survey.curves import MissingCurve, traced_curve, window_around
 from gear_rattle.workers.survey.slices import surveyed_model
 from rattle import plot
 from rattle.curves import NAMES
@@ -24,7 +24,9 @@ CURVES_ON: dict[str, tuple[str, ...]] = {
 }
 
 
-def draw_curves(axes: Axes, dataset: xr.Dataset, names: Sequence[str], over: Over = NOTHING_OVER) -> list[np.ndarray]:
+def draw_curves(
+    axes: Axes, dataset: xr.Dataset, names: Sequence[str], over: OverlayData = NO_OVERLAYS
+) -> list[np.ndarray]:
     """Draw the lines `names` over a map, and return the points (k, 2) of each drawn line, with NaN between pieces."""
     model, window, drawn = surveyed_model(dataset), _window(dataset), []
     limits = {"xlim": axes.get_xlim(), "ylim": axes.get_ylim()}
@@ -32,7 +34,7 @@ def draw_curves(axes: Axes, dataset: xr.Dataset, names: Sequence[str], over: Ove
         axes.fill_between(*over.band, color=OWN_STYLES[LIMIT][0], alpha=OPACITY, linewidth=0)
     for name in (name for name in names if name in model.curve_names):
         curve = traced_curve(name, model, window)
-        if not isinstance(curve, Missing) and len(curve):
+        if not isinstance(curve, MissingCurve) and len(curve):
             drawn.append(plot.draw_curve(axes, curve))
     for name in (name for name in names if name in over.lines):
         plot.draw_line(axes, name, over.lines[name], OWN_STYLES[name])

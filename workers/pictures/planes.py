@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gear_rattle.workers.errors import SurveyError, no_map
+from gear_rattle.workers.errors import SurveyError, missing_map_message
 from gear_rattle.workers.survey.families import FAMILY
 from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION
-from gear_rattle.workers.survey.slices import require_slice, third_of
+from gear_rattle.workers.survey.slices import require_slice, third_axis_length
 from gear_rattle.workers.survey.values.schema import CELL, OF_PERIODIC, SLOT
 from rattle.attractors import PERIODIC
 
@@ -36,10 +36,10 @@ def plane_of(dataset: xr.Dataset, variable: str, index: int = 0) -> xr.DataArray
     SurveyError
         There is no such map, or the dataset still has a third axis.
     """
-    require_slice(third_of(dataset), None)
+    require_slice(third_axis_length(dataset), None)
     if variable not in dataset.data_vars or dataset[variable].dims[-2:] != CELL:
         maps = sorted(str(name) for name, values in dataset.data_vars.items() if values.dims[-2:] == CELL)
-        raise SurveyError(no_map(variable, maps))
+        raise SurveyError(missing_map_message(variable, maps))
     plane = dataset[variable]
     first, *others = [*plane.dims[:-2], ""]
     if index and not first:
@@ -60,7 +60,7 @@ def _order_of_slots(dataset: xr.Dataset) -> str:
     return BY_FAMILY if FAMILY in dataset else UNJOINED
 
 
-def with_periodic(dataset: xr.Dataset, plane: xr.DataArray, index: int) -> xr.DataArray:
+def mask_nonperiodic(dataset: xr.Dataset, plane: xr.DataArray, index: int) -> xr.DataArray:
     """Remove the cells whose attractor is not periodic from a map, if its variable describes periodic attractors only.
 
     Maps of other variables are returned unchanged. index: the slot of the map. plane: the map, or a part of it.

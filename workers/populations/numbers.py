@@ -1,4 +1,4 @@
-"""The numbers of a gear in a request for a population: each is a number or a distribution."""
+"""Fields of a request for a population that describe a gear: each is a number or a distribution."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator, create_model
 from pydantic_core import PydanticCustomError
 
-from gear_rattle.workers.survey.axes import Real, Strict, words_of
+from gear_rattle.workers.survey.axes import Real, StrictRecord, field_message
 from rattle import LogNormal, Measured, Normal, Triangular, Uniform
 from rattle.populations import DIMENSIONLESS, OF_MACHINE, Distribution
 
 MOST_MEASURED = 10_000  # a measured distribution has at most this many values
 
 
-class NormalNumber(Strict):
+class NormalNumber(StrictRecord):
     """A normal distribution, truncated at low and high if these are given."""
 
     distribution: Literal["normal"]
@@ -23,13 +23,13 @@ class NormalNumber(Strict):
     high: Real | None = None
 
     @property
-    def meant(self) -> Distribution:
+    def in_library_form(self) -> Distribution:
         """The distribution as an object of the library. Raises ParameterError."""
         ends = {name: value for name in ("low", "high") if (value := getattr(self, name)) is not None}
         return Normal(self.mean, self.deviation, **ends)
 
 
-class UniformNumber(Strict):
+class UniformNumber(StrictRecord):
     """A uniform distribution."""
 
     distribution: Literal["uniform"]
@@ -37,12 +37,12 @@ class UniformNumber(Strict):
     high: Real
 
     @property
-    def meant(self) -> Distribution:
-        """The distribution in the library's form."""
+    def in_library_form(self) -> Distribution:
+        """The distribution as an object of the library."""
         return Uniform(self.low, self.high)
 
 
-class TriangularNumber(Strict):
+class TriangularNumber(StrictRecord):
     """A triangular distribution."""
 
     distribution: Literal["triangular"]
@@ -51,12 +51,12 @@ class TriangularNumber(Strict):
     high: Real
 
     @property
-    def meant(self) -> Distribution:
-        """The distribution in the library's form."""
+    def in_library_form(self) -> Distribution:
+        """The distribution as an object of the library."""
         return Triangular(self.low, self.mode, self.high)
 
 
-class LogNormalNumber(Strict):
+class LogNormalNumber(StrictRecord):
     """A log-normal distribution. deviation: standard deviation of the natural logarithm."""
 
     distribution: Literal["lognormal"]
@@ -64,20 +64,20 @@ class LogNormalNumber(Strict):
     deviation: Real
 
     @property
-    def meant(self) -> Distribution:
-        """The distribution in the library's form."""
+    def in_library_form(self) -> Distribution:
+        """The distribution as an object of the library."""
         return LogNormal(self.median, self.deviation)
 
 
-class MeasuredNumber(Strict):
+class MeasuredNumber(StrictRecord):
     """The distribution of measured values of some gears."""
 
     distribution: Literal["measured"]
     values: Annotated[tuple[Real, ...], Field(min_length=2, max_length=MOST_MEASURED)]
 
     @property
-    def meant(self) -> Distribution:
-        """The distribution in the library's form."""
+    def in_library_form(self) -> Distribution:
+        """The distribution as an object of the library."""
         return Measured(self.values)
 
 
@@ -94,18 +94,21 @@ def _number_or_distribution(value: Any, handler: ValidatorFunctionWrapHandler) -
         of_number, *of_distribution = error.errors()
         meant = of_distribution[0] if isinstance(value, Mapping) and of_distribution else of_number
         where = ".".join(str(part) for part in meant["loc"][2:])  # `loc` begins with the union and its tag
-        said = f"{where}: {words_of(meant)}" if where else words_of(meant)
+        said = f"{where}: {field_message(meant)}" if where else field_message(meant)
         raise PydanticCustomError("number_or_distribution", "{said}", {"said": said}) from error
 
 
-#: A wrong value is reported once: as a wrong distribution if it is an object with fields, else as a wrong number.
+#: A field for a number or a distribution. A wrong value is reported once: as a wrong distribution if it is an object
+#: with fields, else as a wrong number.
 Number = Annotated[Real | AnyDistribution | None, WrapValidator(_number_or_distribution)]
 
 
 if TYPE_CHECKING:
-    _Numbers = Strict
+    _Numbers = StrictRecord
 else:
-    _Numbers = create_model("_Numbers", __base__=Strict, **dict.fromkeys((*DIMENSIONLESS, *OF_MACHINE), (Number, None)))
+    _Numbers = create_model(
+        "_Numbers", __base__=StrictRecord, **dict.fromkeys((*DIMENSIONLESS, *OF_MACHINE), (Number, None))
+    )
 
 
 class GearNumbers(_Numbers):
@@ -117,19 +120,19 @@ class GearNumbers(_Numbers):
     drive: Literal["torque", "speed"] | None = None
 
     @property
-    def meant(self) -> dict[str, Any]:
-        """The given numbers by name; distributions are objects of the library. Raises ParameterError."""
+    def in_library_form(self) -> dict[str, Any]:
+        """The given numbers by name; a distribution is an object of the library. Raises ParameterError."""
         given = {name: getattr(self, name) for name in type(self).model_fields}
-        return {name: meant(value) for name, value in given.items() if value is not None}
+        return {name: in_library_form(value) for name, value in given.items() if value is not None}
 
 
-def meant(value: Any) -> Any:
+def in_library_form(value: Any) -> Any:
     """Return a number unchanged, or a distribution as an object of the library. Raises ParameterError."""
-    return getattr(value, "meant", value)
+    return getattr(value, "in_library_form", value)
 
 
-def as_requested(value: Any) -> Any:
-    """Return a number unchanged, or a distribution as a document of a request."""
+def request_field_of(value: Any) -> Any:
+    """Return a number unchanged, or a distribution of the library as the dictionary that a request has for it."""
     match value:
         case Normal():
             ends = {name: end for name in ("low", "high") if abs(end := getattr(value, name)) != float("inf")}

@@ -8,8 +8,8 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from gear_rattle.workers.populations.numbers import AnyDistribution, GearNumbers, meant
-from gear_rattle.workers.survey.axes import Name, Real, Strict
+from gear_rattle.workers.populations.numbers import AnyDistribution, GearNumbers, in_library_form
+from gear_rattle.workers.survey.axes import Name, Real, StrictRecord
 from gear_rattle.workers.survey.request import LEAST_TILES, MAX_TILE_SAMPLES, MAX_TILES
 from gear_rattle.workers.survey.values.schema import Group
 from gear_rattle.workers.survey.version import code_version
@@ -18,12 +18,12 @@ from rattle.attractors import BUDGET, LARGEST_BUDGET, PERIODS, WATCH
 from rattle.models import ADDED, MODELS
 from rattle.populations import JUDGED, MOST_COUNT, MOST_GEARS, MOST_SHARE, PAIRS, Distribution, Plan, Tolerances
 
-MAX_TILE_GEARS = 65_536
-FEWEST = 64  # a default tile has at least this many gears, unless each takes long
-LOOKED_AT = 64  # the size of a default tile follows from the least damping among this many gears
+MAX_TILE_GEARS = 65_536  # largest number of gears of a tile
+FEWEST_TILE_GEARS = 64  # a default tile has at least this many gears, unless each gear takes long
+DAMPING_SAMPLE_GEARS = 64  # the size of a default tile follows from the least damping among this many gears
 
 
-class ShockGiven(Strict):
+class ShockGiven(StrictRecord):
     """A knock that parts teeth in contact.
 
     speed: the speed with which the teeth part, in m/s for a machine and otherwise in the model's unit. phase: the phase
@@ -34,7 +34,7 @@ class ShockGiven(Strict):
     phase: Real | AnyDistribution | None = None
 
 
-class PopulationRequest(Strict):
+class PopulationRequest(StrictRecord):
     """The request for a population of gears: the body of `POST /v1/populations`; only `gear` has no default.
 
     gear: the numbers of a gear, at least one of them a distribution. correlation: correlation matrix of the varying
@@ -59,15 +59,15 @@ class PopulationRequest(Strict):
     tile: Annotated[int, Field(strict=True, ge=1, le=MAX_TILE_GEARS)] | None = None
 
     @model_validator(mode="after")
-    def _meant(self) -> Self:
-        """Refuse values that the library refuses: making the plan raises its ParameterError, which is a ValueError."""
+    def _check_plan(self) -> Self:
+        """Refuse values that the library refuses, and tiles that are too large or too many. Raises ValueError."""
         # The library refuses a restitution above 1 only when a gear draws it, which may be in the last tile.
         for name, each in ADDED.items():
             value = self.plan.tolerances.given.get(name)
             if isinstance(value, Distribution) and value.range[1] > each.greatest:
                 raise ValueError(
                     f"{name} must be at most {each.greatest:g}, and its distribution goes up to {value.range[1]:.3g}: "
-                    f"cut it off (high={each.greatest:g})"
+                    f"cut the distribution off (high={each.greatest:g})"
                 )
         with np.errstate(all="ignore"):  # allowed but extreme numbers may overflow in intermediate results
             size = self.tile_shape[0]
@@ -81,12 +81,12 @@ class PopulationRequest(Strict):
 
     @cached_property
     def plan(self) -> Plan:
-        """The plan of the population, as an object of the library. Raises ParameterError."""
+        """The plan of the population, as an object of the library. Raises ParameterError, which is a ValueError."""
         shock = None
         if self.shock is not None:
-            phase = {} if self.shock.phase is None else {"phase": meant(self.shock.phase)}
-            shock = Shock(meant(self.shock.speed), **phase)
-        tolerances = Tolerances(self.gear.meant, self.correlation)
+            phase = {} if self.shock.phase is None else {"phase": in_library_form(self.shock.phase)}
+            shock = Shock(in_library_form(self.shock.speed), **phase)
+        tolerances = Tolerances(self.gear.in_library_form, self.correlation)
         asked = self.gears, self.count, self.share, self.margin, shock, self.judged, self.pairs
         return Plan(tolerances, *asked, self.seed, self.budget)
 
@@ -102,14 +102,14 @@ class PopulationRequest(Strict):
 
     @cached_property
     def added_numbers(self) -> dict[str, float]:
-        """Parameters that the model adds to δ, ε and β, by name, with their values for the first gear."""
+        """The parameters that the model adds to δ, ε and β, by name, with their values for the first gear."""
         points = self.plan.tolerances.points(self.plan.values(np.arange(1)))
         return {name: float(x[0]) for name, x in points.parameters.added.items()}
 
     @cached_property
     def least_damping(self) -> float:
-        """The least damping among the first LOOKED_AT gears."""
-        few = self.plan.values(np.arange(min(LOOKED_AT, self.gears)))
+        """The least damping among the first DAMPING_SAMPLE_GEARS gears."""
+        few = self.plan.values(np.arange(min(DAMPING_SAMPLE_GEARS, self.gears)))
         return float(self.plan.tolerances.points(few).parameters.delta.min())
 
     @property
@@ -126,7 +126,7 @@ class PopulationRequest(Strict):
         longer = max(1.0, WATCH / (PERIODS * self.least_damping))
         each = -(-self.samples // self.n_cells)
         most = max(int(samples / longer) // each, 1)
-        return (min(most, max(self.plan.rows // LEAST_TILES, FEWEST), self.plan.rows, MAX_TILE_GEARS),)
+        return (min(most, max(self.plan.rows // LEAST_TILES, FEWEST_TILE_GEARS), self.plan.rows, MAX_TILE_GEARS),)
 
     @property
     def n_cells(self) -> int:
@@ -155,7 +155,7 @@ class PopulationRequest(Strict):
         return self.n_cells * self.count + self.plan.n_judged * judging
 
     def content_hash(self) -> str:
-        """Return the hex SHA-256 of everything that decides the bytes of the store, code version included."""
+        """Return the hexadecimal SHA-256 of everything that decides the bytes of the store, with the code version."""
         content = self.model_dump(mode="json", exclude={"name", "tile"})
         content |= {"tile": self.tile_shape, "code": code_version()}
         return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

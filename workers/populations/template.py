@@ -1,4 +1,4 @@
-"""The empty store of a population: all its arrays and attributes."""
+"""Create the empty store of a population: all its arrays and attributes."""
 
 import json
 from typing import Any
@@ -9,47 +9,47 @@ from zarr.storage import MemoryStore
 
 from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.populations.variables import SAMPLE, PopulationVariable, variables_of
-from gear_rattle.workers.survey.template import CODECS, WHOLE, Template, completed, now
+from gear_rattle.workers.survey.template import CODECS, WRITE_ALL_CHUNKS, Template, completed_template, current_time
 from gear_rattle.workers.survey.values.quantities import DOI
 from gear_rattle.workers.survey.version import code_version
 
-KIND = "population"
+KIND = "population"  # value of the attribute `kind` by which readers recognize the store of a population
 
 
 def template_of(request: PopulationRequest, created: str | None = None) -> Template:
-    """Return the files of a population's store without tiles. created: the date of its creation; None: now."""
+    """Return the files of a population's store before its first tile. created: the date of creation; None: now."""
     kept: dict[str, Buffer] = {}
-    created = created or now()
+    created = created or current_time()
     root = zarr.create_group(MemoryStore(kept), zarr_format=3, attributes=_attributes(request, created))
     variables = variables_of(request)
     for variable in variables:
-        _create(root, request, variable)
-    return completed(kept, request, created, _chunks(variables))
+        _create_array(root, request, variable)
+    return completed_template(kept, request, created, _chunk_key_patterns(variables))
 
 
-def blank(request: PopulationRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
-    """Create empty arrays in memory, as `gear_rattle.workers.survey.template.blank` does for a survey."""
+def empty_arrays(request: PopulationRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
+    """Create empty arrays in memory, as `gear_rattle.workers.survey.template.empty_arrays` does for a survey."""
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
     variables = variables_of(request)
-    arrays = {each.name: _create(root, request, each) for each in variables}
-    return kept, arrays, _chunks(variables)
+    arrays = {each.name: _create_array(root, request, each) for each in variables}
+    return kept, arrays, _chunk_key_patterns(variables)
 
 
-def _chunks(variables: tuple[PopulationVariable, ...]) -> dict[str, str]:
-    """Return the pattern of each variable's chunk keys, with {column} for the number of the chunk."""
+def _chunk_key_patterns(variables: tuple[PopulationVariable, ...]) -> dict[str, str]:
+    """Return {variable: pattern of its chunk keys}, with {column} for the number of the chunk."""
     return {each.name: "/".join([each.name, "c", "{column}", *"0" * (len(each.dims) - 1)]) for each in variables}
 
 
-def _create(root: zarr.Group, request: PopulationRequest, variable: PopulationVariable) -> zarr.Array:
+def _create_array(root: zarr.Group, request: PopulationRequest, variable: PopulationVariable) -> zarr.Array:
     return root.create_array(
         variable.name,
         shape=variable.shape(request, request.n_cells),
         chunks=variable.shape(request, *request.tile_shape),
         dtype=variable.dtype,
-        fill_value=variable.fill,
+        fill_value=variable.fill_value,
         compressors=CODECS,
-        config=WHOLE,
+        config=WRITE_ALL_CHUNKS,
         dimension_names=variable.dims,
         attributes=variable.attributes,
     )

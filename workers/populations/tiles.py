@@ -1,4 +1,4 @@
-"""Tiles of a population: groups of gears (rows of the store), each group computed by a pure function."""
+"""Compute a population tile by tile. A tile is a range of gears (rows of the store)."""
 
 import time
 from collections.abc import Iterable, Iterator
@@ -23,7 +23,10 @@ from rattle.populations import Gears, computed
 
 @dataclass(frozen=True)
 class GearTile:
-    """A range of rows of a population (each row is a gear), which are one chunk of every variable."""
+    """A range of rows of a population (each row is a gear), which is one chunk of every variable.
+
+    index: the number of the tile. gear: the range of its rows.
+    """
 
     index: int
     gear: slice
@@ -39,7 +42,7 @@ class GearTile:
         return (self.gear,)
 
     @property
-    def at(self) -> tuple[slice, EllipsisType]:
+    def selection(self) -> tuple[slice, EllipsisType]:
         """The index that selects the tile's rows in the array of a variable."""
         return self.gear, ...
 
@@ -56,14 +59,14 @@ def compute_tile(
     """Compute every variable of a tile, as `survey.tiles.compute_tile` does for a survey: a gear is a cell."""
     began = time.perf_counter()
     if outcomes is not None:
-        arrays, failed = _gather(request, tile, outcomes)
+        arrays, failed = _gather_outcomes(request, tile, outcomes)
     else:
         try:
             arrays, failed = _evaluate(request, tile.gear), list[FailedCell]()
         except MACHINE_FAILURES:
             raise
         except Exception:  # the model failed for some gear: compute the gears one by one to find out which
-            arrays, failed = _gather(request, tile, cell_outcomes(request, tile))
+            arrays, failed = _gather_outcomes(request, tile, cell_outcomes(request, tile))
     undecided = int(np.sum(arrays["status"] == SOME_UNDECIDED))
     record = TileRecord(tile.index, tile.n_cells, tuple(failed), undecided, time.perf_counter() - began)
     return arrays, record
@@ -82,7 +85,7 @@ def cell_outcomes(
             yield f"{type(error).__name__}: {error}"
 
 
-def described(request: PopulationRequest, tile: GearTile) -> str:
+def tile_name(request: PopulationRequest, tile: GearTile) -> str:
     """Return the name of a tile for messages: its number, and its gears."""
     numbers = ", ".join(request.plan.tolerances.names)
     return f"tile {tile.index} (gears {tile.gear.start} to {tile.gear.stop - 1} of a population that varies {numbers})"
@@ -90,18 +93,18 @@ def described(request: PopulationRequest, tile: GearTile) -> str:
 
 def _evaluate(request: PopulationRequest, rows: slice) -> TileArrays:
     found = computed(request.plan, rows.start, rows.stop)
-    return {each.name: _of(each, request, found) for each in variables_of(request)}
+    return {each.name: _variable_values(each, request, found) for each in variables_of(request)}
 
 
-def _of(variable: PopulationVariable, request: PopulationRequest, found: Gears) -> np.ndarray:
+def _variable_values(variable: PopulationVariable, request: PopulationRequest, found: Gears) -> np.ndarray:
     return np.asarray(variable.evaluate(request, found)).astype(variable.dtype)
 
 
-def _gather(
+def _gather_outcomes(
     request: PopulationRequest, tile: GearTile, outcomes: Iterable[CellOutcome]
 ) -> tuple[TileArrays, list[FailedCell]]:
     variables = variables_of(request)
-    arrays = {each.name: np.full(each.shape(request, tile.n_cells), each.fill, each.dtype) for each in variables}
+    arrays = {each.name: np.full(each.shape(request, tile.n_cells), each.fill_value, each.dtype) for each in variables}
     failed: list[FailedCell] = []
     for i, outcome in zip(range(tile.n_cells), outcomes, strict=True):
         if isinstance(outcome, str):

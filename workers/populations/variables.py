@@ -19,7 +19,7 @@ NAMES = {
     "epsilon": "eccentricity ε",
     **{each.name: each.long_name for each in (BETA, *ADDED.values())},
 }
-UNIT_OF = UNITS | {"rpm": "rpm"}
+UNIT_OF = UNITS | {"rpm": "rpm"}  # {number of a machine: its unit}
 
 Evaluate = Callable[[PopulationRequest, Gears], Any]
 
@@ -37,7 +37,7 @@ class PopulationVariable:
     flags: tuple[str, ...] = ()  # meanings of the codes 0, 1, 2, …
 
     @property
-    def fill(self) -> float | int:
+    def fill_value(self) -> float | int:
         """The value of entries that are not computed."""
         return float("nan") if np.dtype(self.dtype).kind == "f" else 0
 
@@ -59,7 +59,7 @@ def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
     names = request.plan.tolerances.names
     alone, but = ([f"{way}_{name}" for name in names] for way in ("sharing", "sharing_all_but"))
     one = (GEAR,)
-    power = PopulationVariable("power", one, "float64", "mean power that the impacts hand over", _power, "W")
+    power = PopulationVariable("power", one, "float64", "mean power that the impacts hand over", _mean_power, "W")
     powers = (power,) if is_machine(request.plan.tolerances.given) else ()
     return (
         PopulationVariable(
@@ -71,11 +71,11 @@ def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
             flags=("population", "the_same_again", *alone, *but),
         ),
         *(
-            PopulationVariable(name, one, "float64", NAMES.get(name, name), _value(i), UNIT_OF.get(name, "1"))
+            PopulationVariable(name, one, "float64", NAMES.get(name, name), _number_column(i), UNIT_OF.get(name, "1"))
             for i, name in enumerate(names)
         ),
         *(
-            PopulationVariable(name, one, "float64", NAMES[name], _point(name))
+            PopulationVariable(name, one, "float64", NAMES[name], _field_column(name))
             for name in Gears._fields
             if name in NAMES and name not in names
         ),
@@ -102,12 +102,12 @@ def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
         ),
         *powers,
         PopulationVariable("verdict", one, "int8", "whether the gear passes", lambda _, x: x.verdict, flags=VERDICTS),
-        PopulationVariable("status", one, "int8", "what became of the gear", _status, flags=STATUS),
+        PopulationVariable("status", one, "int8", "what became of the gear", _gear_status, flags=STATUS),
     )
 
 
 def gears_of(request: PopulationRequest, read: Callable[[str], np.ndarray]) -> Gears:
-    """Return the gears of a population from its store. read: function that returns a stored variable by name."""
+    """Return the gears of a population from its store. read: function that returns the stored variable of a name."""
     names = request.plan.tolerances.names
     values = np.stack([read(name) for name in names], axis=1)
     delta, epsilon, beta = (read(name) for name in ("delta", "epsilon", "beta"))
@@ -115,18 +115,18 @@ def gears_of(request: PopulationRequest, read: Callable[[str], np.ndarray]) -> G
     return Gears(part, values, delta, epsilon, beta, read("energy"), verdict)
 
 
-def _value(i: int) -> Evaluate:
+def _number_column(i: int) -> Evaluate:
     return lambda _, found: found.values[:, i]
 
 
-def _point(name: str) -> Evaluate:
+def _field_column(name: str) -> Evaluate:
     return lambda _, found: getattr(found, name)
 
 
-def _power(request: PopulationRequest, found: Gears) -> np.ndarray:
+def _mean_power(request: PopulationRequest, found: Gears) -> np.ndarray:
     units = request.plan.tolerances.points(found.values).units
     return np.asarray(means(found.energy) * (1.0 if units is None else units.power))
 
 
-def _status(_: PopulationRequest, found: Gears) -> np.ndarray:
+def _gear_status(_: PopulationRequest, found: Gears) -> np.ndarray:
     return np.where(np.isnan(found.energy).any(axis=1), SOME_UNDECIDED, OK)

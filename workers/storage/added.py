@@ -9,6 +9,8 @@ from gear_rattle.workers.survey.request import SurveyRequest
 Each = Callable[[Callable[..., Any], SurveyRequest, str, Sequence[tuple[Any, ...]]], list[Any]]
 
 
-def here(task: Callable[..., Any], request: SurveyRequest, path: str, items: Sequence[tuple[Any, ...]]) -> list[Any]:
+def run_in_process(
+    task: Callable[..., Any], request: SurveyRequest, path: str, items: Sequence[tuple[Any, ...]]
+) -> list[Any]:
     """Run a task in this process for each item, one after the other."""
     return [task(request, path, *item) for item in items]

@@ -17,15 +17,15 @@ from urllib.parse import urlsplit
 from zarr.storage import ObjectStore
 
 from gear_rattle.workers.errors import StorageError, SurveyError
-from gear_rattle.workers.storage.bucket_lock import has_died, identity
+from gear_rattle.workers.storage.bucket_lock import has_died, process_identity
 from gear_rattle.workers.survey.manifest import ROOT
 
 if TYPE_CHECKING:
     from obstore.store import S3Store
 
 SCHEME = "s3://"
-#: Objects beside the files of a store. Their existence means: creation has begun, deletion has begun, and a run has
-#: locked the store.
+#: Keys of objects beside the files of a store. CREATING exists while the store is created, DELETING while it is
+#: deleted, and LOCK while a run writes to it.
 CREATING, DELETING, LOCK = ".creating", ".deleting", ".lock"
 MARKERS = (CREATING, DELETING, LOCK)
 #: A failed request is repeated for RETRY_SECONDS; after that the survey has to wait. RETRIES is so large that the time
@@ -34,7 +34,7 @@ RETRIES, RETRY_SECONDS = 1000, 60
 
 
 class Bucket:
-    """A prefix of a bucket.
+    """The location of a store in a bucket: all objects whose keys begin with a prefix.
 
     Parameters
     ----------
@@ -66,16 +66,16 @@ class Bucket:
         """Return the store that zarr opens."""
         return ObjectStore(self.objects)
 
-    def occupied(self) -> bool:
-        """Return whether the prefix has any object that a killed creation did not leave."""
-        with self.reaching():
+    def is_occupied(self) -> bool:
+        """Return whether the prefix has a store or other objects. Objects that a killed creation left do not count."""
+        with self.translate_errors():
             if self.has(ROOT) or self.has(DELETING):
                 return True
             return not self.has(CREATING) and any(key not in MARKERS for key in self.keys())
 
     def exists(self) -> bool:
         """Return whether the prefix has a whole store."""
-        with self.reaching():
+        with self.translate_errors():
             return self.has(ROOT)
 
     def has(self, key: str) -> bool:
@@ -89,14 +89,14 @@ class Bucket:
         return True
 
     def read(self, key: str) -> bytes:
-        """Return the content of an object. Raises FileNotFoundError, and the errors of `reaching`."""
+        """Return the content of an object. Raises FileNotFoundError, and the errors of `translate_errors`."""
         return self.read_tagged(key)[0]
 
     def read_tagged(self, key: str) -> tuple[bytes, str]:
-        """Return the content of an object and its ETag. Raises FileNotFoundError, and the errors of `reaching`."""
+        """Return the content and the ETag of an object. Raises as `read` does."""
         import obstore
 
-        with self.reaching():
+        with self.translate_errors():
             found = obstore.get(self.objects, key)
             return bytes(found.bytes()), found.meta["e_tag"] or '""'
 
@@ -108,20 +108,20 @@ class Bucket:
             yield from (each["path"] for each in batch)
 
     def children(self) -> list[str]:
-        """Return the names one level below the prefix."""
+        """Return the names of the directories one level below the prefix."""
         import obstore
 
-        with self.reaching():
+        with self.translate_errors():
             found = obstore.list_with_delimiter(self.objects)
         return [prefix.rstrip("/").rpartition("/")[2] for prefix in found["common_prefixes"]]
 
-    def deletion_begun(self) -> bool:
+    def has_deletion_begun(self) -> bool:
         """Return whether a deletion has begun and not ended."""
-        with self.reaching():
+        with self.translate_errors():
             return self.has(DELETING)
 
     @contextmanager
-    def reaching(self) -> Iterator[None]:
+    def translate_errors(self) -> Iterator[None]:
         """Turn errors of obstore into errors of this project.
 
         Raises
@@ -141,7 +141,7 @@ class Bucket:
             if "NoSuchBucket" in str(error):
                 raise SurveyError(f"{self}: there is no such bucket: create it, or correct the URL") from error
             raise StorageError(
-                f"{self} cannot be reached ({_first_line(error)}): the survey continues when it can"
+                f"{self} cannot be reached ({_first_line(error)}): the survey continues when the bucket answers"
             ) from error
 
     def build(self, template: Mapping[str, bytes]) -> None:
@@ -149,7 +149,7 @@ class Bucket:
         import obstore
         from obstore.exceptions import AlreadyExistsError
 
-        with self.writing(), self.reaching():
+        with self.lock_for_writing(), self.translate_errors():
             obstore.put(self.objects, CREATING, b"")
             for key in sorted(template.keys() - {ROOT}):
                 obstore.put(self.objects, key, template[key])
@@ -158,31 +158,31 @@ class Bucket:
             obstore.delete(self.objects, CREATING)
 
     def put(self, key: str, content: bytes) -> None:
-        """Write or replace an object in one step. Raises the errors of `reaching`."""
+        """Write or replace an object in one step. Raises the errors of `translate_errors`."""
         import obstore
 
-        with self.reaching():
+        with self.translate_errors():
             obstore.put(self.objects, key, content)
 
     def remove(self, keys: Iterable[str]) -> None:
-        """Remove objects; missing ones are ignored. Raises the errors of `reaching`."""
+        """Remove objects; missing ones are ignored. Raises the errors of `translate_errors`."""
         import obstore
 
-        with self.reaching():
+        with self.translate_errors():
             obstore.delete(self.objects, list(keys))
 
-    def sweep(self) -> None:
+    def remove_leftovers(self) -> None:
         """Remove the marker that a killed creation has left."""
         import obstore
 
-        with self.reaching():
+        with self.translate_errors():
             obstore.delete(self.objects, CREATING)
 
     def delete(self) -> None:
         """Delete the store. The root is removed first, so that a half-deleted store does not look like a store."""
         import obstore
 
-        with self.reaching():
+        with self.translate_errors():
             if next(self.keys(), None) is None:
                 return
             obstore.put(self.objects, DELETING, b"")
@@ -192,7 +192,7 @@ class Bucket:
             obstore.delete(self.objects, DELETING)
 
     @contextmanager
-    def writing(self) -> Iterator[None]:
+    def lock_for_writing(self) -> Iterator[None]:
         """Lock the store for one run, by an object that names the run.
 
         Raises
@@ -207,8 +207,8 @@ class Bucket:
             return
         import obstore
 
-        mine = json.dumps(identity()).encode()
-        with self.reaching():
+        mine = json.dumps(process_identity()).encode()
+        with self.translate_errors():
             self._take_lock(mine)
         try:
             yield
@@ -240,8 +240,8 @@ class Bucket:
             f" (process {holder.get('process')} on {holder.get('host')} since {holder.get('since')})" if holder else ""
         )
         raise SurveyError(
-            f"{self} is being computed by another run{who}: wait for it, or choose another location. If that run was"
-            f" killed, delete the object {self}/{LOCK}"
+            f"{self} is being computed by another run{who}: wait until that run ends, or choose another location. If "
+            f"that run was killed, delete the object {self}/{LOCK}"
         )
 
 

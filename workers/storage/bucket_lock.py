@@ -10,11 +10,11 @@ from uuid import uuid4
 import psutil
 
 
-def identity() -> dict[str, Any]:
+def process_identity() -> dict[str, Any]:
     """Return the identity of this process, by which a process on the same machine can check whether it still runs."""
     return {
         "host": socket.gethostname(),
-        "boot": _boot(),
+        "boot": _boot_id(),
         "process": os.getpid(),
         "started": psutil.Process().create_time(),
         "since": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -22,7 +22,7 @@ def identity() -> dict[str, Any]:
     }
 
 
-def _boot() -> str:
+def _boot_id() -> str:
     try:
         return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     except OSError:
@@ -31,7 +31,7 @@ def _boot() -> str:
 
 def has_died(holder: dict[str, Any]) -> bool:
     """Return whether a process has certainly ended. False if it ran on another machine or before a reboot."""
-    if not _boot() or (holder["host"], holder["boot"]) != (socket.gethostname(), _boot()):
+    if not _boot_id() or (holder["host"], holder["boot"]) != (socket.gethostname(), _boot_id()):
         return False
     try:
         process = psutil.Process(int(holder["process"]))

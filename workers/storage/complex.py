@@ -14,7 +14,7 @@ REAL, IMAGINARY = "_real", "_imag"
 PARTS_ONLY = ("dtype", "fill_value")
 
 
-class Both(BackendArray):
+class ComplexArray(BackendArray):
     """A complex array that is read lazily from its real and imaginary part."""
 
     def __init__(self, real: xr.Variable, imaginary: xr.Variable) -> None:
@@ -41,7 +41,7 @@ def join_complex(dataset: xr.Dataset) -> xr.Dataset:
     for name, values in dataset.variables.items():
         stem = str(name).removesuffix(REAL)
         if stem != name and stem + IMAGINARY in dataset.variables:
-            lazy = indexing.LazilyIndexedArray(Both(values, dataset.variables[stem + IMAGINARY]))
+            lazy = indexing.LazilyIndexedArray(ComplexArray(values, dataset.variables[stem + IMAGINARY]))
             attributes = {
                 **values.attrs,
                 "long_name": str(values.attrs.get("long_name", stem)).removesuffix(", real part"),

@@ -21,15 +21,15 @@ READERS = 8  # files read at a time, because a bucket answers slowly
 BATCH = 256  # at most this many files are in memory at a time
 
 
-class Copied(NamedTuple):
-    """Result of a copy. files: number of files. size: their bytes. kept: how many files the target already had."""
+class CopyResult(NamedTuple):
+    """Result of a copy: the number of files, the bytes of all files, and how many files the target already had."""
 
     files: int
     size: int
     kept: int
 
 
-class Files(Protocol):
+class FileSource(Protocol):
     """A collection of files by key, to copy from."""
 
     def read(self, key: str) -> bytes:
@@ -55,12 +55,12 @@ class ZipStore:
         try:
             return self._file.read(key)
         except (KeyError, BadZipFile) as error:
-            raise FileNotFoundError(f"{self.path} has no whole {key}") from error
+            raise FileNotFoundError(f"{key} is missing or damaged in {self.path}") from error
 
 
 def copy_store(
     source: str | Path | Place, target: str | Path, on_file: Callable[[int, int], None] | None = None
-) -> Copied:
+) -> CopyResult:
     """Copy a survey, finished or not, to a directory, a bucket or a zip file.
 
     The same call continues an interrupted copy, and keeps whole files that the target already has. The root is written
@@ -88,37 +88,37 @@ def copy_store(
     StorageError
         The target cannot be written, or does not read back as it was written.
     """
-    files = _files(source)
-    manifest, content = _manifest(files)
+    files = _files_of(source)
+    manifest, content = _read_manifest(files)
     if str(target).endswith(ZIP):
-        return _to_zip(files, manifest, content, Path(target), on_file)
+        return _copy_to_zip(files, manifest, content, Path(target), on_file)
     place = place_of(target)
-    before = _known(place)
+    before = _earlier_manifest(place)
     if before is not None and before.content_hash != manifest.content_hash:
-        raise SurveyError(f"{place} holds another survey: choose another location, or remove that one")
-    if before is None and place.occupied():
+        raise SurveyError(f"{place} holds another survey: choose another location, or remove that survey")
+    if before is None and place.is_occupied():
         raise SurveyError(f"{place} holds something that is not a copy of {source}: choose another location")
     try:
         if isinstance(place, Directory):
             place.path.mkdir(parents=True, exist_ok=True)
             (place.path / LOCK).touch()
-        with place.writing():
-            return _to_place(files, manifest, content, place, on_file)
+        with place.lock_for_writing():
+            return _copy_to_place(files, manifest, content, place, on_file)
     except OSError as error:
         refusal = storage_error(f"{place} cannot be written", error)
         raise refusal from error
 
 
-def _files(source: str | Path | Place) -> Files:
+def _files_of(source: str | Path | Place) -> FileSource:
     return ZipStore(Path(str(source))) if str(source).endswith(ZIP) else place_of(source)
 
 
-def _manifest(files: Files) -> tuple[Manifest, bytes]:
+def _read_manifest(files: FileSource) -> tuple[Manifest, bytes]:
     try:
         content = files.read(MANIFEST)
     except (FileNotFoundError, NotADirectoryError):
         content = b""
-    manifest = Manifest.of_bytes(content)
+    manifest = Manifest.from_bytes(content)
     if manifest is None:
         raise SurveyError(
             f"{files} holds no survey with a manifest that this version can read: run rattle verify to find the damage"
@@ -126,14 +126,14 @@ def _manifest(files: Files) -> tuple[Manifest, bytes]:
     return manifest, content
 
 
-def _known(place: Place) -> Manifest | None:
+def _earlier_manifest(place: Place) -> Manifest | None:
     """Return the manifest that an earlier copy has left, or None."""
     with suppress(FileNotFoundError, NotADirectoryError):
-        return Manifest.of_bytes(place.read(MANIFEST))
+        return Manifest.from_bytes(place.read(MANIFEST))
     return None
 
 
-def _keys(manifest: Manifest) -> Iterator[tuple[str, tuple[str, ...]]]:
+def _keys_with_digests(manifest: Manifest) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Yield the key of every file except the manifest, with the digests that the file may have; the root comes last."""
     for key, known in manifest.files.items():
         yield key, (known,)
@@ -143,14 +143,14 @@ def _keys(manifest: Manifest) -> Iterator[tuple[str, tuple[str, ...]]]:
     yield ROOT, manifest.root
 
 
-def _is_whole(files: Files, key: str, known: Sequence[str]) -> bool:
+def _is_whole(files: FileSource, key: str, known: Sequence[str]) -> bool:
     try:
         return digest(files.read(key)) in known
     except (FileNotFoundError, NotADirectoryError):
         return False
 
 
-def _read(files: Files, key: str, known: Sequence[str]) -> bytes:
+def _read_whole(files: FileSource, key: str, known: Sequence[str]) -> bytes:
     """Return the content of a file of the source. Raises SurveyError if the file is lost or damaged."""
     try:
         content = files.read(key)
@@ -164,66 +164,68 @@ def _read(files: Files, key: str, known: Sequence[str]) -> bytes:
     return content
 
 
-def _to_place(
-    files: Files, manifest: Manifest, content: bytes, place: Place, on_file: Callable[[int, int], None] | None
-) -> Copied:
+def _copy_to_place(
+    files: FileSource, manifest: Manifest, content: bytes, place: Place, on_file: Callable[[int, int], None] | None
+) -> CopyResult:
     if isinstance(place, Bucket):
         place.put(CREATING, b"")
     place.put(MANIFEST, content)
 
-    def copy(one: tuple[str, tuple[str, ...]]) -> tuple[int, bool]:
+    def copy_file(one: tuple[str, tuple[str, ...]]) -> tuple[int, bool]:
         key, known = one
-        part = _read(files, key, known)
+        part = _read_whole(files, key, known)
         if kept := _is_whole(place, key, known):
             return len(part), kept
         place.put(key, part)
         if not _is_whole(place, key, known):
-            raise OSError(f"{key} is not what was written")
+            raise OSError(f"{key} does not read back as it was written")
         return len(part), False
 
-    total, size, kept, done = _number(manifest), len(content), 0, 1
-    keys = list(_keys(manifest))
+    total, size, kept, done = _count_files(manifest), len(content), 0, 1
+    keys = list(_keys_with_digests(manifest))
     with ThreadPoolExecutor(READERS) as threads:
         for some in _batches(keys[:-1]):
-            for length, was_there in threads.map(copy, some):
+            for length, was_there in threads.map(copy_file, some):
                 size, kept, done = size + length, kept + was_there, done + 1
             if on_file:
                 on_file(done, total)
-    length, was_there = copy(keys[-1])
+    length, was_there = copy_file(keys[-1])
     if isinstance(place, Bucket):
-        place.sweep()
+        place.remove_leftovers()
     if on_file:
         on_file(total, total)
-    return Copied(total, size + length, kept + was_there)
+    return CopyResult(total, size + length, kept + was_there)
 
 
-def _to_zip(
-    files: Files, manifest: Manifest, content: bytes, path: Path, on_file: Callable[[int, int], None] | None
-) -> Copied:
+def _copy_to_zip(
+    files: FileSource, manifest: Manifest, content: bytes, path: Path, on_file: Callable[[int, int], None] | None
+) -> CopyResult:
     if path.exists():
         raise SurveyError(f"{path} exists: choose another file, or remove it")
-    total, size, done = _number(manifest), len(content), 1
+    total, size, done = _count_files(manifest), len(content), 1
     try:
-        with _replaced(path) as part:
+        with _rename_at_end(path) as part:
             with ZipFile(part, "w", ZIP_STORED) as archive, ThreadPoolExecutor(READERS) as threads:
                 archive.writestr(MANIFEST, content)
-                for some in _batches(_keys(manifest)):
-                    for (key, _), whole in zip(some, threads.map(lambda one: _read(files, *one), some), strict=True):
+                for some in _batches(_keys_with_digests(manifest)):
+                    for (key, _), whole in zip(
+                        some, threads.map(lambda one: _read_whole(files, *one), some), strict=True
+                    ):
                         archive.writestr(key, whole)
                         size, done = size + len(whole), done + 1
                     if on_file:
                         on_file(done, total)
-            _require_whole(ZipStore(part), _keys(manifest))
+            _require_whole(ZipStore(part), _keys_with_digests(manifest))
     except OSError as error:
         refusal = storage_error(f"{path} cannot be written", error)
         raise refusal from error
-    return Copied(total, size, 0)
+    return CopyResult(total, size, 0)
 
 
-def _require_whole(files: Files, keys: Iterable[tuple[str, tuple[str, ...]]]) -> None:
+def _require_whole(files: FileSource, keys: Iterable[tuple[str, tuple[str, ...]]]) -> None:
     for key, known in keys:
         if not _is_whole(files, key, known):
-            raise OSError(f"{key} is not what was written")
+            raise OSError(f"{key} does not read back as it was written")
 
 
 def _batches(keys: Iterable[tuple[str, tuple[str, ...]]]) -> Iterator[list[tuple[str, tuple[str, ...]]]]:
@@ -232,12 +234,12 @@ def _batches(keys: Iterable[tuple[str, tuple[str, ...]]]) -> Iterator[list[tuple
         yield some
 
 
-def _number(manifest: Manifest) -> int:
+def _count_files(manifest: Manifest) -> int:
     return 2 + len(manifest.files) + len(manifest.chunks) * len(manifest.tiles)
 
 
 @contextmanager
-def _replaced(path: Path) -> Iterator[Path]:
+def _rename_at_end(path: Path) -> Iterator[Path]:
     """Yield a temporary path in the same directory; at the end, rename the file there to `path`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}")

@@ -8,10 +8,10 @@ from typing import IO
 import numpy as np
 import xarray as xr
 
-from gear_rattle.workers.errors import SurveyError, reading
+from gear_rattle.workers.errors import SurveyError, report_damage
 from gear_rattle.workers.storage.complex import split_complex
 from gear_rattle.workers.survey.machine import AXES
-from gear_rattle.workers.survey.slices import slices_of, third_of
+from gear_rattle.workers.survey.slices import slices_of, third_axis_length
 from gear_rattle.workers.survey.values.schema import CELL, FIXED, RowForm
 from rattle import MissingExtraError
 
@@ -19,31 +19,32 @@ ROWS = 32  # rows of a band, if the dataset does not say how many rows the store
 CELLS = 16_384  # at most this many cells are converted to text at a time
 
 
-#: By form of a table: the dimension whose entries have a row each, and the variable that says whether an entry exists.
+#: For two forms of a table: the dimension whose entries have a row each, and the variable that says whether an entry
+#: exists.
 OWN_ROWS = {RowForm.ATTRACTORS: ("attractor", "attractor_kind"), RowForm.ORBITS: ("orbit", "orbit_exists")}
 
 
 def write_netcdf(dataset: xr.Dataset, groups: Mapping[str, xr.Dataset] | None = None) -> IO[bytes]:
-    """Write an open survey to a NetCDF 4 file under the CF conventions. groups: further datasets, by path of a group.
+    """Write an open survey to a NetCDF 4 file under the CF conventions. groups: {path of a group: dataset}.
 
     Returns
     -------
     IO[bytes]
         The file, open at its beginning. It has no name on disk any more, so it vanishes when it is closed.
     """
-    rows = _rows(dataset)
+    rows = _rows_of_band(dataset)
     with tempfile.TemporaryDirectory(prefix="rattle-") as directory:
         path = Path(directory) / "survey.nc"
         # All variables are written at once: opening the file for each took most of the time of a small survey.
-        whole = split_complex(dataset.chunk({"epsilon": rows, **dict.fromkeys(third_of(dataset), 1)}))
+        whole = split_complex(dataset.chunk({"epsilon": rows, **dict.fromkeys(third_axis_length(dataset), 1)}))
         whole.attrs = {name: value for name, value in whole.attrs.items() if value is not None}
-        _append(whole, path, "w", rows)
+        _write_group(whole, path, "w", rows)
         for group, each in (groups or {}).items():
-            _append(split_complex(each), path, "a", rows, group)
+            _write_group(split_complex(each), path, "a", rows, group)
         return path.open("rb")
 
 
-def _append(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: str | None = None) -> None:
+def _write_group(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: str | None = None) -> None:
     encoding: dict[Hashable, dict[str, object]] = {}
     for name, values in dataset.data_vars.items():
         encoding[name] = {"zlib": True, "complevel": 1} if values.ndim else {}
@@ -57,22 +58,22 @@ def _append(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: str | 
     written.compute(scheduler="synchronous")  # writes one band after the other in this process, never on a cluster
 
 
-def _rows(dataset: xr.Dataset) -> int:
-    """Return the number of rows of a band: that of a tile if the dataset names it, else ROWS."""
+def _rows_of_band(dataset: xr.Dataset) -> int:
+    """Return the number of rows of a band: the rows of a tile if the dataset has their number, else ROWS."""
     return int(dataset["status"].encoding.get("preferred_chunks", {}).get("epsilon", ROWS))
 
 
 def require_readable(dataset: xr.Dataset, names: Sequence[Hashable] | None = None) -> None:
-    """Read some variables (by default all) before their export is sent, which cannot be undone. Raises DamageError."""
-    rows = _rows(dataset)
+    """Raise DamageError unless variables (by default all) can be read, before their export is sent to a client."""
+    rows = _rows_of_band(dataset)
     for name in dataset.variables if names is None else names:
         for one in slices_of(dataset[[name]]):
-            _read(one[name], rows)
+            _read_bands(one[name], rows)
 
 
-def _read(values: xr.DataArray, rows: int) -> None:
+def _read_bands(values: xr.DataArray, rows: int) -> None:
     for start in range(0, values.sizes.get("epsilon", 1), rows):
-        with reading(f"{values.name} of this survey"):
+        with report_damage(f"{values.name} of this survey"):
             np.asarray(values.isel(epsilon=slice(start, start + rows)) if "epsilon" in values.dims else values)
 
 
@@ -80,10 +81,10 @@ def table_names(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> list[str]
     """Return the variables that become columns of a table. Raises SurveyError if the survey has none for this form."""
     own = OWN_ROWS.get(form, (None,))[0]
 
-    def belongs(dims: tuple[Hashable, ...]) -> bool:
+    def is_column(dims: tuple[Hashable, ...]) -> bool:
         return dims[-2:] == CELL and (dims == CELL if own is None else dims[0] == own)
 
-    names = [str(name) for name, values in next(slices_of(dataset)).data_vars.items() if belongs(values.dims)]
+    names = [str(name) for name, values in next(slices_of(dataset)).data_vars.items() if is_column(values.dims)]
     if not names:
         raise SurveyError(
             f"this survey was computed without {form}: use the form cells, which has a row for every cell"
@@ -91,8 +92,8 @@ def table_names(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> list[str]
     return names
 
 
-def tables(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> Iterator[dict[str, np.ndarray]]:
-    """Yield the table of an open survey in bands.
+def table_bands(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> Iterator[dict[str, np.ndarray]]:
+    """Yield the table of an open survey in bands of rows.
 
     δ varies fastest, then ε, then a third axis. In the forms `attractors` and `orbits` there is a row for each existing
     attractor or orbit. A variable with a further dimension, such as the number of an exponent, has a column for each
@@ -104,11 +105,11 @@ def tables(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> Iterator[dict[
         Columns of a band, by name.
     """
     for one in slices_of(dataset):
-        yield from _table(one, form)
+        yield from _slice_bands(one, form)
 
 
-def _table(dataset: xr.Dataset, form: RowForm) -> Iterator[dict[str, np.ndarray]]:
-    names, rows = table_names(dataset, form), _rows(dataset)
+def _slice_bands(dataset: xr.Dataset, form: RowForm) -> Iterator[dict[str, np.ndarray]]:
+    names, rows = table_names(dataset, form), _rows_of_band(dataset)
     beside = [name for name in AXES if name in dataset.variables]
     fixed = {name: float(dataset[name]) for name in FIXED if name in dataset.coords}
     for start in range(0, dataset.sizes["epsilon"], rows):
@@ -118,22 +119,23 @@ def _table(dataset: xr.Dataset, form: RowForm) -> Iterator[dict[str, np.ndarray]
         columns = {"delta": np.tile(some["delta"].values, height), "epsilon": np.repeat(some["epsilon"].values, width)}
         columns |= {name: np.full(height * width, value) for name, value in fixed.items()}
         columns |= {
-            name: _along(dataset[name].isel(epsilon=band, missing_dims="ignore"), some.sizes) for name in beside
+            name: _repeat_for_cells(dataset[name].isel(epsilon=band, missing_dims="ignore"), some.sizes)
+            for name in beside
         }
         if form in OWN_ROWS:
-            yield _tidy(some, list(map(str, some.data_vars)), columns, *OWN_ROWS[form])
+            yield _rows_of_entries(some, list(map(str, some.data_vars)), columns, *OWN_ROWS[form])
         else:
             yield columns | {str(name): values.values.ravel() for name, values in some.data_vars.items()}
 
 
-def _along(values: xr.DataArray, sizes: Mapping[Hashable, int]) -> np.ndarray:
-    """Repeat values along δ or ε (speeds or eccentricities of a machine) for every cell of a band."""
+def _repeat_for_cells(values: xr.DataArray, sizes: Mapping[Hashable, int]) -> np.ndarray:
+    """Repeat values along δ or ε (speeds or eccentricities of a machine), so that each cell of a band has its value."""
     if values.dims == ("delta",):
         return np.tile(values.values, sizes["epsilon"])
     return np.repeat(values.values, sizes["delta"])
 
 
-def _tidy(
+def _rows_of_entries(
     some: xr.Dataset, names: Sequence[str], of_cell: Mapping[str, np.ndarray], own: str, one: str
 ) -> dict[str, np.ndarray]:
     there = some[one].transpose(*CELL, own).values.ravel() != 0 if one in some else None
@@ -153,11 +155,11 @@ def _tidy(
 
 def csv_lines(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> Iterator[str]:
     """Yield a table as CSV text, several lines at a time."""
-    for number, columns in enumerate(tables(dataset, form)):
+    for number, columns in enumerate(table_bands(dataset, form)):
         if number == 0:
             yield ",".join(columns) + "\r\n"
         for first in range(0, next(iter(columns.values())).size, CELLS):
-            texts = [_texts(column[first : first + CELLS]) for column in columns.values()]
+            texts = [_numbers_as_text(column[first : first + CELLS]) for column in columns.values()]
             yield "".join(",".join(row) + "\r\n" for row in zip(*texts, strict=True))
 
 
@@ -183,7 +185,7 @@ def write_parquet(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> IO[byte
     with tempfile.TemporaryDirectory(prefix="rattle-") as directory:
         path = Path(directory) / "survey.parquet"
         writer = None
-        for columns in tables(dataset, form):
+        for columns in table_bands(dataset, form):
             table = pyarrow.table({name: np.asarray(values) for name, values in columns.items()})
             writer = writer or parquet.ParquetWriter(path, table.schema.with_metadata(about))
             writer.write_table(table)
@@ -192,7 +194,7 @@ def write_parquet(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> IO[byte
         return path.open("rb")
 
 
-def _texts(column: np.ndarray) -> list[str]:
+def _numbers_as_text(column: np.ndarray) -> list[str]:
     """Convert numbers to text that reads back to the same value; NaN becomes empty text."""
     if column.dtype == bool:
         column = column.astype(np.int8)

@@ -17,10 +17,10 @@ import numpy as np
 import zarr
 from zarr.errors import ZarrUserWarning
 
-from gear_rattle.workers.apart import CalledProcessError, call_apart
+from gear_rattle.workers.apart import CalledProcessError, call_in_subprocess
 from gear_rattle.workers.errors import StoppedError, SurveyError
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import manifest_of, read_file, said_by_root, whole_root
+from gear_rattle.workers.storage.manifest import manifest_of, read_file, unchecked_attributes, whole_root
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest
 from gear_rattle.workers.survey.version import code_version
 
@@ -48,16 +48,16 @@ class Integrity:
     tiles: int  # number of tiles of the survey
     files: int  # number of checked files
     version: str  # code version of the store; empty if its root is damaged
-    completed: str  # date of completion; empty if it is not complete
+    completed: str  # date of completion; empty if the survey is not complete
 
     @property
-    def whole(self) -> bool:
+    def is_whole(self) -> bool:
         """True if nothing is damaged; an incomplete survey may still lack tiles."""
         return not self.damaged and not self.template
 
     @property
-    def decoded(self) -> bool:
-        """True if the store has no manifest that this version can read."""
+    def is_decoded(self) -> bool:
+        """True if the chunks were checked by decoding, because this version cannot read a manifest of the store."""
         return not self.tiles
 
 
@@ -84,9 +84,9 @@ def examine(where: str | Path | Place, processes: int = 1) -> Integrity:
         There is no store, or it is too damaged to be identified; or a process that reads tiles was killed.
     """
     place = place_of(where)
-    if not place.occupied():
+    if not place.is_occupied():
         raise SurveyError(f"{place} does not exist or is empty: give the path of a survey")
-    manifest, attributes = manifest_of(place), said_by_root(place)
+    manifest, attributes = manifest_of(place), unchecked_attributes(place)
     version, completed = (str(attributes.get(name, "")) for name in ("code_version", COMPLETED))
     if manifest is None and (not version or "content_hash" not in attributes):
         raise SurveyError(
@@ -94,18 +94,20 @@ def examine(where: str | Path | Place, processes: int = 1) -> Integrity:
             f" is damaged, restore its {ROOT} and {MANIFEST} from a copy"
         )
     if manifest is None:
-        number, lost = _undecodable(place, attributes)
+        number, lost = _check_by_decoding(place, attributes)
         return Integrity(frozenset(), {}, lost, 0, number, version, completed)
-    done, damaged = examine_tiles(place, manifest) if processes == 1 else _examine_apart(place, manifest, processes)
+    done, damaged = (
+        examine_tiles(place, manifest) if processes == 1 else _examine_in_processes(place, manifest, processes)
+    )
     if completed:
         for index in set(range(manifest.n_tiles)) - manifest.tiles.keys():
             damaged[index] = tuple(manifest.chunks)
     files = 2 + len(manifest.files) + len(manifest.chunks) * len(manifest.tiles)
-    template, damaged = damaged_template(place, manifest), dict(sorted(damaged.items()))
+    template, damaged = damaged_template_files(place, manifest), dict(sorted(damaged.items()))
     return Integrity(frozenset(done), damaged, template, manifest.n_tiles, files, version, completed)
 
 
-def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tuple[str, ...]]:
+def _check_by_decoding(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tuple[str, ...]]:
     """Decode all chunks of a store without a readable manifest.
 
     Returns
@@ -129,7 +131,8 @@ def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tupl
             arrays = [(name, each) for name, each in group.members(max_depth=None) if isinstance(each, zarr.Array)]
     except Exception as error:  # a foreign format raises errors of several types
         raise SurveyError(
-            f"{place} was computed by version {version} and cannot be read ({error}): verify it with that version"
+            f"{place} was computed by version {version} and cannot be read ({error}): verify the store with that "
+            "version"
         ) from error
     number = 0
     for name, array in arrays:
@@ -151,7 +154,7 @@ def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tupl
 
 
 def examine_tiles(place: Place, manifest: Manifest, should_stop: Callable[[], bool] | None = None) -> Found:
-    """Return the tiles that are computed and whole, and the damaged variables of the others.
+    """Return the tiles that are computed and whole, and the damaged variables of the damaged tiles.
 
     Parameters
     ----------
@@ -172,10 +175,10 @@ def examine_tiles(place: Place, manifest: Manifest, should_stop: Callable[[], bo
     """
     done, damaged = set[int](), dict[int, tuple[str, ...]]()
     with ThreadPoolExecutor(READERS) as readers:
-        found = _mapped(readers, lambda index: _lost(place, manifest, index), manifest.tiles)
+        found = _map_in_batches(readers, lambda index: _damaged_variables(place, manifest, index), manifest.tiles)
         for index, lost in zip(manifest.tiles, found, strict=True):
             if should_stop and should_stop():
-                readers.shutdown(cancel_futures=True)  # without waiting for the other tiles
+                readers.shutdown(cancel_futures=True)  # returns without waiting for the other tiles
                 raise StoppedError(f"stopped while {place} was read")
             if lost:
                 damaged[index] = lost
@@ -184,32 +187,36 @@ def examine_tiles(place: Place, manifest: Manifest, should_stop: Callable[[], bo
     return done, damaged
 
 
-def _mapped(threads: ThreadPoolExecutor, function: Callable[[Item], Answer], items: Iterable[Item]) -> Iterator[Answer]:
+def _map_in_batches(
+    threads: ThreadPoolExecutor, function: Callable[[Item], Answer], items: Iterable[Item]
+) -> Iterator[Answer]:
     """Yield the results of `threads.map`, submitting the items in batches."""
     left = iter(items)
     while batch := list(islice(left, BATCH)):
         yield from threads.map(function, batch)
 
 
-def _examine_apart(place: Place, manifest: Manifest, processes: int) -> Found:
+def _examine_in_processes(place: Place, manifest: Manifest, processes: int) -> Found:
     """Examine tiles like `examine_tiles`, in several processes. Each of n processes reads every n-th tile."""
     tiles = list(manifest.tiles.items())
     parts = [replace(manifest, files={}, tiles=dict(tiles[first::processes])) for first in range(processes)]
     done, damaged = set[int](), dict[int, tuple[str, ...]]()
     with ThreadPoolExecutor(processes) as threads:
-        for some, lost in threads.map(partial(_examined_apart, str(place)), filter(lambda part: part.tiles, parts)):
+        for some, lost in threads.map(
+            partial(_examine_in_own_process, str(place)), filter(lambda part: part.tiles, parts)
+        ):
             done |= some
             damaged |= lost
     return done, damaged
 
 
-def _examined_apart(where: str, manifest: Manifest) -> Found:
-    """Return what `examine_tiles` returns, from a process of its own."""
+def _examine_in_own_process(where: str, manifest: Manifest) -> Found:
+    """Run `examine_tiles` in a process of its own. Raises SurveyError if the process is killed."""
     try:
-        return call_apart(_examine_at, where, manifest)
+        return call_in_subprocess(_examine_at, where, manifest)
     except CalledProcessError as error:
         raise SurveyError(
-            f"a process that read tiles of {where} ended with status {error.returncode}: verify it again"
+            f"a process that read tiles of {where} ended with status {error.returncode}: verify the store again"
         ) from error
 
 
@@ -217,9 +224,9 @@ def _examine_at(where: str, manifest: Manifest) -> Found:
     return examine_tiles(place_of(where), manifest)
 
 
-def _lost(place: Place, manifest: Manifest, index: int) -> tuple[str, ...]:
+def _damaged_variables(place: Place, manifest: Manifest, index: int) -> tuple[str, ...]:
     """Return the variables of a computed tile that are lost or damaged."""
-    keys, known = manifest.keys(index), manifest.digests_of(index)
+    keys, known = manifest.chunk_keys(index), manifest.digests_of(index)
     return tuple(name for name, key in keys.items() if not _is_whole(place, key, known.get(key)))
 
 
@@ -228,9 +235,9 @@ def _is_whole(place: Place, key: str, known: str | None) -> bool:
     return content is not None and digest(content) == known
 
 
-def damaged_template(place: Place, manifest: Manifest) -> tuple[str, ...]:
+def damaged_template_files(place: Place, manifest: Manifest) -> tuple[str, ...]:
     """Return the keys of lost or damaged files of a survey, except the chunks of tiles."""
     lost = [ROOT] if whole_root(place, manifest) is None else []
     with ThreadPoolExecutor(READERS) as readers:
-        whole = _mapped(readers, lambda key: _is_whole(place, key, manifest.files[key]), manifest.files)
+        whole = _map_in_batches(readers, lambda key: _is_whole(place, key, manifest.files[key]), manifest.files)
         return (*lost, *(key for key, is_whole in zip(manifest.files, whole, strict=True) if not is_whole))

@@ -38,7 +38,7 @@ class Directory:
         """Return the path that zarr opens."""
         return self.path
 
-    def occupied(self) -> bool:
+    def is_occupied(self) -> bool:
         """Return whether the path exists and is not an empty directory."""
         return self.path.exists() and not (self.path.is_dir() and next(self.path.iterdir(), None) is None)
 
@@ -46,7 +46,7 @@ class Directory:
         """Return whether the path has a whole store."""
         return (self.path / ROOT).exists()
 
-    def deletion_begun(self) -> bool:
+    def has_deletion_begun(self) -> bool:
         """Return False, because a directory whose deletion has begun has another name."""
         return False
 
@@ -54,7 +54,7 @@ class Directory:
         """Return the content of a file. Raises OSError."""
         return (self.path / key).read_bytes()
 
-    def reaching(self) -> AbstractContextManager[None]:
+    def translate_errors(self) -> AbstractContextManager[None]:
         """Return a context that does nothing, because OSError needs no translation, unlike the errors of a bucket."""
         return nullcontext()
 
@@ -70,7 +70,7 @@ class Directory:
             (sibling / LOCK).touch()
             os.rename(sibling, self.path)
         except OSError:
-            if not self.occupied():  # otherwise another run has created a store here, which the caller then checks
+            if not self.is_occupied():  # otherwise another run has created a store here, which the caller then checks
                 raise
         finally:
             shutil.rmtree(sibling, ignore_errors=True)
@@ -93,7 +93,7 @@ class Directory:
             (self.path / key).unlink(missing_ok=True)
 
     @contextmanager
-    def writing(self) -> Iterator[None]:
+    def lock_for_writing(self) -> Iterator[None]:
         """Lock the store for one run; the system releases the lock even if the process is killed.
 
         Raises
@@ -119,7 +119,7 @@ class Directory:
                 pass  # the file system has no locks
             yield
 
-    def sweep(self) -> None:
+    def remove_leftovers(self) -> None:
         """Remove the partial files of killed writers."""
         for stray in self.path.rglob("*.partial"):
             stray.unlink(missing_ok=True)
@@ -139,7 +139,7 @@ def place_of(where: str | Path | Place) -> Place:
     return _bucket(str(where))
 
 
-def certificates_of(where: str | Path | Place) -> Path:
+def certificates_path(where: str | Path | Place) -> Path:
     """Return the path of the store for a survey's certificates, beside the survey. Raises SurveyError for a bucket."""
     place = place_of(where)
     if isinstance(place, Bucket):

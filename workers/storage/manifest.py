@@ -17,14 +17,15 @@ from zarr.storage import MemoryStore
 
 from gear_rattle.workers.errors import StorageError, SurveyError, storage_error
 from gear_rattle.workers.storage.location import Place
-from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest, digests
-from gear_rattle.workers.survey.template import COMPACT, Template, consolidate
+from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest, file_digests
+from gear_rattle.workers.survey.template import COMPACT, Template, consolidate_metadata
 
 #: The manifest is written when more than 1/SHARE of its tiles are new since it was last written, so that a large
 #: manifest is written rarely.
 SHARE = 200
 KNOWN = 8  # parsed manifests in the cache, because each is needed repeatedly
-LARGE = 4 * 2**20  # bytes; only the latest larger manifest is kept, because that of 10⁹ cells takes 250 MB
+#: Bytes of a large manifest. The cache keeps only the latest large manifest, because that of 10⁹ cells takes 250 MB.
+LARGE = 4 * 2**20
 
 Note = Callable[[Mapping[int, Mapping[str, str]]], None]
 
@@ -59,16 +60,16 @@ def read_file(place: Place, key: str) -> bytes | None:
 def manifest_of(place: Place) -> Manifest | None:
     """Return the manifest of a store, or None if it is missing, damaged or of another version."""
     content = read_file(place, MANIFEST)
-    if content is None or place.deletion_begun():
+    if content is None or place.has_deletion_begun():
         return None
     return (_parsed_large if len(content) > LARGE else _parsed_small)(content)
 
 
-_parsed_small = lru_cache(maxsize=KNOWN)(Manifest.of_bytes)
-_parsed_large = lru_cache(maxsize=1)(Manifest.of_bytes)
+_parsed_small = lru_cache(maxsize=KNOWN)(Manifest.from_bytes)
+_parsed_large = lru_cache(maxsize=1)(Manifest.from_bytes)
 
 
-def known_manifest(place: Place) -> Manifest:
+def require_manifest(place: Place) -> Manifest:
     """Return the manifest of a store.
 
     Returns
@@ -84,22 +85,20 @@ def known_manifest(place: Place) -> Manifest:
         There is no survey, or its manifest is damaged.
     """
     if (manifest := manifest_of(place)) is None:
-        require_there(place)
-        if "content_hash" not in said_by_root(place):
+        require_store(place)
+        if "content_hash" not in unchecked_attributes(place):
             raise SurveyError(f"{place} holds something that is not a survey: choose another path")
         raise SurveyError(f"{MANIFEST} of {place} is damaged: run the survey again to repair it")
     return manifest
 
 
-def require_there(place: Place) -> None:
+def require_store(place: Place) -> None:
     """Raise StorageError if a store is gone. This is not damage, because the store may come back."""
-    if not place.occupied():
-        raise StorageError(
-            f"{place} is gone: it was moved or deleted. Bring it back, or run the survey again to compute it anew"
-        )
+    if not place.is_occupied():
+        raise StorageError(f"{place} is gone: it was moved or deleted. Bring the store back, or run the survey again")
 
 
-def said_by_root(place: Place) -> dict[str, Any]:
+def unchecked_attributes(place: Place) -> dict[str, Any]:
     """Return the attributes in a store's root without checking its digest; empty if there is no readable root."""
     try:
         attributes = json.loads(read_file(place, ROOT) or b"{}").get("attributes", {})
@@ -129,11 +128,11 @@ def attributes_of(place: Place) -> dict[str, Any]:
     StorageError
         The root cannot be read now.
     """
-    return dict(json.loads(_root(place, known_manifest(place)))["attributes"])
+    return dict(json.loads(_root(place, require_manifest(place)))["attributes"])
 
 
 @contextmanager
-def noting(place: Place) -> Iterator[Note]:
+def recording_tiles(place: Place) -> Iterator[Note]:
     """Yield a function that records written tiles in the manifest.
 
     The caller holds the lock of the store, and changes nothing else in the manifest in this context. If the process is
@@ -142,7 +141,7 @@ def noting(place: Place) -> Iterator[Note]:
     Yields
     ------
     Note
-        The function; its argument has for each written tile, by index, the digests of its chunks, by key.
+        The function. Its argument is {index of a written tile: {key of a chunk: digest}}.
 
     Raises
     ------
@@ -151,14 +150,14 @@ def noting(place: Place) -> Iterator[Note]:
     StorageError
         The manifest cannot be written now, or the store is gone.
     """
-    before = known_manifest(place)
+    before = require_manifest(place)
     manifest, waiting = replace(before, tiles=dict(before.tiles)), 0
 
-    def write() -> None:
+    def write_manifest() -> None:
         nonlocal waiting
         try:
             if not place.exists():  # writing would recreate a part of a deleted survey
-                require_there(place)
+                require_store(place)
             place.put(MANIFEST, manifest.to_bytes())
         except OSError as error:
             refusal = storage_error(f"{place} cannot be written", error)
@@ -168,19 +167,19 @@ def noting(place: Place) -> Iterator[Note]:
     def note(tiles: Mapping[int, Mapping[str, str]]) -> None:
         nonlocal waiting
         for index, files in tiles.items():
-            manifest.note(index, files)
+            manifest.record_tile(index, files)
         waiting += len(tiles)
         if waiting > len(manifest.tiles) // SHARE:
-            write()
+            write_manifest()
 
     try:
         yield note
     finally:
         if waiting:
-            write()
+            write_manifest()
 
 
-def tell(place: Place, told: Mapping[str, Any]) -> None:
+def set_attributes(place: Place, attributes: Mapping[str, Any]) -> None:
     """Set attributes of the store's root; the value None removes an attribute. The caller holds the lock of the store.
 
     Raises
@@ -190,10 +189,10 @@ def tell(place: Place, told: Mapping[str, Any]) -> None:
     OSError
         The root cannot be written now.
     """
-    manifest = known_manifest(place)
+    manifest = require_manifest(place)
     root = _root(place, manifest)
     known = json.loads(root)["attributes"]
-    changed = {name: value for name, value in {**known, **told}.items() if value is not None}
+    changed = {name: value for name, value in {**known, **attributes}.items() if value is not None}
     if changed != known:
         replace_root(place, manifest, with_attributes(root, changed), manifest)
 
@@ -225,7 +224,7 @@ def update_metadata(place: Place, added: Template, there: Mapping[str, str], is_
     OSError
         A file cannot be written now.
     """
-    manifest = known_manifest(place)
+    manifest = require_manifest(place)
     root = _root(place, manifest)
     files = {key: known for key, known in manifest.files.items() if not is_removed(key)}
     nodes = {key: read_file(place, key) for key in files if key.endswith(f"/{ROOT}")} | {ROOT: root}
@@ -237,8 +236,8 @@ def update_metadata(place: Place, added: Template, there: Mapping[str, str], is_
     kept: dict[str, Buffer] = {
         key: cpu.Buffer.from_bytes(content) for key, content in described.items() if content is not None
     }
-    consolidate(MemoryStore(kept))
-    after = replace(manifest, files=files | digests(added) | dict(there))
+    consolidate_metadata(MemoryStore(kept))
+    after = replace(manifest, files=files | file_digests(added) | dict(there))
     replace_root(place, manifest, kept[ROOT].to_bytes(), after)
 
 
@@ -255,6 +254,6 @@ def replace_root(place: Place, before: Manifest, root: bytes, after: Manifest) -
 
 def _root(place: Place, manifest: Manifest) -> bytes:
     if (root := whole_root(place, manifest)) is None:
-        require_there(place)
+        require_store(place)
         raise SurveyError(f"{ROOT} of {place} is damaged: run the survey again to repair it")
     return root

@@ -13,20 +13,20 @@ import zarr
 from zarr.buffer import cpu
 
 from gear_rattle.workers.errors import StorageError, SurveyError, storage_error
-from gear_rattle.workers.kinds import AnyRequest, AnyTile, blank, template_of, tiles_of
+from gear_rattle.workers.kinds import AnyRequest, AnyTile, empty_arrays, template_of, tiles_of
 from gear_rattle.workers.storage.bucket import SCHEME
 from gear_rattle.workers.storage.encoding import prepare_for_writing
-from gear_rattle.workers.storage.integrity import COMPLETED, STATUS, damaged_template, examine_tiles
+from gear_rattle.workers.storage.integrity import COMPLETED, STATUS, damaged_template_files, examine_tiles
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import (
     attributes_of,
-    known_manifest,
     manifest_of,
     read_file,
     replace_root,
-    require_there,
-    said_by_root,
-    tell,
+    require_manifest,
+    require_store,
+    set_attributes,
+    unchecked_attributes,
     update_metadata,
     whole_root,
     with_attributes,
@@ -34,19 +34,19 @@ from gear_rattle.workers.storage.manifest import (
 from gear_rattle.workers.survey.families import FAMILY
 from gear_rattle.workers.survey.families import GROUP as FAMILIES
 from gear_rattle.workers.survey.levels.grid import GROUP as LEVELS
-from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, chunk_key, digests
+from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, chunk_key, file_digests
 from gear_rattle.workers.survey.refined.audit import (
     AUDIT,
+    AUDIT_ATTRIBUTES,
     AUDITED,
     DISAGREED,
     LEAF,
     ROUNDS,
     SOURCE_LEVEL,
-    TOLD,
-    told_of_audit,
+    audit_attributes,
 )
 from gear_rattle.workers.survey.request import SurveyRequest
-from gear_rattle.workers.survey.template import Template, now
+from gear_rattle.workers.survey.template import Template, current_time
 from gear_rattle.workers.survey.values.schema import CELL
 from gear_rattle.workers.survey.version import code_version
 
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
 Make = Callable[[AnyRequest, str | None], Template]
 KEPT = COMPLETED, ROUNDS  # attributes that a repaired root keeps, because the template does not contain them
-_blank = lru_cache(maxsize=16)(blank)
+_blank = lru_cache(maxsize=16)(empty_arrays)
 
 
 def create_store(request: AnyRequest, where: str | Path | Place, make: Make | None = None) -> None:
@@ -80,36 +80,36 @@ def create_store(request: AnyRequest, where: str | Path | Place, make: Make | No
     """
     place, make = place_of(where), make or template_of
     try:
-        if not place.occupied():
+        if not place.is_occupied():
             place.build(make(request, None))
-        if _is_damaged(place, _require_same(request, place)):
-            with place.writing():
-                _mend(request, place, make)
+        if _is_damaged(place, _require_same_survey(request, place)):
+            with place.lock_for_writing():
+                _repair(request, place, make)
     except OSError as error:
         refusal = storage_error(f"{place} cannot be created", error)
         raise refusal from error
 
 
 def _is_damaged(place: Place, manifest: Manifest | None) -> bool:
-    return manifest is None or bool(damaged_template(place, manifest))
+    return manifest is None or bool(damaged_template_files(place, manifest))
 
 
-def _mend(request: AnyRequest, place: Place, make: Make) -> None:
+def _repair(request: AnyRequest, place: Place, make: Make) -> None:
     """Write the template over a damaged store, root and manifest last. Families and levels are computed again later."""
-    manifest = _require_same(request, place)
+    manifest = _require_same_survey(request, place)
     if not _is_damaged(place, manifest):
         return  # another run has repaired it meanwhile
-    said = said_by_root(place)
+    said = unchecked_attributes(place)
     trusted = said if manifest is None or whole_root(place, manifest) else {}
     created = manifest.date_created if manifest else trusted.get("date_created")
     template = make(request, created)
     for key in template.keys() - {ROOT, MANIFEST}:
         place.put(key, template[key])
-    after = Manifest.of_bytes(template[MANIFEST])
+    after = Manifest.from_bytes(template[MANIFEST])
     assert after is not None, "a template is whole"
     if manifest is None:
-        for index, files in _decodable(request, place):
-            after.note(index, files)
+        for index, files in _decodable_tiles(request, place):
+            after.record_tile(index, files)
     else:
         after.tiles.update(manifest.tiles)
     attributes = json.loads(template[ROOT])["attributes"]
@@ -117,26 +117,26 @@ def _mend(request: AnyRequest, place: Place, make: Make) -> None:
     replace_root(place, manifest or after, with_attributes(template[ROOT], attributes | kept), after)
 
 
-def _decodable(request: AnyRequest, place: Place) -> Iterator[tuple[int, dict[str, str]]]:
+def _decodable_tiles(request: AnyRequest, place: Place) -> Iterator[tuple[int, dict[str, str]]]:
     """Yield the index and the chunks' digests of each computed tile, in a store that has lost its manifest."""
     for tile in tiles_of(request):
-        contents = _contents(request, place, tile)
+        contents = _chunk_contents(request, place, tile)
         try:
-            is_computed = _decoded(request, tile, contents)[STATUS].all()
+            is_computed = _decode_tile(request, tile, contents)[STATUS].all()
         except Exception:  # codecs raise errors of several types for damaged chunks
             continue
         if is_computed:
-            yield tile.index, digests(contents)
+            yield tile.index, file_digests(contents)
 
 
-def _require_same(request: AnyRequest, place: Place) -> Manifest | None:
+def _require_same_survey(request: AnyRequest, place: Place) -> Manifest | None:
     """Require that a store belongs to this survey. Return its manifest, or None if the manifest is lost or damaged."""
     manifest = manifest_of(place)
     if manifest is not None and manifest.content_hash == request.content_hash():
         return manifest
     if manifest is None:
-        require_there(place)
-    attributes = said_by_root(place)
+        require_store(place)
+    attributes = unchecked_attributes(place)
     if manifest is None and "content_hash" not in attributes:
         raise SurveyError(f"{place} holds something that is not a survey: choose another path")
     if attributes.get("code_version", code_version()) != code_version():
@@ -146,7 +146,7 @@ def _require_same(request: AnyRequest, place: Place) -> Manifest | None:
         )
     if manifest is None and attributes["content_hash"] == request.content_hash():
         return None
-    raise SurveyError(f"{place} holds another survey: choose another path, or delete that one first")
+    raise SurveyError(f"{place} holds another survey: choose another path, or delete that survey first")
 
 
 def tiles_done(
@@ -169,13 +169,13 @@ def tiles_done(
         `should_stop` returned true.
     """
     place = place_of(where)
-    _require_same(request, place)
-    return examine_tiles(place, known_manifest(place), should_stop)[0]
+    _require_same_survey(request, place)
+    return examine_tiles(place, require_manifest(place), should_stop)[0]
 
 
 def require_aligned(request: AnyRequest, tiles: Iterable[AnyTile]) -> None:
     """Raise SurveyError unless each tile is one whole chunk, because two writers in one chunk lose data silently."""
-    sides = list(zip(request.tile_shape, request.shape, strict=True))  # once, not for each of 10⁵ tiles
+    sides = list(zip(request.tile_shape, request.shape, strict=True))  # computed once, not for each of 10⁵ tiles
     for tile in tiles:
         for span, (size, num) in zip(tile.spans, sides, strict=True):
             if span.start % size or not 0 <= span.start < num or span.stop != min(span.start + size, num) or span.step:
@@ -200,20 +200,20 @@ def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[st
         The tile cannot be written now, or the store is gone because it was deleted or its disk is not there.
     """
     require_aligned(request, [tile])
-    place = _place(path, request)
-    written = _encoded(request, tile, values)
+    place = _checked_place(path, request)
+    written = _encode_tile(request, tile, values)
     for key, content in written.items():
         if not place.exists():  # writing would recreate parts of a deleted survey
-            require_there(place)
+            require_store(place)
             raise StorageError(f"{ROOT} of {place} is gone: run the survey again to repair it")
         place.put(key, content)
-    return digests(written)
+    return file_digests(written)
 
 
 @lru_cache(maxsize=16)
-def _place(path: str, request: AnyRequest) -> Place:
+def _checked_place(path: str, request: AnyRequest) -> Place:
     """Return the location of a store. Each process checks once that the store belongs to this survey."""
-    _require_same(request, place_of(path))
+    _require_same_survey(request, place_of(path))
     return place_of(path)
 
 
@@ -232,34 +232,34 @@ def read_tile(request: AnyRequest, path: str, tile: AnyTile, known: Mapping[str,
     StorageError
         The store cannot be read now.
     """
-    contents = _contents(request, _place(path, request), tile)
-    return _decoded(request, tile, contents) if digests(contents) == known else None
+    contents = _chunk_contents(request, _checked_place(path, request), tile)
+    return _decode_tile(request, tile, contents) if file_digests(contents) == known else None
 
 
-def _contents(request: AnyRequest, place: Place, tile: AnyTile) -> dict[str, bytes]:
+def _chunk_contents(request: AnyRequest, place: Place, tile: AnyTile) -> dict[str, bytes]:
     """Return the existing chunks of a tile, by their key."""
-    found = ((key, read_file(place, key)) for key in _keys(request, tile).values())
+    found = ((key, read_file(place, key)) for key in _chunk_keys(request, tile).values())
     return {key: content for key, content in found if content is not None}
 
 
-def _decoded(request: AnyRequest, tile: AnyTile, contents: Mapping[str, bytes]) -> dict[str, np.ndarray]:
+def _decode_tile(request: AnyRequest, tile: AnyTile, contents: Mapping[str, bytes]) -> dict[str, np.ndarray]:
     """Decode every variable of a tile. Raises KeyError for lost chunks, and the errors of codecs for damaged ones."""
     kept, arrays, _ = _blank(request)
     values = {}
-    for name, key in _keys(request, tile).items():
+    for name, key in _chunk_keys(request, tile).items():
         kept[key] = cpu.Buffer.from_bytes(contents[key])
         try:
-            values[name] = np.asarray(arrays[name][tile.at])
+            values[name] = np.asarray(arrays[name][tile.selection])
         finally:
             del kept[key]
     return values
 
 
-def _encoded(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.ndarray]) -> dict[str, bytes]:
+def _encode_tile(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.ndarray]) -> dict[str, bytes]:
     """Encode a tile. Return the contents of its files by key, as zarr writes them."""
     kept, arrays, chunks = _blank(request)
     for name, given in values.items():
-        if given.shape != np.broadcast_to(0, arrays[name].shape)[tile.at].shape:
+        if given.shape != np.broadcast_to(0, arrays[name].shape)[tile.selection].shape:
             raise SurveyError(
                 f"tile {tile.index}: {name} has shape {given.shape}, which is not the shape of its chunk: pass the "
                 "arrays of compute_tile unchanged"
@@ -267,13 +267,13 @@ def _encoded(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.ndarray
     if missing := chunks.keys() - values.keys():
         raise SurveyError(f"tile {tile.index} lacks {', '.join(sorted(missing))}: pass all arrays of compute_tile")
     contents = {}
-    for name, key in _keys(request, tile).items():
-        arrays[name][tile.at] = values[name]
+    for name, key in _chunk_keys(request, tile).items():
+        arrays[name][tile.selection] = values[name]
         contents[key] = kept.pop(key).to_bytes()
     return contents
 
 
-def _keys(request: AnyRequest, tile: AnyTile) -> dict[str, str]:
+def _chunk_keys(request: AnyRequest, tile: AnyTile) -> dict[str, str]:
     """Return the key of each chunk of a tile, by variable. `status` is last: a tile with a status is complete."""
     rows, columns = request.tile_grid
     row, column = divmod(tile.index, columns)
@@ -283,7 +283,7 @@ def _keys(request: AnyRequest, tile: AnyTile) -> dict[str, str]:
 
 
 def finish_store(where: str | Path | Place) -> None:
-    """Finish a survey whose tiles are all computed: remove partial files, and write the date. It may be repeated.
+    """Finish a survey whose tiles are all computed: remove partial files, and write the date. This may be repeated.
 
     Raises
     ------
@@ -293,19 +293,19 @@ def finish_store(where: str | Path | Place) -> None:
         The store cannot be written now.
     """
     place = place_of(where)
-    manifest = known_manifest(place)
-    with place.writing():
+    manifest = require_manifest(place)
+    with place.lock_for_writing():
         if missing := manifest.n_tiles - len(manifest.tiles):
             raise SurveyError(
                 f"{place} lacks {missing} of its {manifest.n_tiles} tiles: run the survey again to resume it"
             )
         try:
-            place.sweep()
-            told = {COMPLETED: attributes_of(place).get(COMPLETED) or now()}
-            # If the survey has LEAF, the rounds of audits have counted its cells.
+            place.remove_leftovers()
+            attributes = {COMPLETED: attributes_of(place).get(COMPLETED) or current_time()}
+            # In a survey with the variable LEAF, the rounds of audits have already counted the audited cells.
             if AUDIT in manifest.chunks and LEAF not in manifest.chunks:
-                told |= _refined(place)
-            tell(place, told)
+                attributes |= _audit_attributes(place)
+            set_attributes(place, attributes)
         except OSError as error:
             refusal = storage_error(f"{place} cannot be finished", error)
             raise refusal from error
@@ -317,7 +317,7 @@ def has_added(where: str | Path | Place, name: str) -> bool:
     return manifest is not None and f"{name}/{ROOT}" in manifest.files
 
 
-def added_to_store(where: str | Path | Place, added: Template, there: Mapping[str, str]) -> None:
+def add_to_store(where: str | Path | Place, added: Template, there: Mapping[str, str]) -> None:
     """Add files to a store. added: contents of files to write, by key. there: digests of chunks already written.
 
     The root is written last, and all additions become visible with it.
@@ -332,7 +332,7 @@ def added_to_store(where: str | Path | Place, added: Template, there: Mapping[st
     update_metadata(place_of(where), added, there, lambda _: False)
 
 
-def before_tiles(request: AnyRequest, place: Place) -> None:
+def prepare_for_tiles(request: AnyRequest, place: Place) -> None:
     """Remove the additions of a store that would contradict tiles that are computed again: families, levels, audits.
 
     In new tiles, slots are in the order of basin fractions until the families are joined, and only the first round of
@@ -346,31 +346,31 @@ def before_tiles(request: AnyRequest, place: Place) -> None:
         The store cannot be written now.
     """
     try:
-        if TOLD[-1] in said_by_root(place):
-            tell(place, dict.fromkeys(TOLD))
+        if AUDIT_ATTRIBUTES[-1] in unchecked_attributes(place):
+            set_attributes(place, dict.fromkeys(AUDIT_ATTRIBUTES))
         if isinstance(request, SurveyRequest) and request.slots_follow_families and has_added(place, FAMILY):
-            update_metadata(place, {}, {}, _is_added)
+            update_metadata(place, {}, {}, _is_addition)
     except OSError as error:
         refusal = storage_error(f"{place} cannot be written", error)
         raise refusal from error
 
 
-def _is_added(key: str) -> bool:
+def _is_addition(key: str) -> bool:
     return not {FAMILY, FAMILIES, LEVELS}.isdisjoint(key.split("/"))
 
 
-def _refined(place: Place) -> dict[str, int | float]:
-    """Count filled and audited cells of a refined survey, and return the attributes `TOLD` for its root."""
+def _audit_attributes(place: Place) -> dict[str, int | float]:
+    """Count filled and audited cells of a refined survey, and return the attributes for its root that TOLD names."""
     counts: dict[int, list[int]] = {}
-    for i, (source, audit) in enumerate(zip(bands(place, SOURCE_LEVEL), bands(place, AUDIT), strict=True)):
+    for i, (source, audit) in enumerate(zip(read_bands(place, SOURCE_LEVEL), read_bands(place, AUDIT), strict=True)):
         found = np.bincount(audit.ravel(), minlength=DISAGREED + 1)
         of = counts.setdefault(i if source.ndim > len(CELL) else 0, [0, 0, 0])
         for j, more in enumerate((np.count_nonzero(source), found[AUDITED:].sum(), found[DISAGREED])):
             of[j] += int(more)
-    return told_of_audit(list(counts.values()))
+    return audit_attributes(list(counts.values()))
 
 
-def bands(place: Place, name: str) -> Iterator[np.ndarray]:
+def read_bands(place: Place, name: str) -> Iterator[np.ndarray]:
     """Yield the values of a per-cell variable, a row of tiles at a time, because all values may not fit in memory.
 
     Yields
@@ -384,14 +384,14 @@ def bands(place: Place, name: str) -> Iterator[np.ndarray]:
         The survey is damaged.
     """
     try:
-        with place.reaching():
+        with place.translate_errors():
             array = zarr.open_array(place.zarr(), path=name, mode="r")
             for row in range(0, array.shape[0], array.chunks[0]):
                 yield np.asarray(array[row : row + array.chunks[0]])
     except SurveyError:
         raise
     except Exception as error:  # codecs raise errors of several types for damaged chunks
-        require_there(place)
+        require_store(place)
         raise SurveyError(f"{place} is damaged ({error}): run the survey again to repair it") from error
 
 
@@ -417,10 +417,10 @@ def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_st
     SurveyError
         There is no survey, or it cannot be read.
     """
-    import xarray as xr  # here, because loading takes a third of a second, and workers do not need it
+    import xarray as xr  # imported here, because it takes a third of a second, and workers do not need it
 
     try:
-        dataset = xr.open_zarr(_readable(path_or_url), chunks=None, consolidated=True, group=group)
+        dataset = xr.open_zarr(_zarr_source(path_or_url), chunks=None, consolidated=True, group=group)
     except Exception as error:  # disks, networks and foreign formats raise errors of many types
         raise SurveyError(f"no survey can be opened at {path_or_url}: {error}") from error
     if group is None and "content_hash" not in dataset.attrs:
@@ -452,7 +452,7 @@ def open_groups(path_or_url: str | Path | Place) -> dict[str, xr.Dataset]:
     import xarray as xr
 
     try:
-        found = xr.open_groups(_readable(path_or_url), engine="zarr", chunks=None, consolidated=True)
+        found = xr.open_groups(_zarr_source(path_or_url), engine="zarr", chunks=None, consolidated=True)
     except Exception as error:  # disks, networks and foreign formats raise errors of many types
         raise SurveyError(f"no survey can be opened at {path_or_url}: {error}") from error
     return {
@@ -462,7 +462,7 @@ def open_groups(path_or_url: str | Path | Place) -> dict[str, xr.Dataset]:
     }
 
 
-def _readable(path_or_url: str | Path | Place) -> Any:
+def _zarr_source(path_or_url: str | Path | Place) -> Any:
     if str(path_or_url).startswith(SCHEME):
         return place_of(path_or_url).zarr().with_read_only(True)  # type: ignore[union-attr]  # a bucket
     if str(path_or_url).endswith(".zip"):

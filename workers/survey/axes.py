@@ -57,30 +57,31 @@ def require_visible(what: str, text: str, besides: str = "") -> str:
     return text
 
 
-def _printable(name: str) -> str:
+def _require_printable(name: str) -> str:
     return require_visible("name", name)
 
 
-Name = Annotated[str, Field(max_length=200), AfterValidator(_printable)]
+#: The name of a survey or population in a request: at most 200 printable characters.
+Name = Annotated[str, Field(max_length=200), AfterValidator(_require_printable)]
 
 
-def _plain(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Replace numpy's numbers by Python's, because strict fields refuse numpy's types."""
+def _python_numbers(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return fields with numpy's numbers replaced by Python's, because strict fields refuse numpy's types."""
     return {name: value.item() if isinstance(value, np.generic) else value for name, value in given.items()}
 
 
-class Strict(BaseModel):
-    """Base of immutable records that accept no unknown fields."""
+class StrictRecord(BaseModel):
+    """Base class of immutable records that accept no unknown fields."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     @model_validator(mode="before")
     @classmethod
-    def _numbers(cls, given: Any) -> Any:
-        return _plain(given) if isinstance(given, Mapping) else given
+    def _convert_numbers(cls, given: Any) -> Any:
+        return _python_numbers(given) if isinstance(given, Mapping) else given
 
 
-class Axis(Strict):
+class Axis(StrictRecord):
     """`num` evenly spaced values from `start` to `stop`, both included."""
 
     start: Real
@@ -89,16 +90,16 @@ class Axis(Strict):
 
     @model_validator(mode="before")
     @classmethod
-    def _triple(cls, given: Any) -> Any:
-        """Accept (start, stop, num), the shortest form in Python."""
+    def _accept_triple(cls, given: Any) -> Any:
+        """Convert a tuple (start, stop, num) to fields. Raises ValueError for a value of another kind."""
         if isinstance(given, tuple) and len(given) == len(cls.model_fields):
-            return _plain(dict(zip(cls.model_fields, given, strict=True)))
+            return _python_numbers(dict(zip(cls.model_fields, given, strict=True)))
         if not isinstance(given, Mapping | cls):
             raise ValueError("an axis has start, stop and num: a triple in Python, an object with these names in JSON")
         return given
 
     @model_validator(mode="after")
-    def _increasing(self) -> Self:
+    def _check_increasing(self) -> Self:
         if not self.start < self.stop:
             raise ValueError(f"start ({self.start}) must be below stop ({self.stop}): exchange or separate them")
         with np.errstate(over="ignore", invalid="ignore"):
@@ -108,7 +109,7 @@ class Axis(Strict):
         return self
 
     def values(self) -> np.ndarray:
-        """Return the float64 values, shape (num,), for computing and storing."""
+        """Return the values of the axis, float64 of shape (num,)."""
         return np.linspace(self.start, self.stop, self.num)
 
     @classmethod
@@ -117,7 +118,7 @@ class Axis(Strict):
         parts = text.split(":")
         how = f"axis {text!r}: write START:STOP:NUM, such as 0.4:1.0:61"
         if len(parts) != len(cls.model_fields):
-            raise SurveyError(f"{how}, three numbers separated by colons: it has {len(parts)}")
+            raise SurveyError(f"{how}, three numbers separated by colons: this text has {len(parts)}")
         numbers: dict[str, Any] = {}
         for name, part in zip(cls.model_fields, parts, strict=True):
             whole = name == "num"
@@ -128,11 +129,11 @@ class Axis(Strict):
         try:
             return cls(**numbers)
         except ValidationError as error:
-            raise SurveyError(f"{how}: {place_and_reason(error)}") from error
+            raise SurveyError(f"{how}: {field_and_message(error)}") from error
 
 
-#: Message for each of pydantic's types of error. It replaces pydantic's own, such as "Input should be …".
-_WORDS = {
+#: {pydantic's type of error: our message}. It replaces pydantic's own message, such as "Input should be …".
+_MESSAGES = {
     "missing": "is not given: give it",
     "greater_than": "must be greater than {gt}, got {input}",
     "greater_than_equal": "must be at least {ge}, got {input}",
@@ -159,22 +160,22 @@ _WORDS = {
 }
 _CHOICE = re.compile(r"'([^']*)'")
 _ENDS = (("least", "min_length"), ("most", "max_length"))
-LONGEST = 60  # a message quotes at most this many characters of a given value
+LONGEST_QUOTE = 60  # a message quotes at most this many characters of a given value
 
 
-def _fields_below(kind: type[BaseModel]) -> set[str]:
+def _fields_of_subclasses(kind: type[BaseModel]) -> set[str]:
     """Return the names of all fields of all subclasses of a model."""
     below = kind.__subclasses__()
-    return {field for each in below for field in each.model_fields}.union(*map(_fields_below, below))
+    return {field for each in below for field in each.model_fields}.union(*map(_fields_of_subclasses, below))
 
 
-def words_of(detail: Mapping[str, Any]) -> str:
-    """Return the message for a wrong field in this project's words: the value, what is allowed, what to do.
+def field_message(detail: Mapping[str, Any]) -> str:
+    """Return the message for a wrong field in this project's words: the value, the allowed values, what to do.
 
     Parameters
     ----------
     detail : mapping
-        An entry of `errors()` of pydantic's ValidationError, or a mapping with only a `msg`.
+        An entry of `errors()` of pydantic's ValidationError, or a mapping with the field `msg` alone.
 
     Returns
     -------
@@ -182,7 +183,7 @@ def words_of(detail: Mapping[str, Any]) -> str:
         A sentence without the name of the field.
     """
     kind, given = detail.get("type"), detail.get("input")
-    context = {**detail.get("ctx", {}), "input": _shortened(given)}
+    context = {**detail.get("ctx", {}), "input": _shortened_text(given)}
     if kind in ("enum", "literal_error"):
         known = _CHOICE.findall(str(context.get("expected", "")))
         return f"must be one of {', '.join(known)}, got {context['input']}{did_you_mean(given, known)}"
@@ -191,35 +192,35 @@ def words_of(detail: Mapping[str, Any]) -> str:
         return f"{context['discriminator']} must be one of {', '.join(known)}, got {tag!r}{did_you_mean(tag, known)}"
     if kind == "extra_forbidden":
         name = str(detail["loc"][-1])
-        known = sorted(_fields_below(Strict) - {name})
+        known = sorted(_fields_of_subclasses(StrictRecord) - {name})
         return f"is not a known field{did_you_mean(name, known) or ': remove it'}"
     if kind in ("too_long", "too_short"):
         ends = [f"at {end} {context[key]}" for end, key in _ENDS if context.get(key) is not None]
         return f"has {context.get('actual_length')} entries: give {' and '.join(ends)}"
     try:
-        return _WORDS[str(kind)].format_map(context)
-    except KeyError:  # _WORDS has no message for this type of error, or a validator of ours raised it: `msg` says why
+        return _MESSAGES[str(kind)].format_map(context)
+    except KeyError:  # this type of error has no message in _MESSAGES, or our own validator raised it: use its `msg`
         return str(detail["msg"]).removeprefix("Value error, ")
 
 
-def _shortened(given: Any) -> str:
+def _shortened_text(given: Any) -> str:
     try:
         text = json.dumps(given, ensure_ascii=False) if isinstance(given, bool | str | None) else repr(given)
     except ValueError:  # Python refuses to print an integer of thousands of digits
-        return "a number beyond printing"
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]} …"
+        return "a number too long to print"
+    return text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]} …"
 
 
-def reason(error: ValueError) -> str:
+def first_message(error: ValueError) -> str:
     """Return the message for the first wrong field, without pydantic's heading and without the field's name."""
     errors = getattr(error, "errors", None)
-    return words_of(errors()[0]) if errors else str(error)
+    return field_message(errors()[0]) if errors else str(error)
 
 
-def place_and_reason(error: ValidationError) -> str:
-    """Return the message for the first wrong field, with its name."""
+def field_and_message(error: ValidationError) -> str:
+    """Return the message for the first wrong field, which begins with the name of the field."""
     where = ".".join(str(part) for part in error.errors()[0]["loc"])
-    return f"{where}: {reason(error)}" if where else reason(error)
+    return f"{where}: {first_message(error)}" if where else first_message(error)
 
 
 def _number_or_axis(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
@@ -229,15 +230,17 @@ def _number_or_axis(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
     except ValidationError as error:
         first = error.errors()[0]
         where = [".".join(map(str, first["loc"]))] if is_axis and first["loc"] else []
-        raise PydanticCustomError("number_or_axis", "{said}", {"said": ": ".join([*where, reason(error)])}) from error
+        raise PydanticCustomError(
+            "number_or_axis", "{said}", {"said": ": ".join([*where, first_message(error)])}
+        ) from error
 
 
-#: A wrong value is reported once: as a wrong axis if it looks like an axis, else as a wrong number.
+#: Validator that reports a wrong value once: as a wrong axis if it looks like an axis, else as a wrong number.
 NumberOrAxis = WrapValidator(_number_or_axis)
 
 
 class Window(NamedTuple):
-    """A rectangle of the plane: (low, high) of δ and of ε."""
+    """A rectangle of the (δ, ε) plane: the range (low, high) of δ and the range of ε."""
 
     delta: tuple[float, float]
     epsilon: tuple[float, float]

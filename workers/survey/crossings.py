@@ -4,14 +4,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-Polyline = tuple[np.ndarray, np.ndarray, np.ndarray]  # for each point of a curve: δ, ε, and the number of its piece
+#: A curve as arrays over its points: δ, ε, and the number of the connected piece that each point is on.
+Polyline = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 class Crossings(NamedTuple):
     """The pairs of neighbouring cells of a grid between which a curve passes.
 
-    delta: the numbers of the cells, in ascending order, for which the curve passes between the cell and the next one
-    along δ. epsilon: the same for the next cell along ε. Cells are numbered row by row.
+    delta: the number of the first cell of each pair along δ. epsilon: the number of the first cell of each pair along
+    ε. Cells are numbered row by row, and the numbers are in ascending order.
     """
 
     delta: np.ndarray
@@ -19,13 +20,13 @@ class Crossings(NamedTuple):
 
 
 def crossings_of(curve: Polyline, delta: np.ndarray, epsilon: np.ndarray) -> Crossings:
-    """Return the pairs of neighbouring cells between which a curve passes, in the grid epsilon (m,) × delta (n,)."""
-    row, column = _along(curve, delta, epsilon)
-    line, before = _along((curve[1], curve[0], curve[2]), epsilon, delta)
+    """Return the pairs of neighbouring cells of the grid epsilon (m,) × delta (n,) between which a curve passes."""
+    row, column = _grid_line_crossings(curve, delta, epsilon)
+    line, before = _grid_line_crossings((curve[1], curve[0], curve[2]), epsilon, delta)
     return Crossings(np.unique(row * delta.size + column), np.unique(before * delta.size + line))
 
 
-def _along(curve: Polyline, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _grid_line_crossings(curve: Polyline, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return where a curve crosses the horizontal grid lines at the heights `y`, between the least and largest `x`.
 
     Returns

@@ -1,4 +1,4 @@
-"""The curves and points that divide the plane of a survey, for its store and its picture.
+"""The curves and codimension-two points that divide the plane of a survey, for its store and its picture.
 
 In xarray a group inherits the survey's coordinates delta, epsilon and multiplier, which would hide a variable of the
 same name in the group. So the names of such variables begin with `point_`.
@@ -21,14 +21,14 @@ from rattle.curves import CodimensionTwo, Curve
 from rattle.models import Model
 
 LOWEST_DELTA = 0.1  # a window's δ is at least this share of the first δ of the axis, because no curve reaches δ = 0
-#: A window extends beyond its cells by at least this share of its largest δ (or ε), because curves take minutes in
-#: narrower windows.
+#: A window extends beyond its cells by at least this share of its largest δ (or ε), because curves take minutes to
+#: trace in narrower windows.
 NARROWEST = 1e-9
-LEAST_EPSILON = 1e-6  # NARROWEST counts from at least this ε, because a share of ε = 0 would be 0
+LEAST_EPSILON = 1e-6  # a window of smaller ε is widened as if its largest ε were this value, because ε may be 0
 
 
-class Missing(NamedTuple):
-    """Stands for a curve that cannot be traced. reason: why not, in words."""
+class MissingCurve(NamedTuple):
+    """A placeholder for a curve that cannot be traced. reason: why it cannot be traced, in words."""
 
     reason: str
 
@@ -37,8 +37,8 @@ class Missing(NamedTuple):
 class CurveVariable:
     """A variable that is stored in a group, such as the group of a curve.
 
-    values: the function that takes the values from the described object, for example a `Curve`. For a missing curve the
-    variable is empty.
+    values: the function that takes the values from the described object, for example a `Curve`. The variable is empty
+    for a curve that cannot be traced.
     """
 
     name: str
@@ -47,9 +47,9 @@ class CurveVariable:
     long_name: str
     values: Callable[[Any], Any]
 
-    def of(self, item: Any) -> np.ndarray:
-        """Return the values of the variable for an object, in the stored type; an empty array for a missing curve."""
-        if isinstance(item, Missing):
+    def stored_values(self, item: Any) -> np.ndarray:
+        """Return the variable's values for an object, in the stored type; an empty array for a `MissingCurve`."""
+        if isinstance(item, MissingCurve):
             return np.empty([2 if dim == "multiplier" else 0 for dim in self.dims], self.dtype)
         return np.asarray(self.values(item), self.dtype)
 
@@ -59,12 +59,16 @@ class CurveVariable:
         if self.dtype is not complex:
             return (self,)
 
-        def one(part: str) -> Callable[[Any], Any]:
+        def part_values(part: str) -> Callable[[Any], Any]:
             return lambda item: getattr(np.asarray(self.values(item), complex), part)
 
         return tuple(
             replace(
-                self, name=f"{self.name}_{part}", dtype=float, long_name=f"{self.long_name}, {words}", values=one(part)
+                self,
+                name=f"{self.name}_{part}",
+                dtype=float,
+                long_name=f"{self.long_name}, {words}",
+                values=part_values(part),
             )
             for part, words in PARTS.items()
         )
@@ -123,7 +127,8 @@ CURVE_VARIABLES: tuple[CurveVariable, ...] = (
 Points = tuple[CodimensionTwo, ...]
 
 
-def _pairs(points: Points) -> list[tuple[str, str, str, float]]:
+def _tangent_pairs(points: Points) -> list[tuple[str, str, str, float]]:
+    """Return (point, first curve, second curve, measured order of contact) of each pair of curves at each point."""
     return [(point.name, *pair, order) for point in points for pair, order in point.tangency.items()]
 
 
@@ -147,21 +152,23 @@ POINT_VARIABLES: tuple[CurveVariable, ...] = (
         "curves that meet at the point, groups of /curves, separated by spaces",
         lambda points: [" ".join(each.curves) for each in points],
     ),
-    CurveVariable("pair_point", PAIR, TEXT, "point at which a pair of curves meets", lambda points: _column(points, 0)),
-    CurveVariable("pair_first", PAIR, TEXT, "one curve of the pair", lambda points: _column(points, 1)),
-    CurveVariable("pair_second", PAIR, TEXT, "the other curve of the pair", lambda points: _column(points, 2)),
+    CurveVariable(
+        "pair_point", PAIR, TEXT, "point at which a pair of curves meets", lambda points: _pair_column(points, 0)
+    ),
+    CurveVariable("pair_first", PAIR, TEXT, "one curve of the pair", lambda points: _pair_column(points, 1)),
+    CurveVariable("pair_second", PAIR, TEXT, "the other curve of the pair", lambda points: _pair_column(points, 2)),
     CurveVariable(
         "pair_tangency",
         PAIR,
         float,
         "measured order p of |ε₁ − ε₂| ∝ |Δδ|^p of the pair at the point: 1 where they cross, 2 where they touch",
-        lambda points: _column(points, 3),
+        lambda points: _pair_column(points, 3),
     ),
 )
 
 
-def _column(points: Points, number: int) -> list[Any]:
-    return [pair[number] for pair in _pairs(points)]
+def _pair_column(points: Points, number: int) -> list[Any]:
+    return [pair[number] for pair in _tangent_pairs(points)]
 
 
 def window_around(delta: np.ndarray, epsilon: np.ndarray) -> Window:
@@ -175,43 +182,51 @@ def window_around(delta: np.ndarray, epsilon: np.ndarray) -> Window:
     Window
         Ranges of δ and ε.
     """
-    low, high = _around(delta, 0.0)
-    bottom, top = _around(epsilon, LEAST_EPSILON)
+    low, high = _widened_range(delta, 0.0)
+    bottom, top = _widened_range(epsilon, LEAST_EPSILON)
     return Window((max(low, LOWEST_DELTA * float(delta[0])), high), (max(bottom, 0.0), top))
 
 
-def _around(axis: np.ndarray, scale: float) -> tuple[float, float]:
-    """Return the range of an axis, widened on both sides by half a cell, or by NARROWEST if that is more."""
+def _widened_range(axis: np.ndarray, scale: float) -> tuple[float, float]:
+    """Return the range of an axis, widened on both sides by half a cell, but at least by the share NARROWEST.
+
+    scale: the least value of which NARROWEST is a share.
+
+    Returns
+    -------
+    tuple[float, float]
+        Low and high end.
+    """
     low, high = float(axis[0]), float(axis[-1])
     half = max((high - low) / max(2 * (axis.size - 1), 1), NARROWEST * max(abs(high), scale))
     return low - half, min(high + half, sys.float_info.max)
 
 
 @lru_cache(maxsize=128)
-def traced_curve(name: str, model: Model, window: Window) -> Curve | Missing:
-    """Return a curve inside a window. Curves are cached, because pictures of a running survey draw them repeatedly."""
+def traced_curve(name: str, model: Model, window: Window) -> Curve | MissingCurve:
+    """Trace a curve inside a window. Curves are cached, because pictures of a running survey draw them repeatedly."""
     try:
         with np.errstate(all="ignore"):  # steps of the search may overflow if the window has extreme values
             return model.trace(name, window.delta, window.epsilon)
     except RattleError as error:
-        return Missing(f"not traced: {error}")
+        return MissingCurve(f"not traced: {error}")
 
 
 @lru_cache(maxsize=8)
 def traced_crossings(model: Model, delta: Axis, epsilon: Axis) -> tuple[Crossings, ...]:
-    """Return for each curve of a model where it passes between cells of a grid, from the curves as they are stored."""
+    """Return for each curve of a model the pairs of neighbouring cells of a grid between which the curve passes."""
     grid = delta.values(), epsilon.values()
     found = (traced_curve(name, model, window_around(*grid)) for name in model.curve_names)
-    return tuple(crossings_of(_points(curve), *grid) for curve in found)
+    return tuple(crossings_of(_polyline(curve), *grid) for curve in found)
 
 
-def _points(curve: Curve | Missing) -> Polyline:
-    if isinstance(curve, Missing):
+def _polyline(curve: Curve | MissingCurve) -> Polyline:
+    if isinstance(curve, MissingCurve):
         return np.zeros(0), np.zeros(0), np.zeros(0, np.int64)
     return curve.delta, curve.epsilon, curve.piece
 
 
-def curve_attributes(name: str, model: Model, curve: Curve | Missing) -> dict[str, str]:
+def curve_attributes(name: str, model: Model, curve: Curve | MissingCurve) -> dict[str, str]:
     """Return the attributes of a curve's group. If the group has no points, the attribute `comment` says why.
 
     The attribute `references` names the paper of the model, which does not contain all of these curves.
@@ -222,7 +237,7 @@ def curve_attributes(name: str, model: Model, curve: Curve | Missing) -> dict[st
         CF attributes by name.
     """
     attributes = {"long_name": f"{name}: {model.describe(name)}", "references": f"https://doi.org/{DOI}"}
-    if isinstance(curve, Missing):
+    if isinstance(curve, MissingCurve):
         attributes["comment"] = curve.reason
     elif not len(curve):
         attributes["comment"] = "no part of the curve is in the window"

@@ -1,4 +1,4 @@
-"""The families of a survey's attractors: read attractors from slots, assign slots to families, write the group."""
+"""Families of a survey's attractors: read attractors from slots, assign slots to families, write the stored group."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -13,18 +13,18 @@ from gear_rattle.workers.survey.manifest import ROOT
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.template import (
     CODECS,
-    WHOLE,
+    WRITE_ALL_CHUNKS,
     Template,
-    contents,
-    group_of,
+    create_slice_group,
+    file_contents,
     write_variables,
 )
 from gear_rattle.workers.survey.values.schema import CELL, SLOT
 from rattle import KINDS, Attractors, FamilyTable
 from rattle.families import NO_FAMILY, in_order
 
-#: Variables of a survey from which its attractors are read.
-STORED = (
+#: Names of the stored variables from which a survey's attractors are read.
+ATTRACTOR_VARIABLES = (
     "attractor_kind", "attractor_m", "attractor_n_plus", "attractor_n_minus", "attractor_fraction", "attractor_phase",
     "attractor_velocity", "attractor_lyapunov",
 )  # fmt: skip
@@ -56,10 +56,10 @@ FAMILY_VARIABLES: tuple[CurveVariable, ...] = (
         "entered_family", ENTERED, np.int32, "family of an orbit that no slot has", lambda x: x.entered_family
     ),
     CurveVariable(
-        "entered_row", ENTERED, np.int32, "number of its cell along epsilon, from 0", lambda x: _places(x)[0]
+        "entered_row", ENTERED, np.int32, "number of its cell along epsilon, from 0", lambda x: _cell_indices(x)[0]
     ),
     CurveVariable(
-        "entered_column", ENTERED, np.int32, "number of its cell along delta, from 0", lambda x: _places(x)[1]
+        "entered_column", ENTERED, np.int32, "number of its cell along delta, from 0", lambda x: _cell_indices(x)[1]
     ),
     CurveVariable("entered_phase", ENTERED, float, "phase τ of its fastest impact", lambda x: x.entered.tau),
     CurveVariable("entered_velocity", ENTERED, float, "speed v of its fastest impact", lambda x: x.entered.v),
@@ -73,7 +73,7 @@ FAMILY_VARIABLES: tuple[CurveVariable, ...] = (
 )
 
 
-#: Variables about the edges of families; their values come from `gear_rattle.workers.boundaries.edges.Edges`.
+#: Variables about the edges of families; their values come from `gear_rattle.workers.boundaries.edges.FamilyEdges`.
 EDGE_VARIABLES: tuple[CurveVariable, ...] = (
     CurveVariable("curve", ("curve",), TEXT, "curve of the period-one motions, a group of /curves", lambda x: x.names),
     CurveVariable("edges", ROW, np.int64, "pairs of neighbouring cells of which one has it", lambda x: x.number),
@@ -87,14 +87,14 @@ EDGE_VARIABLES: tuple[CurveVariable, ...] = (
 )
 
 
-class Slots(NamedTuple):
-    """The attractors that a survey lists. slot (attractors,): the number of each attractor's slot."""
+class ListedAttractors(NamedTuple):
+    """The attractors that a survey lists in slots. slot (attractors,): the number of each attractor's slot."""
 
     attractors: Attractors
     slot: np.ndarray
 
 
-class Joined(NamedTuple):
+class JoinedFamilies(NamedTuple):
     """The families of a survey.
 
     table: the families. entered: the orbits without a slot, which no sample reached and continuation from neighbouring
@@ -108,43 +108,43 @@ class Joined(NamedTuple):
     columns: int
 
 
-def _places(joined: Joined) -> tuple[np.ndarray, np.ndarray]:
+def _cell_indices(joined: JoinedFamilies) -> tuple[np.ndarray, np.ndarray]:
     return np.divmod(joined.entered.cell, joined.columns)
 
 
-def attractors_in_slots(values: Mapping[str, np.ndarray], count: int) -> Slots:
+def attractors_in_slots(values: Mapping[str, np.ndarray], count: int) -> ListedAttractors:
     """Return the attractors in the slots of a rectangle of cells.
 
-    values: the variables STORED of these cells, with axes (slots, …, rows, columns). count: the number of samples of a
-    cell. The attractors are sorted by cell, and within a cell in an order that does not depend on their slots. Cells
-    are numbered row by row.
+    values: the arrays of ATTRACTOR_VARIABLES for these cells, by name, with axes (slots, …, rows, columns). count: the
+    number of samples of a cell. The attractors are sorted by cell, and within a cell in an order that does not depend
+    on their slots. Cells are numbered row by row.
 
     Returns
     -------
-    Slots
+    ListedAttractors
         One attractor for each occupied slot.
     """
     kind = np.moveaxis(values["attractor_kind"], 0, -1)
     flat = kind.reshape(-1, kind.shape[-1])
     cell, slot = np.nonzero(flat)
 
-    def of(name: str) -> np.ndarray:
+    def slot_values(name: str) -> np.ndarray:
         return np.moveaxis(values[f"attractor_{name}"], 0, -1).reshape(flat.shape)[cell, slot]
 
     first, second = (
         np.moveaxis(values["attractor_lyapunov"][:, i], 0, -1).reshape(flat.shape)[cell, slot] for i in (0, 1)
     )
-    samples = np.rint(of("fraction").astype(float) * count).astype(np.int64)
+    samples = np.rint(slot_values("fraction").astype(float) * count).astype(np.int64)
     nothing, unknown = np.zeros(cell.size, np.int64), np.full(cell.size, np.nan)
     table = Attractors(
         cell=cell,
         kind=flat[cell, slot].astype(np.int64),
-        m=of("m").astype(np.int64),
-        n_plus=of("n_plus").astype(np.int64),
-        n_minus=of("n_minus").astype(np.int64),
+        m=slot_values("m").astype(np.int64),
+        n_plus=slot_values("n_plus").astype(np.int64),
+        n_minus=slot_values("n_minus").astype(np.int64),
         samples=samples,
-        tau=of("phase"),
-        v=of("velocity"),
+        tau=slot_values("phase"),
+        v=slot_values("velocity"),
         first=first,
         second=second,
         error=unknown,
@@ -152,15 +152,15 @@ def attractors_in_slots(values: Mapping[str, np.ndarray], count: int) -> Slots:
         watched=unknown,
     )
     order = in_order(table)
-    return Slots(table.take(order), slot[order])
+    return ListedAttractors(table.take(order), slot[order])
 
 
-def with_empty(source: np.ndarray) -> np.ndarray:
+def complete_sources(source: np.ndarray) -> np.ndarray:
     """Complete the sources of the slots of each cell to a permutation of the slots.
 
-    source (slots, m, n): for each slot of a cell the slot whose content moves there, −1 for none. Each slot without a
-    source gets one of the slots that are no source yet, in ascending order. Those slots are empty, so a slot without a
-    source becomes empty.
+    source (slots, m, n): for each slot of a cell the slot whose content moves into it, −1 for none. Each slot without a
+    source gets one of the slots that are no source yet, in ascending order. These unused slots are empty, so a slot
+    without a source becomes empty.
 
     Returns
     -------
@@ -198,17 +198,18 @@ def slots_of_families(together: np.ndarray, families: int, slots: int) -> np.nda
         for other in before[begin[number] : begin[number + 1]]:
             if found[other] >= 0:
                 used |= 1 << found[other]
-        free = _lowest_free(used)
+        free = _lowest_free_slot(used)
         found.append(free if free < slots else -1)
     return np.array(found, np.int8)
 
 
-def slots_of(family: np.ndarray, cell: np.ndarray, of_family: np.ndarray) -> np.ndarray:
+def slots_in_cells(family: np.ndarray, cell: np.ndarray, of_family: np.ndarray) -> np.ndarray:
     """Return the slots of attractors (k,) within their cells.
 
     family, cell (k,): the family and the cell of each attractor; the attractors of a cell are sorted by falling basin
-    fraction. of_family: the slot of each family, −1 for none. The first attractor of a family in a cell gets the
-    family's slot. Every other attractor, and those of families without a slot, get the lowest free slot of the cell.
+    fraction. of_family: the slot of each attractor's family, −1 for none. The first attractor of a family in a cell
+    gets the family's slot. Each other attractor, and each attractor whose family has no slot, gets the lowest free slot
+    of the cell.
 
     Returns
     -------
@@ -224,18 +225,18 @@ def slots_of(family: np.ndarray, cell: np.ndarray, of_family: np.ndarray) -> np.
     slot[first] = of_family[first]
     np.bitwise_or.at(used, cell[first], np.uint64(1) << slot[first].astype(np.uint64))
     for i in np.flatnonzero(slot < 0):
-        slot[i] = _lowest_free(int(used[cell[i]]))
+        slot[i] = _lowest_free_slot(int(used[cell[i]]))
         used[cell[i]] |= np.uint64(1 << int(slot[i]))
     return slot
 
 
-def _lowest_free(used: int) -> int:
+def _lowest_free_slot(used: int) -> int:
     """Return the number of the lowest bit of `used` that is 0; bit i says whether slot i is taken."""
     return (~used & (used + 1)).bit_length() - 1
 
 
-def create_numbers(root: zarr.Group, request: SurveyRequest, side: int) -> zarr.Array:
-    """Create the array with the number of the family in every slot, in chunks of `side` × `side` cells."""
+def create_family_array(root: zarr.Group, request: SurveyRequest, side: int) -> zarr.Array:
+    """Create the array with the family number of every slot, in chunks of `side` × `side` cells."""
     described: dict[str, Any] = {
         "long_name": "number of the family of the attractor, a row of the group families; 0: quiet, -1: none",
         "units": "1",
@@ -248,20 +249,20 @@ def create_numbers(root: zarr.Group, request: SurveyRequest, side: int) -> zarr.
         dtype=np.int32,
         chunks=(*(1 for _ in lengths), request.n_slots, *(min(side, size) for size in request.shape)),
         compressors=CODECS,
-        config=WHOLE,
+        config=WRITE_ALL_CHUNKS,
         fill_value=NO_FAMILY,
         dimension_names=(*request.third_axis, SLOT, *CELL),
         attributes=described,
     )
 
 
-def files_of_families(request: SurveyRequest, side: int, found: Mapping[Along, tuple[Joined, Any]]) -> Template:
+def files_of_families(request: SurveyRequest, side: int, found: Mapping[Along, tuple[JoinedFamilies, Any]]) -> Template:
     """Return the files of the families in a store by key, except the chunks of the array of family numbers.
 
     Parameters
     ----------
-    found : Mapping[Along, tuple[Joined, Any]]
-        For each slice, by its index: the families, and the `Edges` with the values of EDGE_VARIABLES.
+    found : Mapping[Along, tuple[JoinedFamilies, Any]]
+        For each slice, by its index: the families, and the `FamilyEdges` with the values of EDGE_VARIABLES.
 
     Returns
     -------
@@ -270,10 +271,10 @@ def files_of_families(request: SurveyRequest, side: int, found: Mapping[Along, t
     """
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
-    create_numbers(root, request, side)
+    create_family_array(root, request, side)
     for along, (joined, edges) in found.items():
         attributes = {"long_name": "families of attractors", "references": REFERENCE}
-        group = group_of(root, request, along).create_group(GROUP, attributes=attributes)
+        group = create_slice_group(root, request, along).create_group(GROUP, attributes=attributes)
         write_variables(group, FAMILY_VARIABLES, joined)
         write_variables(group, EDGE_VARIABLES, edges)
-    return {key: content for key, content in contents(kept).items() if key != ROOT}
+    return {key: content for key, content in file_contents(kept).items() if key != ROOT}

@@ -1,9 +1,9 @@
 """A survey of a machine: two gears with fixed dimensions; the axes of the survey are their speed and eccentricity.
 
 β depends on neither speed nor eccentricity; δ = 2πc/(IΩ) depends on the speed alone (drag c, inertia I, angular speed
-Ω), and ε on the eccentricity alone. So a plane of one β is a plane of speeds and eccentricities, also if the gears
-differ. Amplitudes of harmonics in the request are relative to the eccentricity. Even steps of δ are even steps of the
-duration of a revolution, not of the speed.
+Ω), and ε on the eccentricity alone. So a plane of one β is a plane of speeds and eccentricities, also if the two gears
+have different dimensions. Amplitudes of harmonics in the request are relative to the eccentricity. Even steps of δ are
+even steps of the duration of a revolution, not of the speed.
 """
 
 from collections.abc import Mapping
@@ -12,19 +12,19 @@ from typing import Annotated, Any, Literal, TypeVar
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, model_serializer
 
-from gear_rattle.workers.survey.axes import Axis, Real, Strict, reason
+from gear_rattle.workers.survey.axes import Axis, Real, StrictRecord, first_message
 from rattle import Machine
 from rattle.machine import RPM, Reduced, machine_point
 
-Part = TypeVar("Part", bound=Strict)
+Part = TypeVar("Part", bound=StrictRecord)
 Positive = Annotated[Real, Field(gt=0)]
 Teeth = Annotated[int, Field(strict=True, ge=1, le=1000)]
 
-#: Numbers of a machine that may be axes, and the axes of the model that they become.
+#: {number of a machine that may be an axis: the axis of the model that replaces it}.
 AXES = {"rpm": "delta", "eccentricity": "epsilon"}
 
 
-class SurveyedMachine(Strict):
+class SurveyedMachine(StrictRecord):
     """Two gears in SI units, as `rattle.Machine` takes them, without speed, eccentricity and stiffness.
 
     inertia: kg m². drag: N m s. backlash, radius: m. drive: "torque" or "speed". driven_inertia, driven_drag,
@@ -43,44 +43,45 @@ class SurveyedMachine(Strict):
     driven_teeth: Teeth | None = None
 
     @model_serializer(mode="wrap")
-    def _without_nothing(self, handler: SerializerFunctionWrapHandler):  # type: ignore[no-untyped-def]
-        """Leave out fields that are None: where the driven gear equals the driving gear, only the latter is written."""
+    def _omit_none(self, handler: SerializerFunctionWrapHandler):  # type: ignore[no-untyped-def]
+        """Leave out fields that are None, for example the fields of a second gear that equals the first gear."""
         return {name: value for name, value in handler(self).items() if value is not None}
 
-    def at(self, rpm: float, eccentricity: float) -> Machine:
+    def machine_at_speed(self, rpm: float, eccentricity: float) -> Machine:
         """Return the machine at a speed, with an eccentricity in metres. Raises ParameterError."""
         given = self.model_dump()
         return Machine(**given, eccentricity=eccentricity, rpm=rpm)
 
     @property
-    def _pair(self) -> Reduced:
-        """The two gears at a speed of 1 rad/s."""
+    def _reduced_pair(self) -> Reduced:
+        """The two gears reduced to one coordinate, at a speed of 1 rad/s."""
         return machine_point({**self.model_dump(), "eccentricity": 0.0}, 1.0).pair
 
     @property
     def beta(self) -> float:
         """The model's half-backlash β of these gears."""
-        return float(self._pair.scale * self.backlash / (2.0 * self.radius))
+        return float(self._reduced_pair.scale * self.backlash / (2.0 * self.radius))
 
     def rpm(self, delta: Any) -> Any:
         """Return the speeds in revolutions per minute at which the gears have the dampings `delta`."""
-        pair = self._pair
+        pair = self._reduced_pair
         return 2.0 * np.pi * pair.drag / pair.inertia / delta / RPM
 
     def eccentricity(self, epsilon: Any) -> Any:
         """Return the eccentricities, in metres along the line of action, that correspond to `epsilon`."""
-        return epsilon * self.radius / self._pair.scale
+        return epsilon * self.radius / self._reduced_pair.scale
 
 
-def span_of(machine: SurveyedMachine, name: str, axis: Axis) -> tuple[float, float]:
+def model_range(machine: SurveyedMachine, name: str, axis: Axis) -> tuple[float, float]:
     """Return the range of δ for an axis of speeds ("rpm"), or of ε for eccentricities. Raises ParameterError."""
     if name == "rpm":
-        return machine.at(axis.stop, 0.0).delta, machine.at(axis.start, 0.0).delta
-    any_speed = 1.0  # in rpm; ε does not depend on the speed
-    return machine.at(any_speed, axis.start).epsilon, machine.at(any_speed, axis.stop).epsilon
+        return machine.machine_at_speed(axis.stop, 0.0).delta, machine.machine_at_speed(axis.start, 0.0).delta
+    any_speed = 1.0  # in revolutions per minute; ε does not depend on the speed
+    low, high = (machine.machine_at_speed(any_speed, end).epsilon for end in (axis.start, axis.stop))
+    return low, high
 
 
-def in_the_model(given: Mapping[str, Any]) -> dict[str, Any]:
+def fields_in_model(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the fields of a survey request, with the machine's speeds, eccentricities and backlash as δ, ε and β.
 
     Returns
@@ -91,25 +92,25 @@ def in_the_model(given: Mapping[str, Any]) -> dict[str, Any]:
     Raises
     ------
     ValueError
-        A field of the machine is wrong, or an axis is given twice.
+        A field of the machine is wrong, or the request has an axis both in the machine and beside it.
     """
     machine = dict(given["machine"])
     spans = {name: machine.pop(name) for name in AXES if name in machine}
-    numbers = _read(SurveyedMachine, "machine", machine)
+    numbers = _validate_part(SurveyedMachine, "machine", machine)
     made: dict[str, Any] = {"machine": numbers}
     for name, span in spans.items():
         if given.get(AXES[name]) is not None:
             raise ValueError(f"machine.{name} and {AXES[name]} describe the same axis: give one of them")
-        read = _read(Axis, f"machine.{name}", span)
-        start, stop = span_of(numbers, name, read)
+        read = _validate_part(Axis, f"machine.{name}", span)
+        start, stop = model_range(numbers, name, read)
         made[AXES[name]] = Axis(start=start, stop=stop, num=read.num)
     return {"beta": numbers.beta, **given, **made}
 
 
-def _read(kind: type[Part], where: str, value: Any) -> Part:
-    """Validate a part of a request. Raises ValueError with the name of the wrong field."""
+def _validate_part(kind: type[Part], where: str, value: Any) -> Part:
+    """Validate a part of a request as `kind`. A ValueError names the wrong field; `where` is the name of the part."""
     try:
         return kind.model_validate(value)
     except ValidationError as error:
         place = ".".join([where, *map(str, error.errors()[0]["loc"])])
-        raise ValueError(f"{place}: {reason(error)}") from error
+        raise ValueError(f"{place}: {first_message(error)}") from error

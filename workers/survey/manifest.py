@@ -1,4 +1,4 @@
-"""The names of a store's files, and its manifest, which lists a digest of each file to show that it is undamaged."""
+"""The names of a store's files, and its manifest, which lists a digest of each file so that damage is noticed."""
 
 import hashlib
 import json
@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-ROOT = "zarr.json"
-MANIFEST = "manifest.json"
+ROOT = "zarr.json"  # key of the file with the metadata of the whole store
+MANIFEST = "manifest.json"  # key of the manifest's file
 FORMAT = 1  # version of the manifest's format
 DIGITS = 16  # hexadecimal digits of a digest
 SLICES = "slices"  # group with the curves, points and families of each slice along a third axis
@@ -15,12 +15,20 @@ SLICE = "{slice}"  # placeholder in a pattern of chunk keys for the index along 
 
 
 def group_path(along: tuple[int, ...], group: str = "") -> str:
-    """Return the path of a group of a slice: in SLICES under the slice's index; without a third axis at the top."""
+    """Return the path of a slice's group: slices/INDEX/GROUP, or only GROUP in a survey without a third axis.
+
+    along: the index of the slice; () without a third axis. group: "" for the group of the slice itself.
+
+    Returns
+    -------
+    str
+        Path in the store.
+    """
     return "/".join([*(f"{SLICES}/{index}" for index in along), *([group] if group else [])])
 
 
 def chunk_key(pattern: str, row: int, column: int, rows: int) -> str:
-    """Return the key of a tile's chunk; `row` counts through all slices, each of which has `rows` rows of tiles."""
+    """Return the key of a tile's chunk. `row` counts through all slices; each slice has `rows` rows of tiles."""
     along, row = divmod(row, rows) if SLICE in pattern else (0, row)
     return pattern.format(slice=along, row=row, column=column)
 
@@ -40,10 +48,10 @@ class Manifest:
     content_hash: str
     date_created: str
     grid: tuple[int, int]  # numbers of tiles along (epsilon, delta), with the rows of all slices together
-    chunks: dict[str, str]  # by variable: the pattern of its chunk keys, with {row} and {column}
-    root: tuple[str, ...]  # digest of the root; the old and the new digest while it is replaced
-    files: dict[str, str]  # by key: the digest of each file except the root and the chunks of tiles
-    tiles: dict[int, str] = field(default_factory=dict)  # by index of a computed tile: the joined digests of its chunks
+    chunks: dict[str, str]  # {variable: pattern of its chunk keys, with {row} and {column}}
+    root: tuple[str, ...]  # digest of the root; the old and the new digest while the root is replaced
+    files: dict[str, str]  # {key: digest} of each file except the root and the chunks of tiles
+    tiles: dict[int, str] = field(default_factory=dict)  # {index of a computed tile: joined digests of its chunks}
     slices: int = 1  # number of slices along a third axis
 
     def to_bytes(self) -> bytes:
@@ -52,7 +60,7 @@ class Manifest:
         return f'{{"sha256": "{hashlib.sha256(written.encode()).hexdigest()}", "manifest": {written}}}'.encode()
 
     @classmethod
-    def of_bytes(cls, content: bytes) -> "Manifest | None":
+    def from_bytes(cls, content: bytes) -> "Manifest | None":
         """Return the manifest in the content of a file, or None if the file is damaged or has another format."""
         try:
             known: dict[str, Any] = json.loads(content)["manifest"]
@@ -75,23 +83,23 @@ class Manifest:
         """Number of tiles, in all slices together."""
         return self.grid[0] * self.grid[1]
 
-    def keys(self, index: int) -> dict[str, str]:
-        """Return the keys of the chunks of a tile, by variable."""
+    def chunk_keys(self, index: int) -> dict[str, str]:
+        """Return {variable: key of its chunk} for the tile with an index."""
         row, column = divmod(index, self.grid[1])
         return {name: chunk_key(key, row, column, self.rows) for name, key in self.chunks.items()}
 
-    def note(self, index: int, files: Mapping[str, str]) -> None:
-        """Record a computed tile. files: the digest of each of its chunks, by key."""
-        self.tiles[index] = "".join(files[key] for key in self.keys(index).values())
+    def record_tile(self, index: int, files: Mapping[str, str]) -> None:
+        """Record that a tile is computed. files: {key: digest} of the tile's chunks."""
+        self.tiles[index] = "".join(files[key] for key in self.chunk_keys(index).values())
 
     def digests_of(self, index: int) -> dict[str, str]:
-        """Return the digests of a tile's chunks by key; empty if the tile is not computed."""
+        """Return {key: digest} of a tile's chunks; empty if the tile is not computed."""
         joined = self.tiles.get(index, "")
         each = (joined[i : i + DIGITS] for i in range(0, len(joined), DIGITS))
-        return dict(zip(self.keys(index).values(), each, strict=False))
+        return dict(zip(self.chunk_keys(index).values(), each, strict=False))
 
     def tile_of(self, key: str) -> int | None:
-        """Return the index of the tile to which the chunk with this key belongs; None for other files."""
+        """Return the index of the tile to which the chunk with this key belongs; None if the file is no such chunk."""
         pattern = self.chunks.get(key.rpartition("/c/")[0], "")
         places = dict(zip(pattern.split("/"), key.split("/"), strict=False))
         along, row, column = (places.get(part, "0") for part in (SLICE, "{row}", "{column}"))
@@ -102,6 +110,6 @@ class Manifest:
         return i * self.grid[1] + j if known else None
 
 
-def digests(files: Mapping[str, bytes]) -> dict[str, str]:
-    """Return the digest of each of these files, by its key."""
+def file_digests(files: Mapping[str, bytes]) -> dict[str, str]:
+    """Return {key: digest} of files. files: their contents by key."""
     return {key: digest(content) for key, content in files.items()}

@@ -19,10 +19,10 @@ from pydantic import (
 )
 
 from gear_rattle.workers.errors import SurveyError
-from gear_rattle.workers.survey.axes import Axis, Name, NumberOrAxis, Real, Strict
-from gear_rattle.workers.survey.machine import SurveyedMachine, in_the_model
+from gear_rattle.workers.survey.axes import Axis, Name, NumberOrAxis, Real, StrictRecord
+from gear_rattle.workers.survey.machine import SurveyedMachine, fields_in_model
 from gear_rattle.workers.survey.refined.asked import BLOCK, Refine, RefineOrNot, require_refinable
-from gear_rattle.workers.survey.values.quantities import BOUNDED, REFINED, groups_of, stored
+from gear_rattle.workers.survey.values.quantities import BOUNDED, REFINED, groups_of, stored_variables
 from gear_rattle.workers.survey.values.schema import DEFAULT, FIXED, NEEDS, SAMPLED, Group, Quantity
 from gear_rattle.workers.survey.version import code_version
 from rattle.attractors import BUDGET, LARGEST_BUDGET, NATURAL, PAPER_SPEED, PERIODS, WATCH, SampleSpec, in_paper_plane
@@ -39,43 +39,47 @@ from rattle.models import (
     with_harmonics,
 )
 
-Along = tuple[int, ...]  # the index of a slice along the third axis; () for a survey without a third axis
+#: The index of a slice along the third axis, in a tuple; () for a survey without a third axis.
+Along = tuple[int, ...]
 Count = Annotated[int, Field(strict=True, ge=1, le=65_536)]
 
 
-def _one_of_both(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+def _check_speed_limit(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+    """Validate a speed limit. Raises ValueError with one message for all types that a speed limit may have."""
     try:
         return handler(value)
     except ValidationError as error:
-        raise ValueError(f'v_max is a speed above 0, or "{NATURAL}" for each cell\'s own: give one of them') from error
+        raise ValueError(f'v_max must be a speed above 0, or "{NATURAL}" for the natural speed of each cell') from error
 
 
-#: A wrong speed limit is reported once, not once for each type that a speed limit may have.
-OneSpeed = WrapValidator(_one_of_both)
+#: Validator that reports a wrong speed limit once, not once for each type that a speed limit may have.
+SpeedLimitOnce = WrapValidator(_check_speed_limit)
 
+#: Cells along a side of a default tile: usual number, and least number.
 DEFAULT_TILE, SMALLEST_DEFAULT = 32, 4
 #: By default a survey has at least this many tiles, so that workers end at about the same time and progress is visible.
 LEAST_TILES = 16
 #: By default a large survey has about this many tiles, because each tile has some 35 files.
 MOST_TILES = 100
-LARGER = 16  # the default tile of a large survey has at most this many times the samples of other default tiles
+#: The default tile of a large survey has at most this many times the samples of other default tiles.
+LARGE_TILE_FACTOR = 16
 BASIN_SIDE = 8  # cells along a side of a default tile if basins are computed; such a tile takes a second or two
 BASIN_SAMPLES = 4096  # number of states of a cell that are followed at a time if basins are computed
 MAX_TILE_CELLS = 65_536  # largest number of cells of a tile, whose results take some 50 MB in a worker
-MAX_TILE_REGIONS = 1_048_576  # the same limit for a refined survey of regions alone, where a cell has a few bytes
-#: A default tile of a refined survey of regions is higher than wide by the square of this factor, because the closed
-#: forms of all cells of a column share constants.
-TALL = 4
+MAX_TILE_REGIONS = 1_048_576  # largest number of cells of a tile that refines regions alone, a few bytes per cell
+#: A default tile of a refined survey of regions is higher than wide by the square of this factor, because all cells of
+#: a column share constants of the closed forms.
+TALL_TILE_FACTOR = 4
 MAX_TILE_SAMPLES = 4_194_304  # largest number of samples of a tile, which take some 300 MB while a worker follows them
-BY_FRACTION, BY_FAMILY = "fraction", "family"  # rules for the slot of an attractor
+BY_FRACTION, BY_FAMILY = "fraction", "family"  # values of `slots_by`, the rule that gives an attractor its slot
 #: Default numbers of slots: SLOTS, or MORE_SLOTS if the survey begins below the damping MANY_ATTRACTORS.
 SLOTS, MORE_SLOTS, MANY_ATTRACTORS = 8, 24, 0.1
 MAX_SLOTS = 64
-MAX_TILES = 1_000_000  # a tile has a file for each variable, and costs a millisecond of scheduling
-MAX_SLICES = 64  # largest number of slices; the curves of a slice take seconds to compute, and a hundred files
+MAX_TILES = 1_000_000  # largest number of tiles; each has a file per variable, and a millisecond of scheduling
+MAX_SLICES = 64  # largest number of slices; the curves of each slice take seconds to compute, and a hundred files
 
 
-class InitialConditions(Strict):
+class InitialConditions(StrictRecord):
     """The initial conditions of each cell: `count` points (τ, v) of the box [tau_min, tau_max) × (v_min, v_max).
 
     The box is [0, 1) × (0, v_max) by default.
@@ -86,32 +90,33 @@ class InitialConditions(Strict):
     """
 
     count: Count = 64
-    v_max: Annotated[Annotated[Real, Field(gt=0)] | Literal["natural"] | None, OneSpeed] = None
+    v_max: Annotated[Annotated[Real, Field(gt=0)] | Literal["natural"] | None, SpeedLimitOnce] = None
     budget: Annotated[int, Field(strict=True, ge=1, le=LARGEST_BUDGET)] = BUDGET
     tau_min: Annotated[Real, Field(ge=0, lt=1)] = 0.0
     tau_max: Annotated[Real, Field(gt=0, le=1)] = 1.0
     v_min: Annotated[Real, Field(ge=0)] = 0.0
 
     @model_validator(mode="after")
-    def _is_a_box(self) -> Self:
+    def _check_box(self) -> Self:
         if not self.tau_min < self.tau_max:
             raise ValueError(f"tau_min ({self.tau_min}) must be less than tau_max ({self.tau_max})")
         if self.v_min > 0 and not isinstance(self.v_max, float):
-            raise ValueError("v_min needs a v_max that is a speed: give one above it")
+            raise ValueError("v_min needs a v_max that is a speed: give a v_max above v_min")
         if isinstance(self.v_max, float) and not self.v_min < self.v_max:
             raise ValueError(f"v_min ({self.v_min}) must be less than v_max ({self.v_max})")
         return self
 
     @property
-    def tau(self) -> tuple[float, float]:
+    def tau_range(self) -> tuple[float, float]:
         """Range (low, high) of the phases of the initial conditions."""
         return self.tau_min, self.tau_max
 
 
-class TileShape(Strict):
-    """Cells along each axis of a tile.
+class TileShape(StrictRecord):
+    """The numbers of cells along each axis of a tile.
 
-    The default is 32, more in a survey of more than 100,000 cells, fewer in a small one or with large samples.
+    The default is 32; it is larger in a survey of more than 100,000 cells, and smaller in a small survey or with large
+    samples.
     """
 
     delta: Annotated[int, Field(strict=True, ge=1)] | None = None
@@ -125,14 +130,16 @@ else:
     ModelName.__doc__ = "A model of the gear."
 
 
-class _Head(Strict):
+class _CommonFields(StrictRecord):
+    """The fields of a survey request that come first in documents."""
+
     name: Name = ""
     model: ModelName = ModelName(DEFAULT_MODEL)
     beta: Annotated[Annotated[Real, Field(gt=0)] | Axis, NumberOrAxis] = BETA.example
 
 
-def _kind_of(parameter: Parameter) -> Any:
-    """Return the type of a request's field for a model's parameter: a number, or also an axis if this is allowed."""
+def _field_type(parameter: Parameter) -> Any:
+    """Return the type of a request's field for a model's parameter: a number, or also an axis if one is allowed."""
     most = parameter.greatest if math.isfinite(parameter.greatest) else None
     least: Any = {"ge": 0} if parameter.may_be_zero else {"gt": 0}
     number: Any = Annotated[Real, Field(le=most, **least)]
@@ -140,15 +147,15 @@ def _kind_of(parameter: Parameter) -> Any:
 
 
 if TYPE_CHECKING:
-    _Numbers = _Head
+    _ModelFields = _CommonFields
 else:
-    #: The fields of `_Head`, which come first in documents, and a field for each parameter that a model adds.
-    _Numbers = create_model(
-        "_Numbers", __base__=_Head, **{name: (_kind_of(each), None) for name, each in ADDED.items()}
+    #: The fields of `_CommonFields`, and a field for each parameter that a model adds.
+    _ModelFields = create_model(
+        "_ModelFields", __base__=_CommonFields, **{name: (_field_type(each), None) for name, each in ADDED.items()}
     )
 
 
-class SurveyRequest(_Numbers):
+class SurveyRequest(_ModelFields):
     """The request for a survey of the (δ, ε) plane: the body of `POST /v1/surveys`; only the axes have no defaults.
 
     model: the impacting gear, or another model; a model may add parameters. beta, and each added parameter: a number;
@@ -181,29 +188,29 @@ class SurveyRequest(_Numbers):
 
     @model_validator(mode="before")
     @classmethod
-    def _by_machine(cls, given: Any) -> Any:
+    def _convert_machine(cls, given: Any) -> Any:
         """Compute β and the axes of δ and ε from a machine's dimensions, speeds and eccentricities."""
         if isinstance(given, dict) and isinstance(given.get("machine"), dict):
-            return in_the_model(given)
+            return fields_in_model(given)
         return given
 
     @field_validator("delta")
     @classmethod
-    def _damped(cls, delta: Axis) -> Axis:
+    def _check_damping(cls, delta: Axis) -> Axis:
         if delta.start <= 0:
             raise ValueError(f"delta must be positive: raise start ({delta.start}) above 0")
         return delta
 
     @field_validator("epsilon")
     @classmethod
-    def _eccentric(cls, epsilon: Axis) -> Axis:
+    def _check_eccentricity(cls, epsilon: Axis) -> Axis:
         if epsilon.start < 0:
             raise ValueError(f"epsilon must not be negative: raise start ({epsilon.start}) to 0 or more")
         return epsilon
 
     @field_validator("beta", *ADDED)
     @classmethod
-    def _positive(cls, value: float | Axis | None, info: ValidationInfo) -> float | Axis | None:
+    def _check_third_axis(cls, value: float | Axis | None, info: ValidationInfo) -> float | Axis | None:
         if not isinstance(value, Axis):
             return value
         may_be_zero = info.field_name in ADDED and ADDED[info.field_name].may_be_zero
@@ -213,13 +220,13 @@ class SurveyRequest(_Numbers):
         if value.stop > most:
             raise ValueError(f"{info.field_name} must be at most {most:g}: lower stop ({value.stop})")
         if value.num > MAX_SLICES:
-            raise ValueError(f"a third axis has {MAX_SLICES} values at most: lower num ({value.num})")
+            raise ValueError(f"a third axis may have at most {MAX_SLICES} values: lower num ({value.num})")
         return value
 
     @model_validator(mode="before")
     @classmethod
-    def _by_model(cls, given: Any) -> Any:
-        """Choose those default groups that the model has, if no quantities are given."""
+    def _choose_groups(cls, given: Any) -> Any:
+        """Choose the default groups that the model has, if no quantities are given."""
         if isinstance(given, dict) and given.get("model") in (*MODELS,) and "quantities" not in given:
             known = groups_of(given["model"], bool(given.get("harmonics")))
             return given | {"quantities": [str(group) for group in DEFAULT if group in known]}
@@ -227,7 +234,7 @@ class SurveyRequest(_Numbers):
 
     @model_validator(mode="before")
     @classmethod
-    def _by_default(cls, given: Any) -> Any:
+    def _fill_in_parameters(cls, given: Any) -> Any:
         """Fill in the default values of the model's parameters that are not given."""
         if isinstance(given, dict) and given.get("model") in (*MODELS,):
             added = MODELS[given["model"]].added
@@ -237,7 +244,7 @@ class SurveyRequest(_Numbers):
 
     @field_validator("quantities")
     @classmethod
-    def _distinct(cls, quantities: tuple[Group, ...]) -> tuple[Group, ...]:
+    def _complete_groups(cls, quantities: tuple[Group, ...]) -> tuple[Group, ...]:
         if not quantities:
             raise ValueError(f"name at least one of {', '.join(Group)}")
         if len(set(quantities)) < len(quantities):
@@ -246,7 +253,7 @@ class SurveyRequest(_Numbers):
         return tuple(group for group in Group if group in quantities or group in needed)
 
     @model_validator(mode="after")
-    def _of_the_model(self) -> Self:
+    def _check_model(self) -> Self:
         own = {each.name: each for each in MODELS[self.model].added}
         for name, each in ADDED.items():
             value = getattr(self, name)
@@ -259,7 +266,7 @@ class SurveyRequest(_Numbers):
         if len(self.third_axis) > 1:
             raise ValueError(f"a survey has one third axis: give one number for {', or for '.join(self.third_axis)}")
         if self.slots_by == BY_FAMILY and Group.FAMILIES not in self.quantities:
-            raise ValueError("slots_by family needs the quantity families: add it to quantities, or leave slots_by out")
+            raise ValueError("slots_by family needs families: add families to quantities, or leave slots_by out")
         known = groups_of(self.model, bool(self.harmonics))
         if unknown := set(self.quantities).difference(known):
             names, whose = ", ".join(sorted(unknown)), f"the {self.model} model"
@@ -269,7 +276,7 @@ class SurveyRequest(_Numbers):
         return self
 
     @model_validator(mode="after")
-    def _of_the_machine(self) -> Self:
+    def _check_machine(self) -> Self:
         if self.machine is None:
             return self
         for each in MODELS[self.model].added:
@@ -279,40 +286,42 @@ class SurveyRequest(_Numbers):
                     f"leave out the machine, or leave out model and {each.name}"
                 )
         if self.beta != self.machine.beta:
-            raise ValueError(f"this machine has beta {self.machine.beta}: leave beta out")
+            raise ValueError(f"the gears of this machine have beta {self.machine.beta}: leave beta out")
         for delta in (self.delta.start, self.delta.stop):
-            self.machine.at(float(self.machine.rpm(delta)), float(self.machine.eccentricity(self.epsilon.stop)))
+            self.machine.machine_at_speed(
+                float(self.machine.rpm(delta)), float(self.machine.eccentricity(self.epsilon.stop))
+            )
         return self
 
     @model_validator(mode="after")
-    def _fills_what_it_can(self) -> Self:
+    def _check_refinable(self) -> Self:
         if self.refine is not None:
             require_refinable(self.quantities, self.model)
         return self
 
     @model_validator(mode="after")
-    def _has_what_it_proves(self) -> Self:
+    def _check_certifiable(self) -> Self:
         if self.certify and Group.ATTRACTORS not in self.quantities:
-            raise ValueError("certify needs the quantity attractors: add it to quantities, or leave certify out")
+            raise ValueError("certify needs attractors: add attractors to quantities, or leave certify out")
         if self.certify and Capability.PROOFS not in MODELS[self.model].has:
             raise ValueError(f"periodic motions of the {self.model} model cannot be proved: leave certify out")
-        if self.certify and self.third:
+        if self.certify and self.third_axis_name:
             raise ValueError(
-                f"certify needs a survey without a third axis: give one number for {self.third}, or prove the slices "
-                "one by one afterwards: rattle certify STORE --slice NUMBER"
+                f"certify needs a survey without a third axis: give one number for {self.third_axis_name}, or prove "
+                "the slices one by one afterwards: rattle certify STORE --slice NUMBER"
             )
         return self
 
     @model_validator(mode="after")
-    def _tiles_fit(self) -> Self:
+    def _check_tiles(self) -> Self:
         for axis in ("delta", "epsilon"):
             size, num = getattr(self.tile, axis), getattr(self, axis).num
             if size is not None and size > num:
                 raise ValueError(f"tile.{axis} ({size}) exceeds the axis ({num} values): use {num} or less")
             if self.refine is not None and size not in (None, num) and size % BLOCK:
-                raise ValueError(f"tile.{axis} ({size}) cuts the blocks that are refined: use a multiple of {BLOCK}")
-        if self.tile_shape[0] * self.tile_shape[1] > self._most_tile_cells:
-            raise ValueError(f"a tile may hold at most {self._most_tile_cells:,} cells: use a smaller tile")
+                raise ValueError(f"tile.{axis} ({size}) cuts blocks of a refined survey: use a multiple of {BLOCK}")
+        if self.tile_shape[0] * self.tile_shape[1] > self._largest_tile:
+            raise ValueError(f"a tile may hold at most {self._largest_tile:,} cells: use a smaller tile")
         if self.tile_shape[0] * self.tile_shape[1] * self.samples_per_cell > MAX_TILE_SAMPLES:
             raise ValueError(f"a tile may hold at most {MAX_TILE_SAMPLES:,} initial conditions: use a smaller tile")
         if self.n_tiles > MAX_TILES:
@@ -323,21 +332,23 @@ class SurveyRequest(_Numbers):
 
     @property
     def variables(self) -> tuple[Quantity, ...]:
-        """The variables that the survey's store has."""
+        """The variables that the survey's store has, in the order in which tiles are written."""
         more = () if self.refine is None else (*REFINED, *BOUNDED) if self.refine.bound else REFINED
-        return stored(self.quantities, self.model, more)
+        return stored_variables(self.quantities, self.model, more)
 
     @property
-    def is_bounded(self) -> bool:
+    def has_bound(self) -> bool:
         """True if the request has a bound for the share of wrong cells among the filled ones."""
         return self.refine is not None and self.refine.bound is not None
 
     @property
     def gear_model(self) -> Model:
-        """The model with its parameters. Raises SurveyError with a third axis, where each slice has its own model."""
-        if self.third:
-            raise SurveyError(f"this survey has {self.n_slices} values of {self.third}: choose one of its slices")
-        return with_harmonics(model_of(**self.others), self.harmonics)
+        """The model with its parameters. Raises SurveyError if there is a third axis: each slice has its own model."""
+        if self.third_axis_name:
+            raise SurveyError(
+                f"this survey has {self.n_slices} values of {self.third_axis_name}: choose one of its slices"
+            )
+        return with_harmonics(model_of(**self.other_parameters), self.harmonics)
 
     @property
     def in_closed_form(self) -> bool:
@@ -345,33 +356,33 @@ class SurveyRequest(_Numbers):
         return Capability.CLOSED_FORM in MODELS[self.model].has
 
     @property
-    def others(self) -> dict[str, Any]:
-        """β and the parameters that the model adds, by name. Each is a number, or the third axis."""
+    def other_parameters(self) -> dict[str, Any]:
+        """β and the parameters that the model adds, by name. Each value is a number, or the third axis."""
         return {each.name: getattr(self, each.name) for each in MODELS[self.model].parameters()}
 
     @property
     def added_numbers(self) -> dict[str, float]:
-        """The values of the parameters that the model adds to δ, ε and β, by name; of a third axis its last value."""
+        """The values of the parameters that the model adds to δ, ε and β, by name; a third axis by its last value."""
         return {
             name: value.stop if isinstance(value, Axis) else value
-            for name, value in self.others.items()
+            for name, value in self.other_parameters.items()
             if name in ADDED
         }
 
     @property
     def sample(self) -> SampleSpec:
-        """The sample of each cell."""
+        """The specification of each cell's sample: number, box, seed and budget of the initial conditions."""
         given = self.initial_conditions
-        return SampleSpec(given.count, self.v_max, self.seed, given.budget, given.tau, given.v_min)
+        return SampleSpec(given.count, self.v_max, self.seed, given.budget, given.tau_range, given.v_min)
 
     @property
     def third_axis(self) -> dict[str, Axis]:
-        """The third axis by its name; empty if there is none."""
+        """{name: the third axis}; empty without a third axis."""
         return {name: axis for name in FIXED if isinstance(axis := getattr(self, name), Axis)}
 
     @property
-    def third(self) -> str:
-        """The name of the third axis; empty if there is none."""
+    def third_axis_name(self) -> str:
+        """The name of the third axis; "" without a third axis."""
         return next(iter(self.third_axis), "")
 
     @property
@@ -381,20 +392,22 @@ class SurveyRequest(_Numbers):
 
     @property
     def slices(self) -> "dict[Along, SurveyRequest]":
-        """The request for each slice, by the slice's index; without a third axis this request, with the index ()."""
-        return {place: self.at(place) for place in np.ndindex(*(axis.num for axis in self.third_axis.values()))}
+        """{index of a slice: the request for this slice alone}; without a third axis {(): this request}."""
+        return {
+            place: self.slice_request(place) for place in np.ndindex(*(axis.num for axis in self.third_axis.values()))
+        }
 
-    def along(self, number: int) -> Along:
-        """Return the index of a slice, given its number. Numbers beyond the last slice mean the last slice.
+    def slice_index(self, number: int) -> Along:
+        """Return the index of the slice with a number, from 0. A number beyond the last slice means the last slice.
 
         Returns
         -------
         Along
             () without a third axis, whatever the number.
         """
-        return (min(number, self.n_slices - 1),) if self.third else ()
+        return (min(number, self.n_slices - 1),) if self.third_axis_name else ()
 
-    def at(self, place: Along) -> "SurveyRequest":
+    def slice_request(self, place: Along) -> "SurveyRequest":
         """Return the request for one slice alone, with the initial conditions and tile shape of the whole survey.
 
         place: the index of the slice; () returns this request.
@@ -414,7 +427,7 @@ class SurveyRequest(_Numbers):
 
     @property
     def v_max(self) -> float | Literal["natural"]:
-        """The largest speed of the sample."""
+        """The largest initial speed, or "natural" for the natural speed of each cell."""
         if self.initial_conditions.v_max is not None:
             return self.initial_conditions.v_max
         delta, epsilon, beta = (
@@ -446,29 +459,33 @@ class SurveyRequest(_Numbers):
 
     @property
     def _default_sides(self) -> tuple[int, int]:
+        """Cells along (epsilon, delta) of a tile if the request has no tile shape."""
         larger = math.isqrt(self.n_cells // MOST_TILES)
         side = min(max(DEFAULT_TILE, larger), math.isqrt(self.n_cells // LEAST_TILES))
         if SAMPLED.intersection(self.quantities):
             samples = MODELS[self.model].tile_samples
-            samples = min(max(samples, self.n_cells * self.initial_conditions.count // MOST_TILES), LARGER * samples)
+            samples = min(
+                max(samples, self.n_cells * self.initial_conditions.count // MOST_TILES), LARGE_TILE_FACTOR * samples
+            )
             longer = max(1.0, WATCH / (PERIODS * self.delta.start))
             side = min(side, math.isqrt(int(samples / longer) // self.initial_conditions.count))
         if Group.BASINS in self.quantities:
             side = min(side, BASIN_SIDE)
         if self.refine is not None:  # few cells of a refined tile are computed, so it may be larger
-            side = min(2 * side, math.isqrt(self._most_tile_cells))
-            tall = TALL if self._refines_regions else 1
+            side = min(2 * side, math.isqrt(self._largest_tile))
+            tall = TALL_TILE_FACTOR if self._refines_only_regions else 1
             return max(side * tall // BLOCK, 1) * BLOCK, max(side // tall // BLOCK, 1) * BLOCK
-        side = min(max(side, SMALLEST_DEFAULT), math.isqrt(self._most_tile_cells))
+        side = min(max(side, SMALLEST_DEFAULT), math.isqrt(self._largest_tile))
         return side, side
 
     @property
-    def _refines_regions(self) -> bool:
+    def _refines_only_regions(self) -> bool:
         return self.refine is not None and self.quantities == (Group.REGION,)
 
     @property
-    def _most_tile_cells(self) -> int:
-        return MAX_TILE_REGIONS if self._refines_regions else MAX_TILE_CELLS
+    def _largest_tile(self) -> int:
+        """Largest number of cells that a tile of this survey may have."""
+        return MAX_TILE_REGIONS if self._refines_only_regions else MAX_TILE_CELLS
 
     @property
     def samples_per_cell(self) -> int:
@@ -493,7 +510,7 @@ class SurveyRequest(_Numbers):
         return math.prod(self.tile_grid)
 
     def content_hash(self) -> str:
-        """Return the SHA-256, in hexadecimal, of everything that decides the bytes of the store, with the code version.
+        """Return the SHA-256 of everything that decides the bytes of the store, including the code version.
 
         The name is left out, because a survey stays the same when it is renamed. The tile shape is included, although
         no value of a cell depends on it, because it is the chunk shape of the store.

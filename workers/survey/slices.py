@@ -35,37 +35,37 @@ def require_slice(third: Mapping[str, int], number: int | None) -> None:
         raise SurveyError("this survey has no third axis: leave slice out")
     for name, length in third.items():
         if number is None or not 0 <= number < length:
-            raise SurveyError(f"this survey has {length} values of {name}: choose one, slice 0 to {length - 1}")
+            raise SurveyError(f"this survey has {length} values of {name}: choose a slice from 0 to {length - 1}")
 
 
-def third_of(dataset: xr.Dataset) -> dict[str, int]:
-    """Return the length of an open survey's third axis, by the axis' name; empty without a third axis."""
+def third_axis_length(dataset: xr.Dataset) -> dict[str, int]:
+    """Return {name: length} of an open survey's third axis; empty without a third axis."""
     return {name: dataset.sizes[name] for name in FIXED if name in dataset.sizes}
 
 
 def slice_of(dataset: xr.Dataset, number: int | None = None) -> xr.Dataset:
-    """Return a slice of an open survey, or the survey itself if it has no third axis. Raises SurveyError."""
-    third = third_of(dataset)
+    """Return the slice `number`, from 0, of an open survey; for None the survey, which must have no third axis."""
+    third = third_axis_length(dataset)
     require_slice(third, number)
     return dataset.isel(dict.fromkeys(third, number))
 
 
-def group_in(number: int | None, group: str) -> str:
-    """Return the path of a group of a slice. number: the number of the slice; None without a third axis."""
+def slice_group_path(number: int | None, group: str) -> str:
+    """Return the path of a slice's group in the store. number: the slice; None for a survey without a third axis."""
     return group_path(() if number is None else (number,), group)
 
 
 def slices_of(dataset: xr.Dataset) -> Iterator[xr.Dataset]:
     """Yield the slices of an open survey, or the survey itself if it has no third axis."""
-    third = third_of(dataset)
+    third = third_axis_length(dataset)
     for name, length in third.items():
         yield from (dataset.isel({name: number}) for number in range(length))
     if not third:
         yield dataset
 
 
-def value_along(dataset: xr.Dataset) -> dict[str, float]:
-    """Return the value of the third axis at a slice, by the axis' name; empty for a survey without a third axis."""
+def third_axis_value(dataset: xr.Dataset) -> dict[str, float]:
+    """Return {name: value} of the third axis at a slice; empty for a survey without a third axis."""
     one = [name for name in FIXED if name in dataset.coords and not dataset[name].dims]
     return {name: dataset[name].item() for name in one if name not in dataset.attrs}
 
@@ -85,7 +85,7 @@ def surveyed_model(dataset: xr.Dataset) -> Model:
     SurveyError
         The survey has a third axis.
     """
-    require_slice(third_of(dataset), None)
+    require_slice(third_axis_length(dataset), None)
     given: dict[str, Any] = {
         name: dataset[name].item() if name in dataset.coords else dataset.attrs.get(name) for name in FIXED
     }

@@ -1,4 +1,4 @@
-"""The empty store of a survey: all its arrays, coordinates and attributes."""
+"""Create the empty store of a survey: all its arrays, coordinates and attributes."""
 
 import json
 import warnings
@@ -24,10 +24,10 @@ from gear_rattle.workers.survey.curves import (
     window_around,
 )
 from gear_rattle.workers.survey.machine import AXES
-from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, SLICE, SLICES, Manifest, digests, group_path
+from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, SLICE, SLICES, Manifest, file_digests, group_path
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.tiles import cells_of_tile
-from gear_rattle.workers.survey.values.quantities import COORDINATES, DOI, labels_of, shape_of
+from gear_rattle.workers.survey.values.quantities import COORDINATES, DOI, dimension_labels, shape_of
 from gear_rattle.workers.survey.values.schema import SLOT, Quantity
 from gear_rattle.workers.survey.version import code_version
 from rattle.models import MODELS
@@ -35,16 +35,16 @@ from rattle.models import MODELS
 #: Every chunk ends in a checksum, so that readers fail on a damaged chunk instead of showing wrong numbers.
 CODECS = (ZstdCodec(level=0), Crc32cCodec())
 #: Every chunk has a file, even if it has fill values only, so that a missing file is a lost chunk.
-WHOLE: Any = {"write_empty_chunks": True}
-#: JSON without white space: the root, which is read whenever a survey is opened, becomes a third smaller.
+WRITE_ALL_CHUNKS: Any = {"write_empty_chunks": True}
+#: Setting of zarr that writes JSON without white space. It makes the root, which each reader loads, a third smaller.
 COMPACT = {"json_indent": None}
 
 
-Template = dict[str, bytes]  # content of every file of a store without tiles, by key
+Template = dict[str, bytes]  # {key: content} of every file of a store without tiles
 
 
 def template_of(request: SurveyRequest, created: str | None = None) -> Template:
-    """Return the files of a survey's store before its first tile. created: the date of its creation; None: now.
+    """Return the files of a survey's store before its first tile. created: the date of creation; None: now.
 
     The root already has the metadata of all arrays, which chunks never change. So a running survey can be opened from
     disk and over HTTP.
@@ -55,18 +55,18 @@ def template_of(request: SurveyRequest, created: str | None = None) -> Template:
         Contents by key.
     """
     kept: dict[str, Buffer] = {}
-    created = created or now()
+    created = created or current_time()
     root = zarr.create_group(MemoryStore(kept), zarr_format=3, attributes=_attributes(request, created))
     quantities = request.variables
     _write_coordinates(root, request, {dim for quantity in quantities for dim in quantity.dims} | {"delta"})
     for quantity in quantities:
-        _create(root, request, quantity)
+        _create_array(root, request, quantity)
     for along, each in request.slices.items():
-        _write_curves(group_of(root, request, along), each)
-    return completed(kept, request, created, _chunks(request, quantities))
+        _write_curves(create_slice_group(root, request, along), each)
+    return completed_template(kept, request, created, _chunk_key_patterns(request, quantities))
 
 
-def completed(kept: dict[str, Buffer], request: Any, created: str, chunks: dict[str, str]) -> Template:
+def completed_template(kept: dict[str, Buffer], request: Any, created: str, chunks: dict[str, str]) -> Template:
     """Consolidate the metadata of a store in memory, add a manifest, and return all files as a template.
 
     Parameters
@@ -79,9 +79,9 @@ def completed(kept: dict[str, Buffer], request: Any, created: str, chunks: dict[
     Template
         Contents by key.
     """
-    consolidate(MemoryStore(kept))
-    template = contents(kept)
-    files = digests(template)
+    consolidate_metadata(MemoryStore(kept))
+    template = file_contents(kept)
+    files = file_digests(template)
     root = (files.pop(ROOT),)
     manifest = Manifest(
         request.content_hash(), created, request.tile_grid, chunks, root, files, slices=request.n_slices
@@ -89,23 +89,23 @@ def completed(kept: dict[str, Buffer], request: Any, created: str, chunks: dict[
     return template | {MANIFEST: manifest.to_bytes()}
 
 
-def blank(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
+def empty_arrays(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
     """Create empty arrays in memory, which encode tiles without reading the metadata of the store.
 
     Returns
     -------
     tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]
-        Files by key, arrays by variable, patterns of keys by variable.
+        The files in memory by key, the arrays by variable, and the patterns of chunk keys by variable.
     """
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
     quantities = [quantity for quantity in request.variables if quantity.per_cell]
     arrays = {quantity.name: _create_per_cell(root, request, quantity) for quantity in quantities}
-    return kept, arrays, _chunks(request, quantities)
+    return kept, arrays, _chunk_key_patterns(request, quantities)
 
 
-def _chunks(request: SurveyRequest, quantities: Iterable[Quantity]) -> dict[str, str]:
-    """Return each variable's pattern of chunk keys, with {row}, {column} and, if there is a third axis, {slice}."""
+def _chunk_key_patterns(request: SurveyRequest, quantities: Iterable[Quantity]) -> dict[str, str]:
+    """Return {variable: pattern of its chunk keys}, with {row}, {column} and, if there is a third axis, {slice}."""
     first = ["c", *(SLICE for _ in request.third_axis)]
     return {
         quantity.name: "/".join([quantity.name, *first, *"0" * (len(quantity.dims) - 2), "{row}", "{column}"])
@@ -114,12 +114,12 @@ def _chunks(request: SurveyRequest, quantities: Iterable[Quantity]) -> dict[str,
     }
 
 
-def contents(kept: Mapping[str, Buffer]) -> Template:
-    """Return the bytes of all buffers of a store in memory, by key."""
+def file_contents(kept: Mapping[str, Buffer]) -> Template:
+    """Return {key: bytes} of all files of a store in memory."""
     return {key: value.to_bytes() for key, value in kept.items()}
 
 
-def consolidate(store: StoreLike) -> None:
+def consolidate_metadata(store: StoreLike) -> None:
     """Copy the metadata of all arrays and groups into the root.
 
     Without this copy, opening the store over HTTP gives an empty dataset and no error.
@@ -155,18 +155,21 @@ def _attributes(request: SurveyRequest, created: str) -> dict[str, Any]:
 
 
 def _title(request: SurveyRequest) -> str:
-    planes = f"planes at {request.n_slices} values of {request.third}" if request.third else "plane"
+    planes = f"planes at {request.n_slices} values of {request.third_axis_name}" if request.third_axis_name else "plane"
     return f"Survey of the (delta, epsilon) {planes} of the {request.model} gear model"
 
 
 def _machine_attributes(request: SurveyRequest) -> dict[str, Any]:
-    """Return attributes for a machine's numbers, and `coordinates`, where CF wants auxiliary coordinates named."""
+    """Return attributes for a machine's numbers, and `coordinates`, in which CF wants auxiliary coordinates named."""
     machine = {} if request.machine is None else request.machine.model_dump()
-    names = [*(name for name in fixed(request) if name != request.third), *(AXES if machine else ())]
+    names = [
+        *(name for name in shared_parameters(request) if name != request.third_axis_name),
+        *(AXES if machine else ()),
+    ]
     return {"coordinates": " ".join(names), **{f"machine_{name}": value for name, value in machine.items()}}
 
 
-def fixed(request: SurveyRequest) -> dict[str, tuple[float | Axis, str]]:
+def shared_parameters(request: SurveyRequest) -> dict[str, tuple[float | Axis, str]]:
     """Return the parameters that all cells of a slice share, each with its description.
 
     In the store they are coordinates without a dimension, except for a third axis.
@@ -176,17 +179,19 @@ def fixed(request: SurveyRequest) -> dict[str, tuple[float | Axis, str]]:
     dict[str, tuple[float | Axis, str]]
         Value and description by name.
     """
-    return {each.name: (request.others[each.name], each.long_name) for each in MODELS[request.model].parameters()}
+    return {
+        each.name: (request.other_parameters[each.name], each.long_name) for each in MODELS[request.model].parameters()
+    }
 
 
 def _model_attributes(request: SurveyRequest) -> dict[str, Any]:
-    """Return attributes for the model, its numbers and its harmonics, without empty ones: NetCDF cannot hold null."""
-    numbers = {name: value for name, value in request.others.items() if isinstance(value, float)}
+    """Return attributes for the model, its numbers and its harmonics. None is empty: NetCDF cannot hold null."""
+    numbers = {name: value for name, value in request.other_parameters.items() if isinstance(value, float)}
     harmonics = {"harmonics": json.dumps(request.harmonics)} if request.harmonics else {}
     return {"model": str(request.model), **numbers, **harmonics}
 
 
-def now() -> str:
+def current_time() -> str:
     """Return the present time in UTC in ISO format, to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
@@ -195,21 +200,21 @@ def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str])
     axes = {"delta": request.delta, "epsilon": request.epsilon}
     for dim in COORDINATES:
         if dim in dims:
-            values = axes[dim].values() if dim in axes else coordinate_values(labels_of(dim, request.n_slots))
-            write(root, dim, (dim,), values, {"long_name": dimension_name(request, dim), "units": "1"})
-    for name, (value, long_name) in fixed(request).items():
+            values = axes[dim].values() if dim in axes else coordinate_values(dimension_labels(dim, request.n_slots))
+            write_array(root, dim, (dim,), values, {"long_name": dimension_description(request, dim), "units": "1"})
+    for name, (value, long_name) in shared_parameters(request).items():
         values = value.values() if isinstance(value, Axis) else np.array(value)
-        write(root, name, (name,) * values.ndim, values, {"long_name": long_name, "units": "1"})
+        write_array(root, name, (name,) * values.ndim, values, {"long_name": long_name, "units": "1"})
     if request.machine is not None:
         rpm = request.machine.rpm(request.delta.values())
         eccentricity = request.machine.eccentricity(request.epsilon.values())
-        write(root, "rpm", ("delta",), rpm, {"long_name": "mean speed", "units": "rpm"})
+        write_array(root, "rpm", ("delta",), rpm, {"long_name": "mean speed", "units": "rpm"})
         described = {"long_name": "amplitude of the transmission error along the line of action", "units": "m"}
-        write(root, "eccentricity", ("epsilon",), eccentricity, described)
+        write_array(root, "eccentricity", ("epsilon",), eccentricity, described)
 
 
-def dimension_name(request: SurveyRequest, dim: str) -> str:
-    """Return the long name of a dimension."""
+def dimension_description(request: SurveyRequest, dim: str) -> str:
+    """Return the description of a dimension, the attribute `long_name` of its coordinate."""
     if dim == SLOT and request.slots_follow_families:
         return "slot of the attractor: that of its family, as far as there are slots"
     return COORDINATES[dim].long_name
@@ -221,13 +226,13 @@ def coordinate_values(values: tuple[int, ...] | tuple[str, ...]) -> np.ndarray:
     return np.array(values, dtype=np.dtypes.StringDType() if text else np.int64)
 
 
-def _create(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> None:
+def _create_array(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> None:
     if quantity.per_cell:
         _create_per_cell(root, request, quantity)
     else:
         found = [np.asarray(quantity.evaluate(cells_of_tile(each))) for each in request.slices.values()]
-        values = (np.stack(found) if request.third else found[0]).astype(quantity.dtype)
-        write(root, quantity.name, (*request.third_axis, *quantity.dims), values, quantity.attributes)
+        values = (np.stack(found) if request.third_axis_name else found[0]).astype(quantity.dtype)
+        write_array(root, quantity.name, (*request.third_axis, *quantity.dims), values, quantity.attributes)
 
 
 def _create_per_cell(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> zarr.Array:
@@ -237,22 +242,24 @@ def _create_per_cell(root: zarr.Group, request: SurveyRequest, quantity: Quantit
         shape=(*lengths, *shape_of(quantity, request.shape, request.n_slots)),
         chunks=(*(1 for _ in lengths), *shape_of(quantity, request.tile_shape, request.n_slots)),
         dtype=quantity.dtype,
-        fill_value=quantity.fill,
+        fill_value=quantity.fill_value,
         compressors=CODECS,
-        config=WHOLE,
+        config=WRITE_ALL_CHUNKS,
         dimension_names=(*request.third_axis, *quantity.dims),
         attributes=quantity.attributes,
     )
 
 
-def group_of(root: zarr.Group, request: SurveyRequest, along: Along) -> zarr.Group:
-    """Create the group for a slice's curves and families; return the root if the survey has no third axis."""
+def create_slice_group(root: zarr.Group, request: SurveyRequest, along: Along) -> zarr.Group:
+    """Create and return the group for a slice's curves and families; without a third axis, return the root."""
     if not along:
         return root
     if SLICES not in root:
-        about = f"what the slices of the survey have beside their cells, each at its index along {request.third}"
+        about = (
+            f"what the slices of the survey have beside their cells, each at its index along {request.third_axis_name}"
+        )
         root.create_group(SLICES, attributes={"long_name": about})
-    return root.create_group(group_path(along), attributes=_model_attributes(request.at(along)))
+    return root.create_group(group_path(along), attributes=_model_attributes(request.slice_request(along)))
 
 
 def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
@@ -268,7 +275,7 @@ def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
     groups = root.create_group("curves", attributes=attributes)
     multiplier = COORDINATES["multiplier"]
     described = {"long_name": multiplier.long_name, "units": "1"}
-    write(groups, "multiplier", ("multiplier",), coordinate_values(multiplier.values), described)
+    write_array(groups, "multiplier", ("multiplier",), coordinate_values(multiplier.values), described)
     model = request.gear_model
     for name in model.curve_names:
         curve = traced_curve(name, model, window)
@@ -282,12 +289,20 @@ def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
 def write_variables(group: zarr.Group, variables: Iterable[CurveVariable], item: Any) -> None:
     """Write variables with their attributes to a group. item: the object from which they take their values."""
     for variable in (part for each in variables for part in each.parts):
-        write(group, variable.name, variable.dims, variable.of(item), variable.attributes)
+        write_array(group, variable.name, variable.dims, variable.stored_values(item), variable.attributes)
 
 
-def write(group: zarr.Group, name: str, dims: tuple[str, ...], values: np.ndarray, attributes: dict[str, Any]) -> None:
-    """Create an array with these values, as one chunk; tiles never write to such arrays."""
-    chunks = tuple(max(size, 1) for size in values.shape)  # zarr wants chunks of at least 1, also for an empty array
+def write_array(
+    group: zarr.Group, name: str, dims: tuple[str, ...], values: np.ndarray, attributes: dict[str, Any]
+) -> None:
+    """Create an array with these values, as one chunk. Tiles never write to such an array."""
+    chunks = tuple(max(size, 1) for size in values.shape)  # zarr requires chunks of at least 1, even for an empty array
     group.create_array(
-        name, data=values, chunks=chunks, compressors=CODECS, config=WHOLE, dimension_names=dims, attributes=attributes
+        name,
+        data=values,
+        chunks=chunks,
+        compressors=CODECS,
+        config=WRITE_ALL_CHUNKS,
+        dimension_names=dims,
+        attributes=attributes,
     )

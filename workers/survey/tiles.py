@@ -1,4 +1,4 @@
-"""Tiles: rectangles of cells. A survey is computed tile by tile, each by a pure function."""
+"""Compute a survey tile by tile. A tile is a rectangle of cells, and a pure function of the request computes it."""
 
 import time
 from collections.abc import Iterable, Iterator
@@ -9,23 +9,24 @@ import numpy as np
 
 from gear_rattle.workers.survey.curves import traced_crossings
 from gear_rattle.workers.survey.refined.fill import FillingPlan, RefinedCells, refined_cells
-from gear_rattle.workers.survey.refined.rounds import Round, first_round
+from gear_rattle.workers.survey.refined.rounds import AuditRound, first_round
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.values.cells import Cells
 from gear_rattle.workers.survey.values.evaluate import FAILED, SOME_UNDECIDED
 from gear_rattle.workers.survey.values.quantities import shape_of
 from gear_rattle.workers.survey.values.schema import SAMPLED, Quantity
 
-LONGEST_MESSAGE = 300
+LONGEST_MESSAGE = 300  # characters of a failed cell's message that are kept
 POLL_SECONDS = 0.2  # seconds between two checks whether a run must stop
-GRACE_SECONDS = 2.0  # seconds that running tiles have to end after a stop
+GRACE_SECONDS = 2.0  # seconds for which a stopped run waits for tiles that are being computed
 
-#: Failures of the computer, not of a cell. They are never stored, because results must not depend on the computer.
+#: Exceptions that are failures of the computer, not of a cell. They are never stored, because results must not depend
+#: on the computer.
 MACHINE_FAILURES = (MemoryError, OSError, ImportError)
 
 FailedCell = tuple[int, int, str]  # indices of the cell along ε and along δ, and the message of its failure
 TileArrays = dict[str, np.ndarray]
-CellOutcome = TileArrays | str  # a cell's values, or the reason why there are none
+CellOutcome = TileArrays | str  # the values of a cell, or the message of its failure
 
 
 @dataclass(frozen=True)
@@ -33,15 +34,15 @@ class Tile:
     """A rectangle of cells, which is a chunk of every variable.
 
     index: the number of the tile, counted along δ first, then along ε, then along a third axis. delta, epsilon: the
-    ranges of the tile's cells in the grid. along: the index of its slice. rounds: in a refined survey with a bound, the
-    rounds of audits after the first one.
+    ranges of the tile's cells in the grid. along: the index of its slice; () without a third axis. rounds: in a refined
+    survey with a bound, the rounds of audits after the first round.
     """
 
     index: int
     delta: slice
     epsilon: slice
     along: Along = ()
-    rounds: tuple[Round, ...] = ()
+    rounds: tuple[AuditRound, ...] = ()
 
     @property
     def n_cells(self) -> int:
@@ -54,23 +55,27 @@ class Tile:
         return self.epsilon, self.delta
 
     @property
-    def at(self) -> tuple[int | EllipsisType | slice, ...]:
+    def selection(self) -> tuple[int | EllipsisType | slice, ...]:
         """The index that selects the tile's cells in the array of a variable."""
         return *self.along, ..., self.epsilon, self.delta
 
 
 @dataclass(frozen=True)
 class TileRecord:
-    """Summary of a computed tile. failed_cells: (row, column, message); rows are counted through all slices."""
+    """Summary of a computed tile.
+
+    failed_cells: (row, column, message) of each failed cell; rows are counted through all slices. seconds: the time of
+    the computation.
+    """
 
     index: int
     cells: int
     failed_cells: tuple[FailedCell, ...]
     undecided_cells: int
     seconds: float
-    impacts: int = 0  # impacts on Σ⁺ of all samples; 0 without samples, or if cells were computed one by one
-    filled_cells: int = 0  # cells of a refined tile that were not computed
-    files: dict[str, str] = field(default_factory=dict, compare=False)  # digests of its written chunks, by key
+    impacts: int = 0  # impacts on Σ⁺ of all samples; 0 without samples, or if its cells were computed one by one
+    filled_cells: int = 0  # number of cells of a refined tile that were filled instead of computed
+    files: dict[str, str] = field(default_factory=dict, compare=False)  # {key: digest} of its written chunks
 
 
 def tiles_of(request: SurveyRequest) -> list[Tile]:
@@ -83,14 +88,14 @@ def tiles_of(request: SurveyRequest) -> list[Tile]:
     return [Tile(index, *span) for index, span in enumerate(spans)]
 
 
-def tiles_at(request: SurveyRequest, along: Along) -> list[Tile]:
+def tiles_of_slice(request: SurveyRequest, along: Along) -> list[Tile]:
     """Return the tiles of one slice of the request."""
     return [tile for tile in tiles_of(request) if tile.along == along]
 
 
 def cells_of_tile(request: SurveyRequest, tile: Tile | None = None) -> Cells:
     """Return the cells of a tile. Without a tile, return all cells of a survey without a third axis."""
-    request = request if tile is None else request.at(tile.along)
+    request = request if tile is None else request.slice_request(tile.along)
     delta, epsilon = request.delta.values(), request.epsilon.values()
     return Cells(
         delta=delta if tile is None else delta[tile.delta],
@@ -125,16 +130,16 @@ def compute_tile(
     cells = cells_of_tile(request, tile)
     impacts = 0
     if outcomes is not None:
-        arrays, failed = _gather(request, cells, outcomes)
+        arrays, failed = _gather_outcomes(request, cells, outcomes)
     else:
         try:
-            cells = cells if request.refine is None else _refined(request, tile)
+            cells = cells if request.refine is None else _refined_tile_cells(request, tile)
             arrays, failed = _evaluate(request, cells), list[FailedCell]()
             impacts = int(cells.attractors.impacts.sum()) if cells.count else 0
         except MACHINE_FAILURES:
             raise
         except Exception:  # the model failed in some cell: compute the cells one by one to find out which
-            arrays, failed = _gather(request, cells, cell_outcomes(request, tile))
+            arrays, failed = _gather_outcomes(request, cells, cell_outcomes(request, tile))
     first_row = sum(tile.along) * request.shape[0] + tile.epsilon.start
     record = TileRecord(
         index=tile.index,
@@ -148,19 +153,19 @@ def compute_tile(
     return arrays, record
 
 
-def _refined(request: SurveyRequest, tile: Tile) -> RefinedCells:
+def _refined_tile_cells(request: SurveyRequest, tile: Tile) -> RefinedCells:
     """Return the cells of a refined tile, of which only some are computed."""
-    whole = cells_of_tile(request.at(tile.along))
-    # Curves of a model without closed form take minutes to trace, so tiles of such a model are refined without curves.
+    whole = cells_of_tile(request.slice_request(tile.along))
+    # The curves of a model without closed form take minutes to trace, so its tiles are refined without curves.
     curves = traced_crossings(whole.model, request.delta, request.epsilon) if whole.model.in_closed_form else ()
-    # A bound combines the audits of all slices, so each slice draws other cells. Without a bound, a slice draws the
+    # A bound combines the audits of all slices, so each slice audits other cells. Without a bound, a slice audits the
     # same cells, and so has the same values, as a survey of this plane alone.
-    seed = request.seed + (sum(tile.along) << 32) * request.is_bounded
-    plan = FillingPlan((first_audit(request), *tile.rounds), request.quantities, curves, seed)
+    seed = request.seed + (sum(tile.along) << 32) * request.has_bound
+    plan = FillingPlan((first_audit_round(request), *tile.rounds), request.quantities, curves, seed)
     return refined_cells(whole, *tile.spans, plan)
 
 
-def first_audit(request: SurveyRequest) -> Round:
+def first_audit_round(request: SurveyRequest) -> AuditRound:
     """Return the first round of audits of a refined survey."""
     assert request.refine is not None
     return first_round(request.refine.audit, request.refine.bound, request.n_cells)
@@ -168,10 +173,10 @@ def first_audit(request: SurveyRequest) -> Round:
 
 def _evaluate(request: SurveyRequest, cells: Cells) -> TileArrays:
     quantities = [quantity for quantity in request.variables if quantity.per_cell]
-    return {each.name: np.asarray(_values(each, cells)).astype(each.dtype) for each in quantities}
+    return {each.name: np.asarray(_quantity_values(each, cells)).astype(each.dtype) for each in quantities}
 
 
-def _values(quantity: Quantity, cells: Cells) -> np.ndarray:
+def _quantity_values(quantity: Quantity, cells: Cells) -> np.ndarray:
     return cells.values_of(quantity) if isinstance(cells, RefinedCells) else quantity.evaluate(cells)
 
 
@@ -193,17 +198,17 @@ def cell_outcomes(
     cells = cells_of_tile(request, tile)
     for number in range(first, cells.delta.size * cells.epsilon.size):
         try:
-            yield _evaluate(request, cells.one(*divmod(number, cells.delta.size)))
+            yield _evaluate(request, cells.single_cell(*divmod(number, cells.delta.size)))
         except Exception as error:
             if isinstance(error, MACHINE_FAILURES) and not isinstance(error, failing):
                 raise
             yield f"{type(error).__name__}: {error}"
 
 
-def _gather(
+def _gather_outcomes(
     request: SurveyRequest, cells: Cells, outcomes: Iterable[CellOutcome]
 ) -> tuple[TileArrays, list[FailedCell]]:
-    arrays = _fills(request, cells.shape)
+    arrays = _arrays_of_fill_values(request, cells.shape)
     failed: list[FailedCell] = []
     for (i, j), outcome in zip(np.ndindex(cells.shape), outcomes, strict=True):
         if isinstance(outcome, str):
@@ -215,13 +220,16 @@ def _gather(
     return arrays, failed
 
 
-def _fills(request: SurveyRequest, shape: tuple[int, int]) -> TileArrays:
+def _arrays_of_fill_values(request: SurveyRequest, shape: tuple[int, int]) -> TileArrays:
+    """Return an array of fill values for each per-cell variable. shape: the numbers of cells along (epsilon, delta)."""
     quantities = [quantity for quantity in request.variables if quantity.per_cell]
-    return {each.name: np.full(shape_of(each, shape, request.n_slots), each.fill, each.dtype) for each in quantities}
+    return {
+        each.name: np.full(shape_of(each, shape, request.n_slots), each.fill_value, each.dtype) for each in quantities
+    }
 
 
-def described(request: SurveyRequest, tile: Tile) -> str:
+def tile_name(request: SurveyRequest, tile: Tile) -> str:
     """Return the name of a tile for messages: its number, and its ranges of δ and ε."""
     delta, epsilon = request.delta.values()[tile.delta], request.epsilon.values()[tile.epsilon]
-    third = "".join(f", {name} {getattr(request.at(tile.along), name)}" for name in request.third_axis)
+    third = "".join(f", {name} {getattr(request.slice_request(tile.along), name)}" for name in request.third_axis)
     return f"tile {tile.index} (delta {delta[0]} to {delta[-1]}, epsilon {epsilon[0]} to {epsilon[-1]}{third})"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import rattle
 
-FOLDERS = ("survey", "populations")
+FOLDERS = ("survey", "populations")  # folders of `workers` whose files decide the contents of a store
 
 
 @cache

@@ -1,9 +1,10 @@
 """Compute the radii of capture regions in lanes, with a group of lanes for each region (compiled).
 
-A lane follows the state at one radius and in one direction from the centre. The direction fails at this radius if the
-state does not meet the conditions of `rattle.attractors.ball` over the orbit's period. The radius of the region is the
-largest tried radius at which no direction fails. A radius that is too large mostly fails in many directions. So a group
-first tries four directions at four radii, and then all directions at the largest radius that passed.
+A region has a stable periodic point as its centre. A lane follows the state at one radius and in one direction from the
+centre. The direction fails at this radius if the state does not meet the conditions of `rattle.attractors.ball` over
+the orbit's period. The radius of the region is the largest tried radius at which no direction fails. A radius that is
+too large mostly fails in many directions. So a group first tries four directions at four radii, and then all directions
+at the largest radius that passed.
 """
 
 import math
@@ -30,8 +31,8 @@ from rattle.flight.law import LONGEST_DECAY, decay64, flight_from_sine_cosine
 from rattle.flight.tangent import flight_tangent
 from rattle.numerics.compile import inline, kernel
 
-ALL = 2 * DIRECTIONS  # directions tried at once, one for each lane of a group
-FEW = 4  # number of directions, a quarter turn apart, and number of radii of the first attempt
+ALL = 2 * DIRECTIONS  # number of directions tried at once, one for each lane of a group
+FEW = 4  # number of directions, a quarter turn apart, and number of radii, of the first attempt
 RADII = int(math.log2(LARGEST / SMALLEST)) + 1  # number of radii to try, each half the previous one
 
 #: For each lane: w, sine and cosine of 2πτ at the departure of its flight, 1 − e^(−δs) of the flight (`lost`), and the
@@ -45,12 +46,12 @@ WORK = np.dtype(
 
 @inline
 def direction_of(lane, few):
-    """Return the direction that a lane of a group tries, and its number of further halvings of the radius."""
+    """Return the number of the direction that a lane tries, and by how many halvings its radius is smaller."""
     return (lane % FEW * (ALL // FEW), lane // FEW) if few else (lane, 0)
 
 
 @inline
-def take(b, group, i, centres, cells):
+def load_centre(b, group, i, centres, cells):
     """Load the parameters of the cell of centre i into all lanes of a group."""
     first, cell = group * GROUP, centres.cell[i]
     load(b, first, 0.0, 1.0, cells.delta[cell], cells.epsilon[cell], cells.beta[cell], -1.0)
@@ -63,8 +64,8 @@ def take(b, group, i, centres, cells):
 
 
 @inline
-def depart(b, work, group, i, level, few, centres):
-    """Put the next states to try around centre i on the lanes of a group, a state on each lane."""
+def load_states(b, work, group, i, level, few, centres):
+    """Put the states that a group tries next around centre i on its lanes, a state on each lane."""
     for j in range(GROUP):
         lane = group * GROUP + j
         direction, halvings = direction_of(j, few)
@@ -77,8 +78,8 @@ def depart(b, work, group, i, level, few, centres):
 
 
 @inline
-def fly(memory, work, groups, force, paths):
-    """Advance the state on every lane by one flight, and multiply its tangent matrix by that of the flight."""
+def fly_once(memory, work, groups, force, paths):
+    """Advance the state on every lane by one flight, and update the tangent matrix of its flights so far."""
     b = memory[0]
     for i in range(GROUP * groups):
         work.w[i], work.sin0[i], work.cos0[i], b.time[i] = b.w[i], b.sin0[i], b.cos0[i], 0.0
@@ -101,7 +102,7 @@ def fly(memory, work, groups, force, paths):
 
 
 @inline
-def under_way(b, group, most):
+def is_any_flying(b, group, most):
     """Stop lanes with more than `most` impacts on Σ⁻, and return whether any lane of the group still has to fly."""
     left = False
     for lane in range(group * GROUP, (group + 1) * GROUP):
@@ -112,30 +113,30 @@ def under_way(b, group, most):
 
 
 @inline
-def holds(b, work, lane, i, centres):
-    """Return whether a lane's state, followed over the period of centre i, is as `is_contracting_at` requires."""
+def meets_conditions(b, work, lane, i, centres):
+    """Return whether a lane's state made as many impacts as the orbit of centre i, and its tangent map contracts."""
     arrived = b.n_plus[lane] == centres.n_plus[i] and b.n_minus[lane] == centres.n_minus[i]
     a, b_, c, d = work.a[lane], -work.b[lane], -work.c[lane], work.d[lane]  # in (τ, v), with v = −w at both ends
     return arrived and is_contraction(a, b_, c, d, centres.m00[i], centres.m01[i], centres.m11[i])
 
 
 @inline
-def largest_held(b, work, group, i, level, few, centres):
-    """Return the halvings of the largest tried radius without a failure; if all failed, of the next smaller radius."""
+def halvings_without_failure(b, work, group, i, level, few, centres):
+    """Return the halvings of the largest tried radius at which no direction failed; if all failed, one halving more."""
     radii = FEW if few else 1
     for halvings in range(radii):
         good = True
         for j in range(GROUP):
             if direction_of(j, few)[1] == halvings:
-                good = good and holds(b, work, group * GROUP + j, i, centres)
+                good = good and meets_conditions(b, work, group * GROUP + j, i, centres)
         if good:
             return level + halvings
     return level + radii
 
 
 @kernel
-def grow(memory, work, centres, cells, paths):
-    """Write the radius of every capture region to `centres`, 0 for no region. `work` is scratch memory (`WORK`)."""
+def write_radii(memory, work, centres, cells, paths):
+    """Write the radius of every capture region to `centres`, 0 if there is none. `work` is scratch memory (`WORK`)."""
     b, n, fresh, force = memory[0], centres.radius.size, NONE, SMOOTH
     of, level, few = work.of, work.level, work.few
     of[:] = -1
@@ -145,11 +146,11 @@ def grow(memory, work, centres, cells, paths):
         for group in range(GROUPS):
             i = of[group]
             if i >= 0:
-                if under_way(b, group, centres.n_minus[i]):
+                if is_any_flying(b, group, centres.n_minus[i]):
                     groups = group + 1
                     continue
                 tried = level[group]
-                level[group] = largest_held(b, work, group, i, tried, few[group], centres)
+                level[group] = halvings_without_failure(b, work, group, i, tried, few[group], centres)
                 if not few[group] and level[group] == tried:
                     centres.radius[i], of[group] = math.ldexp(LARGEST, -tried), -1
                 elif level[group] >= RADII:
@@ -159,18 +160,18 @@ def grow(memory, work, centres, cells, paths):
             while of[group] < 0 and fresh < n:
                 if centres.radius[fresh] > 0.0:
                     of[group], level[group], few[group] = fresh, 0, True
-                    take(b, group, fresh, centres, cells)
+                    load_centre(b, group, fresh, centres, cells)
                 fresh += 1
             if of[group] >= 0:
-                depart(b, work, group, of[group], level[group], few[group], centres)
+                load_states(b, work, group, of[group], level[group], few[group], centres)
                 groups, begun = group + 1, True
         if groups == 0:
             break
         if begun:
             force = needed_stage(b, groups)
-        fly(memory, work, groups, force, paths)
+        fly_once(memory, work, groups, force, paths)
 
 
 def find_radii_in_lanes(memory, centres, cells):
     """Write the radii of the capture regions to `centres`, computed in lanes (`Classifier.find_radii`)."""
-    grow(memory, np.zeros(1, WORK)[0], centres, cells, np.zeros(2, np.int64))
+    write_radii(memory, np.zeros(1, WORK)[0], centres, cells, np.zeros(2, np.int64))

@@ -1,11 +1,11 @@
-"""The boundary distance of quiet motion: the least speed after an impact from which another attractor is reached.
+"""Compute the boundary distance of quiet motion: the least speed after an impact that leads to another attractor.
 
 Quiet motion is the line v = 0 of all phases τ, so the distance is the least v of all states that do not become quiet.
-It is computed in four steps. The classifier of `rattle.attractors.table` first decides a set of states over the plane
-and over the strip of small speeds. Then preimages of the basins that this set found are computed, because all preimages
-of a basin belong to the basin, however thin they are. Further sets of states cover the strip below the least speed so
-far. Finally a pattern search starts from the slowest states found. Every state that counts was itself followed to its
-attractor. "Low" means slow, because v is the height in the (τ, v) plane.
+It is computed in four steps. The classifier of `rattle.attractors.table` first decides a set of states (τ, v) up to the
+largest speed, half of them over the strip of small speeds. Then preimages of the basins that this set found are
+computed, because all preimages of a basin belong to the basin, however thin they are. Further sets of states cover the
+strip below the least speed so far. Finally a pattern search starts from the slowest states found. Every state that
+counts was itself followed to its attractor. "Low" means slow, because v is the height in the (τ, v) plane.
 """
 
 from __future__ import annotations
@@ -22,43 +22,49 @@ from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.map.impact_map import inverse_impact
-from rattle.impacting.map.quiet import LONGEST_REST, capture_speeds, longest_rest, rests_late
+from rattle.impacting.map.quiet import LONGEST_REST, capture_speeds, most_impacts_to_rest, rests_late
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.numerics.compile import kernel
 from rattle.numerics.sampling import sobol_points
 from rattle.orbits.iterates import fold
 from rattle.parameters import Parameters
 
-SAMPLED, ROUNDS = 1024, 8  # number of states of one set over the strip or the plane; most further sets over the strip
+# number of states of one set over the strip of small speeds or over all speeds; most further sets over the strip
+SAMPLED, ROUNDS = 1024, 8
 # number of states at the edges of all capture regions of a cell; fewest and most states at the edge of one region
 EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64
-# largest number of impacts backwards from a state; speed, in natural speeds, above which no preimage is followed back
+# largest number of impacts by which a state is followed backwards; speed, in natural speeds, above which it is not
+# followed further
 PREIMAGES, CEILING = 64, 25.0 / 7.0
-# states of a cell whose preimages are computed; copies near each state if states are few; relative distance of copies
+# number of states of a cell whose preimages are computed; number of copies near each state, if there are few states;
+# distance of these copies, in τ and relative in v
 STATES, COPIES, NEAR = 1024, 3, 1.0 / 64.0
-TRIED = 64  # lowest preimages of a cell that are followed to their attractors
-STARTS, APART = 4, 1.0 / 32.0  # pattern searches of a cell, and least phase difference between their first states
+TRIED = 64  # number of the slowest preimages of a cell that are followed to their attractors
+# number of pattern searches of a cell; least phase difference between the states at which they begin
+STARTS, APART = 4, 1.0 / 32.0
 # offsets of the states of a pattern in τ and in v, in units of its size; those in v are also small, because the
 # boundary is flat near a smooth minimum
 SIDEWAYS, DOWN = 8.0 ** -np.arange(3), 8.0 ** -np.arange(5)
-FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20  # first and last size of a pattern: relative in v, in forcing periods in τ
-# factor by which a pattern shrinks if it holds no lower state; a search is given up if its state is more than this many
-# sizes of its pattern above the lowest state of the cell
+# first and last size of a pattern, relative in v and in forcing periods in τ
+FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20
+# factor by which a pattern shrinks if it holds no slower state; a search is given up if its least speed exceeds the
+# least speed of the cell by more than this many sizes of its pattern
 SHRINK, HOPE = 1.0 / 16.0, 8.0
 MOST_PATTERNS = 60  # most patterns of one search
-# least and largest limit of the impacts of a state of the steps after the first, at strong damping
+# bounds of the number of impacts for which a state after the first set is followed, at strong damping
 LEAST_IMPACTS, MOST_IMPACTS = 512, 4096
-# A state may make this many times the most impacts that any state of the first set needed to reach a periodic orbit (in
-# chaotic cells: a periodic orbit or quiet motion).
+# largest number of impacts of a state, divided by the largest number that a state of the first set needed to reach a
+# periodic orbit (in chaotic cells: a periodic orbit or quiet motion)
 PATIENCE = 2
-LASTING = 8  # the lowest states that seem chaotic are finally followed for this many times as many impacts
-LOWEST = 1e-6 / 7.0  # least lower edge of the strip, in natural speeds; it is used if the capture speed is smaller
+LASTING = 8  # at the end the slowest states that seem chaotic are followed for this many times their limit of impacts
+# least lower edge of the strip of small speeds, in natural speeds; it is used if the capture speed is smaller
+LOWEST = 1e-6 / 7.0
 
 Array = NDArray[np.float64]
 
 
 class BoundaryDistance(NamedTuple):
-    """The least impact speed that ends quiet motion: arrays of the broadcast shape, or floats of one gear.
+    """The least impact speed that ends quiet motion, as floats for one gear or arrays for many cells.
 
     Attributes
     ----------
@@ -79,16 +85,16 @@ class BoundaryDistance(NamedTuple):
 
 
 class _Cells:
-    """The cells (n,) that have quiet motion, their classifier, and the lowest states that leave quiet motion.
+    """n cells that have quiet motion, their classifier, and the slowest states found that leave quiet motion.
 
     Attributes
     ----------
     chaos : flags (n,)
-        True if the unresolved samples of the cell are chaotic.
+        True if the unresolved samples of the cell count as chaotic.
     most : (n,)
         Largest number of impacts for which a state is followed.
     tau, v : (n, STARTS)
-        The lowest states that reach an attractor other than quiet motion; v is inf in places without a state.
+        The slowest states that reach an attractor other than quiet motion; v is inf in places without a state.
     undecided : (n,)
         The least speed of an undecided state.
     """
@@ -96,14 +102,14 @@ class _Cells:
     def __init__(self, delta: Array, epsilon: Array, beta: Array, v_max: Array) -> None:
         n = delta.size
         usual = sampled_speeds(None, delta, epsilon, beta)
-        self.floor = np.clip(
-            capture_speeds(delta, epsilon, beta), LOWEST * usual, 0.5 * v_max
-        )  # slower states become quiet
+        # states slower than the floor become quiet
+        self.floor = np.clip(capture_speeds(delta, epsilon, beta), LOWEST * usual, 0.5 * v_max)
         self.v_max, self.ceiling = v_max, CEILING * usual
-        self.longer = longest_rest(delta) / LONGEST_REST  # factor on limits of impacts, compared with strong damping
+        # factor by which limits of impacts are larger than at strong damping
+        self.longer = most_impacts_to_rest(delta) / LONGEST_REST
         self.tau, self.v = np.full((n, STARTS), np.nan), np.full((n, STARTS), np.inf)
         self.balls = np.zeros(n, np.int64)  # number of capture regions whose preimages are already computed
-        self.sampled = self.strip_and_plane(n)
+        self.sampled = self.first_set(n)
         tau, v = (each.copy() for each in self.sampled)
         at = Parameters(ImpactingClassifier.model, delta, epsilon, beta)
         self.classifier = ImpactingClassifier.classify(at, tau, v)
@@ -117,28 +123,28 @@ class _Cells:
         self.most = self.most.astype(np.int64)
         self.undecided = np.full(n, np.inf)
 
-    def strip_and_plane(self, n: int) -> tuple[Array, Array]:
-        """Return τ and v (n, 2 · SAMPLED) of the first set of states of n cells, over the strip and over the plane."""
-        (tau, v), (x, y) = self.strip(self.v_max, 0), sobol_points(SAMPLED).T
+    def first_set(self, n: int) -> tuple[Array, Array]:
+        """Return τ and v (n, 2 · SAMPLED) of the first states of n cells, half over the strip, half over all speeds."""
+        (tau, v), (x, y) = self.states_in_strip(self.v_max, 0), sobol_points(SAMPLED).T
         plane = self.v_max[:, None] * (y + 0.5 / SAMPLED)
         return np.hstack([tau, np.tile(x, (n, 1))]), np.hstack([v, plane])
 
-    def sample(self) -> None:
-        """Keep the lowest states of the first set that leave quiet motion, and the lowest of their preimages."""
+    def keep_from_first_set(self) -> None:
+        """Keep the slowest states of the first set that leave quiet motion, and the slowest of their preimages."""
         (tau, v), status = self.sampled, self.classifier.status
         away = (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[:, None])
         self.undecided = np.where((status != Outcome.QUIET) & ~away, v, np.inf).min(axis=1)
-        self.keep(tau, np.where(away, v, np.inf))
-        self.look_back(away, tau, v)
+        self.keep_lowest(tau, np.where(away, v, np.inf))
+        self.keep_preimages(away, tau, v)
 
-    def strip(self, below: Array, i: int) -> tuple[Array, Array]:
-        """Return τ and v (n, SAMPLED) of set i over the strip up to the speeds `below` (n,), uniform in τ and ln v."""
+    def states_in_strip(self, below: Array, i: int) -> tuple[Array, Array]:
+        """Return τ and v (n, SAMPLED) of set number i of states slower than `below` (n,), uniform in τ and ln v."""
         x, y = sobol_points((i + 1) * SAMPLED)[i * SAMPLED :].T
         low, high = np.log(self.floor)[:, None], np.log(np.maximum(below, self.floor))[:, None]
         return np.repeat(x[None], below.size, axis=0), np.exp(low + (high - low) * y)
 
-    def away(self, cell: NDArray[np.int64], tau: Array, v: Array, times: int = 1) -> NDArray[np.bool_]:
-        """Return whether states (k,) of these cells reach an attractor other than quiet motion.
+    def leaves_quiet(self, cell: NDArray[np.int64], tau: Array, v: Array, times: int = 1) -> NDArray[np.bool_]:
+        """Return whether states (k,) of these cells (k,) reach an attractor other than quiet motion.
 
         Each state is followed for `times` times the limit of impacts of its cell. In a cell with chaos, a state that
         reaches no attractor by then counts as chaotic.
@@ -151,16 +157,16 @@ class _Cells:
         status = self.classifier.outcomes_of(cell, tau, v, times * self.most[cell])
         return (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[cell])
 
-    def keep(self, tau: Array, v: Array) -> None:
-        """Keep the lowest of the new (n, k) and the kept states, at different phases. Ignore states with v = inf."""
+    def keep_lowest(self, tau: Array, v: Array) -> None:
+        """Keep the slowest of the new states (n, k) and the kept states, at different phases; v = inf is no state."""
         tau, v = np.append(self.tau, tau, axis=1), np.append(self.v, v, axis=1)
         for i in range(STARTS):
             each, one = np.arange(v.shape[0]), np.argmin(v, axis=1)
             self.tau[:, i], self.v[:, i] = tau[each, one], v[each, one]
             v = np.where(np.abs(wrapped(tau - self.tau[:, i, None])) < APART, np.inf, v)
 
-    def edges(self) -> tuple[NDArray[np.int64], Array, Array]:
-        """Return states (cell, τ, v) at the edges of capture regions that are new since the last call."""
+    def new_edges(self) -> tuple[NDArray[np.int64], Array, Array]:
+        """Return states (cell, τ, v) at the edges of the capture regions that were found since the last call."""
         balls = self.classifier.balls
         cell, p = np.nonzero((np.arange(balls.tau.shape[1]) >= self.balls[:, None]) & (balls.orbit >= 0))
         fresh = p < balls.n[cell]
@@ -173,11 +179,11 @@ class _Cells:
         self.balls = balls.n.copy()
         return np.repeat(cell, each), fold(tau + x), v + y
 
-    def look_back(self, away: NDArray[np.bool_], tau: Array, v: Array) -> None:
-        """Keep the lowest preimages of the states flagged in `away`, and of the edges of new capture regions.
+    def keep_preimages(self, away: NDArray[np.bool_], tau: Array, v: Array) -> None:
+        """Keep the slowest preimages of the states flagged in `away`, and of the edges of new capture regions.
 
-        `away` (n, k) flags the states that reach an attractor other than quiet motion. If there are few such states,
-        copies close to them are added. New capture regions are the regions found since the last call.
+        `away` (n, k) flags the states that reach an attractor other than quiet motion. If there are few such
+        states, copies close to them are added. New capture regions are the regions found since the last call.
         """
         number = away.sum(axis=1)[:, None]
         every = -(-number * (1 + COPIES) // STATES)  # only every `every`-th state is used, because room is limited
@@ -185,7 +191,7 @@ class _Cells:
         near = sobol_points(1 + COPIES)[:, :, None] * NEAR
         near_tau, near_v = fold(tau.flat[some] + near[:, 0]), v.flat[some] * (1.0 - near[:, 1])
         states = np.tile(some // v.shape[1], 1 + COPIES), near_tau.ravel(), near_v.ravel()
-        cell, tau, v = (np.append(x, y) for x, y in zip(states, self.edges(), strict=True))
+        cell, tau, v = (np.append(x, y) for x, y in zip(states, self.new_edges(), strict=True))
         delta, epsilon, beta = (x[cell] for x in self.classifier.cells[:3])
         steps, ceiling = (PREIMAGES * self.longer[cell]).astype(np.int64), self.ceiling[cell]
         tau, v = lowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta)
@@ -194,28 +200,28 @@ class _Cells:
         order, rank = order[rank < TRIED], rank[rank < TRIED]
         cell, tau, v = cell[order], tau[order], v[order]
         low = v < self.v_max[cell]
-        low[low] = self.away(cell[low], tau[low], v[low])
+        low[low] = self.leaves_quiet(cell[low], tau[low], v[low])
         found_tau, found = np.zeros((len(self.v), TRIED)), np.full((len(self.v), TRIED), np.inf)
         found_tau[cell, rank], found[cell, rank] = tau, np.where(low, v, np.inf)
-        self.keep(found_tau, found)
+        self.keep_lowest(found_tau, found)
 
-    def sample_below(self) -> None:
+    def search_strip(self) -> None:
         """Classify further sets of states over the strip below the least speed so far, as long as this speed falls."""
         pending = np.arange(len(self.v))
         for i in range(1, ROUNDS + 1):
             if not pending.size:
                 break
             before = self.v[:, 0].copy()
-            tau, v = self.strip(np.minimum(before, self.v_max), i)
+            tau, v = self.states_in_strip(np.minimum(before, self.v_max), i)
             away = np.zeros(v.shape, np.bool_)
             cell = np.repeat(pending, SAMPLED)
-            away[pending] = self.away(cell, tau[pending].ravel(), v[pending].ravel()).reshape(-1, SAMPLED)
-            self.keep(tau, np.where(away, v, np.inf))
-            self.look_back(away, tau, v)
+            away[pending] = self.leaves_quiet(cell, tau[pending].ravel(), v[pending].ravel()).reshape(-1, SAMPLED)
+            self.keep_lowest(tau, np.where(away, v, np.inf))
+            self.keep_preimages(away, tau, v)
             pending = pending[self.v[pending, 0] < before[pending]]
 
-    def descend(self) -> None:
-        """Search for lower states in a pattern around each kept state; shrink a pattern that holds none."""
+    def search_patterns(self) -> None:
+        """Search for slower states in a pattern around each kept state; a pattern that holds none shrinks."""
         offset = np.concatenate([-SIDEWAYS, [0.0], SIDEWAYS[::-1]])
         sideways, down = (x.ravel() for x in np.meshgrid(offset, DOWN))
         cell = np.repeat(np.arange(len(self.v)), STARTS)
@@ -227,7 +233,7 @@ class _Cells:
                 break
             tau = fold(best_tau[hopeful, None] + scale[hopeful, None] * sideways)
             v = best[hopeful, None] * (1.0 - scale[hopeful, None] * down)
-            away = self.away(np.repeat(cell[hopeful], down.size), tau.ravel(), v.ravel()).reshape(v.shape)
+            away = self.leaves_quiet(np.repeat(cell[hopeful], down.size), tau.ravel(), v.ravel()).reshape(v.shape)
             v = np.where(away, v, np.inf)
             each, one = np.arange(hopeful.size), np.argmin(v, axis=1)
             lower = np.isfinite(v[each, one])
@@ -235,10 +241,10 @@ class _Cells:
             scale[hopeful] *= np.where(lower, 1.0, SHRINK)
         self.tau, self.v = best_tau.reshape(-1, STARTS), best.reshape(-1, STARTS)
 
-    def confirm(self) -> None:
+    def confirm_chaos(self) -> None:
         """Follow the kept states of chaotic cells for longer. A state that then becomes quiet counts as undecided."""
         row, column = np.nonzero(self.chaos[:, None] & np.isfinite(self.v))
-        transient = ~self.away(row, self.tau[row, column], self.v[row, column], LASTING)
+        transient = ~self.leaves_quiet(row, self.tau[row, column], self.v[row, column], LASTING)
         row, column = row[transient], column[transient]
         np.minimum.at(self.undecided, row, self.v[row, column])
         self.v[row, column] = np.inf
@@ -263,7 +269,7 @@ def boundary_distances(
     """
     broadcast = broadcast_parameters(delta, epsilon, beta)
     d, e, b = (np.array(x, order="C").ravel() for x in broadcast)
-    require(d.size * STATES * (1 + COPIES) <= 64 * MOST_SAMPLES, f"{d.size} cells are too many at once: use tiles")
+    require(d.size * STATES * (1 + COPIES) <= 64 * MOST_SAMPLES, f"{d.size} cells are too many at once: give fewer")
     highest = sampled_speeds(v_max, d, e, b)
     found = BoundaryDistance(np.zeros(d.size), np.full(d.size, np.nan), np.full(d.size, np.inf))
     below = e < quiet_limit(d)
@@ -272,10 +278,10 @@ def boundary_distances(
     quiet = np.flatnonzero(below & ~late)
     if quiet.size:
         cells = _Cells(d[quiet], e[quiet], b[quiet], highest[quiet])
-        cells.sample()
-        cells.sample_below()
-        cells.descend()
-        cells.confirm()
+        cells.keep_from_first_set()
+        cells.search_strip()
+        cells.search_patterns()
+        cells.confirm_chaos()
         one = np.argmin(cells.v, axis=1)[:, None]
         v = np.take_along_axis(cells.v, one, 1)[:, 0]
         found.v[quiet] = np.where(np.isfinite(v) | np.isinf(cells.undecided), v, np.nan)

@@ -1,4 +1,4 @@
-"""The classifier of the impacting gear, whose impact map is computed in lanes."""
+"""The classifier of the impacting gear, which computes the impact map in SIMD lanes."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from rattle.impacting.attractors.balls import find_radii_in_lanes
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, ImpactingCells, measure, settle
 from rattle.impacting.map.iterate import iterate, working_block
 from rattle.impacting.map.quiet import capture_invariant, capture_invariants
-from rattle.impacting.orbits.stable import stable_cells
+from rattle.impacting.orbits.stable import find_stable_orbits
 from rattle.parameters import Parameters
 
 
 def elastic_cells(
     delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: NDArray[np.float64], quiet: NDArray[np.float64]
 ) -> ImpactingCells:
-    """Return cells (n,) with elastic impacts. quiet: largest v³/g at which a bounce is certain to become quiet."""
+    """Return the record of n cells with elastic impacts that kernels take. quiet (n,): their `quiet_invariant`."""
     return ImpactingCells(delta, epsilon, beta, quiet, np.ones_like(delta), np.zeros_like(delta))
 
 
@@ -36,18 +36,20 @@ def cells_of(parameters: Parameters) -> ImpactingCells:
 
 
 def roughness_of(cells: Any) -> NDArray[np.float64]:
-    """Return the amplitude of the contact force over its mean (n_cells,)."""
+    """Return the amplitude of the contact force of each cell (n_cells,), divided by its mean."""
     with np.errstate(over="ignore"):  # the ratio overflows for a subnormal δ
         return np.asarray(Forcing(cells.epsilon).relative_swing(cells.delta))
 
 
-def alike(which: NDArray[np.int64], samples: Trajectories, roughness: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the indices `which`, roughest cells first, so that neighbouring lanes need the same stages of a flight."""
+def sorted_by_roughness(
+    which: NDArray[np.int64], samples: Trajectories, roughness: NDArray[np.float64]
+) -> NDArray[np.int64]:
+    """Return the samples `which`, roughest cells first, so that neighbouring lanes need the same stages of a flight."""
     return which[np.argsort(-roughness[samples.cell[which]], kind="stable")]
 
 
 def quiet_invariant(parameters: Parameters) -> float:
-    """Return the largest v³/g at which a bounce is certain to become quiet, at the first of these points."""
+    """Return the `capture_invariant` of the first of these points, the largest v³/g of bounces sure to become quiet."""
     point = parameters.point()
     return capture_invariant(point["delta"], point["epsilon"], point["beta"])
 
@@ -56,7 +58,7 @@ class ImpactingClassifier(Classifier):
     """Classify the samples of a block of cells of the impacting gear."""
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
-        """Prepare the classifier. `paths` (2,): numbers of flights that the scan and the search located."""
+        """Prepare the classifier. `paths` (2,) counts flights whose first impact needed a scan, and a safe search."""
         self.paths = np.zeros(2, np.int64)
         self._block = working_block()
         self._roughness = roughness_of(cells)
@@ -68,7 +70,7 @@ class ImpactingClassifier(Classifier):
 
     @classmethod
     def cells_of_orbits(cls, parameters: Parameters) -> ImpactingCells:
-        """Return cells whose test for quiet motion is off: periodic orbits do not need it, and preparing it is slow."""
+        """Return cells for periodic orbits: their test for quiet motion is off, because preparing this test is slow."""
         return elastic_cells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
 
     @staticmethod
@@ -85,12 +87,12 @@ class ImpactingClassifier(Classifier):
         return np.asarray(self.cells.quiet_invariant > 0)
 
     def enter_known_orbits(self) -> None:
-        """Add the stable orbits of period one to the tables of the cells. `stable_cells` finds them without samples."""
+        """Add the stable orbits of period one, which are found without samples, to the tables of the cells."""
         delta, epsilon, beta = self.cells[:3]
-        found = stable_cells(delta, epsilon, beta, ROOM)
+        found = find_stable_orbits(delta, epsilon, beta, ROOM)
         most = int(found.n.max(initial=0))
         if most > ROOM:
-            found = stable_cells(delta, epsilon, beta, most)
+            found = find_stable_orbits(delta, epsilon, beta, most)
             self.make_room(most)
         n, label, state = found.n, (found.n_plus, found.n_minus), (found.tau, found.v)
         append_period_one(n, *label, *state, found.trace, self.cells, self.orbits.for_kernels())
@@ -103,7 +105,10 @@ class ImpactingClassifier(Classifier):
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
         """Follow these samples in lanes until each has an outcome or reaches its limit of impacts."""
         flights = CHUNK if early else LONG_CHUNK
-        which, tables = alike(which, samples, self._roughness), (samples.for_kernels(), self.balls.for_kernels())
+        which, tables = (
+            sorted_by_roughness(which, samples, self._roughness),
+            (samples.for_kernels(), self.balls.for_kernels()),
+        )
         settle(self._block, which, flights, self.cells, *tables, self.paths)
 
     def follow_with_tangent(
@@ -134,7 +139,7 @@ def attractors_of(
     delta, epsilon, beta : array_like
         Damping, eccentricity and half-backlash of the cells, dimensionless.
     count, v_max, seed, budget
-        The sample of each cell, as in `Gear.attractors`.
+        The samples of each cell, as in `Gear.attractors`.
     tau, v_min
         The box from which samples are drawn: tau = (low, high), and v from v_min to v_max.
 

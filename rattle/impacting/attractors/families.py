@@ -1,4 +1,4 @@
-"""Families of attractors of the impacting gear over a grid of its plane."""
+"""Find the families of attractors of the impacting gear over a grid of the (δ, ε) plane."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def families_of(
     seed: int = 0,
     budget: int = BUDGET,
 ) -> Families:
-    """Return the attractors of the cells epsilon (m,) × delta (n,), joined into numbered families.
+    """Return the attractors of the cells of a grid, epsilon (m,) × delta (n,), joined into numbered families.
 
     Every stable periodic orbit is continued into the four neighbours of its cell, and from each neighbour into the next
     cells. So a cell also gets orbits that its samples missed. Chaotic attractors of neighbouring cells are joined if

@@ -5,8 +5,9 @@ in the capture region of a known orbit of its cell; or it has returned to its re
 Brent's cycle search: the current state replaces it after 1, 2, 4, … checks. A lane whose sample ends gets the next
 sample. The outcome of a sample depends on the known orbits of its cell and on nothing else in the block of lanes.
 
-Where impacts lose energy a chatter may complete. The sample then has the status RECURRENT, CONTACT in its field `pause`
-and the wall in its field `gap`, and `rattle.inelastic.attractors` continues it.
+If impacts lose energy, a chatter may complete: the gear then stays in contact with a wall. The sample then gets the
+status RECURRENT, with the value CONTACT in its field `pause` and the wall in its field `gap`, and
+`rattle.inelastic.attractors` continues it.
 """
 
 from typing import Any, NamedTuple
@@ -31,22 +32,23 @@ from rattle.flight.lanes.stages import advance
 from rattle.flight.law import speed_unit, wrapped
 from rattle.impacting.map.impact_map import Point
 from rattle.numerics.compile import for_type, inline, kernel
-from rattle.orbits.return_map import between, point_of
+from rattle.orbits.return_map import point_between, point_of
 
-# flights between two checks, at first and for long trajectories; both are prime, so that the checks of a periodic
-# motion come at each of its impacts in turn
+# number of flights between two checks, at first and for long trajectories; both are prime, so that the checks of a
+# periodic motion come at each of its impacts in turn
 CHUNK, LONG_CHUNK = 11, 37
-# flights between two marks of a probe in its visited-cell bitmap; their sum, a prime, is the flights between two checks
+# numbers of flights between successive marks of a probe in its visited-cell bitmap, used in turn; a probe is checked
+# after all four, every 23 flights, and 23 is prime for the same reason
 STRIDES = (6, 6, 6, 5)
 
 
 class ImpactingCells(NamedTuple):
-    """Parameters of the cells (n,), as kernels take them.
+    """Parameters of n cells with elastic or inelastic impacts, as kernels take them.
 
     Attributes
     ----------
     quiet_invariant
-        The largest v³/g at which a bounce is certain to become quiet; v is its speed and g the contact force.
+        The largest v³/g at which a bounce is certain to become quiet, for its speed v and the contact force g.
     capture
         Where impacts lose energy, the largest v/h² at which a chatter is certain to complete, with the contact force h
         towards the wall (`rattle.inelastic.map.contact`); otherwise 0.
@@ -69,7 +71,7 @@ def is_quiet(b, i, largest_invariant):
 
 @inline
 def fate_of_lane(b, i, cell, cells, balls):
-    """Return (status, orbit) of lane i, which is on Σ⁺; orbit is −1 unless a capture region holds its state."""
+    """Return (status, orbit) of lane i, which is on Σ⁺. orbit: number of the orbit that captures its state, or −1."""
     if is_quiet(b, i, cells.quiet_invariant[cell]):
         return Outcome.QUIET, -1
     orbit = capturing_orbit(b.tau[i], -b.w[i], cell, balls)
@@ -77,8 +79,8 @@ def fate_of_lane(b, i, cell, cells, balls):
 
 
 @inline
-def start(b, i, k, cells, samples):
-    """Put sample k on lane i, for the impacts that remain up to its limit."""
+def start_sample(b, i, k, cells, samples):
+    """Put sample k on lane i, which follows it until the sample's limit of impacts."""
     c = samples.cell[k]
     limit = float(samples.limit[k] - samples.impacts[k])
     load(b, i, samples.tau[k], samples.v[k], cells.delta[c], cells.epsilon[c], cells.beta[c], limit)
@@ -87,7 +89,7 @@ def start(b, i, k, cells, samples):
 
 
 @inline
-def finish(b, i, k, status, orbit, samples):
+def finish_sample(b, i, k, status, orbit, samples):
     """Write the state and the outcome of lane i back to sample k, and stop the lane."""
     samples.tau[k], samples.v[k], samples.status[k], samples.orbit[k] = b.tau[i], abs(b.w[i]), status, orbit
     samples.impacts[k] += int(b.n_plus[i])
@@ -96,8 +98,16 @@ def finish(b, i, k, status, orbit, samples):
 
 
 @inline
-def recurs(b, i, k, samples):
-    """Return whether lane i is back at its reference state; if so, write the Σ⁺ impacts since then to `gap`."""
+def check_recurrence(b, i, k, samples):
+    """Return whether lane i is back at its reference state; if so, write its impacts on Σ⁺ since then to `samples.gap`.
+
+    If not, the reference state is replaced when its next replacement is due.
+
+    Returns
+    -------
+    bool
+        Whether the state recurs.
+    """
     tau, v, n = b.tau[i], -b.w[i], b.n_plus[i]
     near = abs(v - b.at_v[i]) < RECURRENCE * b.unit[i] and abs(wrapped(tau - b.at_tau[i])) < RECURRENCE
     b.looks[i] += 1.0
@@ -110,8 +120,15 @@ def recurs(b, i, k, samples):
 
 
 @inline
-def look(b, i, k, cells, samples, balls):
-    """Check lane i, which holds sample k: (status, orbit, ended); the status is UNRESOLVED without an outcome."""
+def check_lane(b, i, k, cells, samples, balls):
+    """Check lane i, which holds sample k, for an outcome.
+
+    Returns
+    -------
+    tuple
+        The status, UNRESOLVED if there is no outcome; the number of the orbit that captures the state, or −1; and
+        whether the sample ends here, by an outcome or its limit.
+    """
     over = has_ended(b, i)
     if b.wall[i] > 0.0:
         status, orbit = fate_of_lane(b, i, samples.cell[k], cells, balls)
@@ -122,23 +139,29 @@ def look(b, i, k, cells, samples, balls):
         return Outcome.RECURRENT, -1, True
     if b.stuck[i] > 0.0:
         return Outcome.FAILED, -1, True
-    if b.wall[i] > 0.0 and recurs(b, i, k, samples):
+    if b.wall[i] > 0.0 and check_recurrence(b, i, k, samples):
         return Outcome.RECURRENT, -1, True
     return Outcome.UNRESOLVED, -1, over
 
 
 @inline
-def looked_round(b, groups, fresh, which, cells, samples, balls):
-    """Check every lane in use, put new samples on lanes that ended, and return how many of `which` have begun."""
+def check_lanes(b, groups, fresh, which, cells, samples, balls):
+    """Check every lane in use, and put new samples on lanes whose samples ended.
+
+    Returns
+    -------
+    int
+        The number of the samples `which` that have been put on lanes so far.
+    """
     for i in range(GROUP * groups):
         k = b.who[i]
         if k >= 0:
-            status, orbit, over = look(b, i, k, cells, samples, balls)
+            status, orbit, over = check_lane(b, i, k, cells, samples, balls)
             if over:
-                finish(b, i, k, status, orbit, samples)
+                finish_sample(b, i, k, status, orbit, samples)
                 b.who[i] = -1
         if b.who[i] < 0 and fresh < which.size:
-            start(b, i, which[fresh], cells, samples)
+            start_sample(b, i, which[fresh], cells, samples)
             b.who[i] = which[fresh]
             fresh += 1
     return fresh
@@ -153,14 +176,17 @@ def settle(memory, which, flights, cells, samples, balls, paths):
     b, fresh, groups = memory[0], NONE, GROUPS
     clear_block(b)
     while groups > 0:
-        fresh = looked_round(b, groups, fresh, which, cells, samples, balls)
+        fresh = check_lanes(b, groups, fresh, which, cells, samples, balls)
         groups = prepare_flights(b, groups, fresh == which.size)
         advance(memory, groups, flights, needed_stage(b, groups), False, paths)
 
 
 @inline
-def record(b, i, batches):
-    """Add the time, ln stretch and ln|det| that lane i gained since the last call to the sums of its batch, if any."""
+def record_growth(b, i, batches):
+    """Add the time, ln stretch and ln|det| that lane i gained since the last call to the sums of its batch.
+
+    A lane whose tangent vector is not yet aligned has no batch: its gains are dropped.
+    """
     stretch, contraction = normalise_tangent(b, i)
     if b.batch[i] >= 0:
         row = batches[int(b.batch[i])]
@@ -170,12 +196,12 @@ def record(b, i, batches):
 
 
 class Observation(NamedTuple):
-    """The observation of probes (k,): its limits, and the arrays that it fills.
+    """The limits of the observation of k probes, and the arrays that it fills.
 
     Attributes
     ----------
     least, periods : (k,)
-        Least impacts on Σ⁺ and least forcing periods of each probe.
+        Least number of impacts on Σ⁺, and of forcing periods, for which each probe is followed.
     sums : (k, BATCHES, 3)
         Time, ln stretch and ln|det| of each batch.
     footprints
@@ -189,8 +215,16 @@ class Observation(NamedTuple):
 
 
 @inline
-def watched_round(b, groups, fresh, which, cells, samples, balls, watch):
-    """Do the work of `looked_round` for probes, and add the growth of their tangent vectors to the batch sums."""
+def check_probes(b, groups, fresh, which, cells, samples, balls, watch):
+    """Check every lane in use and put new probes on free lanes, as `check_lanes` does for samples.
+
+    The growth of the tangent vectors is added to the sums of their batches.
+
+    Returns
+    -------
+    int
+        The number of the probes `which` that have been put on lanes so far.
+    """
     for i in range(GROUP * groups):
         j = b.who[i]
         if j >= 0:
@@ -198,23 +232,23 @@ def watched_round(b, groups, fresh, which, cells, samples, balls, watch):
             share = min((b.n_plus[i] - ALIGNMENT) / (watch.least[j] - ALIGNMENT), b.time[i] / watch.periods[j])
             share = max(share, b.n_plus[i] / b.limit[i])
             batch = min(int(share * BATCHES), BATCHES - 1) if b.n_plus[i] >= ALIGNMENT else -1
-            status, orbit, over = look(b, i, k, cells, samples, balls)
+            status, orbit, over = check_lane(b, i, k, cells, samples, balls)
             over |= share >= 1.0 and b.wall[i] > 0.0
             if over or batch != b.batch[i] or is_near_overflow(b, i):
-                record(b, i, watch.sums[j])
+                record_growth(b, i, watch.sums[j])
                 b.batch[i], b.since[i] = batch, b.time[i]
             if over:
-                finish(b, i, k, status, orbit, samples)
+                finish_sample(b, i, k, status, orbit, samples)
                 b.who[i] = -1
         if b.who[i] < 0 and fresh < which.size:
-            start(b, i, which[fresh], cells, samples)
+            start_sample(b, i, which[fresh], cells, samples)
             b.who[i] = fresh
             fresh += 1
     return fresh
 
 
 @inline
-def leave_footprints(b, groups, footprints):
+def mark_visited_cells(b, groups, footprints):
     """Mark the state of each lane on Σ⁺ in the visited-cell bitmap of its probe."""
     for i in range(GROUP * groups):
         if b.who[i] >= 0 and b.wall[i] > 0.0:
@@ -232,12 +266,12 @@ def measure(memory, which, least, periods, cells, samples, balls, sums, footprin
     b, fresh, groups, watch = memory[0], NONE, GROUPS, Observation(least, periods, sums, footprints)
     clear_block(b)
     while groups > 0:
-        fresh = watched_round(b, groups, fresh, which, cells, samples, balls, watch)
+        fresh = check_probes(b, groups, fresh, which, cells, samples, balls, watch)
         groups = prepare_flights(b, groups, fresh == which.size)
         force = needed_stage(b, groups)
         for flights in STRIDES:
             advance(memory, groups, flights, force, True, paths)
-            leave_footprints(b, groups, footprints)
+            mark_visited_cells(b, groups, footprints)
 
 
 @for_type(point_of, ImpactingCells)
@@ -245,8 +279,8 @@ def _point_of(cell, cells):
     return Point(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.quiet_invariant[cell])
 
 
-@for_type(between, Point)
-def _between(share, one, other):
+@for_type(point_between, Point)
+def _point_between(share, one, other):
     return Point(
         one.delta + share * (other.delta - one.delta),
         one.epsilon + share * (other.epsilon - one.epsilon),

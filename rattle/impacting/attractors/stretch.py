@@ -1,4 +1,4 @@
-"""Follow chaotic motions for longer in lanes, and sum over their impacts (compiled)."""
+"""Follow chaotic motions in lanes for longer than their classification did, and sum over their impacts (compiled)."""
 
 import math
 from typing import Any
@@ -15,13 +15,14 @@ from rattle.impacting.map.iterate import working_block
 from rattle.intensity.visit import COLUMNS, FASTEST, IMPULSE, ON_MINUS, ON_PLUS, SPEED, SQUARE, TIME
 from rattle.numerics.compile import inline, kernel
 
-CHUNK = 16  # flights between two checks
-LOOKS = 4 * BATCHES  # checks of one motion at strong damping, which take about 1000 forcing periods
+CHUNK = 16  # number of flights between two checks of the lanes
+# number of checks of one motion at strong damping, which take about 1000 forcing periods together
+LOOKS = 4 * BATCHES
 
 
 @inline
-def gather(b, groups, speeds, squares, impulses, fastest):
-    """Add the impact that ended the last flight of each lane to the sums of the lane."""
+def add_impacts(b, groups, speeds, squares, impulses, fastest):
+    """Add the impact at the end of each lane's last flight to the lane's sums of speeds, squares and impulses."""
     for i in range(GROUP * groups):
         speed = abs(velocity_before_reflection(b.w[i]))
         speeds[i] += speed
@@ -32,10 +33,11 @@ def gather(b, groups, speeds, squares, impulses, fastest):
 
 @kernel
 def fly_and_sum(memory, lanes, cell, tau, v, looks, cells, sums, paths):
-    """Follow motions (n,) of these cells for `looks` (n,) checks, CHUNK flights each, and sum over their impacts.
+    """Follow motions (n,) of these cells until each was checked `looks` (n,) times, and sum over their impacts.
 
-    `sums` (n, BATCHES, COLUMNS), zero at the start, collects the impacts of BATCHES equal parts of the checks. The sums
-    of a motion that becomes quiet are NaN. `lanes` (4, LANES) is scratch memory.
+    CHUNK flights pass between two checks. `sums` (n, BATCHES, COLUMNS), zero at the start, collects the impacts of
+    BATCHES equal parts of the checks. The sums of a motion that becomes quiet are NaN. `lanes` (4, LANES) is scratch
+    memory.
     """
     speeds, squares, impulses, fastest = lanes[0], lanes[1], lanes[2], lanes[3]
     lanes[:] = 0.0
@@ -72,7 +74,7 @@ def fly_and_sum(memory, lanes, cell, tau, v, looks, cells, sums, paths):
         lanes[:] = 0.0
         for _ in range(CHUNK):
             advance(memory, groups, ONCE, force, False, paths)
-            gather(b, groups, speeds, squares, impulses, fastest)
+            add_impacts(b, groups, speeds, squares, impulses, fastest)
 
 
 def stretch(
@@ -80,7 +82,7 @@ def stretch(
 ) -> NDArray[np.float64]:
     """Return the sums over the impacts of chaotic motions (n,) of these cells.
 
-    longer (n,): factor by which each motion is followed for longer than at strong damping.
+    longer (n,): the duration for which each motion is followed, relative to the duration at strong damping.
 
     Returns
     -------

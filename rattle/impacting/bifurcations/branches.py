@@ -1,4 +1,4 @@
-"""Branches of any periodic motion along a line in the (δ, ε) plane, through folds and grazes.
+"""Follow branches of any periodic motion along a line in the (δ, ε) plane, through folds and grazes.
 
 The unknowns are the times of the impacts, in which a graze is a regular point. Beyond a graze the branch continues with
 virtual motions, which would have to pass a wall or start from behind it. `admissible` is False at their points.
@@ -11,7 +11,7 @@ import numpy as np
 
 from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, longest_step, newton_on_curve, plane_scale
 from rattle.continuation.conditions import Kind
-from rattle.continuation.followed import FollowedBranch, first_of_doubled
+from rattle.continuation.followed import FollowedBranch, start_of_doubled_branch
 from rattle.continuation.line import (
     FIRST_OF_DOUBLED,
     HALF_PERIOD,
@@ -23,22 +23,28 @@ from rattle.continuation.line import (
     line_through,
 )
 from rattle.errors import RattleError, require, require_number
-from rattle.impacting.bifurcations.events import Event, between_twins, find_events, is_twice, origin_of_doubling
+from rattle.impacting.bifurcations.events import (
+    Event,
+    find_events,
+    is_twice,
+    origin_of_doubling,
+    solutions_between_twins,
+)
 from rattle.impacting.bifurcations.registry import name_of
-from rattle.impacting.orbits.equations import Itinerary, on_line
+from rattle.impacting.orbits.equations import Itinerary, equations_on_line
 from rattle.impacting.orbits.periodic import PeriodicOrbit, as_periodic, orbit_of
 from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import Orbit
-from rattle.orbits.periodic import at_parameters, twins
+from rattle.orbits.periodic import solve_at_parameters, twins
 
-LONGEST = 0.05  # longest continuation step, in the unknowns
-FEW_POINTS = 6  # points of a branch between neighbouring cells
-SHORTEST_FLIGHT = 1e-6  # in forcing periods; if a flight is shorter, two impacts have become one
-# largest time difference of its two halves at which a doubled motion counts as back at its flip, because rounding
-# decides the direction of the branch there
+LONGEST = 0.05  # longest continuation step, in the Euclidean norm of times and parameter
+FEW_POINTS = 6  # least number of points of a branch from one parameter point to another
+SHORTEST_FLIGHT = 1e-6  # shortest flight, in forcing periods; if a flight is shorter, two impacts have become one
+# largest difference between the times of both halves of a doubled motion at which the motion counts as back at its
+# flip; closer to the flip rounding decides the direction of the branch
 TWICE = 1e-5
 SAME_PLACE = 1e-9  # largest distance of equal points in the (δ, ε) plane, relative to `plane_scale`
-SAME_MOTION = 1e-6  # largest difference of the impact times of equal motions
+SAME_MOTION = 1e-6  # largest difference between the impact times of equal motions, in forcing periods
 
 
 @dataclass(frozen=True, repr=False)
@@ -63,12 +69,12 @@ class Branch(FollowedBranch):
 
     @property
     def added(self) -> dict[str, Array]:
-        """No parameters besides δ, ε and β."""
+        """Parameters besides δ, ε and β: the impacting gear has none."""
         return {}
 
     @property
-    def unfolded(self) -> Array:
-        """Times (k, n) of the impacts without jumps by whole periods along the branch."""
+    def unfolded_times(self) -> Array:
+        """Times (k, n) of the impacts, which change continuously along the branch, so that they may leave [0, m)."""
         return self.times - self.times[:, :1] + np.unwrap(self.times[:, 0], period=1.0)[:, None]
 
     @property
@@ -80,12 +86,12 @@ class Branch(FollowedBranch):
         pair = {(1, 1, 0): "CA", (1, 1, 1): "BD"}.get(self.label)
         if pair is None:
             return ("",) * len(self)
-        index = np.linalg.det(self.itinerary.jacobian(self.unknowns))
         # det J(1) vanishes at saddle-nodes and stays finite at grazes
+        index = np.linalg.det(self.itinerary.jacobian(self.unknowns))
         return tuple(pair[int(above)] for above in index > 0.0)
 
     def curve_of(self, event: Event) -> str | None:
-        """Return the name of the curve of `rattle.curves` on which an event lies, None if it lies on none."""
+        """Return the name of the curve of `rattle.curves` on which an event lies; None if it lies on no such curve."""
         return name_of(event)
 
     def orbit(self, index: int) -> PeriodicOrbit:
@@ -96,7 +102,7 @@ class Branch(FollowedBranch):
 def branch(
     orbit: PeriodicOrbit | Orbit, parameter: Parameter = "epsilon", span: Span = None, resolution: int = POINTS_ACROSS
 ) -> Branch:
-    """Return the branch of a periodic motion in one parameter, in both directions from it.
+    """Return the branch of a periodic motion as one parameter changes, in both directions from the motion.
 
     The branch continues beyond grazes, where the motion is virtual.
 
@@ -128,10 +134,10 @@ def branch(
     line = line_through(orbit.delta, orbit.epsilon, parameter, span, resolution)
     start = np.append(orbit.times, 0.0)
     fixed = np.append(np.zeros(orbit.times.size), 1.0)
-    solved = newton_on_curve(on_line(orbit.itinerary, line.origin, line.direction), start, fixed)
+    solved = newton_on_curve(equations_on_line(orbit.itinerary, line.origin, line.direction), start, fixed)
     if solved is None:
-        raise RattleError("the orbit does not solve the impact equations: take it from periodic_orbit")
-    return _both_ways(orbit.itinerary, line, solved[0])
+        raise RattleError("the orbit does not solve the impact equations: get an orbit from periodic_orbit")
+    return _follow_both_ways(orbit.itinerary, line, solved[0])
 
 
 def doubled(
@@ -153,12 +159,12 @@ def doubled(
     """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     if event.kind is not Kind.FLIP:
-        raise RattleError(f"the period doubles at a flip (PD), not at {event.kind}")
+        raise RattleError(f"event must be a flip (PD), where the period doubles, got {event.kind}")
     line = line_through(event.delta, event.epsilon, parameter, span, resolution)
-    itinerary = event.itinerary.doubled()
-    start = first_of_doubled(event.itinerary, event.unknowns)
+    itinerary = event.itinerary.with_doubled_period()
+    start = start_of_doubled_branch(event.itinerary, event.unknowns)
     path = _follower(itinerary, line).follow(*start, MOST_POINTS, FIRST_OF_DOUBLED)
-    return _built(itinerary, line, path.points, path.tangents, 0, ("flip", _end(itinerary, path)))
+    return _build_branch(itinerary, line, path.points, path.tangents, 0, ("flip", _reason_of_end(itinerary, path)))
 
 
 def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) -> tuple[Branch, Branch]:
@@ -178,17 +184,17 @@ def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) ->
     """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     if event.impact is None:
-        raise RattleError(f"motions of different itineraries meet at a graze (GR), not at {event.kind}")
+        raise RattleError(f"event must be a graze (GR), where motions of different itineraries meet, got {event.kind}")
     line = line_through(event.delta, event.epsilon, parameter, span)
     misses, touches = np.delete(event.unknowns, event.impact)[:-2], event.unknowns[:-2]
     return (
-        _both_ways(event.itinerary.without(event.impact), line, np.append(misses, 0.0)),
-        _both_ways(event.itinerary, line, np.append(touches, 0.0)),
+        _follow_both_ways(event.itinerary.without_impact(event.impact), line, np.append(misses, 0.0)),
+        _follow_both_ways(event.itinerary, line, np.append(touches, 0.0)),
     )
 
 
-def through(itinerary: Itinerary, x: Array, parameter: Parameter, span: Span, resolution: int) -> Branch:
-    """Return the branch through a solution x (n + 2,) of the impact equations, in both directions.
+def branch_through(itinerary: Itinerary, x: Array, parameter: Parameter, span: Span, resolution: int) -> Branch:
+    """Return the branch of motions that contains a solution x = (n times, δ, ε), followed in both directions.
 
     Other arguments and errors are those of `branch`.
 
@@ -198,7 +204,7 @@ def through(itinerary: Itinerary, x: Array, parameter: Parameter, span: Span, re
         Points in order along the branch.
     """
     line = line_through(float(x[-2]), float(x[-1]), parameter, span, resolution)
-    return _both_ways(itinerary, line, np.append(x[:-2], 0.0))
+    return _follow_both_ways(itinerary, line, np.append(x[:-2], 0.0))
 
 
 def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> PeriodicOrbit | Event | None:
@@ -222,7 +228,7 @@ def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> Periodic
     """
     orbit = as_periodic(orbit)
     delta, epsilon = require_number("delta", delta, positive=True), require_number("epsilon", epsilon)
-    there = at_parameters(orbit.itinerary, np.append(orbit.times, [delta, epsilon]))
+    there = solve_at_parameters(orbit.itinerary, np.append(orbit.times, [delta, epsilon]))
     if there is not None and np.max(np.abs(there[:-2] - orbit.times)) < LONGEST:
         found = orbit_of(orbit.itinerary, there)
         if found.admissible and found.stable == orbit.stable and _leads_back(found, orbit):
@@ -238,64 +244,70 @@ def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> Periodic
 
 
 def _leads_back(found: PeriodicOrbit, orbit: PeriodicOrbit) -> bool:
-    """Return whether Newton's method leads from `found` back to `orbit`. Next to a fold it may lead elsewhere."""
-    back = at_parameters(orbit.itinerary, np.append(found.times, [orbit.delta, orbit.epsilon]))
+    """Return whether Newton's method leads from `found` back to `orbit`, as it may not do next to a fold."""
+    back = solve_at_parameters(orbit.itinerary, np.append(found.times, [orbit.delta, orbit.epsilon]))
     return back is not None and bool(np.max(np.abs(back[:-2] - orbit.times)) < SAME_MOTION)
 
 
 def _follower(itinerary: Itinerary, line: ParameterLine) -> Follower:
-    problem = on_line(itinerary, line.origin, line.direction)
+    """Return the `Follower` of branches of motions with this itinerary on a line of parameters."""
+    problem = equations_on_line(itinerary, line.origin, line.direction)
     longest = longest_step(line.span, line.resolution, LONGEST)
     bounds = (Bound(-1, *line.span),)
-    return Follower(problem, bounds, lambda y: _degenerate(itinerary, y) is None, longest, partial(twins, itinerary))
+    return Follower(
+        problem, bounds, lambda y: _why_degenerate(itinerary, y) is None, longest, partial(twins, itinerary)
+    )
 
 
-def _degenerate(itinerary: Itinerary, y: Array) -> str | None:
-    """Return the reason why y = (times, p) is no motion of this itinerary and period; None if it is such a motion."""
+def _why_degenerate(itinerary: Itinerary, y: Array) -> str | None:
+    """Return why a branch ends at y = (times, p): two impacts become one, or the period halves; None if neither."""
     if np.min(np.diff(np.append(y[:-1], y[0] + itinerary.m))) < SHORTEST_FLIGHT:
         return "two impacts become one"
     return HALF_PERIOD if is_twice(itinerary, y, TWICE) else None
 
 
-def _both_ways(itinerary: Itinerary, line: ParameterLine, start: Array) -> Branch:
-    """Return the branch through y = (times, p) in both directions, ordered so that p rises at y."""
-    followed = _follower(itinerary, line).both_ways(start, -1, MOST_POINTS)
+def _follow_both_ways(itinerary: Itinerary, line: ParameterLine, start: Array) -> Branch:
+    """Return the branch that contains `start` = (times, p), in both directions, ordered so that p rises at `start`."""
+    followed = _follower(itinerary, line).follow_both_ways(start, -1, MOST_POINTS)
     ends = (CLOSED, CLOSED)
     if followed.paths is not None:
-        ends = _end(itinerary, followed.paths[0]), _end(itinerary, followed.paths[1])
-    return _built(itinerary, line, followed.points, followed.tangents, followed.start, ends)
+        ends = _reason_of_end(itinerary, followed.paths[0]), _reason_of_end(itinerary, followed.paths[1])
+    return _build_branch(itinerary, line, followed.points, followed.tangents, followed.start, ends)
 
 
-def _end(itinerary: Itinerary, path: Path) -> str:
+def _reason_of_end(itinerary: Itinerary, path: Path) -> str:
+    """Return in words why a path ends; "span" means that it reached the end of the span of parameters."""
     if path.outside is None:
         return (
             "the branch has its largest number of points"
             if len(path.points) >= MOST_POINTS
             else "the equations become singular"
         )
-    return _degenerate(itinerary, path.outside) or "span"
+    return _why_degenerate(itinerary, path.outside) or "span"
 
 
-def _same_place(one: Event, other: Event) -> bool:
+def _is_same_event(one: Event, other: Event) -> bool:
+    """Return whether two events have the same kind, the same period and the same parameters."""
     apart = max(abs(one.delta - other.delta), abs(one.epsilon - other.epsilon))
     return (
         one.kind is other.kind and one.itinerary.m == other.itinerary.m and apart < SAME_PLACE * plane_scale(one.delta)
     )
 
 
-def _built(
+def _build_branch(
     itinerary: Itinerary, line: ParameterLine, points: Array, tangents: Array, start: int, ends: tuple[str, str]
 ) -> Branch:
-    problem = on_line(itinerary, line.origin, line.direction)
-    more = sorted(between_twins(itinerary, line, problem, points, tangents), key=lambda item: -item[0])
+    """Return the branch with these points y = (times, p), with its events, and the points that their search needs."""
+    problem = equations_on_line(itinerary, line.origin, line.direction)
+    more = sorted(solutions_between_twins(itinerary, line, problem, points, tangents), key=lambda item: -item[0])
     for after, y, tangent in more:
         points, tangents = np.insert(points, after + 1, y, axis=0), np.insert(tangents, after + 1, tangent, axis=0)
         start += after < start
-    orbits = [orbit_of(itinerary, line.plane(y)) for y in points]
+    orbits = [orbit_of(itinerary, line.unknowns_at(y)) for y in points]
     events = list(find_events(itinerary, line, problem, points, tangents))
     for end, at, place in ((ends[0], 0, 0), (ends[1], len(points) - 1, len(events))):
         flip = origin_of_doubling(itinerary, line, points[at], max(at - 1, 0)) if end == HALF_PERIOD else None
-        if flip is not None and not any(_same_place(flip, event) for event in events):
+        if flip is not None and not any(_is_same_event(flip, event) for event in events):
             events.insert(place, flip)
     return Branch(
         itinerary,

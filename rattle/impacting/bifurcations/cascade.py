@@ -1,4 +1,4 @@
-"""The period-doubling cascade of a motion."""
+"""Follow the period-doubling cascade of a motion."""
 
 import numpy as np
 
@@ -37,13 +37,13 @@ def cascade(
             return tuple(found)
         gap = np.hypot(event.delta - last[0], event.epsilon - last[1])
         last = event.delta, event.epsilon
-        here = doubled(event, *_around(event, parameter, span, 2 * gap if len(found) > 1 else np.inf))
+        here = doubled(event, *_line_near(event, parameter, span, 2 * gap if len(found) > 1 else np.inf))
 
 
-def _around(
+def _line_near(
     event: Event, parameter: Parameter, span: Span, reach: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return direction and span of the part of a line within `reach` of an event, where the next doubling lies."""
+    """Return the direction and the span of the part of a line of parameters that is within `reach` of an event."""
     line = line_through(event.delta, event.epsilon, parameter, span)
     reach /= float(np.hypot(*line.direction))
     low, high = max(line.span[0], -reach), min(line.span[1], reach)

@@ -1,6 +1,6 @@
 """Codimension-two points, where bifurcation curves of the period-one motions meet, and the order of their contact.
 
-All these points lie on one smooth grazing curve. On its part G1 the motion C grazes, and on its part G2 the motion A.
+All these points lie on one smooth grazing curve. On its part G1 the motion C grazes Σ⁻, on its part G2 the motion A.
 Let T be the sum of the multipliers of the grazing motion without the impact on Σ⁻, E = e^(−δ), and M = (det J(1) + det
 J(−1))/2 for the motion with both impacts (`rattle.impacting.orbits.equations`). Along the grazing curve the points are
 
@@ -19,7 +19,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rattle.continuation.arclength import ContinuationProblem, plane_scale, tangent_at, with_value
+from rattle.continuation.arclength import ContinuationProblem, plane_scale, solution_with_value, tangent_at
 from rattle.continuation.conditions import condition
 from rattle.errors import RattleError, require_number
 from rattle.impacting.bifurcations.registry import CURVES
@@ -27,32 +27,34 @@ from rattle.impacting.bifurcations.starts import members
 from rattle.impacting.orbits import closed_form
 from rattle.numerics.complex_step import Array
 
-#: Least half-backlash. Below it rounding does not separate the points, which lie near δ = 4β/π.
+#: Least half-backlash. At smaller ones rounding does not separate the points, which lie near δ = 4β/π.
 LEAST_BACKLASH = 1e-6
 Residual = Callable[[float, float], float]
 
 
 def _scaled_cosine(delta: float, beta: float) -> float:
-    """Return 1 + E − T, with E and T as in the module."""
+    """Return 1 + e^(−δ) − T at the graze at this damping, T the sum of the multipliers without the graze."""
     cosine, _ = closed_form.grazing_cosine(delta, beta)
     return 4 * math.pi * -math.expm1(-delta) * cosine / delta**2
 
 
-def _flip(delta: float, beta: float) -> float:
+def _flip_at_graze(delta: float, beta: float) -> float:
+    """Return a number that vanishes where the grazing motion flips, at COD20."""
     return _scaled_cosine(delta, beta) - 2 * (1 + math.exp(-delta))
 
 
 def _equal_multipliers(delta: float, beta: float) -> float:
+    """Return a number that vanishes where both multipliers of the grazing motion are e^(−δ/2), at COD21."""
     return _scaled_cosine(delta, beta) - (1 - math.exp(-delta / 2)) ** 2
 
 
-def _two_thirds(delta: float, beta: float) -> float:
-    """Return a number that vanishes where the larger multiplier is 2/3, so that T = 2/3 + 3/2 E."""
+def _multiplier_two_thirds(delta: float, beta: float) -> float:
+    """Return a number that vanishes where the larger multiplier of the grazing motion is 2/3."""
     return _scaled_cosine(delta, beta) - (1 / 3 - math.exp(-delta) / 2)
 
 
-def _no_square_root(delta: float, beta: float) -> float:
-    """Return −M, NaN without a graze. At M = 0 the term with a square root vanishes from the trace."""
+def _square_root_factor(delta: float, beta: float) -> float:
+    """Return −M = −(det J(1) + det J(−1))/2 at the graze, which vanishes at COD23; NaN if there is no graze."""
     sigma = closed_form.next_grazing(closed_form.EDGE, delta, beta)
     if not sigma < 0.5:
         return math.nan
@@ -74,11 +76,11 @@ class Condition:
 
 
 POINTS = {
-    "COD20": Condition("C flips as it grazes: a multiplier is −1", _flip, {"PDC": -1, "G1": -1}),
+    "COD20": Condition("C flips as it grazes: a multiplier is −1", _flip_at_graze, {"PDC": -1, "G1": -1}),
     "COD21": Condition("the multipliers of the grazing C become equal, and real", _equal_multipliers, {"G1": -1}),
     "COD23": Condition(
         "SN2 and PD1 end on G1: beyond this point C meets D instead of B",
-        _no_square_root,
+        _square_root_factor,
         {"SN2": -1, "PD1": -1, "G1": -1},
     ),
     "COD22": Condition(
@@ -98,10 +100,11 @@ class CodimensionTwo:
     name, delta, epsilon
         The name of the point and its parameters.
     curves : tuple[str, ...]
-        The curves that meet there.
+        The curves that meet at the point.
     tangency : dict
-        For pairs of curves the measured order p of |ε₁ − ε₂| ∝ |Δδ|^p: 1 if they cross, 2 if they touch. At extreme
-        backlash a pair is left out if one of its curves cannot be followed.
+        For each pair of curves the measured order p in |ε₁ − ε₂| ∝ |Δδ|^p, where Δδ is the distance in δ from the
+        point: 1 if they cross, 2 if they touch. At extreme backlash a pair is left out if one of its curves cannot be
+        followed.
     """
 
     name: str
@@ -129,15 +132,15 @@ def codimension_two(beta: float = 0.6) -> tuple[CodimensionTwo, ...]:
         If beta is outside its domain.
     """
     beta = require_number("beta", beta, positive=True)
-    return _points(beta)
+    return _cached_points(beta)
 
 
 @lru_cache(maxsize=64)
-def _points(beta: float) -> tuple[CodimensionTwo, ...]:
+def _cached_points(beta: float) -> tuple[CodimensionTwo, ...]:
     found = []
     for name, definition in POINTS.items():
         try:
-            delta, epsilon = _on_grazing(name, definition.residual, beta)
+            delta, epsilon = _point_on_grazing_curve(name, definition.residual, beta)
         except RattleError:
             continue
         tangency = _tangency(definition.curves, delta, epsilon, beta)
@@ -146,17 +149,17 @@ def _points(beta: float) -> tuple[CodimensionTwo, ...]:
 
 
 @lru_cache(maxsize=256)
-def _on_grazing(name: str, residual: Residual, beta: float) -> tuple[float, float]:
-    """Return (δ, ε) of the first point of the grazing curve where a residual, positive at small damping, vanishes."""
+def _point_on_grazing_curve(name: str, residual: Residual, beta: float) -> tuple[float, float]:
+    """Return (δ, ε) of the point of the grazing curve with the least δ at which a residual falls through 0."""
     if beta < LEAST_BACKLASH:
-        raise RattleError(f"double precision does not resolve {name} at beta = {beta}")
+        raise RattleError(f"{name} needs beta of at least {LEAST_BACKLASH:g} in double precision, got {beta}")
     from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load
 
     scan = np.geomspace(0.05, 8.0, 400) * 4 * beta / np.pi  # COD22 is near 4β/π, where speed 2πδ just crosses the gap
     values = np.array([residual(x, beta) for x in scan])
     falls = np.flatnonzero((values[:-1] > 0) & (values[1:] <= 0))
     if not falls.size:
-        raise RattleError(f"there is no {name} for beta = {beta}")
+        raise RattleError(f"{name} does not exist at beta = {beta}")
     lo, hi = scan[falls[0]], scan[falls[0] + 1]
     delta = float(brentq(residual, lo, hi, args=(beta,), xtol=1e-15 * beta, rtol=4 * np.finfo(float).eps))
     return delta, float(closed_form.grazing_cosine(delta, beta)[1])
@@ -180,42 +183,43 @@ def _tangency(curves: dict[str, int], delta: float, epsilon: float, beta: float)
             continue  # both are parts of one smooth curve
         offsets = curves[other] * distances
         try:
-            gaps = _near(one, delta, epsilon, beta, offsets) - _near(other, delta, epsilon, beta, offsets)
+            gaps = _curve_near(one, delta, epsilon, beta, offsets) - _curve_near(other, delta, epsilon, beta, offsets)
         except (RattleError, np.linalg.LinAlgError):
             continue
         orders[one, other] = float(np.polyfit(np.log(distances), np.log(np.abs(gaps)), 1)[0])
     return orders
 
 
-def _near(name: str, delta: float, epsilon: float, beta: float, offsets: Array) -> Array:
-    """Return ε of a curve, real or virtual, at growing offsets of δ from a point on it."""
+def _curve_near(name: str, delta: float, epsilon: float, beta: float, offsets: Array) -> Array:
+    """Return ε of a curve at growing offsets in δ from a point on it. The curve may be virtual there."""
     definition = CURVES[name]
     problem = condition(definition.itinerary(beta), definition.kind, definition.impact)
     starts = definition.starts(delta, beta)
     if not starts:
-        raise RattleError(f"no solution of {name} is known at delta = {delta}, from which the curve could be followed")
-    x = _solved(problem, min(starts, key=lambda x: abs(float(x[-1]) - epsilon)), delta)
+        raise RattleError(f"the curve {name} cannot be followed: no point of it is known at delta = {delta}")
+    x = _solution_at_delta(problem, min(starts, key=lambda x: abs(float(x[-1]) - epsilon)), delta)
     rising = np.zeros(x.size)
     rising[-2] = 1.0
     tangent = tangent_at(problem, x, rising)
     found = []
     for offset in offsets:
         guess = x + (delta + offset - x[-2]) / tangent[-2] * tangent
-        x = _solved(problem, guess, delta + offset)
+        x = _solution_at_delta(problem, guess, delta + offset)
         tangent = tangent_at(problem, x, rising)
         found.append(x[-1])
     return np.array(found)
 
 
-def _solved(problem: ContinuationProblem, guess: Array, delta: float) -> Array:
-    x = with_value(problem, guess, -2, delta)
+def _solution_at_delta(problem: ContinuationProblem, guess: Array, delta: float) -> Array:
+    """Return the solution near a guess at this damping. Raises RattleError if Newton's method finds none."""
+    x = solution_with_value(problem, guess, -2, delta)
     if x is None:
-        raise RattleError(f"a curve cannot be continued to delta = {delta}")
+        raise RattleError(f"Newton's method does not find the bifurcation curve at delta = {delta}")
     return x
 
 
 def robust_chaos_interval(beta: float = 0.6) -> tuple[float, float]:
-    """Return the damping interval in which the paper's condition for robust chaos at G1 holds.
+    """Return the interval of dampings in which the paper's condition for robust chaos at G1 holds.
 
     The condition is that the larger multiplier of the grazing C is real and lies in (2/3, 1). The interval runs from
     COD21 to COD22. At large backlash both multipliers at COD21 are e^(−δ/2) < 2/3, and the interval begins where the
@@ -235,7 +239,7 @@ def robust_chaos_interval(beta: float = 0.6) -> tuple[float, float]:
         If this half-backlash has no COD21 or no COD22.
     """
     beta = require_number("beta", beta, positive=True)
-    lower, upper = (_on_grazing(name, POINTS[name].residual, beta)[0] for name in ("COD21", "COD22"))
+    lower, upper = (_point_on_grazing_curve(name, POINTS[name].residual, beta)[0] for name in ("COD21", "COD22"))
     if math.exp(-lower / 2) < 2 / 3:
-        lower = _on_grazing("multiplier 2/3", _two_thirds, beta)[0]
+        lower = _point_on_grazing_curve("multiplier 2/3", _multiplier_two_thirds, beta)[0]
     return lower, upper

@@ -10,9 +10,9 @@ from rattle.continuation.curves import (
     Curve,
     CurveDescription,
     PlaneWindow,
-    limit_of_contact,
-    spread_between,
-    traced,
+    interior_points,
+    quiet_limit_curve,
+    trace_problem,
     window_range,
 )
 from rattle.errors import RattleError, require, require_integer, require_number, require_one_of
@@ -22,13 +22,13 @@ from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.bifurcations.registry import CURVES, NAMES, Definition
 from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
 from rattle.impacting.orbits.limits import quiet_limit
-from rattle.impacting.orbits.periodic import admissible_or_why
+from rattle.impacting.orbits.periodic import why_virtual
 from rattle.numerics.complex_step import Array
-from rattle.orbits.periodic import begun_at
+from rattle.orbits.periodic import unknowns_from_impact
 
-MOST_ACROSS = 1000  # most points across a window
-BESIDE = 1e-7  # relative distance in δ from the end of a curve at which the curve is searched too
-REACH = 8.0  # multiple of β: every curve has points at smaller damping; COD22 is near δ = 4β/π
+MOST_ACROSS = 1000  # largest allowed number of points of a curve across a window
+BESIDE = 1e-7  # relative distance in δ from a codimension-two point at which curves are searched too
+REACH = 8.0  # every curve has points at dampings below this multiple of β; COD22 is near δ = 4β/π
 LEAST_DELTA = 1e-5  # damping below which the impact times of different motions differ by less than rounding
 SAME_POINT = 1e-6  # largest relative difference in δ of equal points
 ALL_EPSILON = (0.0, 1.0)
@@ -68,36 +68,41 @@ def trace(
     beta = require_number("beta", beta, positive=True)
     window = PlaneWindow(window_range("delta", delta, positive=True), window_range("epsilon", epsilon))
     require(window.delta[1] >= LEAST_DELTA, f"delta must reach above {LEAST_DELTA:g}, got {delta!r}")
-    dampings = _dampings(window, beta)
+    dampings = _dampings_to_search(window, beta)
     try:
-        return _quiet_limit(beta, window, dampings) if name == QUIET_LIMIT else _traced(name, beta, window, dampings)
+        return (
+            _quiet_limit(beta, window, dampings)
+            if name == QUIET_LIMIT
+            else _trace_registered(name, beta, window, dampings)
+        )
     except np.linalg.LinAlgError as error:
         raise RattleError(f"{name} cannot be followed for beta = {beta} in {window}: {error}") from error
 
 
-def _traced(name: str, beta: float, window: PlaneWindow, dampings: Array) -> Curve:
+def _trace_registered(name: str, beta: float, window: PlaneWindow, dampings: Array) -> Curve:
+    """Return a curve of the registry in a window. Its starting points are searched at these dampings."""
     definition = CURVES[name]
     itinerary = definition.itinerary(beta)
-    return traced(
+    return trace_problem(
         name,
         beta,
         condition(itinerary, definition.kind, definition.impact),
         (x for d in dampings for x in definition.starts(float(d), beta)),
         window,
-        lambda x: _left(definition, itinerary, x),
+        lambda x: _why_off_curve(definition, itinerary, x),
         lambda x: describe_motion(itinerary, x, definition.impact),
-        lambda x, reason: _named(name, x, reason, beta),
+        lambda x, reason: _reason_with_point(name, x, reason, beta),
     )
 
 
-def _dampings(window: PlaneWindow, beta: float) -> Array:
+def _dampings_to_search(window: PlaneWindow, beta: float) -> Array:
     """Return the dampings at which a curve is searched: over the window, at its edges, and near the ends of curves."""
     low, high = window.delta
     ends = [point.delta * (1.0 + side * BESIDE) for point in codimension_two(beta) for side in (-1.0, 1.0)]
     inside = [delta for delta in ends if low < delta < high]
-    spread = spread_between(low, high)
+    spread = interior_points(low, high)
     if low < REACH * beta < high - low:  # in a wide window equal spacing would miss the curves
-        spread = np.concatenate([spread_between(low, REACH * beta), spread])
+        spread = np.concatenate([interior_points(low, REACH * beta), spread])
     return np.array([*spread, low, high, *inside])
 
 
@@ -110,8 +115,8 @@ def bifurcation_curve(
     """Return the saddle-node, flip or grazing curve through an event of a branch, inside a window of the plane.
 
     The branch (`rattle.branch`) may be of any periodic motion. The curve of an admissible event ends where its motion
-    becomes virtual; that of a virtual event continues. Points are as in `trace`, with at least `resolution` points
-    across the window. At a graze tau and v describe the motion that touches the wall.
+    becomes virtual; the curve of a virtual event continues through virtual motions. Points are as in `trace`, with at
+    least `resolution` points across the window. At a graze tau and v describe the motion that touches the wall.
 
     Returns
     -------
@@ -126,31 +131,35 @@ def bifurcation_curve(
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     resolution = require_integer("resolution", resolution, 1, MOST_ACROSS)
     window = PlaneWindow(window_range("delta", delta, positive=True), window_range("epsilon", epsilon), resolution)
-    require(window.left(event.unknowns) is None, f"the window must contain the event, ({event.delta}, {event.epsilon})")
-    itinerary, x, impact = _begun_on_sigma_plus(event)
+    require(
+        window.why_outside(event.unknowns) is None,
+        f"the window of delta and epsilon must contain the event at ({event.delta}, {event.epsilon})",
+    )
+    itinerary, x, impact = _rotate_to_sigma_plus(event)
     m, n_plus, n_minus = itinerary.label
-    return traced(
+    return trace_problem(
         f"{'' if event.admissible else 'virtual '}{event.kind} of P({m},{n_plus},{n_minus})",
         itinerary.beta,
         condition(itinerary, event.kind, impact),
         [x],
         window,
-        lambda y: admissible_or_why(itinerary, y, impact) if event.admissible else None,
+        lambda y: why_virtual(itinerary, y, impact) if event.admissible else None,
         lambda y: describe_motion(itinerary, y, impact),
         lambda _, reason: reason,
     )
 
 
-def _begun_on_sigma_plus(event: Event) -> tuple[Itinerary, Array, int | None]:
-    """Return itinerary, unknowns and grazing impact of an event, rotated to begin with a regular impact on Σ⁺."""
+def _rotate_to_sigma_plus(event: Event) -> tuple[Itinerary, Array, int | None]:
+    """Return itinerary, unknowns and grazing impact of an event, begun at an impact on Σ⁺ that does not graze."""
     itinerary = event.itinerary
     begin = next((i for i, wall in enumerate(itinerary.walls) if wall > 0 and i != event.impact), 0)
     impact = None if event.impact is None else (event.impact - begin) % itinerary.n
-    return itinerary.begun_at(begin), begun_at(itinerary, event.unknowns, begin), impact
+    return itinerary.with_first_impact(begin), unknowns_from_impact(itinerary, event.unknowns, begin), impact
 
 
-def _left(definition: Definition, itinerary: Itinerary, x: Array) -> str | None:
-    return definition.belongs(x) or admissible_or_why(itinerary, x, definition.impact)
+def _why_off_curve(definition: Definition, itinerary: Itinerary, x: Array) -> str | None:
+    """Return the reason why a solution is not on a curve, None if it is on the curve."""
+    return definition.belongs(x) or why_virtual(itinerary, x, definition.impact)
 
 
 def describe_motion(itinerary: Itinerary, x: Array, grazed: int | None = None) -> CurveDescription:
@@ -159,8 +168,8 @@ def describe_motion(itinerary: Itinerary, x: Array, grazed: int | None = None) -
     return CurveDescription(tau, float(-itinerary.flights(x).w0[0]), smooth_multipliers(itinerary, x, grazed))
 
 
-def _named(name: str, x: Array, reason: str, beta: float) -> str:
-    """Return the reason why a curve ends, after the name of the codimension-two point at which it ends, if any."""
+def _reason_with_point(name: str, x: Array, reason: str, beta: float) -> str:
+    """Return the reason why a curve ends at x. At a codimension-two point, the name of the point precedes it."""
     off = {
         point.name: max(abs(x[-2] / point.delta - 1.0), abs(x[-1] / point.epsilon - 1.0))
         for point in codimension_two(beta)
@@ -185,4 +194,4 @@ def _quiet_limit(beta: float, window: PlaneWindow, dampings: Array) -> Curve:
         return Forcing(x[..., 2]).force_and_rate(x[..., 0], x[..., 1])
 
     guesses = (np.array([phase_of_least_force(float(d)), d, float(quiet_limit(d))]) for d in dampings)
-    return limit_of_contact(beta, ContinuationProblem(equations, scale=scale_at), guesses, window)
+    return quiet_limit_curve(beta, ContinuationProblem(equations, scale=scale_at), guesses, window)

@@ -14,13 +14,13 @@ from rattle.continuation.diagram import Diagram, diagram_of, require_end
 from rattle.continuation.motions import POINTS_ACROSS, Motion, Motions, Segment, runs
 from rattle.errors import RattleError, require_number
 from rattle.impacting.attractors.classifier import ImpactingClassifier
-from rattle.impacting.bifurcations.branches import Branch, doubled, through
+from rattle.impacting.bifurcations.branches import Branch, branch_through, doubled
 from rattle.impacting.bifurcations.events import Event
-from rattle.impacting.orbits.equations import Itinerary, on_line
+from rattle.impacting.orbits.equations import Itinerary, equations_on_line
 from rattle.impacting.orbits.period_one import period_one
 from rattle.impacting.orbits.periodic import PeriodicOrbit, follow_impacts, orbit_of
 from rattle.numerics.complex_step import Array
-from rattle.orbits.periodic import at_parameters
+from rattle.orbits.periodic import solve_at_parameters
 from rattle.parameters import Parameters
 
 
@@ -32,7 +32,7 @@ class ImpactingMotions(Motions):
 
     def steps(self, position: Array) -> Parameters:
         """Return the impacting gear's parameters at these positions (`Motions.steps`)."""
-        delta, epsilon = np.ascontiguousarray(self.segment.at(position).T)
+        delta, epsilon = np.ascontiguousarray(self.segment.parameters_at(position).T)
         return Parameters(self.classifier.model, delta, epsilon, np.full_like(delta, self.beta))
 
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
@@ -41,48 +41,49 @@ class ImpactingMotions(Motions):
         for exists, tau, v in zip(orbits.exists, orbits.tau, orbits.v, strict=True):
             for run in runs(np.flatnonzero(exists)):
                 k = int(run[run.size // 2])
-                found = self.near(steps.point(k), float(tau[k]), float(v[k]), 1)
+                found = self.motion_near(steps.point(k), float(tau[k]), float(v[k]), 1)
                 if found is not None:
                     yield found
 
-    def near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
-        """Return the periodic motion near this state (`Motions.near`); None if Newton's method finds none."""
+    def motion_near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
+        """Return the periodic motion near this state (`Motions.motion_near`); None if Newton's method finds none."""
         try:
             itinerary, x = follow_impacts(step["delta"], step["epsilon"], step["beta"], tau, v, n_plus)
         except RattleError:
             return None
-        solved = at_parameters(itinerary, x)
+        solved = solve_at_parameters(itinerary, x)
         return None if solved is None else (itinerary, orbit_of(itinerary, solved).unknowns)
 
     def problem(self, itinerary: Itinerary) -> ContinuationProblem:
         """Return the impact equations along the segment (`Motions.problem`)."""
-        return on_line(itinerary, self.segment.start, self.segment.direction)
+        return equations_on_line(itinerary, self.segment.start, self.segment.direction)
 
-    def solved(self, itinerary: Itinerary, y: Array) -> PeriodicOrbit | None:
-        """Return the orbit that solves the impact equations at the position of y = (times, position), or None."""
-        found = at_parameters(itinerary, np.append(y[:-1], self.segment.at(y[-1])))
+    def solve_motion(self, itinerary: Itinerary, y: Array) -> PeriodicOrbit | None:
+        """Return the orbit near y = (times, position) at this position, or None if Newton's method finds none."""
+        found = solve_at_parameters(itinerary, np.append(y[:-1], self.segment.parameters_at(y[-1])))
         return None if found is None else orbit_of(itinerary, found)
 
-    def through(self, motion: Motion, span: tuple[float, float]) -> Branch:
-        """Return the branch of a motion on this span of the segment (`Motions.through`)."""
-        return through(*motion, self._direction, span, POINTS_ACROSS)
+    def follow_branch(self, motion: Motion, span: tuple[float, float]) -> Branch:
+        """Return the branch of a motion on this span of the segment (`Motions.follow_branch`)."""
+        return branch_through(*motion, self._direction, span, POINTS_ACROSS)
 
-    def doubled(self, event: Event, span: tuple[float, float]) -> Branch:
-        """Return the branch of doubled period that starts at a flip (`Motions.doubled`)."""
+    def follow_doubled_branch(self, event: Event, span: tuple[float, float]) -> Branch:
+        """Return the branch of doubled period that starts at a flip (`Motions.follow_doubled_branch`)."""
         return doubled(event, self._direction, span, POINTS_ACROSS)
 
-    def events(self, found: Branch) -> tuple[Event, ...]:
-        """Return the events of a branch (`Motions.events`)."""
+    def events_of(self, found: Branch) -> tuple[Event, ...]:
+        """Return the events of a branch (`Motions.events_of`)."""
         return found.events
 
-    def beside(self, event: Event) -> Iterator[Motion]:
-        """Yield the motion of the event and, at a graze, the motion that misses the wall."""
+    def motions_at_event(self, event: Event) -> Iterator[Motion]:
+        """Yield the motion at an event and, if it is a graze, the same motion without the grazing impact."""
         yield event.itinerary, event.unknowns
         if event.impact is not None:
-            yield event.itinerary.without(event.impact), np.delete(event.unknowns, event.impact)
+            yield event.itinerary.without_impact(event.impact), np.delete(event.unknowns, event.impact)
 
     @property
     def _direction(self) -> tuple[float, float]:
+        """The difference of δ and of ε between the ends of the segment."""
         delta, epsilon = self.segment.direction
         return float(delta), float(epsilon)
 

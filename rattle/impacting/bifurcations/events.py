@@ -1,4 +1,7 @@
-"""Find the events on a branch of periodic motions between neighbouring points: saddle-nodes, flips, grazes."""
+"""Find the saddle-nodes, flips and grazes between neighbouring points of a branch of periodic motions.
+
+A test function changes its sign along the branch at the events of one kind.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -19,20 +22,25 @@ from rattle.continuation.arclength import (
 from rattle.continuation.conditions import Kind, condition
 from rattle.continuation.line import ParameterLine
 from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
-from rattle.impacting.orbits.periodic import PeriodicOrbit, admissible, first_failure, orbit_of
+from rattle.impacting.orbits.periodic import PeriodicOrbit, first_failure, is_admissible, orbit_of
 from rattle.numerics.complex_step import Array
 
 # largest time difference of the two halves of a motion at which, where the branch turns back, the motion counts as a
 # motion of half the period
 SAME_HALVES = 0.02
-# a test function may have two zeros within a step if its parabola falls below this share of the value at the point
+# a test function is checked for two zeros within a step if the parabola through three points falls below this share of
+# the value at the middle point
 NEARLY = 0.5
 FOUND = 1e-3  # distance from an event, as a share of a step, at which Newton's method starts
-SAME_PLACE = 0.5  # share of a step; a solution farther than this from its candidate belongs to another event
+SAME_PLACE = 0.5  # largest distance, as a share of a step, between a candidate and the event that it leads to
 
 
 class Candidate(NamedTuple):
-    """A possible event: its position y = (times, p) on the branch, its kind, and a guess of its unknowns (n + 2,)."""
+    """A possible event of a branch.
+
+    y = (times, p) is its position on the branch, `guess` (n + 2,) are guesses of its times, δ and ε, and `impact` is
+    the number of the impact that grazes (None at other events).
+    """
 
     y: Array
     kind: Kind
@@ -43,7 +51,7 @@ class Candidate(NamedTuple):
 
 @dataclass(frozen=True)
 class Event:
-    """A bifurcation on a branch.
+    """An event on a branch of the impacting gear: a saddle-node, a flip or a graze.
 
     Attributes
     ----------
@@ -94,25 +102,25 @@ class Event:
 
     @property
     def multipliers(self) -> NDArray[np.complex128]:
-        """Return both multipliers (2,); at a graze, the multipliers of the motion that misses the wall."""
+        """Return both Floquet multipliers (2,); at a graze, those of the motion that misses the wall."""
         return smooth_multipliers(self.itinerary, self.unknowns, self.impact)
 
 
 def find_events(
     itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem, points: Array, tangents: Array
 ) -> Iterator[Event]:
-    """Yield the events between neighbouring solutions y = (times, p) (k, n + 1) of a branch, in order.
+    """Yield the events of a branch in order, from k neighbouring solutions y = (times, p) on the branch.
 
-    `tangents` are unit vectors along the branch.
+    points: the solutions (k, n + 1). tangents: the unit tangents (k, n + 1) of the branch.
 
     Yields
     ------
     Event
         The next event.
     """
-    tests = _tests(itinerary, line, problem)
-    values = _values(itinerary, line, points, tangents)
-    real = [admissible(itinerary, line.plane(y)) for y in points]
+    tests = _test_functions(itinerary, line, problem)
+    values = _test_values(itinerary, line, points, tangents)
+    real = [is_admissible(itinerary, line.unknowns_at(y)) for y in points]
     for k in range(len(points) - 1):
         a, b = points[k], points[k + 1]
         found = []
@@ -122,30 +130,29 @@ def find_events(
             if y is None and kind is Kind.SADDLE_NODE:  # where two branches cross, no step from a to b converges
                 y = 0.5 * (a + b)
             if y is not None:
-                found.append(Candidate(y, kind, itinerary, line.plane(y), impact))
+                found.append(Candidate(y, kind, itinerary, line.unknowns_at(y), impact))
         if real[k] != real[k + 1] and not any(at.kind is Kind.GRAZING for at in found):
-            found += _touches(itinerary, line, problem, *((a, b) if real[k] else (b, a)))
+            found += _touch_candidates(itinerary, line, problem, *((a, b) if real[k] else (b, a)))
         near = SAME_PLACE * float(np.max(np.abs(b - a)))
         for candidate in sorted(found, key=lambda at: float(np.linalg.norm(at.y - points[k]))):
-            solved = _solved(line, candidate, k, near)
+            solved = _solve_event(line, candidate, k, near)
             if solved is not None:
                 yield solved
 
 
-def between_twins(
+def solutions_between_twins(
     itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem, points: Array, tangents: Array
 ) -> list[tuple[int, Array, Array]]:
-    """Return solutions between two very close events of one kind that lie within one step of a branch.
+    """Return further points of a branch, one between each two events of one kind that lie within one step.
 
-    Without such a solution the events are missed, because their test function has the same sign at both ends of the
-    step.
+    Without such a point both events are missed, because their test function has the same sign at both ends of the step.
 
     Returns
     -------
     list[tuple[int, Array, Array]]
-        (index of the point before, y, tangent) of each solution, by rising index.
+        For each further point the index of the point before it, y = (times, p), and the tangent, by rising index.
     """
-    tests, values = _tests(itinerary, line, problem), _values(itinerary, line, points, tangents)
+    tests, values = _test_functions(itinerary, line, problem), _test_values(itinerary, line, points, tangents)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     size, found = np.abs(values), []
     least = (size[1:-1] <= size[:-2]) & (size[1:-1] <= size[2:])
@@ -164,10 +171,10 @@ def between_twins(
     return found
 
 
-def _values(itinerary: Itinerary, line: ParameterLine, points: Array, tangents: Array) -> Array:
-    """Return the values (k, tests) of the test functions, in the order of `_tests`, at the solutions `points`."""
-    departures = np.array([itinerary.flights(line.plane(y)).w0 for y in points])
-    flips = [_flip(itinerary, line, y) for y in points]
+def _test_values(itinerary: Itinerary, line: ParameterLine, points: Array, tangents: Array) -> Array:
+    """Return the values (k, tests) of the test functions at k solutions, in the order of `_test_functions`."""
+    departures = np.array([itinerary.flights(line.unknowns_at(y)).w0 for y in points])
+    flips = [_flip_test(itinerary, line, y) for y in points]
     return np.column_stack([tangents[:, -1], flips, departures])
 
 
@@ -175,43 +182,53 @@ def _values(itinerary: Itinerary, line: ParameterLine, points: Array, tangents: 
 Test = Callable[[Array, Array], float]
 
 
-def _tests(
+def _test_functions(
     itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem
 ) -> list[tuple[Kind, int | None, Test]]:
-    def graze(impact: int) -> Test:
-        return lambda _, y: float(itinerary.flights(line.plane(y)).w0[impact])
+    """Return (kind, number of the grazing impact or None, test function) for all events that a branch may have."""
+
+    def graze_test(impact: int) -> Test:
+        return lambda _, y: float(itinerary.flights(line.unknowns_at(y)).w0[impact])
 
     return [
         (Kind.SADDLE_NODE, None, lambda along, y: float(tangent_at(problem, y, along)[-1])),
-        (Kind.FLIP, None, lambda _, y: _flip(itinerary, line, y)),
-        *((Kind.GRAZING, impact, graze(impact)) for impact in range(itinerary.n)),
+        (Kind.FLIP, None, lambda _, y: _flip_test(itinerary, line, y)),
+        *((Kind.GRAZING, impact, graze_test(impact)) for impact in range(itinerary.n)),
     ]
 
 
-def _flip(itinerary: Itinerary, line: ParameterLine, y: Array) -> float:
-    """Return det J(−1), with the rows of J scaled to length 1. It vanishes at a flip."""
-    matrix = itinerary.jacobian(line.plane(y), -1.0)
+def _flip_test(itinerary: Itinerary, line: ParameterLine, y: Array) -> float:
+    """Return the determinant of the Jacobian J(−1), with its rows scaled to length 1. It vanishes at a flip."""
+    matrix = itinerary.jacobian(line.unknowns_at(y), -1.0)
     return float(np.linalg.det(matrix / np.linalg.norm(matrix, axis=1, keepdims=True)))
 
 
-def _touches(
+def _touch_candidates(
     itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem, inside: Array, outside: Array
 ) -> list[Candidate]:
-    """Return candidates where a flight first touches a wall, with the touch as one more impact of the itinerary."""
-    edge, beyond = last_inside(problem, inside, outside, lambda y: admissible(itinerary, line.plane(y)))
-    failure = first_failure(itinerary, line.plane(beyond))
+    """Return the candidate for a graze between an admissible point and a virtual point, in a list that may be empty.
+
+    There a flight touches a wall. The touch is one more impact of the candidate's itinerary.
+
+    Returns
+    -------
+    list[Candidate]
+        At most one candidate.
+    """
+    edge, beyond = last_inside(problem, inside, outside, lambda y: is_admissible(itinerary, line.unknowns_at(y)))
+    failure = first_failure(itinerary, line.unknowns_at(beyond))
     if failure is None or failure[1] == 0:
         return []
     departure, wall, time = failure
-    guess = np.insert(line.plane(edge), departure + 1, time)
+    guess = np.insert(line.unknowns_at(edge), departure + 1, time)
     return [Candidate(edge, Kind.GRAZING, itinerary.with_impact(departure + 1, wall), guess, departure + 1)]
 
 
-def _solved(line: ParameterLine, candidate: Candidate, after: int, near: float) -> Event | None:
-    """Return the event near a candidate, or None if Newton's method finds none within `near` of it on the line.
+def _solve_event(line: ParameterLine, candidate: Candidate, after: int, near: float) -> Event | None:
+    """Return the event near a candidate, or None if Newton's method finds none closer than `near` in δ and ε.
 
-    Where a branch turns back and its motion repeats a motion of half the period, the event is the flip of this shorter
-    motion.
+    If the branch turns back at a motion that repeats a motion of half its period, the event is the flip of this shorter
+    motion. after: the index of the last point of the branch before the event.
 
     Returns
     -------
@@ -219,17 +236,17 @@ def _solved(line: ParameterLine, candidate: Candidate, after: int, near: float) 
         The event, or None.
     """
     _, kind, itinerary, guess, impact = candidate
-    half = _halved(itinerary, guess) if kind is Kind.SADDLE_NODE else None
+    half = _half_period_motion(itinerary, guess) if kind is Kind.SADDLE_NODE else None
     if half is not None:
         kind, (itinerary, guess) = Kind.FLIP, half
-    found = newton_on_curve(condition(itinerary, kind, impact), guess, line.across(itinerary.n))
+    found = newton_on_curve(condition(itinerary, kind, impact), guess, line.line_normal(itinerary.n))
     if found is None or np.max(np.abs((found[0] - guess)[-2:])) > near:
         return None
-    return Event(kind, itinerary, found[0], impact, admissible(itinerary, found[0], impact), after)
+    return Event(kind, itinerary, found[0], impact, is_admissible(itinerary, found[0], impact), after)
 
 
 def is_twice(itinerary: Itinerary, y: Array, tolerance: float) -> bool:
-    """Return whether the motion with the times y[:n] repeats a motion of half its period, to `tolerance`."""
+    """Return whether the second half of the motion y repeats its first half, up to `tolerance` in each time."""
     n, m = itinerary.n // 2, itinerary.m // 2
     if itinerary.n != 2 * n or itinerary.m != 2 * m or itinerary.walls[:n] != itinerary.walls[n:]:
         return False
@@ -237,14 +254,14 @@ def is_twice(itinerary: Itinerary, y: Array, tolerance: float) -> bool:
 
 
 def origin_of_doubling(itinerary: Itinerary, line: ParameterLine, y: Array, after: int) -> Event | None:
-    """Return the flip at which a branch of doubled period begins, near its point y; None if there is no flip."""
-    return _solved(line, Candidate(y, Kind.SADDLE_NODE, itinerary, line.plane(y)), after, SAME_HALVES)
+    """Return the flip at which a branch of doubled period begins, near its point y; None if no flip is found."""
+    return _solve_event(line, Candidate(y, Kind.SADDLE_NODE, itinerary, line.unknowns_at(y)), after, SAME_HALVES)
 
 
-def _halved(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array] | None:
-    """Return itinerary and unknowns of the motion of half the period that x nearly repeats; None if there is none."""
+def _half_period_motion(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array] | None:
+    """Return itinerary and unknowns of the motion that x makes twice, nearly the same each time; None if x does not."""
     if not is_twice(itinerary, x, SAME_HALVES):
         return None
     n, m = itinerary.n // 2, itinerary.m // 2
     times = 0.5 * (x[:n] + x[n : 2 * n] - m)
-    return itinerary.divided(2), np.concatenate([times, x[2 * n :]])
+    return itinerary.with_divided_period(2), np.concatenate([times, x[2 * n :]])

@@ -17,13 +17,15 @@ from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.numerics.complex_step import Array
 
-SAME_START = 0.01  # largest relative distance in ε between an event and the starting point of its curve at its damping
+# largest relative difference in ε between an event and a starting point of a curve at the same damping, at which the
+# event is on the curve
+SAME_START = 0.01
 PAPER = "Mason and Piiroinen (2009)"
 
 
 @dataclass(frozen=True)
 class Definition:
-    """The definition of a bifurcation curve: its condition on the motion that meets `walls` in one forcing period.
+    """The definition of a bifurcation curve: the motion that bifurcates, which meets `walls`, and its condition `kind`.
 
     Attributes
     ----------
@@ -50,10 +52,10 @@ class Definition:
         return Itinerary(self.walls, 1, beta)
 
 
-def _of_c(x: Array) -> str | None:
-    """Return None for a graze of C (on G1, cos 2πτ ≥ 0), a reason for a graze of A (on G2).
+def _why_not_on_g1(x: Array) -> str | None:
+    """Return None for a graze of C, which is on G1, and the reason why a graze of A is not on G1.
 
-    G1 and G2 are parts of one smooth curve, which SN1 touches at the point between them.
+    G1 and G2 are parts of one smooth curve, which SN1 touches at the point between them, where cos 2πτ = 0.
 
     Returns
     -------
@@ -63,18 +65,19 @@ def _of_c(x: Array) -> str | None:
     return None if np.cos(2 * np.pi * x[0]) >= 0.0 else "the grazing motion is A from here on, on G2"
 
 
-def _of_a(x: Array) -> str | None:
+def _why_not_on_g2(x: Array) -> str | None:
+    """Return None for a graze of A, which is on G2, and the reason why a graze of C is not on G2."""
     return None if np.cos(2 * np.pi * x[0]) <= 0.0 else "the grazing motion is C from here on, on G1"
 
 
 def _first_flip(delta: float, beta: float) -> Sequence[Array]:
-    """Return the flip next to SN2 on D, if D is stable between SN2 and this flip."""
+    """Return the flip of D next to SN2, in a list that is empty if D is not stable between SN2 and this flip."""
     found = starts.flips(delta, beta)
     return found[:1] if found and starts.loses_stability(found[0], beta) else ()
 
 
 def _later_flips(delta: float, beta: float) -> Sequence[Array]:
-    """Return the flips at which D becomes stable again, and the flip beyond the fold at which D loses stability."""
+    """Return the flips of D after `_first_flip`, at which D becomes stable again or, beyond the fold, unstable."""
     return starts.flips(delta, beta)[len(_first_flip(delta, beta)) :]
 
 
@@ -108,7 +111,7 @@ CURVES: dict[str, Definition] = {
         f"{PAPER}, section 5.2, Figure 7",
         starts.grazes,
         impact=1,
-        belongs=_of_c,
+        belongs=_why_not_on_g1,
     ),
     "G2": Definition(
         (1, -1),
@@ -117,7 +120,7 @@ CURVES: dict[str, Definition] = {
         f"{PAPER}, section 5.2, Figure 7",
         starts.grazes,
         impact=1,
-        belongs=_of_a,
+        belongs=_why_not_on_g2,
     ),
     "PDC": Definition(
         (1,),
@@ -150,7 +153,7 @@ def describe(name: str) -> str:
 
 
 def name_of(event: Event) -> str | None:
-    """Return the name of the registered curve on which an event of a branch lies; None if it lies on none."""
+    """Return the name of the registered curve on which an event of a branch lies; None if it lies on no such curve."""
     walls, x, beta = event.itinerary.walls, event.unknowns, event.itinerary.beta
     near: list[tuple[float, str]] = []
     for name, curve in CURVES.items():

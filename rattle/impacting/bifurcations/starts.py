@@ -12,8 +12,10 @@ from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formula
 from rattle.numerics.complex_step import Array
 
-FINER, FINEST = 33, 12  # members of each refinement between the two neighbours of a zero; most refinements
-CLOSE = 0.02  # difference of the neighbours of a zero, in times and relative in ε, that needs no further refinement
+# number of members between the two neighbours of a zero in each refinement; most refinements
+FINER, FINEST = 33, 12
+# difference of the two neighbours of a zero, in times and relative in ε, below which they need no further refinement
+CLOSE = 0.02
 
 
 class StartFamily(NamedTuple):
@@ -22,7 +24,7 @@ class StartFamily(NamedTuple):
     Attributes
     ----------
     sigma : (k,)
-        Rising values of σ.
+        Rising values of σ, in forcing periods.
     x : (k, 4)
         Unknowns: both times, δ and ε.
     u : (k,)
@@ -40,8 +42,8 @@ class StartFamily(NamedTuple):
 
 
 def members(sigma: Array, delta: float, beta: float) -> StartFamily:
-    """Return the members of the family at these rising values of σ."""
-    closed = np.array([closed_form.closure_residual(each, delta, beta) for each in sigma]).reshape(-1, 5)
+    """Return the P(1,1,1) motions at one damping with these rising values of σ (`StartFamily`)."""
+    closed = np.array([closed_form.closure_numerators(each, delta, beta) for each in sigma]).reshape(-1, 5)
     x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
     tau = np.arctan2(y, x) / (2 * np.pi)
     unknowns = np.column_stack([tau, tau + 0.5 + sigma, np.full_like(sigma, delta), np.hypot(x, y)])
@@ -51,8 +53,8 @@ def members(sigma: Array, delta: float, beta: float) -> StartFamily:
 
 
 @lru_cache(maxsize=256)
-def two_impacts(delta: float, beta: float) -> StartFamily:
-    """Return the members of the family of B and D with σ > 0, at the nodes of `closed_form`."""
+def two_impact_family(delta: float, beta: float) -> StartFamily:
+    """Return the P(1,1,1) motions (B and D) at one damping, at the nodes σ > 0 of `closed_form.nodes`."""
     sigma, epsilon = closed_form.nodes(delta, beta)
     return members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta)
 
@@ -60,7 +62,7 @@ def two_impacts(delta: float, beta: float) -> StartFamily:
 def zeros(
     values: Callable[[StartFamily], Array], coarse: StartFamily, members_at: Callable[[Array], StartFamily]
 ) -> list[Array]:
-    """Find the zeros of a function along a family, close enough to start Newton's method.
+    """Find the zeros of a function along a family of motions, close enough to start Newton's method.
 
     Parameters
     ----------
@@ -93,7 +95,8 @@ def zeros(
 
 
 def _zeros_of(values: Callable[[StartFamily], Array], delta: float, beta: float) -> list[Array]:
-    return zeros(values, two_impacts(delta, beta), lambda sigma: members(sigma, delta, beta))
+    """Return the unknowns at the zeros of a function along the P(1,1,1) motions at one damping."""
+    return zeros(values, two_impact_family(delta, beta), lambda sigma: members(sigma, delta, beta))
 
 
 def folds(delta: float, beta: float) -> list[Array]:
@@ -103,7 +106,7 @@ def folds(delta: float, beta: float) -> list[Array]:
 
 @lru_cache(maxsize=256)
 def grazes(delta: float, beta: float) -> tuple[Array, ...]:
-    """Return the unknowns of the members whose speed at Σ⁻ is 0, close enough to start Newton's method."""
+    """Return the unknowns of the P(1,1,1) whose speed at Σ⁻ is 0, close enough to start Newton's method."""
     return tuple(_zeros_of(lambda at: at.u, delta, beta))
 
 
@@ -114,13 +117,13 @@ def flips(delta: float, beta: float) -> tuple[Array, ...]:
 
 
 def loses_stability(x: Array, beta: float) -> bool:
-    """Return whether a multiplier leaves the unit circle at a flip as σ grows (on D, as ε grows)."""
-    at = two_impacts(float(x[-2]), beta)
+    """Return whether the P(1,1,1) loses stability at a flip x as σ grows; on D ε grows with σ."""
+    at = two_impact_family(float(x[-2]), beta)
     return bool(at.flip[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0)
 
 
 def one_impact(kind: Kind, delta: float) -> list[Array]:
-    """Return the unknowns of SN1 (τ = 3/4) or of PDC, the flip of C; an empty list if the formula gives no ε > 0."""
+    """Return the unknowns (τ, δ, ε) of SN1 or of PDC, the flip of C; an empty list if the formula gives no ε > 0."""
     offset = float(sine_offset(delta))
     epsilon = float(sn1_formula(delta) if kind is Kind.SADDLE_NODE else flip_formula(delta))
     if not np.isfinite(epsilon) or epsilon == 0.0:

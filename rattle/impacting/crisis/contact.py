@@ -1,9 +1,10 @@
 """Solve for the contact of a piece of W^u(A) with W^s(A): one scalar equation for ε, from a guess.
 
-W(s) is the point of W^u(A) at position s, which near A is the arclength from A. Π is the impact map, and n the number
-of impacts on Σ⁺ after which the piece returns to A. h(s, ε) is the signed distance of Πⁿ(W(s)) from the local series of
-W^s(A), positive on the side of the attractor. The piece touches W^s(A) at the ε at which the minimum of h along the
-piece vanishes. The contact is a corner or a smooth bend of W^u(A).
+W^u(A) and W^s(A) are the unstable and the stable manifold of the saddle A. W(s) is the point of W^u(A) at position s,
+which near A is the arclength from A. Π is the impact map, and n the number of impacts on Σ⁺ after which the piece
+returns to A. h(s, ε) is the signed distance of Πⁿ(W(s)) from the local series of W^s(A), positive on the side of the
+attractor. The piece touches W^s(A) at the ε at which the minimum of h along the piece vanishes. The contact is a corner
+or a smooth bend of W^u(A).
 """
 
 from collections.abc import Callable
@@ -18,13 +19,15 @@ from numpy.typing import NDArray
 from rattle.errors import RattleError
 from rattle.impacting.orbits.limits import sn1_formula
 from rattle.impacting.orbits.periodic import period_one_saddle
-from rattle.orbits.saddles import Array, Local, eigenvectors, local_manifold
+from rattle.orbits.saddles import Array, LocalManifold, eigenvectors, local_manifold
 
-GRID, ZOOMS = 41, 13  # points of a grid in s, and refinements of the grid around its minimum
-SAME = 1e-9  # relative distance in s from the contact of two points, one on either side, whose itineraries are compared
-LONG, NODES = 30, 16  # impacts after the local series beyond which W^u is interpolated; number of interpolation points
-NEWTON = 4  # Newton steps to the position along W^s(A)
-MOST_ROUNDS = 40  # most steps of an interval until it holds a root
+GRID, ZOOMS = 41, 13  # number of points of a grid in s; number of refinements of the grid around its minimum
+# distance in s from the contact, relative to s, of the two points on either side whose itineraries are compared
+SAME = 1e-9
+# number of impacts beyond the local series from which W^u(A) is interpolated; number of interpolation points
+LONG, NODES = 30, 16
+NEWTON = 4  # number of Newton steps to the position of a state along W^s(A)
+MOST_ROUNDS = 40  # most moves of an interval until it holds a root
 
 
 @dataclass(frozen=True)
@@ -39,8 +42,8 @@ class Crisis:
         Numbers of impacts on Σ⁻ between successive impacts on Σ⁺ along the orbit of the contact, without the zeros at
         the beginning and at the end. At a corner they are those on the side with more impacts on Σ⁻.
     parameter : float
-        Position s on W^u(A) of one point of the contact's orbit; near A, s is the arclength from A. The point lies one
-        impact before the last point that precedes all impacts on Σ⁻.
+        Position s on W^u(A) of one point of the contact's orbit; near A, s is the arclength from A. From this point on,
+        the orbit makes one impact on Σ⁺, and before the next impact on Σ⁺ its first impact on Σ⁻.
     steps : int
         Impacts on Σ⁺ from this point to the return to W^s(A) near A.
     chaotic : bool
@@ -64,24 +67,24 @@ class Crisis:
 
 
 class ManifoldFrame:
-    """The manifolds W^u(A) and W^s(A) at one parameter point."""
+    """The saddle A at one parameter point, with its unstable manifold W^u(A) and its stable manifold W^s(A)."""
 
     def __init__(self, delta: float, epsilon: float, beta: float) -> None:
         self.saddle = period_one_saddle("A", delta, epsilon, beta)
-        self.unstable: Local = local_manifold(self.saddle, stable=False)
+        self.unstable_manifold: LocalManifold = local_manifold(self.saddle, stable=False)
         self.at = np.array([[self.saddle.tau], [self.saddle.v]])
 
     @cached_property
-    def stable(self) -> Local:
-        """Local series of W^s(A)."""
+    def stable_manifold(self) -> LocalManifold:
+        """The local manifold W^s(A)."""
         return local_manifold(self.saddle, stable=True)
 
     @cached_property
-    def rows(self) -> Array:
-        """Rows (2, 2) that map (τ, v) − A to its components along the unstable and the stable eigenvector."""
+    def to_eigenvectors(self) -> Array:
+        """The matrix (2, 2) that maps (τ, v) − A to its components along the unstable and the stable eigenvector."""
         return np.asarray(np.linalg.inv(np.stack(eigenvectors(self.saddle), axis=1)), np.float64)
 
-    def heights(self, states: Array) -> tuple[Array, Array]:
+    def signed_distances(self, states: Array) -> tuple[Array, Array]:
         """Return the signed distance of states (2, n) from W^s(A), and their positions t along W^s(A).
 
         The distance is measured along the unstable eigenvector; near A, |t| is the arclength from A, relative to the
@@ -92,19 +95,22 @@ class ManifoldFrame:
         tuple[Array, Array]
             Distances and positions, each (n,).
         """
-        along, across = self.rows[1] @ (states - self.at), self.rows[0] @ (states - self.at)
-        series = (self.stable.powers - self.stable.powers[0] * (np.arange(self.stable.powers.shape[0]) == 0)[:, None]).T
-        unstable, stable = self.rows @ series
-        t = along / self.stable.size
+        along, across = self.to_eigenvectors[1] @ (states - self.at), self.to_eigenvectors[0] @ (states - self.at)
+        series = (
+            self.stable_manifold.powers
+            - self.stable_manifold.powers[0] * (np.arange(self.stable_manifold.powers.shape[0]) == 0)[:, None]
+        ).T
+        unstable, stable = self.to_eigenvectors @ series
+        t = along / self.stable_manifold.size
         with np.errstate(all="ignore"):
             for _ in range(NEWTON):
                 t = t - (polyval(t, stable) - along) / polyval(t, polyder(stable))
             inside = np.abs(t) <= 1.0
             return np.where(inside, across - polyval(t, unstable), np.inf), np.where(inside, t, np.inf)
 
-    def points(self, s: Array) -> Array:
+    def manifold_points(self, s: Array) -> Array:
         """Return the points W(s) (2, n) at positions s (n,) on the part of W^u(A) before its first impact on Σ⁻."""
-        local = self.unstable
+        local = self.unstable_manifold
         low, high = float(s.min()), float(s.max())
         if np.log(high / local.size) < LONG * np.log(local.multiplier) or not high > low:
             return local.image(s, 0)[1]
@@ -112,38 +118,54 @@ class ManifoldFrame:
         powers = chebyshev.chebfit(chebyshev.chebpts1(NODES), (states - self.at).T, NODES - 1)
         return np.asarray(chebyshev.chebval((2.0 * s - low - high) / (high - low), powers) + self.at, np.float64)
 
-    def returns(self, s: Array, n: int) -> tuple[Array, NDArray[np.int64]]:
-        """Return the distances (m,) of Πⁿ(W(s)) from W^s(A), inf if unknown, and the itineraries of these orbits."""
-        ok, states, word, _ = self.unstable.map(self.points(s), n)
-        return np.where(ok, self.heights(states)[0], np.inf), word
+    def distances_after(self, s: Array, n: int) -> tuple[Array, NDArray[np.int64]]:
+        """Return the distances (m,) of Πⁿ(W(s)) from W^s(A), inf if they are unknown, and hashes of the itineraries.
 
-    def least(self, window: tuple[float, float], n: int) -> tuple[float, float]:
-        """Return the least distance of Πⁿ(W(s)) from W^s(A) in a window of s, and its s, on ever finer grids."""
+        W(s) are the points of W^u(A) at the positions s (m,), and Π is the impact map.
+
+        Returns
+        -------
+        tuple[Array, NDArray[np.int64]]
+            Distances and hashes.
+        """
+        ok, states, word, _ = self.unstable_manifold.map(self.manifold_points(s), n)
+        return np.where(ok, self.signed_distances(states)[0], np.inf), word
+
+    def least_distance(self, window: tuple[float, float], n: int) -> tuple[float, float]:
+        """Return the least distance of Πⁿ(W(s)) from W^s(A) for s in a window, and the s of this point.
+
+        W(s) is the point of W^u(A) at position s, and Π the impact map. The minimum is searched on ever finer grids.
+
+        Returns
+        -------
+        tuple[float, float]
+            The distance, and s.
+        """
         low, high = window
         for _ in range(ZOOMS):
             s = np.linspace(low, high, GRID)
-            values = self.returns(s, n)[0]
+            values = self.distances_after(s, n)[0]
             i = int(np.argmin(values))
             low, high = s[max(i - 1, 0)], s[min(i + 1, GRID - 1)]
         return float(values[i]), float(s[i])
 
     def symbols(self, s: float, n: int) -> tuple[int, ...]:
-        """Return the numbers of Σ⁻ impacts in the n returns from W(s) on, without the zeros at both ends."""
-        start = self.points(np.array([s]))
-        counts = np.array([int(self.unstable.map(start, j)[3][0]) for j in range(n + 1)])
+        """Return the number of impacts on Σ⁻ in each of the n returns from W(s) on, without the zeros at both ends."""
+        start = self.manifold_points(np.array([s]))
+        counts = np.array([int(self.unstable_manifold.map(start, j)[3][0]) for j in range(n + 1)])
         found = np.diff(counts)
         some = np.flatnonzero(found)
         return tuple(int(x) for x in found[some[0] : some[-1] + 1]) if some.size else ()
 
 
 @lru_cache(maxsize=256)
-def frame(delta: float, epsilon: float, beta: float) -> ManifoldFrame:
-    """Return the `ManifoldFrame` of a parameter point, cached."""
+def frame_at(delta: float, epsilon: float, beta: float) -> ManifoldFrame:
+    """Return the manifolds of A at a parameter point, cached."""
     return ManifoldFrame(delta, epsilon, beta)
 
 
 def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float) -> Crisis:
-    """Return the contact at delta, near epsilon = SN1 + gap, of a piece of W^u(A) that returns after n steps.
+    """Return the contact at damping delta, near ε = SN1 + gap, of a piece of W^u(A) that returns to A after n impacts.
 
     Parameters
     ----------
@@ -166,18 +188,19 @@ def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, fl
     """
     floor = float(sn1_formula(delta))
 
-    def m(x: float) -> float:
-        return frame(delta, floor + x, beta).least(window, n)[0]
+    def least_distance_at(x: float) -> float:
+        return frame_at(delta, floor + x, beta).least_distance(window, n)[0]
 
-    return _labelled(delta, floor + _root(m, gap, bracket * gap, 0.2), beta, window, n)
+    return _build_crisis(delta, floor + _find_root(least_distance_at, gap, bracket * gap, 0.2), beta, window, n)
 
 
 def solve_delta(
     delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float, most: float
 ) -> Crisis:
-    """Return the contact at SN1 + gap near delta. `bracket` is the expected error, `most` the longest step in δ.
+    """Return the contact at ε = SN1 + gap, near the damping delta. The unknown is δ.
 
-    The other arguments are those of `solve_contact`.
+    `bracket` is the expected error of delta, and `most` the longest step in δ. The other arguments are those of
+    `solve_contact`.
 
     Returns
     -------
@@ -185,15 +208,15 @@ def solve_delta(
         The contact, with the δ at which the piece touches W^s(A), and the shape of the contact.
     """
 
-    def m(x: float) -> float:
-        return frame(x, float(sn1_formula(x)) + gap, beta).least(window, n)[0]
+    def least_distance_at(x: float) -> float:
+        return frame_at(x, float(sn1_formula(x)) + gap, beta).least_distance(window, n)[0]
 
-    found = _root(m, delta, bracket, most / delta)
-    return _labelled(found, float(sn1_formula(found)) + gap, beta, window, n)
+    found = _find_root(least_distance_at, delta, bracket, most / delta)
+    return _build_crisis(found, float(sn1_formula(found)) + gap, beta, window, n)
 
 
-def _root(m: Callable[[float], float], x: float, half: float, most: float) -> float:
-    """Return a root of m near x. The interval x ± half moves and grows until it holds one, by at most `most` · x."""
+def _find_root(m: Callable[[float], float], x: float, half: float, most: float) -> float:
+    """Return a root of m near x. The interval x ± half moves until it holds a root, in steps of at most `most` · x."""
     from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load
 
     low, high = x - half, x + half
@@ -209,32 +232,36 @@ def _root(m: Callable[[float], float], x: float, half: float, most: float) -> fl
             low, high, at_low = high, high + step, at_high
             at_high = m(high)
     if not at_low * at_high <= 0.0:
-        raise RattleError(f"no contact of this piece of W^u(A) with W^s(A) near {x}")
+        raise RattleError(f"no contact of a piece of W^u(A) with W^s(A) was found near the guess {x}")
     return float(brentq(m, low, high, xtol=1e-17, rtol=4 * np.finfo(float).eps))
 
 
-def _labelled(delta: float, epsilon: float, beta: float, window: tuple[float, float], n: int) -> Crisis:
-    here = frame(delta, epsilon, beta)
-    s = here.least(window, n)[1]
+def _build_crisis(delta: float, epsilon: float, beta: float, window: tuple[float, float], n: int) -> Crisis:
+    """Return the crisis at these parameters, with the position and the shape of the contact in a window of s."""
+    here = frame_at(delta, epsilon, beta)
+    s = here.least_distance(window, n)[1]
     if min(s - window[0], window[1] - s) < 1e-3 * (window[1] - window[0]):
-        raise RattleError(f"the contact of W^u(A) with W^s(A) near epsilon = {epsilon} is not isolated")
+        raise RattleError(
+            f"the contact of W^u(A) with W^s(A) near epsilon = {epsilon} is at the edge of the searched part of W^u(A)"
+        )
     sides = [here.symbols(s * (1.0 + side * SAME), n) for side in (-1, 1)]
     contact = "tangency" if sides[0] == sides[1] else "corner"
     return Crisis(delta, epsilon, beta, contact, max(sides, key=sum), s, n)
 
 
-def reach(crisis: Crisis) -> float:
-    """Return the position of the contact on the local series of W^s(A): 0 at A, 1 at the end of the series."""
-    here = frame(crisis.delta, crisis.epsilon, crisis.beta)
-    start = here.points(np.array([crisis.parameter]))
-    return abs(float(here.heights(here.unstable.map(start, crisis.steps)[1])[1][0]))
+def contact_position(crisis: Crisis) -> float:
+    """Return the position of the contact along the local series of W^s(A): 0 at A, 1 at the end of the series."""
+    here = frame_at(crisis.delta, crisis.epsilon, crisis.beta)
+    start = here.manifold_points(np.array([crisis.parameter]))
+    return abs(float(here.signed_distances(here.unstable_manifold.map(start, crisis.steps)[1])[1][0]))
 
 
-def root_slope(crisis: Crisis) -> float:
-    """Return the coefficient b of h = b √x + c x + … at the corner next to this contact.
+def square_root_coefficient(crisis: Crisis) -> float:
+    """Return the coefficient b of h = b √x + c x + … at the corner of W^u(A) next to this contact.
 
-    x is the distance from the corner along W^u(A), relative to s, on the side with the square root. If b is positive
-    the corner touches W^s(A); if b is negative the smooth bend beside the corner touches it.
+    h is the distance from W^s(A) after the returns of the crisis. x is the distance from the corner along W^u(A),
+    relative to s, on the side with the square root. If b is positive, the corner touches W^s(A); if b is negative, the
+    smooth bend beside the corner touches W^s(A).
 
     Returns
     -------
@@ -246,19 +273,19 @@ def root_slope(crisis: Crisis) -> float:
     RattleError
         If the coefficient cannot be fitted.
     """
-    here, s, n = frame(crisis.delta, crisis.epsilon, crisis.beta), crisis.parameter, crisis.steps
+    here, s, n = frame_at(crisis.delta, crisis.epsilon, crisis.beta), crisis.parameter, crisis.steps
     around = s * (1.0 + np.concatenate([-np.geomspace(0.05, 1e-12, 60), np.geomspace(1e-12, 0.05, 60)]))
-    word = here.returns(around, n)[1]
+    word = here.distances_after(around, n)[1]
     edges = np.flatnonzero(word[1:] != word[:-1])
     if not edges.size:
         raise RattleError(f"there is no corner next to the contact at delta = {crisis.delta}")
     i = int(edges[np.argmin(np.abs(around[edges] - s))])
     low, high, first = around[i], around[i + 1], word[i]
     while low < (middle := 0.5 * (low + high)) < high:
-        same = here.returns(np.array([middle]), n)[1][0] == first
+        same = here.distances_after(np.array([middle]), n)[1][0] == first
         low, high = (middle, high) if same else (low, middle)
     more = 1 if sum(here.symbols(high, n)) > sum(here.symbols(low, n)) else -1
     root = np.linspace(0.2, 1.0, 12) * 1e-2
-    heights = here.returns((high if more > 0 else low) + more * s * root**2, n)[0]
-    corner = float(here.returns(np.array([low if more > 0 else high]), n)[0][0])
+    heights = here.distances_after((high if more > 0 else low) + more * s * root**2, n)[0]
+    corner = float(here.distances_after(np.array([low if more > 0 else high]), n)[0][0])
     return float(np.polyfit(root, (heights - corner) / root, 4)[-1])

@@ -1,4 +1,6 @@
-"""Follow the crisis in the (δ, ε) plane: each contact is the first guess of the next contact.
+"""Follow the boundary crisis in the (δ, ε) plane: each point of the curve is the first guess of the next point.
+
+At a point of the curve W^u(A) has a contact with W^s(A): the two manifolds of the saddle A touch.
 
 The curve is followed in steps of δ, and close to COD22 in steps of ε − SN1.
 """
@@ -9,30 +11,39 @@ from itertools import pairwise
 import numpy as np
 
 from rattle.errors import RattleError, require, require_number
-from rattle.impacting.crisis.contact import Crisis, frame, reach, root_slope, solve_contact, solve_delta
+from rattle.impacting.crisis.contact import (
+    Crisis,
+    contact_position,
+    frame_at,
+    solve_contact,
+    solve_delta,
+    square_root_coefficient,
+)
 from rattle.impacting.crisis.escape import is_chaotic_below
-from rattle.impacting.crisis.search import boundary_crisis, end_of_curve, touched
+from rattle.impacting.crisis.search import boundary_crisis, end_of_curve, has_escaping_piece
 from rattle.orbits.saddles import Array
 
 START = 0.98  # the curve begins at this multiple of the δ of COD22
 CLOSEST = 1e-5  # least ε − SN1 to which the curve is followed close to COD22, relative to SN1
 RATIO = 0.75  # ratio of successive ε − SN1 close to COD22
-WINDOW, BRACKET = 0.05, 0.01  # half-widths around a guess, relative to it: of the window in s, of the unknown δ or ε
+# half-width of the window in s around a guess, and of the range of the unknown δ or ε, both relative to the guess
+WINDOW, BRACKET = 0.05, 0.01
 DOMAIN = 0.3  # widest window of s, as a share of a fundamental domain
-# relative distance below the contact at which no other piece of W^u(A) may touch; samples per unit of ln s of this
-# check
+# distance below the contact, relative to ε − SN1, at which no piece of W^u(A) may escape; samples per unit of ln s of
+# this check
 MARGIN, CHECKED = 1e-3, 4000
-SMALLEST = 1e-4  # smallest step in δ, relative to the δ of COD22; a shorter one ends the curve
-WIDEST = 0.05  # widest window of periodic motion to cross, relative to the δ of COD22
-INSIDE = 0.6  # share of the series of W^s(A); a contact beyond it is followed for one more return at the next point
+SMALLEST = 1e-4  # smallest step in δ, relative to the δ of COD22; the curve ends where it needs a smaller step
+WIDEST = 0.05  # widest range of δ without chaos that the curve crosses, relative to the δ of COD22
+# share of the local series of W^s(A); if the contact lies farther out, the next point is followed for one more return
+INSIDE = 0.6
 
 
 @dataclass(frozen=True)
 class CrisisCurve:
-    """The curve of crises of one half-backlash: contacts in order, from small damping towards COD22.
+    """The curve of boundary crises of one half-backlash: points in order, from small damping towards COD22.
 
-    `changes` holds the contacts at which the shape of the contact changes between a corner and a smooth bend. `low_end`
-    and `high_end` say why the curve ends.
+    `changes` holds the points at which the shape of the contact changes between a corner and a smooth bend. `low_end`
+    and `high_end` say why the curve ends at small and at large damping.
     """
 
     beta: float
@@ -52,52 +63,72 @@ class CrisisCurve:
         return np.array([point.epsilon for point in self.points])
 
 
-def _guess(known: list[Crisis], x: Array, y: Array, at: float) -> Array:
-    """Extrapolate the columns of y (n, k), whose values at x (n,) are known, to `at` from the last three points."""
+def _extrapolate(known: list[Crisis], x: Array, y: Array, at: float) -> Array:
+    """Extrapolate y (n, k), known at x (n,), to the value `at` of x. Return (k,), from the last three points."""
     near = slice(-3, None) if len(known) > 2 else slice(-len(known), None)
     powers = np.polyfit(x[near] - x[-1], y[near], min(2, len(known) - 1))
     return np.asarray([np.polyval(column, at - x[-1]) for column in powers.T], np.float64)
 
 
-def _window(known: list[Crisis], s: float) -> tuple[float, float]:
+def _window_around(known: list[Crisis], s: float) -> tuple[float, float]:
+    """Return the window of positions on W^u(A) around s in which the contact after the known points is searched."""
     last = known[-1]
-    rate = np.log(frame(last.delta, last.epsilon, last.beta).unstable.multiplier)
+    rate = np.log(frame_at(last.delta, last.epsilon, last.beta).unstable_manifold.multiplier)
     width = float(min(WINDOW * (4.0 if len(known) == 1 else 1.0), DOMAIN * rate))
     return s * (1.0 - width), s * (1.0 + width)
 
 
-def _steps(last: Crisis) -> int:
-    return last.steps + (1 if reach(last) > INSIDE else 0)
+def _returns_at_next_point(last: Crisis) -> int:
+    """Return the number of impacts on Σ⁺ to the contact at the point after `last`."""
+    return last.steps + (1 if contact_position(last) > INSIDE else 0)
 
 
-def in_delta(known: list[Crisis], delta: float) -> Crisis:
-    """Return the contact at delta that continues the known contacts, the nearest one last. Raises RattleError."""
+def contact_at_delta(known: list[Crisis], delta: float) -> Crisis:
+    """Return the crisis at this damping that continues the crises `known`, the nearest last. Raises RattleError."""
     y = np.log([[point.gap, point.parameter] for point in known])
-    gap, s = np.exp(_guess(known, np.array([point.delta for point in known]), y, delta))
-    return solve_contact(delta, known[-1].beta, float(gap), _window(known, float(s)), _steps(known[-1]), BRACKET)
-
-
-def in_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
-    """Return the contact at SN1 + gap that continues the known contacts. Near COD22, δ − δ(COD22) scales with √gap."""
-    last = known[-1]
-    root = np.sqrt([point.gap for point in known])
-    y = np.array([[point.delta - end, point.parameter] for point in known]) / root[:, None]
-    offset, s = _guess(known, root, y, float(np.sqrt(gap))) * np.sqrt(gap)
-    bracket = BRACKET * max(abs(float(offset)), float(np.sqrt(gap)) * 0.01)
-    return solve_delta(
-        end + float(offset), last.beta, gap, _window(known, float(s)), _steps(last), bracket, abs(last.delta - end)
+    gap, s = np.exp(_extrapolate(known, np.array([point.delta for point in known]), y, delta))
+    return solve_contact(
+        delta, known[-1].beta, float(gap), _window_around(known, float(s)), _returns_at_next_point(known[-1]), BRACKET
     )
 
 
-def _down(start: Crisis, to: float, resolution: float, end: float) -> tuple[list[Crisis], str]:
-    """Return the contacts from `start` down to δ = to, through windows of periodic motion, and why they end."""
-    known, step, chaotic = [start], resolution, 0  # chaotic: number of the last contact with a chaotic attractor
+def contact_at_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
+    """Return the crisis at ε = SN1 + gap that continues the known crises towards COD22, whose damping is `end`.
+
+    δ is extrapolated, because δ − end is nearly proportional to √gap.
+
+    Returns
+    -------
+    Crisis
+        The crisis.
+    """
+    last = known[-1]
+    root = np.sqrt([point.gap for point in known])
+    y = np.array([[point.delta - end, point.parameter] for point in known]) / root[:, None]
+    offset, s = _extrapolate(known, root, y, float(np.sqrt(gap))) * np.sqrt(gap)
+    bracket = BRACKET * max(abs(float(offset)), float(np.sqrt(gap)) * 0.01)
+    return solve_delta(
+        end + float(offset),
+        last.beta,
+        gap,
+        _window_around(known, float(s)),
+        _returns_at_next_point(last),
+        bracket,
+        abs(last.delta - end),
+    )
+
+
+def _follow_down(start: Crisis, to: float, resolution: float, end: float) -> tuple[list[Crisis], str]:
+    """Return the points of the crisis curve from `start` down to δ = `to`, and the reason why the curve ends."""
+    # `chaotic` is the index of the last point with a chaotic attractor; the curve also crosses short ranges of δ in
+    # which the motion is periodic
+    known, step, chaotic = [start], resolution, 0
     while known[-1].delta > to:
         step = min(step, resolution)
         delta = max(to, known[-1].delta - step)
         try:
-            found = in_delta(known, delta)
-            if touched(delta, found.beta, found.gap * (1.0 - MARGIN), CHECKED):
+            found = contact_at_delta(known, delta)
+            if has_escaping_piece(delta, found.beta, found.gap * (1.0 - MARGIN), CHECKED):
                 raise RattleError("another piece of W^u(A) touches W^s(A) first")
         except RattleError as error:
             step /= 4.0
@@ -118,20 +149,36 @@ def _down(start: Crisis, to: float, resolution: float, end: float) -> tuple[list
     return known, "the requested end"
 
 
-def _up(start: Crisis, top: float, end: float) -> tuple[list[Crisis], str]:
-    """Return the contacts from `start` towards COD22, up to the first one beyond δ = top, and why they end."""
+def _follow_up(start: Crisis, top: float, end: float) -> tuple[list[Crisis], str]:
+    """Return the points of the crisis curve from `start` towards COD22, and the reason why the curve ends.
+
+    The last point is the first beyond δ = `top`. `end` is δ of COD22.
+
+    Returns
+    -------
+    tuple[list[Crisis], str]
+        The points by rising δ, and the reason.
+    """
     known, last = [start], CLOSEST * start.epsilon
     while known[-1].gap > last and known[-1].delta <= top:
         gap = max(known[-1].gap * RATIO, 0.999 * last)
         try:
-            known.append(in_gap(known, gap, end))
+            known.append(contact_at_gap(known, gap, end))
         except RattleError as error:
             return known, str(error)
     return known, "it continues to COD22, and is not followed this close to SN1"
 
 
-def _changes(points: list[Crisis]) -> list[Crisis]:
-    """Return the contacts at which corner and tangency change places: the coefficient `root_slope` vanishes there."""
+def _shape_changes(points: list[Crisis]) -> list[Crisis]:
+    """Return the crises between these points at which the contact changes between corner and tangency.
+
+    There the coefficient of `square_root_coefficient` vanishes.
+
+    Returns
+    -------
+    list[Crisis]
+        The crises, in the order of the points.
+    """
     from scipy.optimize import brentq
 
     found = []
@@ -141,11 +188,11 @@ def _changes(points: list[Crisis]) -> list[Crisis]:
 
         def slope(delta: float, one: Crisis = one, other: Crisis = other) -> float:
             near = min(one, other, key=lambda point: abs(point.delta - delta))
-            return root_slope(near if near.delta == delta else in_delta([near], delta))
+            return square_root_coefficient(near if near.delta == delta else contact_at_delta([near], delta))
 
         delta = float(brentq(slope, one.delta, other.delta, xtol=1e-10))
         near = min(one, other, key=lambda point: abs(point.delta - delta))
-        found.append(in_delta([near], delta))
+        found.append(contact_at_delta([near], delta))
     return found
 
 
@@ -160,14 +207,14 @@ def crisis_curve(
     Returns
     -------
     CrisisCurve
-        Contacts by rising δ, and why the curve ends on both sides.
+        The points by rising δ, and the reasons why the curve ends at both ends.
 
     Raises
     ------
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If there is no crisis where the curve should begin.
+        If there is no crisis at the damping at which the curve is begun.
     """
     beta = require_number("beta", beta, positive=True)
     resolution = require_number("resolution", resolution, positive=True)
@@ -176,12 +223,12 @@ def crisis_curve(
     top = np.inf if high is None else require_number("high", high, positive=True)
     require(bottom < top, f"low must be below high, got {bottom} and {top}")
     start = boundary_crisis(min(max(START * end, bottom), top), beta)
-    falling, low_end = _down(start, bottom, resolution, end)
+    falling, low_end = _follow_down(start, bottom, resolution, end)
     rising, high_end = [start], "the requested end"
     if top > start.delta:
-        rising, high_end = _up(start, top, end)
+        rising, high_end = _follow_up(start, top, end)
         if rising[-1].delta > top:
             rising, high_end = rising[:-1], "the requested end"
-            rising.append(in_delta(rising, top))
+            rising.append(contact_at_delta(rising, top))
     points = [*falling[:0:-1], *rising]
-    return CrisisCurve(beta, tuple(points), tuple(_changes(points)), low_end, high_end)
+    return CrisisCurve(beta, tuple(points), tuple(_shape_changes(points)), low_end, high_end)

@@ -1,10 +1,11 @@
 """Find the part of W^u(A) that becomes quiet, and decide whether chaos ends where W^u(A) touches W^s(A).
 
-W^s(A) bounds the basin of quiet motion. Below the crisis, at smaller ε, the whole branch of W^u(A) on the side of
-rising v stays with the attractor. Above the crisis a part of this branch lies beyond W^s(A) and becomes quiet. Samples
-of one fundamental domain of the branch reveal this part, because the rest of the branch consists of images of the
-domain. The domain is so close to A that the unstable eigenvector replaces the manifold. Long simulations on both sides
-of the contact show whether chaos ends.
+W^u(A) and W^s(A) are the unstable and the stable manifold of the saddle A. W^s(A) bounds the basin of quiet motion.
+Below the crisis, at smaller ε, the whole branch of W^u(A) on the side of rising v stays with the attractor. Above the
+crisis a part of this branch lies beyond W^s(A) and becomes quiet. Samples of one fundamental domain of the branch
+reveal this part, because the rest of the branch consists of images of the domain. The domain is so close to A that it
+is taken as straight, along the unstable eigenvector. Long simulations on both sides of the contact show whether chaos
+ends.
 """
 
 from typing import NamedTuple
@@ -20,7 +21,7 @@ from rattle.impacting.attractors.classifier import ImpactingClassifier, cells_of
 from rattle.impacting.crisis.contact import Crisis
 from rattle.impacting.map.impact_map import impact_tangent
 from rattle.impacting.map.iterate import iterate_tangent
-from rattle.impacting.map.quiet import LONGEST_REST, impacts_to_rest, longest_rest
+from rattle.impacting.map.quiet import LONGEST_REST, impacts_to_rest, most_impacts_to_rest
 from rattle.impacting.orbits.limits import quiet_limit, sn1_formula
 from rattle.impacting.orbits.period_one import period_one
 from rattle.orbits.iterates import fold
@@ -33,15 +34,20 @@ SAMPLES = 512  # number of samples of a fundamental domain
 # impacts on Σ⁺ that a sample may make between leaving A and crossing W^s(A), at strong damping: if it crosses at its
 # first return to A, and if it crosses at a later return
 FIRST_RETURNS, RETURNS = 64, 256
-MOST_IMPACTS = 8192  # most impacts at strong damping; at weak damping more, in proportion to `longest_rest`
-SETTLE, WATCH = 20_000, 4_000  # impacts of the transient, and impacts over which the exponent is measured
-WATCHED = 32  # samples whose exponents are measured
+# largest number of impacts of a sample at strong damping; at weak damping it is larger, in proportion to
+# `most_impacts_to_rest`
+MOST_IMPACTS = 8192
+# impacts that are ignored as a transient; impacts over which the Lyapunov exponent is measured then
+SETTLE, WATCH = 20_000, 4_000
+WATCHED = 32  # number of samples whose Lyapunov exponents are measured
 # distances below the crisis, relative to ε − SN1, at which chaos is tested; no narrow window of periodic motion holds
 # all these points
 BELOW = (1e-4, 1e-3, 1e-5)
-ABOVE = 0.01  # distance above the crisis, relative to ε − SN1, at which few chaotic transients last
+# distance above the crisis, relative to ε − SN1, at which chaos is tested; few chaotic transients last there
+ABOVE = 0.01
 CHAOTIC = 0.02  # least first Lyapunov exponent of chaos, per forcing period
-SHARE, FEW = 0.2, 0.05  # least share of chaotic samples below the crisis, and largest share above it
+# least share of chaotic samples below a crisis; largest share above it
+SHARE, FEW = 0.2, 0.05
 
 
 class Saddles(NamedTuple):
@@ -54,7 +60,7 @@ class Saddles(NamedTuple):
     v: Array
     multiplier: Array
 
-    def at(self, chosen: Flags) -> "Saddles":
+    def select(self, chosen: Flags) -> "Saddles":
         """Return the saddles at the chosen points."""
         return Saddles(*(x[chosen] for x in self))
 
@@ -64,34 +70,36 @@ class Saddles(NamedTuple):
         return np.isfinite(self.tau)
 
     @property
-    def first_excursion(self) -> Array:
+    def impacts_at_first_return(self) -> Array:
         """Impacts (n,) within which a sample that crosses W^s(A) at its first return to A becomes quiet."""
-        return self._climb + self._impacts(FIRST_RETURNS)
+        return self._impacts_to_leave + self._impacts_until_quiet(FIRST_RETURNS)
 
     @property
-    def excursions(self) -> Array:
+    def impacts_at_later_return(self) -> Array:
         """Impacts (n,) within which a sample that crosses W^s(A) at a later return to A becomes quiet."""
-        return self._impacts(RETURNS)
+        return self._impacts_until_quiet(RETURNS)
 
     @property
     def decidable(self) -> Flags:
-        """Flags (n,) of the points where A and quiet motion exist and `excursions` is below the limit of impacts."""
-        below, most = self.epsilon < quiet_limit(self.delta), MOST_IMPACTS * _longer(self.delta)
-        return self.exists & (self.multiplier > 1.0) & below & (self.excursions < most)
+        """Flags (n,) of the points where A and quiet motion exist and becoming quiet takes few enough impacts."""
+        below, most = self.epsilon < quiet_limit(self.delta), MOST_IMPACTS * _impact_factor(self.delta)
+        return self.exists & (self.multiplier > 1.0) & below & (self.impacts_at_later_return < most)
 
     @property
-    def _climb(self) -> Array:
+    def _impacts_to_leave(self) -> Array:
+        """Impacts (n,) that a sample needs to go from the fundamental domain to a distance of 1 from A."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.log(1.0 / NEAREST) / np.log(self.multiplier), np.float64)
 
-    def _impacts(self, returns: int) -> Array:
+    def _impacts_until_quiet(self, returns: int) -> Array:
+        """Return the impacts (n,) within which a sample becomes quiet, `returns` of them before it crosses W^s(A)."""
         rest = impacts_to_rest(self.delta, self.epsilon, self.beta)
-        return np.asarray(self._climb + returns * _longer(self.delta) + 2.0 * rest, np.float64)
+        return np.asarray(self._impacts_to_leave + returns * _impact_factor(self.delta) + 2.0 * rest, np.float64)
 
 
-def _longer(delta: Array) -> Array:
-    """Return the factor by which becoming quiet may take more impacts than at strong damping."""
-    return longest_rest(delta) / LONGEST_REST
+def _impact_factor(delta: Array) -> Array:
+    """Return the limit of the impacts that becoming quiet may take, relative to this limit at strong damping."""
+    return most_impacts_to_rest(delta) / LONGEST_REST
 
 
 def saddles(delta: Array, epsilon: Array, beta: Array) -> Saddles:
@@ -101,10 +109,10 @@ def saddles(delta: Array, epsilon: Array, beta: Array) -> Saddles:
     return Saddles(delta, epsilon, beta, orbits.tau[0], orbits.v[0], multiplier)
 
 
-def _direction(
+def _unstable_direction(
     delta: float, epsilon: float, beta: float, tau: float, v: float, multiplier: float
 ) -> tuple[float, float]:
-    """Return the unstable unit eigenvector at A, towards rising v."""
+    """Return the unit eigenvector (τ, v) of the unstable multiplier at A, which points towards rising v."""
     j00, j01, j10, j11 = impact_tangent(tau, v, delta, epsilon, beta, DRIFT, False)[5:9]
     one, other = (j01, multiplier - j00), (multiplier - j11, j10)
     x, y = one if np.hypot(*one) > np.hypot(*other) else other
@@ -113,13 +121,14 @@ def _direction(
 
 
 class FollowedManifold:
-    """Samples (n · count,) of a fundamental domain of W^u(A) at n `decidable` points, followed for `impacts` (n,).
+    """Samples of W^u(A) at n points, `count` for each, that were followed for `impacts` (n,) impacts on Σ⁺.
 
-    s (n, count) holds the initial distances of the samples from A, which are their positions on W^u(A).
+    The points must be `Saddles.decidable`. The samples lie in one fundamental domain. s (n, count) holds the initial
+    distances of the samples from A, which are their positions on W^u(A).
     """
 
     def __init__(self, a: Saddles, count: int, impacts: Array) -> None:
-        along = np.array([_direction(*at) for at in zip(*a, strict=True)])
+        along = np.array([_unstable_direction(*at) for at in zip(*a, strict=True)])
         nothing, cell = np.zeros((a.delta.size, 0)), np.repeat(np.arange(a.delta.size), count)
         self.s = NEAREST * a.multiplier[:, None] ** ((np.arange(count) + 0.5) / count)
         tau, v = fold(a.tau[:, None] + self.s * along[:, :1]), a.v[:, None] + self.s * along[:, 1:]
@@ -129,35 +138,35 @@ class FollowedManifold:
         self.classifier.settle(np.arange(cell.size), self.samples)
 
     @property
-    def at_rest(self) -> Flags:
-        """Flags (n, count) of the samples that are certain to become quiet."""
+    def becomes_quiet(self) -> Flags:
+        """Flags (n, count) of the samples that were followed until they are certain to become quiet."""
         return np.asarray(self.samples.status.reshape(self.s.shape) == Outcome.QUIET)
 
 
 def escapes(delta: float, epsilon: Array, beta: float) -> Flags:
-    """Return flags (n,) of points where a part of W^u(A) becomes quiet; False where this is not `decidable`."""
+    """Return flags (n,) of eccentricities at which a part of W^u(A) becomes quiet; False where it is undecided."""
     a = saddles(np.full(epsilon.size, delta), epsilon, np.full(epsilon.size, beta))
     found = a.decidable
     if found.any():
-        a = a.at(found)
-        found[found] = FollowedManifold(a, SAMPLES, a.first_excursion).at_rest.any(axis=1)
+        a = a.select(found)
+        found[found] = FollowedManifold(a, SAMPLES, a.impacts_at_first_return).becomes_quiet.any(axis=1)
     return found
 
 
 def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
-    """Return A at one parameter point. Raises RattleError if A does not exist or the point is not `decidable`."""
+    """Return the saddle A at one point. Raises RattleError if A is missing or the point is not `Saddles.decidable`."""
     a = saddles(*(np.array([x]) for x in (delta, epsilon, beta)))
     if not a.decidable[0]:
         raise RattleError(
-            f"no saddle A with a decidable fate of W^u(A) exists at delta = {delta}, epsilon = {epsilon}, beta = {beta}"
+            f"no saddle A, or none whose W^u(A) can be followed, at delta = {delta}, epsilon = {epsilon}, beta = {beta}"
         )
     return a
 
 
-def chaotic_part(delta: float, epsilon: float, beta: float, settle: int = SETTLE) -> float:
+def chaotic_share(delta: float, epsilon: float, beta: float, settle: int = SETTLE) -> float:
     """Return the share of WATCHED samples of W^u(A) that are chaotic after `settle` impacts."""
     a = saddle_at(delta, epsilon, beta)
-    found = FollowedManifold(a, WATCHED, a.first_excursion + settle)
+    found = FollowedManifold(a, WATCHED, a.impacts_at_first_return + settle)
     left = found.samples.status == Outcome.UNRESOLVED
     if not left.any():
         return 0.0
@@ -168,12 +177,12 @@ def chaotic_part(delta: float, epsilon: float, beta: float, settle: int = SETTLE
 
 
 def is_chaotic_below(contact: Crisis) -> bool:
-    """Return whether the attractor of W^u(A) just below the contact is chaotic."""
+    """Return whether W^u(A) goes to a chaotic attractor at ε just below that of a contact with W^s(A)."""
     floor, gap = float(sn1_formula(contact.delta)), contact.gap
-    return any(chaotic_part(contact.delta, floor + gap * (1.0 - x), contact.beta) > SHARE for x in BELOW)
+    return any(chaotic_share(contact.delta, floor + gap * (1.0 - x), contact.beta) > SHARE for x in BELOW)
 
 
-def outlived(contact: Crisis) -> bool:
-    """Return whether chaos continues beyond the contact."""
+def is_chaotic_above(contact: Crisis) -> bool:
+    """Return whether W^u(A) still goes to a chaotic attractor at ε just above that of a contact with W^s(A)."""
     epsilon = float(sn1_formula(contact.delta)) + contact.gap * (1.0 + ABOVE)
-    return chaotic_part(contact.delta, epsilon, contact.beta) > FEW
+    return chaotic_share(contact.delta, epsilon, contact.beta) > FEW

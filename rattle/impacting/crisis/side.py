@@ -1,4 +1,7 @@
-"""Decide on which side of its boundary crisis a parameter point lies: whether a part of W^u(A) becomes quiet."""
+"""Decide on which side of the boundary crisis a parameter point lies: whether a part of W^u(A) becomes quiet.
+
+W^u(A) is the unstable manifold of the saddle A.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ def crisis_side(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> 
     Returns
     -------
     NDArray[np.int8]
-        Index of each point.
+        Index in CRISIS_SIDES of each point.
 
     Raises
     ------
@@ -40,6 +43,8 @@ def crisis_side(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> 
     a = saddles(*(np.array(x, order="C").ravel() for x in broadcast))
     side, known = np.where(a.exists, UNSURE, NO_SADDLE).astype(np.int8), a.decidable
     if known.any():
-        a = a.at(known)
-        side[known] = np.where(FollowedManifold(a, SAMPLES, a.excursions).at_rest.any(axis=1), ESCAPES, INSIDE)
+        a = a.select(known)
+        side[known] = np.where(
+            FollowedManifold(a, SAMPLES, a.impacts_at_later_return).becomes_quiet.any(axis=1), ESCAPES, INSIDE
+        )
     return side.reshape(np.shape(broadcast[0]))

@@ -1,4 +1,4 @@
-"""The next departure from Σ⁺ of a motion with any state."""
+"""Find the next departure from Σ⁺ of a motion that is given by its phase, position and velocity."""
 
 from rattle.errors import RattleError, require
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
@@ -11,7 +11,7 @@ def departure(
     delta: float, epsilon: float, beta: float, tau: float, position: float, velocity: float
 ) -> tuple[float, float]:
     """Return the result of `rattle.Gear.departure` for tau ∈ [0, 1)."""
-    require(abs(position) <= beta, f"position must be from {-beta} to {beta}, the walls, got {position}")
+    require(abs(position) <= beta, f"position must be from {-beta} to {beta}, between the walls, got {position}")
     wall = SIGMA_PLUS if position > 0.0 else SIGMA_MINUS
     w = abs(velocity) if wall == SIGMA_PLUS else -abs(velocity)  # on a wall, use the velocity before the impact
     if abs(position) < beta:

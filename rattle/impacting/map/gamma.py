@@ -17,10 +17,10 @@ from rattle.flight.law import folded
 from rattle.numerics.compile import kernel
 
 FIRST_POINTS = 256
-# smallest difference of neighbouring times of touch; Γ breaks where their states are still farther apart than the
-# spacing
+# smallest difference of neighbouring times of touch; Γ breaks between two times this close if their states are still
+# farther apart than the spacing
 CLOSEST = 1e-13
-FINEST = 1e-4  # least spacing
+FINEST = 1e-4  # least allowed spacing of points
 
 
 class GammaPiece(NamedTuple):
@@ -37,16 +37,16 @@ class GammaPiece(NamedTuple):
 
 
 def gamma(delta: float, epsilon: float, beta: float, spacing: float, unit: float) -> tuple[GammaPiece, ...]:
-    """Return the pieces of `rattle.Gear.gamma`; `unit` is the speed that equals one forcing period in distances."""
+    """Return the pieces of Γ (`rattle.Gear.gamma`). In distances, a speed of `unit` counts as one forcing period."""
     spacing = require_number("spacing", spacing, positive=True)
     require(spacing >= FINEST, f"spacing must be at least {FINEST:g}, got {spacing:g}")
 
-    def traced(times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def points_of_touch(times: NDArray[np.float64]) -> NDArray[np.float64]:
         tau, v = np.empty(times.size), np.empty(times.size)
-        before_touch(times, delta, epsilon, beta, tau, v)
+        fill_states_before_touch(times, delta, epsilon, beta, tau, v)
         return np.stack([times, tau, v])
 
-    points = traced(np.arange(FIRST_POINTS) / FIRST_POINTS)
+    points = points_of_touch(np.arange(FIRST_POINTS) / FIRST_POINTS)
     while True:
         last = points[:, :1] + np.array([[1.0], [1.0], [0.0]])  # repeat the first point one period later
         touch, tau, v = np.concatenate([points, last], axis=1)
@@ -57,7 +57,7 @@ def gamma(delta: float, epsilon: float, beta: float, spacing: float, unit: float
         if not open_.any():
             break
         middle = 0.5 * (touch[:-1] + touch[1:])[open_]
-        points = np.concatenate([points, traced(middle)], axis=1)
+        points = np.concatenate([points, points_of_touch(middle)], axis=1)
         points = points[:, np.argsort(points[0])]
     if joined.all():
         return (GammaPiece(tau, v, touch, True),)
@@ -71,8 +71,8 @@ def gamma(delta: float, epsilon: float, beta: float, spacing: float, unit: float
 
 
 @kernel
-def before_touch(touch, delta, epsilon, beta, tau, v):
-    """Write the states (τ, v) on Σ⁺ whose flights touch Σ⁻ with speed 0 at these times; v = −1 if there is none.
+def fill_states_before_touch(touch, delta, epsilon, beta, tau, v):
+    """Write the states (τ, v) on Σ⁺ whose flights touch Σ⁻ with speed 0 at the times `touch`; v = −1 if there is none.
 
     A touch from inside the gap needs a contact force that points from Σ⁻ into the gap. Backwards in time the motion
     leaves Σ⁻ at the touch, and the state on Σ⁺ is its first impact. τ is not folded, so that it changes continuously

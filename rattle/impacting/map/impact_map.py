@@ -21,7 +21,7 @@ from rattle.orbits.return_map import inverse_step, step, step_tangent
 
 @kernel
 def impact(tau, v, delta, epsilon, beta, drift):
-    """Return Π(τ, v): (status, τ', v', elapsed time, Σ⁻ impacts before Σ⁺)."""
+    """Apply Π to (τ, v), and return (status, τ', v', elapsed time, number of impacts on Σ⁻ on the way)."""
     status, wall, w, elapsed, n_minus = OK, SIGMA_PLUS, -v, 0.0, 0
     while True:
         if stays_in_contact(wall, w, tau, delta, epsilon, drift):
@@ -41,7 +41,7 @@ def impact(tau, v, delta, epsilon, beta, drift):
 
 @kernel
 def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
-    """Return Π(τ, v) with its 2×2 tangent matrix.
+    """Apply Π to (τ, v), and return the new state with the tangent matrix (2, 2) of Π.
 
     The coordinates are (τ, v), or (τ, v²/2) if `energy` is true. In (τ, v²/2) each flight of duration s has determinant
     e^(−δs).
@@ -49,7 +49,7 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
     Returns
     -------
     tuple
-        (status, τ', v', elapsed time, Σ⁻ impacts, j00, j01, j10, j11, ln|det|).
+        (status, τ', v', elapsed time, number of impacts on Σ⁻, j00, j01, j10, j11, ln|det|).
     """
     status, wall, w, elapsed, n_minus = OK, SIGMA_PLUS, -v, 0.0, 0
     j00, j01, j10, j11, log_det = 1.0, 0.0, 0.0, 1.0, 0.0
@@ -81,13 +81,17 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
 
 @kernel
 def inverse_impact(tau, v, delta, epsilon, beta):
-    """Return Π⁻¹(τ, v), computed in reversed time: (status, τ, v, elapsed time, Σ⁻ impacts in between)."""
+    """Apply Π⁻¹ to (τ, v), and return (status, τ', v', elapsed time, number of impacts on Σ⁻ on the way)."""
     status, t, speed, elapsed, n_minus = impact(folded(-tau), v, -delta, epsilon, beta, -DRIFT)
     return status, folded(-t), speed, elapsed, n_minus
 
 
 class Point(NamedTuple):
-    """A parameter point for kernels. quiet_invariant: largest v³/g at which a bounce is certain to become quiet."""
+    """A parameter point of the impacting gear, as kernels take it.
+
+    quiet_invariant: the largest v³/g at which a bounce on Σ⁺ with speed v and contact force g is certain to become
+    quiet.
+    """
 
     delta: float
     epsilon: float

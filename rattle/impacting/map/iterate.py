@@ -24,9 +24,9 @@ from rattle.flight.lanes.block import (
 from rattle.flight.lanes.rescan import SAFE, SCANNED
 from rattle.flight.lanes.stages import advance
 from rattle.numerics.compile import kernel
-from rattle.orbits.iterates import Iterates, Stretched, checked
+from rattle.orbits.iterates import Iterates, Stretched, checked_states
 
-# flights between two checks of the lanes; a divisor of the round numbers of impacts that users choose
+# number of flights between two checks of the lanes; it divides the round numbers of impacts that users choose
 FLIGHTS = np.int64(20)
 
 
@@ -45,7 +45,7 @@ def working_block() -> Any:
     return _memory.block
 
 
-def _driver(tangent: bool) -> Any:
+def _make_driver(tangent: bool) -> Any:
     @kernel
     def drive(memory, tau, v, n, delta, epsilon, beta, paths):
         """Return Π^n of each element of flat arrays. A lane that finishes an element gets the next element.
@@ -90,7 +90,7 @@ def _driver(tangent: bool) -> Any:
     return drive
 
 
-_drive_plain, _drive_tangent = _driver(False), _driver(True)
+_drive_plain, _drive_tangent = _make_driver(False), _make_driver(True)
 
 
 def iterate(
@@ -106,7 +106,7 @@ def iterate(
     Iterates
         States and numbers of impacts.
     """
-    flat, shape = checked(delta, epsilon, tau, v, n, beta)
+    flat, shape = checked_states(delta, epsilon, tau, v, n, beta)
     _status, *out, _growth = _drive_plain(working_block(), *flat, np.zeros(2, np.int64))
     return Iterates(*(x.reshape(shape) for x in out))
 
@@ -129,16 +129,25 @@ def iterate_tangent(
     ParameterError
         If an argument is outside its domain.
     """
-    flat, shape = checked(delta, epsilon, tau, v, n, beta)
+    flat, shape = checked_states(delta, epsilon, tau, v, n, beta)
     _status, *out, growth = _drive_tangent(working_block(), *flat, np.zeros(2, np.int64))
-    return Stretched.of(out, growth, shape)
+    return Stretched.from_growth(out, growth, shape)
 
 
-def paths(
+def flight_counts(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike = 0.6
 ) -> tuple[int, int, int]:
-    """Return the number of flights of `iterate`, and how many first impacts the scan and the search located."""
-    flat, _shape = checked(delta, epsilon, tau, v, n, beta)
+    """Return the number of flights that `iterate` computes, and how many of them need a scan, and a safe search.
+
+    A first impact is searched by a scan at fixed steps if the first guess is not proved, and by the slower safe search
+    if the scan is not proved either.
+
+    Returns
+    -------
+    tuple[int, int, int]
+        All flights, scanned flights, and safely searched flights.
+    """
+    flat, _shape = checked_states(delta, epsilon, tau, v, n, beta)
     counted = np.zeros(2, np.int64)
     _status, _tau, _v, n_plus, n_minus, _growth = _drive_plain(working_block(), *flat, counted)
     return int(n_plus.sum() + n_minus.sum()), int(counted[SCANNED]), int(counted[SAFE])

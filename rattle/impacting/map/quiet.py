@@ -23,31 +23,33 @@ from rattle.numerics.compile import kernel
 
 Array = NDArray[np.float64]
 
-PHASES, ABREAST = 2048, 16  # sampled phases; number of independent maxima, which lets the loop use vector instructions
+# number of sampled phases; number of independent maxima, so that the loop over phases can use vector instructions
+PHASES, ABREAST = 2048, 16
 SINES, COSINES = sampled_phases(PHASES)
 LARGEST_ETA = 0.5  # largest η for which the measured bound is used
 KICK, DECAY_RATE = 10.0, 1.9  # the constants 10 and 1.9 of the measured bound 10 e^(−1.9/η)
-# limit of the impacts that becoming quiet may take, at strong damping; damping below which it grows; its largest value
+# largest number of impacts that becoming quiet may take at strong damping; damping below which this limit grows;
+# largest value of the limit
 LONGEST_REST, STRONG, MOST_REST = 2048.0, 0.3, 2.0**18
 
 
 @kernel
 def largest_eta(delta):
-    """Return the largest η, at most LARGEST_ETA, at which the change of ln I per period beyond −δ is below δ/2."""
+    """Return the largest η of this module's criterion at which a motion is certain to become quiet."""
     if delta >= 2.0 * KICK * math.exp(-DECAY_RATE / LARGEST_ETA):
         return LARGEST_ETA
     return DECAY_RATE / math.log(2.0 * KICK / delta)
 
 
 @kernel
-def invariant_of(delta, epsilon, beta, largest):
-    """Return the result of `capture_invariant`, compiled; `largest` (ABREAST,) is scratch memory."""
+def compiled_capture_invariant(delta, epsilon, beta, largest):
+    """Return the result of `capture_invariant` inside kernels; `largest` (ABREAST,) is scratch memory."""
     smallest = DRIFT * delta - contact_force_swing(delta, epsilon)
     if smallest <= 0.0:
         return 0.0
     rate = max(math.pi, delta)
     for j in range(ABREAST):
-        largest[j] = 0.0  # maxima of (η/I^(1/3))³, each over every ABREAST-th phase
+        largest[j] = 0.0  # the maximum of (η/I^(1/3))³ over the phases i + j, where ABREAST divides i
     for i in range(0, PHASES, ABREAST):
         for j in range(ABREAST):
             cosine, sine = COSINES[i + j], SINES[i + j]
@@ -57,7 +59,7 @@ def invariant_of(delta, epsilon, beta, largest):
     fastest = 0.0
     for j in range(ABREAST):
         fastest = max(fastest, largest[j])
-    low = (2.0 * beta) ** 1.5 * math.sqrt(smallest)  # bounces are lower than half the gap where v²/2g ≤ β
+    low = (2.0 * beta) ** 1.5 * math.sqrt(smallest)  # a bounce is lower than half the gap if v²/2g ≤ β
     eta = largest_eta(delta)
     return min(eta * eta * eta / fastest, low)
 
@@ -66,7 +68,7 @@ def invariant_of(delta, epsilon, beta, largest):
 def fill_invariants(delta, epsilon, beta, largest, found):
     """Write the results of `capture_invariants` to `found`; `largest` (ABREAST,) is scratch memory."""
     for i in range(delta.size):
-        found[i] = invariant_of(delta[i], epsilon[i], beta[i], largest)
+        found[i] = compiled_capture_invariant(delta[i], epsilon[i], beta[i], largest)
 
 
 def capture_invariants(delta: Array, epsilon: Array, beta: Array) -> Array:
@@ -77,12 +79,20 @@ def capture_invariants(delta: Array, epsilon: Array, beta: Array) -> Array:
 
 
 def capture_invariant(delta: float, epsilon: float, beta: float) -> float:
-    """Return the largest I = v³/g(τ) at which a bounce is certain to become quiet; 0 if no quiet motion exists."""
+    """Return the largest v³/g at which a bounce is certain to become quiet; 0 if no quiet motion exists.
+
+    v is the speed of the bounce, and g the contact force at its impact.
+
+    Returns
+    -------
+    float
+        The limit of v³/g.
+    """
     return float(capture_invariants(*(np.array([x]) for x in (delta, epsilon, beta)))[0])
 
 
 def capture_speed(delta: float, epsilon: float, beta: float) -> float:
-    """Return the impact speed (I min g)^(1/3), below which every motion becomes quiet; 0 from the quiet limit on."""
+    """Return the impact speed below which every motion is certain to become quiet; 0 from the quiet limit on."""
     return float(capture_speeds(*(np.array([x]) for x in (delta, epsilon, beta)))[0])
 
 
@@ -93,10 +103,10 @@ def capture_speeds(delta: Array, epsilon: Array, beta: Array) -> Array:
 
 
 def impacts_to_rest(delta: Array, epsilon: Array, beta: Array) -> Array:
-    """Estimate the impacts until quiet motion is certain, for flat arrays; inf from the quiet limit on.
+    """Estimate the number of impacts until quiet motion is certain, for flat arrays; inf from the quiet limit on.
 
     At speed v a period has 2πδ/v impacts, and v falls by e^(−δ/3) per period. This gives 6π/v_c impacts down to the
-    capture speed v_c. Where the limit on v³/g is smaller, v_c is smaller and the number of impacts larger.
+    capture speed v_c (`capture_speed`).
 
     Returns
     -------
@@ -107,8 +117,8 @@ def impacts_to_rest(delta: Array, epsilon: Array, beta: Array) -> Array:
         return 6.0 * np.pi / capture_speeds(delta, epsilon, beta)
 
 
-def longest_rest(delta: Array) -> Array:
-    """Return the limit of impacts within which a motion should become quiet, for flat arrays.
+def most_impacts_to_rest(delta: Array) -> Array:
+    """Return the largest number of impacts within which a motion should become quiet, for flat arrays of δ.
 
     At weak damping the limit grows with the relaxation time 1/δ, up to MOST_REST impacts, which take a few milliseconds
     to compute.
@@ -122,6 +132,6 @@ def longest_rest(delta: Array) -> Array:
 
 
 def rests_late(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
-    """Return flags of points where becoming quiet takes more than `longest_rest` impacts, so it may look like chaos."""
+    """Return whether becoming quiet takes more than `most_impacts_to_rest`, so that it may look like chaos."""
     needed = impacts_to_rest(delta, epsilon, beta)
-    return np.isfinite(needed) & (needed > longest_rest(delta))
+    return np.isfinite(needed) & (needed > most_impacts_to_rest(delta))

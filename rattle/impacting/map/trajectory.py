@@ -14,8 +14,8 @@ AT_REST = 1e-4  # speed below which the bounces of a motion that is certain to b
 
 
 @kernel
-def sampled(tau, v, delta, epsilon, beta, slowest, time, phi, velocity, impact_time, impact_wall, impact_speed):
-    """Write Φ and Φ' at rising times, and the impacts until the last of these times.
+def fill_trajectory(tau, v, delta, epsilon, beta, slowest, time, phi, velocity, impact_time, impact_wall, impact_speed):
+    """Write Φ and Φ' of the motion from (τ, v) at the rising times `time`, and its impacts until the last time.
 
     A motion that leaves Σ⁺ with a speed below `slowest` counts as at rest from then on. Impacts beyond the length of
     the arrays are counted but not written.
@@ -23,7 +23,7 @@ def sampled(tau, v, delta, epsilon, beta, slowest, time, phi, velocity, impact_t
     Returns
     -------
     tuple
-        (status, number of impacts, time at which the motion comes to rest or inf).
+        (status, number of impacts, time at which the motion comes to rest, or inf if it does not).
     """
     wall, w, now, phase = SIGMA_PLUS, -v, 0.0, tau
     i, impacts = 0, 0
@@ -52,5 +52,5 @@ def sampled(tau, v, delta, epsilon, beta, slowest, time, phi, velocity, impact_t
 def trajectory(
     delta: float, epsilon: float, beta: float, tau: float, v: float, periods: float, points: int, slowest: float
 ) -> Trajectory:
-    """Return the result of `rattle.Gear.trajectory`; `slowest` is the speed below which quiet is certain."""
-    return sampled_motion(sampled, tau, v, (delta, epsilon, beta, min(slowest, AT_REST)), periods, points)
+    """Return the result of `rattle.Gear.trajectory`; motions slower than `slowest` are certain to become quiet."""
+    return sampled_motion(fill_trajectory, tau, v, (delta, epsilon, beta, min(slowest, AT_REST)), periods, points)

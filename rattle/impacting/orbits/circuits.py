@@ -1,4 +1,4 @@
-"""Find stable orbits of period one with given walls by a walk along motions that close but for one impact (compiled).
+"""Find stable orbits of period one with given walls by a walk along motions that miss one impact equation (compiled).
 
 The times that make all impacts but the first elastic lie on a curve (`rattle.impacting.orbits.impact_times`). The
 orbits are the zeros along this curve of the residual R_0 of the first impact. The curve is a circuit: either it closes,
@@ -9,20 +9,32 @@ import math
 
 from rattle.flight.impact_law import determinant
 from rattle.flight.law import wrapped
-from rattle.impacting.orbits.impact_times import eliminated, equations, fastest_if_admissible, moved, newton_on_times
+from rattle.impacting.orbits.impact_times import (
+    eliminate_times,
+    fastest_if_admissible,
+    move_times,
+    newton_on_times,
+    write_equations,
+)
 from rattle.numerics.compile import inline, kernel
 
 MOST_CORRECTIONS = 6
-CORRECTED = 3e-4  # longest last correction, in forcing periods; the error that it leaves is of the order of its square
+# longest last correction, in forcing periods; the error that remains is of the order of its square
+CORRECTED = 3e-4
 FARTHEST = 0.3  # longest first correction of a walk, in forcing periods
 SHORTEST = 1e-4  # shortest step of a walk; a shorter one ends the walk
-FINEST = 0.01  # a step that does not resolve R_0 is shortened, down to this share of the longest step
+# a step over which the residual R_0 bends too much is shortened, down to this share of the longest step
+FINEST = 0.01
 LEAST_COSINE = 0.9  # least cosine of the angle by which the curve turns in one step
 MOST_STEPS = 400
-MOST_ZOOMS, MOST_HALVINGS = 12, 24  # most refinements towards an extremum, and most halvings towards a zero, of R_0
-NEAR = 0.02  # step, as a share of the bracket, at which Newton's method on all equations takes over
-SAME_ORBIT = 1e-7  # largest difference of equal orbits, in phase and relative in speed
-LOST, WOUND, CLOSED = range(3)  # ends of a walk: too long or too fine, a whole period on, back at its start
+# most refinements towards an extremum of the residual R_0; most halvings of a bracket around a zero of R_0
+MOST_ZOOMS, MOST_HALVINGS = 12, 24
+# length of a step, as a share of the first bracket, below which Newton's method on all equations takes over
+NEAR = 0.02
+SAME_ORBIT = 1e-7  # largest difference in phase, and relative difference in speed, of equal orbits
+# ends of a walk: it became too long, or its steps too short; its first time changed by a whole span; it came back to
+# its start
+LOST, WOUND, CLOSED = range(3)
 
 
 @kernel
@@ -40,12 +52,12 @@ def enter_orbit(n_plus, n_minus, tau, v, trace, work):
 
 
 @kernel
-def keep(work, n, delta, epsilon, beta):
-    """Add the orbit at the times of `work` if it is admissible and stable, which means 0 < p(1) < 2 (1 + e^(−δ))."""
-    equations(work, n, delta, epsilon, beta)
-    _value, _slope, at_one = eliminated(work, n)
+def keep_if_stable(work, n, delta, epsilon, beta):
+    """Add the orbit whose n impacts have the times in `work` to `work.found`, if it is admissible and stable."""
+    write_equations(work, n, delta, epsilon, beta)
+    _value, _slope, at_one = eliminate_times(work, n)
     most = 2.0 * (1.0 + determinant(delta, 1.0, n))
-    if 0.0 < at_one < most:
+    if 0.0 < at_one < most:  # both multipliers lie inside the unit circle
         admissible, tau, v = fastest_if_admissible(work, n, delta, epsilon, beta)
         if admissible:
             n_plus = 0.0
@@ -55,10 +67,11 @@ def keep(work, n, delta, epsilon, beta):
 
 
 @kernel
-def point_reached(work, n, s, farthest, delta, epsilon, beta):
-    """Write the point of the curve at distance s along the walk's direction to the times of `work`.
+def correct_to_curve(work, n, s, farthest, delta, epsilon, beta):
+    """Set the times in `work` to the point of the curve at the distance s along the walk's direction.
 
-    The point is not found if a correction is longer than `farthest`.
+    The curve holds the motions that satisfy all impact equations but the first, whose residual is R_0. The point is not
+    found if a correction is longer than `farthest`, in forcing periods.
 
     Returns
     -------
@@ -68,14 +81,14 @@ def point_reached(work, n, s, farthest, delta, epsilon, beta):
     for i in range(n):
         work.times[i] = work.point[i] + s * work.direction[i]
     for _ in range(MOST_CORRECTIONS):
-        equations(work, n, delta, epsilon, beta)
-        value, slope, _at_one = eliminated(work, n)
+        write_equations(work, n, delta, epsilon, beta)
+        value, slope, _at_one = eliminate_times(work, n)
         off, along = 0.0, 0.0
         for i in range(n):
             off += work.direction[i] * work.change[i]
             along += work.direction[i] * work.response[i]
         first = -off / along
-        size = moved(work, n, first)
+        size = move_times(work, n, first)
         if not size < farthest:
             break
         if size < CORRECTED:
@@ -85,7 +98,15 @@ def point_reached(work, n, s, farthest, delta, epsilon, beta):
 
 @kernel
 def turn_of_curve(work, n):
-    """Return the cosine between the directions of the walk and of the curve, and the signed length of `response`."""
+    """Return the cosine of the angle between the walk and the curve at the times in `work`, and the size of `response`.
+
+    `work.response` is a vector along the curve. Its size is negative if it points backwards along the walk.
+
+    Returns
+    -------
+    tuple of float
+        The cosine and the signed size.
+    """
     square, along = 0.0, 0.0
     for i in range(n):
         square += work.response[i] * work.response[i]
@@ -95,15 +116,15 @@ def turn_of_curve(work, n):
 
 
 @kernel
-def zero_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, beta):
-    """Keep the orbit at the sign change of R_0 between the distances lo and hi, if it is admissible and stable.
+def keep_zero_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, beta):
+    """Add the orbit at which R_0 changes sign between the distances lo and hi to `work.found`, if it is stable.
 
-    The search takes Newton steps along the curve, or halves the bracket if a step leaves the bracket. Finally Newton's
-    method solves all equations.
+    R_0 is the residual of the first impact equation, f_lo and f_hi at the ends. The search takes Newton steps along the
+    curve, or halves the bracket if a step leaves the bracket. Finally Newton's method solves all equations.
     """
     s, close = lo - f_lo * (hi - lo) / (f_hi - f_lo), NEAR * (hi - lo)
     for _ in range(MOST_HALVINGS):
-        ok, f, slope = point_reached(work, n, s, farthest, delta, epsilon, beta)
+        ok, f, slope = correct_to_curve(work, n, s, farthest, delta, epsilon, beta)
         if not ok:
             break
         lo, hi = (s, hi) if (f > 0.0) == (f_lo > 0.0) else (lo, s)
@@ -114,12 +135,21 @@ def zero_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, beta):
         s = s + step if inside else 0.5 * (lo + hi)
     solved, _at_one = newton_on_times(work, n, 0.1, delta, epsilon, beta)
     if solved:
-        keep(work, n, delta, epsilon, beta)
+        keep_if_stable(work, n, delta, epsilon, beta)
 
 
 @kernel
-def other_sign(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon, beta):
-    """Return (found, distance, R_0) of a point near an extremum of R_0 at which its sign differs from both ends."""
+def find_sign_change(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon, beta):
+    """Search between the distances 0 and hi for a point at which R_0 has a sign other than at both ends.
+
+    R_0 is the residual of the first impact equation. It has an extremum between the ends if its slopes there differ in
+    sign.
+
+    Returns
+    -------
+    tuple
+        (found, distance, R_0) of the point.
+    """
     lo, whole = 0.0, hi
     if min(abs(f_lo), abs(f_hi)) > 0.5 * hi * max(abs(slope_lo), abs(slope_hi)):
         return False, 0.0, 0.0
@@ -131,7 +161,7 @@ def other_sign(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon, beta
             if (f_lo + slope_lo * (s - lo)) * f_lo > 0.0:
                 break
         s = lo - slope_lo * (hi - lo) / (slope_hi - slope_lo)
-        ok, f, slope = point_reached(work, n, s, whole, delta, epsilon, beta)
+        ok, f, slope = correct_to_curve(work, n, s, whole, delta, epsilon, beta)
         if not ok:
             break
         if f * f_lo <= 0.0:
@@ -144,15 +174,15 @@ def other_sign(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon, beta
 
 
 @inline
-def resolved(s, f0, slope0, f1, slope1):
-    """Return whether R_0 bends so little over a step that its values and slopes at both ends show all its zeros."""
+def is_resolved(s, f0, slope0, f1, slope1):
+    """Return whether values and slopes of the residual R_0 at both ends of a step s show all its zeros in the step."""
     bend = abs(f1 - f0 - 0.5 * s * (slope0 + slope1))
     return bend < (0.2 * abs(f1 - f0) if (f0 > 0.0) != (f1 > 0.0) else min(abs(f0), abs(f1)))
 
 
 @kernel
-def came_round(work, n, s):
-    """Return whether the next step, of length s, passes the start of the walk, so that the circuit has closed."""
+def has_closed(work, n, s):
+    """Return whether the next step, of length s, passes the start of the walk: then the walk has closed a circuit."""
     ahead, square = 0.0, 0.0
     for i in range(n):
         d = work.start[i] - work.point[i]
@@ -163,11 +193,11 @@ def came_round(work, n, s):
 
 @kernel
 def begin_walk(work, n, delta, epsilon, beta):
-    """Begin a walk at the point of the curve near the times of `work`, and return (found, R_0, dR_0/ds) there."""
+    """Begin a walk at the point of the curve near the times in `work`; return (found, R_0, dR_0/ds) at this point."""
     for i in range(n):
         work.point[i], work.direction[i] = work.times[i], 0.0
     work.direction[0] = 1.0
-    ok, f, slope = point_reached(work, n, 0.0, FARTHEST, delta, epsilon, beta)
+    ok, f, slope = correct_to_curve(work, n, 0.0, FARTHEST, delta, epsilon, beta)
     cosine, length = turn_of_curve(work, n)
     for i in range(n):
         work.start[i] = work.point[i] = work.times[i]
@@ -176,23 +206,24 @@ def begin_walk(work, n, delta, epsilon, beta):
 
 
 @kernel
-def walk_round(work, n, span, longest, delta, epsilon, beta):
-    """Keep all stable orbits on the circuit near the times of `work`.
+def walk_circuit(work, n, span, longest, delta, epsilon, beta):
+    """Walk along the circuit near the times in `work`, and add all stable orbits on it to `work.found`.
 
-    The walk ends when the first time has changed by `span`, or when the circuit closes. Steps are no longer than
-    `longest`.
+    The orbits are the zeros of the residual R_0 of the first impact equation. The walk ends when the first time has
+    changed by `span`, or when the circuit closes. Steps are no longer than `longest`.
 
     Returns
     -------
     tuple
-        WOUND, CLOSED or LOST (the walk came to neither end), and the number of sign changes of R_0.
+        WOUND if the first time changed by `span`, CLOSED if the circuit closed, LOST if neither was reached; and the
+        number of sign changes of R_0.
     """
     ok, f0, slope0 = begin_walk(work, n, delta, epsilon, beta)
     s, zeros = longest, 0
     for step in range(MOST_STEPS if ok else 0):
-        ok, f1, slope1 = point_reached(work, n, s, s, delta, epsilon, beta)
+        ok, f1, slope1 = correct_to_curve(work, n, s, s, delta, epsilon, beta)
         cosine, length = turn_of_curve(work, n)
-        if not ok or cosine < LEAST_COSINE or (s > FINEST * longest and not resolved(s, f0, slope0, f1, slope1)):
+        if not ok or cosine < LEAST_COSINE or (s > FINEST * longest and not is_resolved(s, f0, slope0, f1, slope1)):
             s *= 0.4
             if s < SHORTEST:
                 break
@@ -201,14 +232,14 @@ def walk_round(work, n, span, longest, delta, epsilon, beta):
             work.next_point[i], work.next_direction[i] = work.times[i], work.response[i] / length
         if (f0 > 0.0) != (f1 > 0.0):
             zeros += 1
-            zero_between(work, n, 0.0, s, f0, f1, s, delta, epsilon, beta)
+            keep_zero_between(work, n, 0.0, s, f0, f1, s, delta, epsilon, beta)
         else:
-            crosses, at, f = other_sign(work, n, s, f0, slope0, f1, slope1, delta, epsilon, beta)
+            crosses, at, f = find_sign_change(work, n, s, f0, slope0, f1, slope1, delta, epsilon, beta)
             if crosses:
                 zeros += 2
-                zero_between(work, n, 0.0, at, f0, f, s, delta, epsilon, beta)
-                zero_between(work, n, at, s, f, f1, s, delta, epsilon, beta)
-        if step > 2 and came_round(work, n, s):
+                keep_zero_between(work, n, 0.0, at, f0, f, s, delta, epsilon, beta)
+                keep_zero_between(work, n, at, s, f, f1, s, delta, epsilon, beta)
+        if step > 2 and has_closed(work, n, s):
             return CLOSED, zeros
         if abs(work.next_point[0] - work.start[0]) >= span:
             return WOUND, zeros

@@ -1,4 +1,4 @@
-"""The period-one motions in closed form (compiled): A and C (P(1,1,0)), B and D (P(1,1,1)).
+"""The period-one motions in closed form (compiled): A and C, which are P(1,1,0), and B and D, which are P(1,1,1).
 
 With X = ε cos 2πτ, Y = ε sin 2πτ and the time s = 1/2 + σ from Σ⁺ to Σ⁻, the conditions that a P(1,1,1) closes are
 linear in X and Y. Let p and q be the decaying parts of the velocity after the impacts on Σ⁺ and on Σ⁻, Y' = ε sin 2π(τ
@@ -8,8 +8,9 @@ linear in X and Y. Let p and q be the decaying parts of the velocity after the i
 
 and the displacements if p(1 − Es) + q(1 − Er) = 4πδ and p(1 − Es)/δ = 2β + 4πs − X(1 − cos 2πs) − Y sin 2πs.
 
-At small damping and backlash the differences p − 4π, q − 4π and s − 1/2 are as small as δ and β. So the parameter of
-the family is σ = s − 1/2, and p − 4π is computed, not p: no digits cancel, however small δ and β are.
+At small damping and backlash the differences p − 4π, q − 4π and s − 1/2 are as small as δ and β. So the
+parameter of the family of P(1,1,1) is σ = s − 1/2, and p − 4π is computed, not p: no digits cancel, however small δ and
+β are.
 
 These closed forms hold for forcing by one cosine and elastic impacts (`forcing.Forcing.ONE_COSINE`). Other gears solve
 the equations of `rattle.impacting.orbits.impact_times`.
@@ -30,11 +31,12 @@ from rattle.numerics.secant import narrow_bracket
 
 A, B, C, D = np.arange(4)  # np.int64, like the walls, so that kernels are not compiled again for Python integers
 FOUR_PI = 4.0 * math.pi
-SAME_TIME = 1e-6  # largest difference of flight times that counts as the same impact
+SAME_TIME = 1e-6  # largest difference of two times of flight, in forcing periods, that counts as the same impact
 # speed at Σ⁻, relative to the speed at Σ⁺, below which rounding does not distinguish the impact from a graze
 GRAZING_SPEED = 2.5e-7
-SLOW, NEAR = 2.5e-5, 1e-4  # errors allowed at a graze: of the speed, relative to the speed at Σ⁺, and of the time
-EDGE = 1e-9  # |σ| of the nodes next to σ = 0, where the equations are singular
+# largest errors allowed at a graze: of its speed, relative to the speed at Σ⁺, and of its time, in forcing periods
+SLOW, NEAR = 2.5e-5, 1e-4
+EDGE = 1e-9  # |σ| of the two nodes next to σ = 0, where the equations are singular
 NODES_PER_SIDE = 160
 MOST_NODES = 2 * NODES_PER_SIDE + 24
 Array = NDArray[np.float64]
@@ -42,20 +44,21 @@ Array = NDArray[np.float64]
 
 @inline
 def sine_offset_kernel(delta):
-    """Return the result of `limits.sine_offset`, compiled."""
+    """Return the result of `limits.sine_offset` inside kernels."""
     return sine_offset_series(delta * delta) if delta < SMALL else 2.0 - delta / math.tanh(0.5 * delta)
 
 
 @kernel
-def closure_residual(sigma, delta, beta):
-    """Return the numerators of X, Y, v and u (speeds at Σ⁺ and Σ⁻), and their common denominator, at σ.
+def closure_numerators(sigma, delta, beta):
+    """Return the P(1,1,1) whose impact on Σ⁻ follows that on Σ⁺ after the time 1/2 + σ, as numerators and denominator.
 
-    The impact on Σ⁻ follows the impact on Σ⁺ after the time 1/2 + σ.
+    The numerators are those of X = ε cos 2πτ, Y = ε sin 2πτ, and of the speeds v at Σ⁺ and u at Σ⁻. Their common
+    denominator vanishes at σ = 0.
 
     Returns
     -------
     tuple of float
-        Four numerators and the denominator.
+        The numerators of X, Y, v and u, and the denominator.
     """
     omc, siny, _defect = versines(sigma)
     cosy = 1.0 - omc  # siny and cosy are sine and cosine of 2πσ, which are minus sine and cosine of 2πs
@@ -76,30 +79,30 @@ def closure_residual(sigma, delta, beta):
     determinant = a11 * a22 - a12 * a21
     x, y = b1 * a22 - a12 * b2, a11 * b2 - a21 * b1
     y_s = -(y * cosy + x * siny)
-    p = FOUR_PI * (k_r * determinant + er * y_s - y) / le  # this is p − 4π, see the module
-    v = p + TWO_PI * y
-    u = p * es - FOUR_PI * ls * determinant + TWO_PI * y_s
+    p_excess = FOUR_PI * (k_r * determinant + er * y_s - y) / le  # numerator of p − 4π
+    v = p_excess + TWO_PI * y
+    u = p_excess * es - FOUR_PI * ls * determinant + TWO_PI * y_s
     return x, y, v, u, determinant
 
 
 @kernel
-def amplitude(sigma, delta, beta):
-    """Return ε(σ) on the family; it is infinite at the pole σ = 0."""
-    x, y, _v, _u, determinant = closure_residual(sigma, delta, beta)
+def family_eccentricity(sigma, delta, beta):
+    """Return the eccentricity ε of the P(1,1,1) at this σ; it is infinite at the pole σ = 0."""
+    x, y, _v, _u, determinant = closure_numerators(sigma, delta, beta)
     return math.hypot(x, y) / abs(determinant)
 
 
 @kernel
 def residual(kind, level, sigma, delta, beta):
-    """Return ε(σ) − level (kind 0), or the numerator of the speed at Σ⁻ (kind 1), which has no pole."""
+    """Return ε(σ) − level if kind is 0, or if kind is 1 the numerator of the speed at Σ⁻, which has no pole."""
     if kind == 0:
-        return amplitude(sigma, delta, beta) - level
-    return closure_residual(sigma, delta, beta)[3]
+        return family_eccentricity(sigma, delta, beta) - level
+    return closure_numerators(sigma, delta, beta)[3]
 
 
 @kernel
 def solve_bracketed(kind, level, lo, hi, delta, beta):
-    """Return the root of a residual that changes sign over (lo, hi), to adjacent doubles.
+    """Return the root σ of a `residual` that changes sign between lo and hi, to rounding.
 
     kind and level are those of `residual`. A secant step that stalls is replaced by bisection.
 
@@ -127,36 +130,36 @@ def turning_point(lo, hi, sign, delta, beta):
     """Return the minimum (sign = 1) or maximum (−1) of ε(σ) inside (lo, hi) by golden section."""
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     x1, x2 = hi - ratio * (hi - lo), lo + ratio * (hi - lo)
-    f1, f2 = sign * amplitude(x1, delta, beta), sign * amplitude(x2, delta, beta)
+    f1, f2 = sign * family_eccentricity(x1, delta, beta), sign * family_eccentricity(x2, delta, beta)
     while hi - lo > 1e-9 * abs(0.5 * (lo + hi)):
         if f1 < f2:
             hi, x2, f2 = x2, x1, f1
             x1 = hi - ratio * (hi - lo)
-            f1 = sign * amplitude(x1, delta, beta)
+            f1 = sign * family_eccentricity(x1, delta, beta)
         else:
             lo, x1, f1 = x1, x2, f2
             x2 = lo + ratio * (hi - lo)
-            f2 = sign * amplitude(x2, delta, beta)
+            f2 = sign * family_eccentricity(x2, delta, beta)
     return 0.5 * (lo + hi)
 
 
 @kernel
 def fill_nodes(delta, beta, sigma, e):
-    """Write the results of `nodes` to two arrays of length MOST_NODES, and return the number of nodes."""
+    """Write the results of `nodes` to the arrays sigma and e of length MOST_NODES, and return the number of nodes."""
     n = NODES_PER_SIDE
     for i in range(n):
         gap = EDGE * (0.5 * (1.0 - 1e-6) / EDGE) ** (i / (n - 1.0))
         sigma[n - 1 - i], sigma[n + i] = -gap, gap
     size = 2 * n
     for i in range(size):
-        e[i] = amplitude(sigma[i], delta, beta)
+        e[i] = family_eccentricity(sigma[i], delta, beta)
     for i in range(1, 2 * n - 1):
         below = e[i] < e[i - 1] and e[i] < e[i + 1]
         above = e[i] > e[i - 1] and e[i] > e[i + 1]
         pole = i == n - 1 or i == n
         if (below or above) and not pole and size < sigma.size:
             sigma[size] = turning_point(sigma[i - 1], sigma[i + 1], 1.0 if below else -1.0, delta, beta)
-            e[size] = amplitude(sigma[size], delta, beta)
+            e[size] = family_eccentricity(sigma[size], delta, beta)
             size += 1
     for i in range(2 * n, size):  # insertion sort, because only a few turning points join nodes that are in order
         new, new_e, j = sigma[i], e[i], i
@@ -168,7 +171,7 @@ def fill_nodes(delta, beta, sigma, e):
 
 
 def nodes(delta: float, beta: float) -> tuple[Array, Array]:
-    """Return nodes σ, rising, and ε(σ) at the nodes; between two neighbouring nodes ε is monotone.
+    """Return nodes of the family of P(1,1,1): rising σ, and ε(σ), which is monotone between neighbouring nodes.
 
     The nodes are geometrically spaced on both sides of the pole σ = 0. The turning points of ε(σ) are nodes too.
 
@@ -184,13 +187,13 @@ def nodes(delta: float, beta: float) -> tuple[Array, Array]:
 
 @kernel
 def trace_of_one_flight(delta, x):
-    """Return the trace of DΠ at A or C, where x = ε cos 2πτ. The determinant is e^(−δ)."""
+    """Return the trace of the tangent map DΠ at A or C. x is ε cos 2πτ of the orbit."""
     return 1.0 + math.exp(-delta) + FOUR_PI * math.expm1(-delta) * x / (delta * delta)
 
 
 @kernel
 def single_impact_orbit(cosine, delta, epsilon, beta, offset):
-    """Return A (cosine < 0) or C (cosine > 0): (admissible, τ, v, trace)."""
+    """Return (admissible, τ, v, trace of the tangent map) of A if cosine < 0, of C if cosine > 0."""
     v = TWO_PI * delta
     if epsilon < abs(offset) or epsilon == 0.0:
         return False, 0.0, v, 0.0
@@ -203,8 +206,8 @@ def single_impact_orbit(cosine, delta, epsilon, beta, offset):
 
 @kernel
 def double_impact_orbit(sigma, delta, epsilon, beta):
-    """Return the P(1,1,1) orbit at σ: (admissible, τ, v, trace)."""
-    x, y, v, u, determinant = closure_residual(sigma, delta, beta)
+    """Return (admissible, τ, v, trace of the tangent map) of the P(1,1,1) at σ."""
+    x, y, v, u, determinant = closure_numerators(sigma, delta, beta)
     x, y, v, u = x / determinant, y / determinant, v / determinant, u / determinant
     tau, s, r = folded(math.atan2(y, x) / TWO_PI), 0.5 + sigma, 0.5 - sigma
     if not (v > 0.0 and u > 0.0):
@@ -232,7 +235,10 @@ def double_impact_orbit(sigma, delta, epsilon, beta):
 
 @kernel
 def record_root(orbit, admissible, tau, v, trace, exists, phase, speed, traces, i):
-    """Write an admissible orbit unless its letter has one. σ falls from 1/2, so the branch born at SN2 comes first."""
+    """Write an admissible orbit A to D of cell i, unless the cell has one of this letter already.
+
+    Orbits come by falling σ from 1/2, so those of the branch born at SN2 are written.
+    """
     if admissible and not exists[orbit, i]:
         exists[orbit, i] = True
         phase[orbit, i], speed[orbit, i], traces[orbit, i] = tau, v, trace
@@ -240,7 +246,7 @@ def record_root(orbit, admissible, tau, v, trace, exists, phase, speed, traces, 
 
 @kernel
 def fill_period_one(order, delta, epsilon, beta, offset, sigma, e, exists, phase, speed, traces):
-    """Write the results of `period_one_cells` to arrays of False and NaN; sigma and e are scratch memory."""
+    """Write the results of `period_one_cells` to arrays that hold False and NaN; sigma and e are scratch memory."""
     last, n = -1, 0
     for i in order:
         d, eps, b = delta[i], epsilon[i], beta[i]
@@ -266,7 +272,7 @@ def period_one_cells(
     Returns
     -------
     tuple[NDArray[np.bool_], Array, Array, Array]
-        (exists, τ, v, trace), each (4, n), NaN where an orbit does not exist.
+        (exists, τ, v, trace of the tangent map), each (4, n) for A to D, NaN where an orbit does not exist.
     """
     exists = np.zeros((4, delta.size), np.bool_)
     phase, speed, traces = np.full((3, *exists.shape), np.nan)
@@ -277,12 +283,12 @@ def period_one_cells(
 
 @kernel
 def next_grazing(sigma, delta, beta):
-    """Return the first σ above the given one at which the speed at Σ⁻ vanishes; NaN if there is none."""
-    lo, f_lo = sigma, closure_residual(sigma, delta, beta)[3]
+    """Return the next larger σ at which the P(1,1,1) has speed 0 at Σ⁻; NaN if there is none up to 1/2."""
+    lo, f_lo = sigma, closure_numerators(sigma, delta, beta)[3]
     ratio = (0.5 / EDGE) ** (1.0 / (2.0 * NODES_PER_SIDE))
     while lo < 0.5:
         hi = min(lo * ratio, 0.5)
-        f_hi = closure_residual(hi, delta, beta)[3]
+        f_hi = closure_numerators(hi, delta, beta)[3]
         if (f_lo > 0.0) != (f_hi > 0.0):
             return solve_bracketed(1, 0.0, lo, hi, delta, beta)
         lo, f_lo = hi, f_hi
@@ -291,14 +297,16 @@ def next_grazing(sigma, delta, beta):
 
 @kernel
 def grazing_point(sigma, delta, beta):
-    """Return the orbit at σ whose speed at Σ⁻ vanishes, and whether it touches Σ⁻ there and meets no wall before.
+    """Return the grazing orbit at a σ of `next_grazing`.
+
+    The orbit is admissible if no impact but the touch on Σ⁻ precedes its next impact on Σ⁺, one period later.
 
     Returns
     -------
     tuple
         (admissible, ε, τ, ε cos 2πτ).
     """
-    x, y, _v, _u, determinant = closure_residual(sigma, delta, beta)
+    x, y, _v, _u, determinant = closure_numerators(sigma, delta, beta)
     x, y = x / determinant, y / determinant
     epsilon, tau, s = math.hypot(x, y), folded(math.atan2(y, x) / TWO_PI), 0.5 + sigma
     v = TWO_PI * delta
@@ -313,7 +321,7 @@ def grazing_point(sigma, delta, beta):
 
 @kernel
 def fill_grazing(curve, delta, beta, epsilon, phase, trace):
-    """Write the results of `grazing_cells` to arrays of NaN."""
+    """Write the results of `grazing_cells` to arrays that hold NaN."""
     for i in range(delta.size):
         sigma = next_grazing(EDGE, delta[i], beta[i])
         while sigma < 0.5:
@@ -325,7 +333,13 @@ def fill_grazing(curve, delta, beta, epsilon, phase, trace):
 
 
 def grazing_cells(curve: int, delta: Array, beta: Array) -> tuple[Array, Array, Array]:
-    """Return G1 (curve 0: C grazes) or G2 (1: A grazes) at flat arrays: (ε, τ, trace), NaN where it does not exist."""
+    """Return the curve G1 (curve = 0, where C grazes) or G2 (curve = 1, where A grazes) at flat arrays of δ and β.
+
+    Returns
+    -------
+    tuple[Array, Array, Array]
+        ε, τ, and the trace of the tangent map without the graze, each (n,); NaN where the curve does not exist.
+    """
     epsilon, phase, trace = np.full((3, delta.size), np.nan)
     fill_grazing(curve, delta, beta, epsilon, phase, trace)
     return epsilon, phase, trace
@@ -333,7 +347,7 @@ def grazing_cells(curve: int, delta: Array, beta: Array) -> tuple[Array, Array, 
 
 @kernel
 def grazing_cosine(delta, beta):
-    """Return ε cos 2πτ and ε at the first graze of the family beyond σ = 0, of A or C; NaN if there is none."""
+    """Return ε cos 2πτ and ε at the first σ > 0 at which the P(1,1,1) grazes Σ⁻; NaN if there is none."""
     sigma = next_grazing(EDGE, delta, beta)
-    x, y, _v, _u, determinant = closure_residual(sigma, delta, beta)
+    x, y, _v, _u, determinant = closure_numerators(sigma, delta, beta)
     return x / determinant, math.hypot(x, y) / abs(determinant)

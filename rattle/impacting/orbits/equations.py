@@ -38,9 +38,10 @@ from rattle.orbits.periodic import Equations
 
 @kernel
 def fill_equations(x, gaps, m, multiplier, flights, residual, matrix):
-    """Write the flights (6, k, n), R (k, n) and J(λ) (k, n, n) of motions x (k, n + 2) over the distances gaps (n,).
+    """Write the flights (6, k, n), residuals R (k, n) and Jacobians J(λ) (k, n, n) of motions x (k, n + 2).
 
-    λ is `multiplier`. The arrays are zero at the start. `matrix` (k, 0, 0) means that J is not needed.
+    x holds n times, δ and ε of each motion, `gaps` (n,) the distance of each flight, and λ is `multiplier`. The arrays
+    are zero at the start. If J is not needed, `matrix` has the shape (k, 0, 0).
     """
     k, n, size = x.shape[0], gaps.size, matrix.shape[1]
     for j in range(k):
@@ -69,7 +70,7 @@ def fill_equations(x, gaps, m, multiplier, flights, residual, matrix):
 
 @dataclass(frozen=True)
 class Itinerary(Equations):
-    """The walls that a motion meets in order, its number of forcing periods, and the half-backlash."""
+    """The itinerary of a motion of the impacting gear (walls, forcing periods, half-backlash), and its equations."""
 
     @property
     def n(self) -> int:
@@ -78,12 +79,14 @@ class Itinerary(Equations):
 
     @cached_property
     def gaps(self) -> Array:
-        """Distance D of each flight (n,)."""
+        """Distances (n,) of the flights from wall to wall: 0 or ±2β."""
         walls = np.asarray(self.walls)
         return self.beta * (np.roll(walls, -1) - walls)
 
-    def _solved(self, x: NDArray, multiplier: complex = 1.0, *, with_matrix: bool = False) -> tuple[NDArray, ...]:
-        """Return flights (6, …, n), R (…, n), and J(λ): (…, n, n), or (…, 0, 0) without `with_matrix`."""
+    def _flights_and_residual(
+        self, x: NDArray, multiplier: complex = 1.0, *, with_matrix: bool = False
+    ) -> tuple[NDArray, ...]:
+        """Return flights (6, …, n), residual R (…, n) and Jacobian J(λ) (…, n, n); without `with_matrix` J is empty."""
         batch, n = batch_of(x), self.n
         k, size = len(batch), n if with_matrix else 0
         flights, residual, matrix = (np.zeros(shape, complex) for shape in ((6, k, n), (k, n), (k, size, size)))
@@ -92,31 +95,31 @@ class Itinerary(Equations):
 
     def flights(self, x: NDArray) -> Flights:
         """Return the flights between impacts at the times x[…, :n], for δ = x[…, n] and ε = x[…, n + 1]."""
-        return Flights(*self._solved(x)[0])
+        return Flights(*self._flights_and_residual(x)[0])
 
     def residual(self, x: NDArray) -> NDArray:
-        """Return R (…, n), which is 0 where every impact obeys the impact law."""
-        return self._solved(x)[1]
+        """Return the residual R (…, n); entry i is 0 if impact number i obeys the impact law."""
+        return self._flights_and_residual(x)[1]
 
     def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
         """Return the residual R and its Jacobian J(λ) = ∂R/∂t (…, n, n) for perturbations with dt_n = λ dt₀."""
-        _, residual, matrix = self._solved(x, multiplier, with_matrix=True)
+        _, residual, matrix = self._flights_and_residual(x, multiplier, with_matrix=True)
         return residual, matrix
 
     def with_graze(self, x: NDArray, impact: int) -> NDArray:
-        """Return R followed by the arrival velocity at impact number `impact`, (…, n + 1)."""
-        flights, residual, _ = self._solved(x)
+        """Return the residual R, followed by the arrival velocity at impact number `impact`, as (…, n + 1)."""
+        flights, residual, _ = self._flights_and_residual(x)
         return np.concatenate([residual, flights[1][..., impact - 1, None]], axis=-1)
 
     def monodromy(self, x: Array) -> Array:
-        """Return the tangent map over the period: the product of the flights' tangent maps in (t, w²/2).
+        """Return the tangent map of the motion over its period, in the coordinates (t, w²/2).
 
-        The tangent map of a flight of duration s has determinant e^(−δs).
+        It is the product of the tangent maps of the flights; that of a flight of duration s has determinant e^(−δs).
 
         Returns
         -------
         Array
-            (2, 2), infinite at a graze.
+            The matrix (2, 2), infinite at a graze.
         """
         flights = self.flights(x)
         product = np.eye(2)
@@ -143,8 +146,16 @@ class Itinerary(Equations):
         return float(terms.sum()) if np.isfinite(terms).all() else np.inf
 
 
-def on_line(itinerary: Itinerary, origin: Array, direction: Array) -> ContinuationProblem:
-    """Return the equations R(times, p) = 0, (…, n + 1) → (…, n), of a motion at (δ, ε) = origin + p · direction."""
+def equations_on_line(itinerary: Itinerary, origin: Array, direction: Array) -> ContinuationProblem:
+    """Return the impact equations of a motion along the line (δ, ε) = origin + p · direction.
+
+    The n + 1 unknowns are the n times and p.
+
+    Returns
+    -------
+    ContinuationProblem
+        The n equations.
+    """
 
     def equations(y: NDArray) -> NDArray:
         n = itinerary.n
@@ -154,10 +165,10 @@ def on_line(itinerary: Itinerary, origin: Array, direction: Array) -> Continuati
 
 
 def smooth_multipliers(itinerary: Itinerary, x: Array, grazed: int | None = None) -> NDArray[np.complex128]:
-    """Return both multipliers (2,) of the motion at x.
+    """Return both multipliers (2,) of the motion at x (n + 2,).
 
-    At a graze, `grazed` is the number of the grazing impact. The result is then the finite multipliers of the motion
-    without this impact.
+    If the motion grazes, `grazed` is the number of the grazing impact, and the multipliers are those of the motion
+    without this impact, which are finite.
 
     Returns
     -------
@@ -165,6 +176,6 @@ def smooth_multipliers(itinerary: Itinerary, x: Array, grazed: int | None = None
         The multipliers, the larger modulus first.
     """
     if grazed is not None:
-        itinerary, x = itinerary.without(grazed), np.delete(x, grazed)
+        itinerary, x = itinerary.without_impact(grazed), np.delete(x, grazed)
     determinant = itinerary.law.determinant(x[itinerary.n], itinerary.m, itinerary.n)
     return multipliers_of(itinerary.trace(x), determinant)

@@ -1,7 +1,7 @@
 """A motion of period one as the times of its impacts, at one parameter point (compiled).
 
-The equations are those of `rattle.impacting.orbits.equations` for n times: n conditions R_i = 0 that impact i is
-elastic, each with three neighbouring times. All equations but the first are solved for all times but the first. The
+The equations are those of `rattle.impacting.orbits.equations` for n times. Equation i, R_i = 0, says that impact i is
+elastic; it contains three neighbouring times. All equations but the first are solved for all times but the first. The
 residual R_0 of the first equation is then a function of the first time, along a curve of motions that close except for
 one impact.
 """
@@ -25,27 +25,27 @@ from rattle.flight.impact_law import arrival_term
 from rattle.flight.law import LONGEST_DECAY, decay64, folded
 from rattle.numerics.compile import inline, kernel
 
-SAME_TIME = 1e-6  # largest difference of flight times that counts as the same flight
+SAME_TIME = 1e-6  # largest difference of two times of flight, in forcing periods, that counts as the same flight
 SOLVED = 1e-11  # length of a Newton step, in forcing periods, after which the solution is exact to rounding
 NEARLY = 1e-7  # length of a Newton step that suffices if steps no longer become shorter
 NEWTON_STEPS = 12
 SHARE_LEFT = 0.4  # least share of a flight's duration that remains after one step of Newton's method
 
-MOST_IMPACTS = 128  # most impacts of a motion
-MOST_ORBITS = 160  # most orbits of a cell
-SECTIONS = 32  # sections of half a period with a constant rate of bounces
+MOST_IMPACTS = 128  # largest number of impacts of a motion
+MOST_ORBITS = 160  # largest number of stable orbits of a cell
+SECTIONS = 32  # number of sections of half a period, in each of which the rate of bounces is taken as constant
 
 #: Fields of a motion: `times` of its impacts in order, with `sines` and `cosines` of 2πt. For each equation: its
 #: `residual`, and its derivatives with respect to the time of the impact `before`, `at` this impact and `after` it.
 #: After elimination: the `change` of the times that solves all equations but the first at a fixed first time, and the
 #: `response` of the times to a unit change of the first time.
 _OF_MOTION = ("times", "sines", "cosines", "residual", "before", "at", "after", "change", "response")
-#: Fields of a walk along the curve of motions: its start, its point and direction, and the point and direction after a
-#: step.
+#: Fields of a walk along the curve of motions that satisfy all equations but the first: the times at its start, the
+#: times and the direction at its present point, and those after a step.
 _OF_WALK = ("start", "point", "direction", "next_point", "next_direction")
-#: Scratch memory of a search for orbits. walls: +1 or −1 for each impact. shares: shares of the bounces of half a
-#: period (`bounces`). found: the n_found stable orbits of a cell, with impacts on Σ⁺ and Σ⁻ in a period, phase and
-#: speed of the fastest impact on Σ⁺, and trace of the tangent map.
+#: Scratch memory of a search for orbits. walls: +1 or −1 for each impact. shares: see `bounces.fill_shares`. found: a
+#: row for each of the n_found stable orbits of a cell: its impacts on Σ⁺ and on Σ⁻ in a period, phase and speed of its
+#: fastest impact on Σ⁺, and the trace of its tangent map.
 WORK = np.dtype(
     [("walls", np.int64, (MOST_IMPACTS,))]
     + [(name, np.float64, (MOST_IMPACTS,)) for name in (*_OF_MOTION, *_OF_WALK)]
@@ -60,9 +60,10 @@ def workspace() -> np.void:
 
 @inline
 def flight_velocities(s, sin0, cos0, gap, delta, epsilon):
-    """Return the velocities at both ends of a flight of duration s over the distance gap, and 1 − e^(−δs).
+    """Return the velocities w₀ and w₁ at both ends of a flight of duration s over the distance `gap`, and 1 − e^(−δs).
 
-    The equation F(s) = gap, with F as in `rattle.flight.law`, is linear in w₀. Short flights lose no digits.
+    w₀ solves the linear equation F(s) = gap, where F is the displacement of `rattle.flight.law`. Short flights lose no
+    digits.
 
     Returns
     -------
@@ -81,13 +82,19 @@ def flight_velocities(s, sin0, cos0, gap, delta, epsilon):
 
 @inline
 def following_impact(i, n):
-    """Return the number of the next impact, and 1 if it belongs to the next period (else 0)."""
+    """Return the number of the impact after impact i of n, and 1.0 if it belongs to the next period, else 0.0."""
     return (i + 1, 0.0) if i < n - 1 else (0, 1.0)
 
 
 @kernel
-def equations(work, n, delta, epsilon, beta):
-    """Write residuals and derivatives to `work`; return whether all flights leave and reach their walls in the gap."""
+def write_equations(work, n, delta, epsilon, beta):
+    """Write the residuals of the n impact equations and their derivatives to `work`.
+
+    Returns
+    -------
+    bool
+        Whether each flight leaves its wall into the gap and reaches the next wall from the gap.
+    """
     walls, times, at = work.walls, work.times, work.at
     for i in range(n):
         work.sines[i], work.cosines[i] = phase_at(times[i])
@@ -111,16 +118,17 @@ def equations(work, n, delta, epsilon, beta):
 
 
 @kernel
-def eliminated(work, n):
-    """Solve all equations but the first, for n ≥ 2.
+def eliminate_times(work, n):
+    """Solve all linearised impact equations except the first, for the changes of all times except the first; n ≥ 2.
 
-    p(1) = (1 − λ₁)(1 − λ₂) = 1 + e^(−δ) − trace is det J(1) times a positive factor. λ₁ and λ₂ are the multipliers of
-    an orbit, and the trace is their sum.
+    The solution is written to `work.change` and `work.response`. p(1) = (1 − λ₁)(1 − λ₂) = 1 + e^(−δ) − trace is
+    det J(1) times a positive factor. λ₁ and λ₂ are the multipliers of an orbit, and the trace is their sum.
 
     Returns
     -------
     tuple of float
-        (R_0 after `change`, derivative of R_0 with respect to the first time along `response`, p(1)).
+        The residual R_0 of the first equation after `change`, its derivative with respect to the first time along
+        `response`, and p(1).
     """
     before, at, after, change, response = work.before, work.at, work.after, work.change, work.response
     for i in range(1, n):
@@ -147,15 +155,15 @@ def eliminated(work, n):
 
 
 @kernel
-def moved(work, n, first):
-    """Move the times by `change` + `first` · `response`, and return the largest full change of a time.
+def move_times(work, n, first):
+    """Move the times in `work` by `change` + `first` · `response`.
 
-    All changes are shortened by a common factor if a flight would almost vanish otherwise.
+    All changes are shortened by a common factor if otherwise the duration of a flight would almost vanish.
 
     Returns
     -------
     float
-        The largest change of a time before shortening.
+        The largest change of a time, in forcing periods, before it is shortened.
     """
     size, share = 0.0, 1.0
     for i in range(n):
@@ -174,7 +182,7 @@ def moved(work, n, first):
 
 @kernel
 def newton_on_times(work, n, farthest, delta, epsilon, beta):
-    """Solve all equations by Newton's method.
+    """Solve all n impact equations by Newton's method, starting from the times in `work`.
 
     The method fails if a step is longer than `farthest`, in forcing periods, or if the motion would come from behind a
     wall.
@@ -182,13 +190,13 @@ def newton_on_times(work, n, farthest, delta, epsilon, beta):
     Returns
     -------
     tuple
-        (found, p(1)); p(1) is that of `eliminated`, NaN if no solution is found.
+        Whether a solution was found, and its p(1) as in `eliminate_times`, NaN if none was found.
     """
     size = math.inf
     for _ in range(NEWTON_STEPS):
-        real = equations(work, n, delta, epsilon, beta)
-        value, slope, at_one = eliminated(work, n)
-        last, size = size, moved(work, n, -value / slope)
+        real = write_equations(work, n, delta, epsilon, beta)
+        value, slope, at_one = eliminate_times(work, n)
+        last, size = size, move_times(work, n, -value / slope)
         if not size < farthest:
             break
         if size < SOLVED or (size < NEARLY and size >= 0.5 * last):
@@ -198,7 +206,15 @@ def newton_on_times(work, n, farthest, delta, epsilon, beta):
 
 @kernel
 def fastest_if_admissible(work, n, delta, epsilon, beta):
-    """Return whether the motion is admissible (each flight is a first impact), and τ, v of its fastest Σ⁺ impact."""
+    """Return whether the motion in `work` is admissible, and phase τ and speed v of its fastest impact on Σ⁺.
+
+    Each flight must end at its first impact.
+
+    Returns
+    -------
+    tuple
+        (admissible, τ, v).
+    """
     tau, v = 0.0, 0.0
     for i in range(n):
         j, later = following_impact(i, n)

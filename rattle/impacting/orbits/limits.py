@@ -17,11 +17,12 @@ from rattle.errors import real_array, require
 from rattle.flight.forcing import quiet_eccentricity
 from rattle.numerics.compile import inline
 
-SMALL = 0.05  # damping below which the series of `sine_offset` is exact to rounding
+SMALL = 0.05  # damping below which the series of `sine_offset_series` is exact to rounding
 FloatArray = NDArray[np.float64]
 
 
-def _damping(delta: ArrayLike) -> FloatArray:
+def _checked_damping(delta: ArrayLike) -> FloatArray:
+    """Return the damping as an array. Raises ParameterError unless all values are finite and greater than 0."""
     value = real_array("delta", delta)
     require(bool(np.all(np.isfinite(value) & (value > 0))), "delta must be finite and greater than 0")
     return value
@@ -34,7 +35,7 @@ def sine_offset_series(q: Any) -> Any:
 
 
 def sine_offset(delta: ArrayLike) -> FloatArray:
-    """Return ε sin 2πτ of A and C, 2 − δ coth(δ/2) ≤ 0. At small δ a series avoids cancellation."""
+    """Return 2 − δ coth(δ/2) ≤ 0, which is ε sin 2πτ of A and C. At small δ a series avoids cancellation."""
     d = np.asarray(delta, dtype=np.float64)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # warnings of the branch that np.where discards
         series, exact = sine_offset_series(d * d), 2.0 - d / np.tanh(d / 2)
@@ -42,13 +43,13 @@ def sine_offset(delta: ArrayLike) -> FloatArray:
 
 
 def sn1_formula(delta: ArrayLike) -> FloatArray:
-    """Return ε of the saddle-node SN1 of A and C, |2 − δ coth(δ/2)| (paper 4.1), virtual or not."""
-    return np.abs(sine_offset(_damping(delta)))
+    """Return ε = |2 − δ coth(δ/2)| of the saddle-node SN1 of A and C (paper 4.1), also where it is virtual."""
+    return np.abs(sine_offset(_checked_damping(delta)))
 
 
 def flip_formula(delta: ArrayLike) -> FloatArray:
-    """Return ε of the flip PDC of C, ε² = SN1² + (δ² coth(δ/2)/2π)², virtual or not. Not in the paper."""
-    d = _damping(delta)
+    """Return ε of the flip PDC of C, ε² = SN1² + (δ² coth(δ/2)/2π)², also where it is virtual. Not in the paper."""
+    d = _checked_damping(delta)
     with np.errstate(over="ignore"):  # the square overflows from δ = 3e154 on
         return np.hypot(sn1_formula(d), d * (2.0 - sine_offset(d)) / (2 * np.pi))
 
@@ -64,5 +65,5 @@ def quiet_limit(delta: ArrayLike) -> FloatArray:
     float or ndarray
         ε, of the shape of delta.
     """
-    d = _damping(delta)
+    d = _checked_damping(delta)
     return quiet_eccentricity(d)

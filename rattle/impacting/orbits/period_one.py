@@ -3,9 +3,9 @@
 The module also has the regions that the sets of orbits define, the grazing curves G1 (C touches Σ⁻) and G2 (A touches
 Σ⁻), and SN1 and the flip of C where the motions that bifurcate there are admissible.
 
-On the P(1,1,1) family of `rattle.impacting.orbits.closed_form` the orbit grazes where its speed at Σ⁻ vanishes. There
-the orbit is also A or C, so v = 2πδ, and the multipliers of the motion that misses Σ⁻ are those of A or C: their sum is
-1 + E − 4π(1 − E) ε cos 2πτ/δ² and their product E = e^(−δ).
+On the family of P(1,1,1) in `rattle.impacting.orbits.closed_form` an orbit grazes Σ⁻ if its speed there is 0. This
+orbit is also A or C, so its speed v on Σ⁺ is 2πδ. The multipliers of A or C, which misses Σ⁻, have the sum 1 + E − 4π(1
+− E) ε cos 2πτ/δ² and the product E = e^(−δ).
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formul
 from rattle.orbits.period_one import NAMES, MissingLimit, Orbit, PeriodOne, classify, existing_orbits, multipliers_of
 
 CURVES = ("G1", "G2")
-BESIDE, LARGEST = 1.0 + 1e-9, np.finfo(np.float64).max  # factor just above SN1; largest ε
+# factor on ε of SN1 that gives a point just above SN1; largest ε
+BESIDE, LARGEST = 1.0 + 1e-9, np.finfo(np.float64).max
 
 
 class Grazing(NamedTuple):
@@ -38,7 +39,7 @@ class Grazing(NamedTuple):
 
 
 def grazing(curve: str, delta: ArrayLike, beta: ArrayLike = 0.6) -> Grazing:
-    """Return G1 or G2 at every element of the broadcast damping and half-backlash (dimensionless).
+    """Return the orbits on the grazing curve G1 or G2 at every element of the broadcast damping and half-backlash.
 
     Raises ParameterError if an argument is outside its domain. Source: paper, section 5.2.
 
@@ -179,7 +180,7 @@ def _where_c_exists(epsilon: ArrayLike, delta: ArrayLike, beta: ArrayLike, virtu
 
 
 def missing_limits(delta: float, beta: float) -> tuple[MissingLimit, ...]:
-    """Return a `MissingLimit` for SN1 and for the flip of C, for each whose motion is virtual at this damping."""
+    """Return a `MissingLimit` for each of SN1 and the flip of C that does not exist at this damping."""
     born, end = not np.isnan(sn1(delta, beta)), float(grazing("G1", delta, beta).epsilon)
     found = []
     if not born:

@@ -1,7 +1,7 @@
 """Any periodic motion P(m, n₊, n₋), stable or not.
 
-The unknowns of a motion are the times of its impacts. A solution has multipliers, and a check shows whether it is
-admissible: each flight must end at its first impact.
+The unknowns of a motion are the times of its impacts. For a solution the multipliers are computed, and whether it is
+admissible: then each flight ends at its first impact.
 """
 
 from dataclasses import dataclass
@@ -15,11 +15,13 @@ from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.period_one import orbits_at
 from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import Orbit
-from rattle.orbits.periodic import MOST_IMPACTS, Periodic, at_parameters, with_shortest_period
+from rattle.orbits.periodic import MOST_IMPACTS, Periodic, solve_at_parameters, with_shortest_period
 
-SAME_TIME = 1e-6  # largest difference of flight times that counts as the same flight
-GRAZING_SPEED = 1e-6  # largest speed, in units of `speed_unit`, that rounding may give a graze
-GRAZING_TIME = 1e-4  # largest error that a speed of this size causes in the time and in the arrival speed
+SAME_TIME = 1e-6  # largest difference of two times of flight, in forcing periods, that counts as the same flight
+GRAZING_SPEED = 1e-6  # largest impact speed, in units of `law.speed_unit`, that rounding may give to a graze
+# largest error that GRAZING_SPEED causes in the time of the impact, in forcing periods, and in the arrival speed, in
+# units of `law.speed_unit`
+GRAZING_TIME = 1e-4
 
 
 @dataclass(frozen=True, repr=False)
@@ -48,13 +50,13 @@ class PeriodicOrbit(Periodic):
 
 
 def orbit_of(itinerary: Itinerary, x: Array) -> PeriodicOrbit:
-    """Return the motion at a solution x (n + 2,), with its times shifted so that the first is in [0, 1)."""
+    """Return the motion at a solution x = (n times, δ, ε), with its times shifted so that the first is in [0, 1)."""
     speeds = -np.asarray(itinerary.walls) * itinerary.flights(x).w0
-    return PeriodicOrbit.of(itinerary, x, speeds, itinerary.trace(x), admissible(itinerary, x))
+    return PeriodicOrbit.from_solution(itinerary, x, speeds, itinerary.trace(x), is_admissible(itinerary, x))
 
 
-def admissible(itinerary: Itinerary, x: Array, grazed: int | None = None) -> bool:
-    """Return whether the motion at x (n + 2,) is admissible.
+def is_admissible(itinerary: Itinerary, x: Array, grazed: int | None = None) -> bool:
+    """Return whether the motion at x = (n times, δ, ε) is admissible.
 
     A motion is admissible if it leaves each wall into the gap and each flight ends at its first impact. If `grazed` is
     given, impact number `grazed` has speed 0, and the motion may make or miss this impact.
@@ -62,7 +64,7 @@ def admissible(itinerary: Itinerary, x: Array, grazed: int | None = None) -> boo
     Returns
     -------
     bool
-        False where the motion is virtual.
+        False if the motion is virtual.
     """
     return first_failure(itinerary, x, grazed) is None
 
@@ -88,13 +90,13 @@ def first_failure(itinerary: Itinerary, x: Array, grazed: int | None = None) -> 
             if not -walls[i] * w > 0.0:
                 return i, 0, float(ends[i])
         to = (i + 1) % n
-        status, s, wall, w1 = _impact(walls[i], ends[i], w, delta, epsilon, itinerary.beta)
+        status, s, wall, w1 = _first_impact(walls[i], ends[i], w, delta, epsilon, itinerary.beta)
         if status != first_impact.OK:
             return i, 0, float(ends[i])
         if to == grazed:
             late = abs(s - (ends[i + 1] - ends[i])) > GRAZING_TIME
             missed = wall != walls[to] or late or abs(w1) > GRAZING_TIME * unit
-            if missed and not _passes(itinerary, ends, i, s, wall):
+            if missed and not _skips_graze(itinerary, ends, i, s, wall):
                 return i, int(wall), float(ends[i] + s)
             continue
         near = GRAZING_TIME if i == grazed else SAME_TIME
@@ -103,17 +105,17 @@ def first_failure(itinerary: Itinerary, x: Array, grazed: int | None = None) -> 
     return None
 
 
-def _passes(itinerary: Itinerary, ends: Array, i: int, s: float, wall: int) -> bool:
+def _skips_graze(itinerary: Itinerary, ends: Array, i: int, s: float, wall: int) -> bool:
     """Return whether flight i, which misses the grazing impact i + 1, ends at impact i + 2 of the itinerary."""
     after = (i + 2) % itinerary.n
     arrival = ends[i + 2] if i + 2 < ends.size else ends[1] + itinerary.m
     return bool(wall == itinerary.walls[after] and abs(s - (arrival - ends[i])) < GRAZING_TIME)
 
 
-def _impact(
+def _first_impact(
     wall: int, time: float, w: float, delta: float, epsilon: float, beta: float
 ) -> tuple[int, float, int, float]:
-    """Return status, flight time, wall and velocity of the first impact of a flight."""
+    """Return (status, time of flight, wall, arrival velocity) of the first impact of a flight."""
     found = first_impact.first_impact(wall, float(law.folded(time)), w, delta, epsilon, beta, forcing.DRIFT)
     return int(found[0]), float(found[1]), int(found[2]), float(found[3])
 
@@ -121,7 +123,7 @@ def _impact(
 def follow_impacts(
     delta: float, epsilon: float, beta: float, tau: float, v: float, n_plus: int
 ) -> tuple[Itinerary, Array]:
-    """Return the itinerary and the unknowns of the flights from (τ, v) over the next n_plus impacts on Σ⁺.
+    """Return the itinerary and the impact times of the motion from (τ, v) over the next n_plus impacts on Σ⁺.
 
     Returns
     -------
@@ -136,9 +138,11 @@ def follow_impacts(
     walls, times = [1], [tau]
     time, wall, w, left = tau, 1, -v, n_plus
     while True:
-        status, s, wall, w1 = _impact(wall, time, w, delta, epsilon, beta)
+        status, s, wall, w1 = _first_impact(wall, time, w, delta, epsilon, beta)
         if status != first_impact.OK or len(times) > MOST_IMPACTS:
-            raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: it comes to rest, or stays on Σ⁻")
+            raise RattleError(
+                f"no periodic motion near tau = {tau}, v = {v}: the motion from there comes to rest, or stays on Σ⁻"
+            )
         time, w = time + s, impact_law.reflected_velocity(w1)
         left -= wall == 1
         if left == 0:
@@ -174,23 +178,36 @@ def periodic_orbit(
     require_integer("n_plus", n_plus, 1, MOST_IMPACTS)
     tau = float(law.folded(require_finite("tau", tau)))
     itinerary, x = follow_impacts(delta, epsilon, beta, tau, v, n_plus)
-    found = at_parameters(itinerary, x)
-    if found is None or not admissible(itinerary, found):
-        raise RattleError(f"no periodic motion with {n_plus} impacts on Σ⁺ near tau = {tau}, v = {v}: start closer")
+    found = solve_at_parameters(itinerary, x)
+    if found is None or not is_admissible(itinerary, found):
+        raise RattleError(
+            f"no periodic motion with {n_plus} impacts on Σ⁺ near tau = {tau}, v = {v}: start closer to it"
+        )
     require(bool(np.isfinite(found).all()), "the periodic motion is beyond double precision")
     return orbit_of(*with_shortest_period(itinerary, found))
 
 
 def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
-    """Return a motion as a `PeriodicOrbit`; an `Orbit` is solved again. Raises ParameterError for other orbits."""
+    """Return a motion as a `PeriodicOrbit`. For an `Orbit` the impact equations are solved.
+
+    Returns
+    -------
+    PeriodicOrbit
+        The motion with its impacts, multipliers and stability.
+
+    Raises
+    ------
+    ParameterError
+        If the motion is of another type, or of the stiff gear.
+    """
     if isinstance(orbit, PeriodicOrbit):
         return orbit
     require(isinstance(orbit, Orbit), f"orbit must be an Orbit or a PeriodicOrbit, got {type(orbit).__name__}")
-    require(not orbit.added, "this orbit is of the stiff gear: follow it with rattle.stiff.stiff_branch")
+    require(not orbit.added, "orbit must be of the impacting gear, not of the stiff gear (rattle.stiff.stiff_branch)")
     return periodic_orbit(orbit.delta, orbit.epsilon, orbit.tau, orbit.v, orbit.n_plus, orbit.beta)
 
 
-def admissible_or_why(itinerary: Itinerary, x: Array, grazed: int | None = None) -> str | None:
+def why_virtual(itinerary: Itinerary, x: Array, grazed: int | None = None) -> str | None:
     """Return None if the motion at x is admissible, else a sentence that says why it is not."""
     failure = first_failure(itinerary, x, grazed)
     if failure is None:

@@ -1,4 +1,4 @@
-"""All stable orbits of period one at parameter points, each cell by itself (compiled).
+"""Find all stable orbits of period one at many parameter points, each cell by itself (compiled).
 
 P(1, 1, 0) comes from closed forms, and P(1, n, 0) from `rattle.impacting.orbits.bounces`. Orbits with impacts on Σ⁻ are
 found on the circuits (`rattle.impacting.orbits.circuits`) of three kinds of itineraries, where + and − are impacts on
@@ -15,7 +15,7 @@ from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS
 from rattle.flight.forcing import phase_of_least_force, relative_swing
 from rattle.flight.impact_law import determinant
 from rattle.impacting.orbits.bounces import find_bounces
-from rattle.impacting.orbits.circuits import CLOSED, LOST, enter_orbit, keep, walk_round
+from rattle.impacting.orbits.circuits import CLOSED, LOST, enter_orbit, keep_if_stable, walk_circuit
 from rattle.impacting.orbits.closed_form import single_impact_orbit
 from rattle.impacting.orbits.impact_times import newton_on_times, workspace
 from rattle.impacting.orbits.limits import sine_offset
@@ -24,15 +24,16 @@ from rattle.numerics.compile import kernel
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
-MOST_CROSSINGS = 16  # largest k of (+−)^k
-MOST_ON_ONE_WALL = 6  # largest n of +^n −, and largest k of + −^k
-PHASES = 4  # phases of the first impact from which a circuit of (+−)^k is searched
-# guesses of the time of a flight across the gap, each with a flag whether Newton's method is tried before the walk
+MOST_CROSSINGS = 16  # largest k of itineraries (+−)^k, where + and − are impacts on Σ⁺ and Σ⁻
+MOST_ON_ONE_WALL = 6  # largest number of impacts on one wall if there is a single impact on the other wall
+PHASES = 4  # number of phases of the first impact from which a circuit of motions (+−)^k is searched
+# guesses of the duration of a flight across the gap, in forcing periods, each with a flag: try Newton's method before a
+# walk along the circuit
 STARTS = ((0.3, True), (0.25, True), (0.15, False), (0.12, False))
 
 
-class Stable(NamedTuple):
-    """The stable orbits of period one of cells.
+class StableOrbits(NamedTuple):
+    """The stable orbits of period one of many cells.
 
     Attributes
     ----------
@@ -57,7 +58,11 @@ class Stable(NamedTuple):
 
 @kernel
 def find_crossings(least, work, delta, epsilon, beta):
-    """Keep the stable orbits (+−)^k. A walk ends when the first impact has moved by 1/k, to the place of the third."""
+    """Add the stable orbits with the walls (+−)^k to `work.found`, for all k.
+
+    `least` is the phase of least contact force. A walk ends when the first impact has moved by 1/k, to the time that
+    the third impact had at the start.
+    """
     idle = 0
     for k in range(1, MOST_CROSSINGS + 1):
         n = 2 * k
@@ -66,10 +71,10 @@ def find_crossings(least, work, delta, epsilon, beta):
             for i in range(n):
                 work.walls[i] = 1 - 2 * (i % 2)
                 work.times[i] = least + (phase / PHASES + 0.5 * i) / k
-            how, zeros = walk_round(work, n, 1.0 / k, longest, delta, epsilon, beta)
+            how, zeros = walk_circuit(work, n, 1.0 / k, longest, delta, epsilon, beta)
             if how != LOST:
                 break
-        # a motion of period 1/k without forcing and damping would cross the gap
+        # whether a motion of period 1/k would cross the gap if there were no forcing and no damping
         crosses = 4.0 * k * k * beta > math.pi * delta
         idle = idle + 1 if crosses and zeros == 0 else 0
         if idle == 2:  # motions with more crossings are faster and dissipate more, so no stable ones follow
@@ -77,8 +82,8 @@ def find_crossings(least, work, delta, epsilon, beta):
 
 
 @kernel
-def find_single(single, others, least, work, delta, epsilon, beta):
-    """Keep the stable orbits with one impact on the wall `single` and `others` on the other wall.
+def find_with_single_impact(single, others, least, work, delta, epsilon, beta):
+    """Add the stable orbits with one impact on the wall `single` and `others` on the other wall to `work.found`.
 
     These orbits lie on a circuit (`circuits`) that closes around one motion. If `single` is Σ⁻, the single impact of
     this motion comes at the phase `least` of least contact force; if it is Σ⁺, half a period later. If the gap is small
@@ -92,16 +97,17 @@ def find_single(single, others, least, work, delta, epsilon, beta):
             work.walls[i] = single if i == 0 else -single
             work.times[i] = t
             t += crossing if i == 0 else (1.0 - 2.0 * crossing) / (others - 1)
+        # a walk that begins at an orbit may miss this orbit
         if solved and newton_on_times(work, n, 0.3, delta, epsilon, beta)[0]:
-            keep(work, n, delta, epsilon, beta)  # a walk that begins at a zero of R_0 may miss this zero
-        how, _zeros = walk_round(work, n, 1.0, 0.1 * math.sqrt(n), delta, epsilon, beta)
+            keep_if_stable(work, n, delta, epsilon, beta)
+        how, _zeros = walk_circuit(work, n, 1.0, 0.1 * math.sqrt(n), delta, epsilon, beta)
         if how == CLOSED:
             break
 
 
 @kernel
 def find_stable(work, delta, epsilon, beta, offset):
-    """Keep all stable orbits of period one of a cell."""
+    """Add all stable orbits of period one of a cell to `work.found`. offset: ε sin 2πτ of A and C."""
     exists, tau, v, trace = single_impact_orbit(1.0, delta, epsilon, beta, offset)
     if exists and abs(trace) < 1.0 + determinant(delta, 1.0, 1):
         enter_orbit(1.0, 0.0, tau, v, trace, work)
@@ -110,15 +116,15 @@ def find_stable(work, delta, epsilon, beta, offset):
     x, gap = relative_swing(delta, epsilon), beta / delta
     for others in range(2, MOST_ON_ONE_WALL + 1):
         if gap < 0.25 * math.pi / (others * others - 1) + 0.8 * x / others:
-            find_single(SIGMA_MINUS, others, least, work, delta, epsilon, beta)
+            find_with_single_impact(SIGMA_MINUS, others, least, work, delta, epsilon, beta)
         if x > 0.6 + 0.4 * others and gap < 0.45 * x:
-            find_single(SIGMA_PLUS, others, least, work, delta, epsilon, beta)
+            find_with_single_impact(SIGMA_PLUS, others, least, work, delta, epsilon, beta)
     find_bounces(work, delta, epsilon, beta)
 
 
 @kernel
 def sort_by_impacts(work):
-    """Sort the found orbits by their number of impacts in a period."""
+    """Sort the orbits in `work.found` by their number of impacts in a period."""
     rows = work.found
     for i in range(1, work.n_found):
         j = i
@@ -130,7 +136,7 @@ def sort_by_impacts(work):
 
 @kernel
 def fill_stable(work, delta, epsilon, beta, offset, stable):
-    """Write the stable orbits at flat arrays of parameters (cells,) to the arrays of a `Stable`."""
+    """Write the stable orbits at flat arrays of parameters (cells,) to `stable`, a `StableOrbits` of zeros and NaN."""
     for cell in range(delta.size):
         work.n_found = 0
         find_stable(work, delta[cell], epsilon[cell], beta[cell], offset[cell])
@@ -142,7 +148,7 @@ def fill_stable(work, delta, epsilon, beta, offset, stable):
             stable.tau[cell, j], stable.v[cell, j], stable.trace[cell, j] = row[2], row[3], row[4]
 
 
-def stable_cells(delta: Array, epsilon: Array, beta: Array, room: int) -> Stable:
+def find_stable_orbits(delta: Array, epsilon: Array, beta: Array, room: int) -> StableOrbits:
     """Return the stable orbits of period one at flat arrays of parameters (cells,), at most `room` in each cell."""
     shape = (delta.size, room)
     n, (n_plus, n_minus), (tau, v, trace) = (
@@ -150,6 +156,6 @@ def stable_cells(delta: Array, epsilon: Array, beta: Array, room: int) -> Stable
         np.zeros((2, *shape), np.int64),
         np.full((3, *shape), np.nan),
     )
-    stable = Stable(n, n_plus, n_minus, tau, v, trace)
+    stable = StableOrbits(n, n_plus, n_minus, tau, v, trace)
     fill_stable(workspace(), delta, epsilon, beta, sine_offset(delta), stable)
     return stable

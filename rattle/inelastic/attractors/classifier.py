@@ -21,7 +21,7 @@ from rattle.attractors.samples import CONTACT, Outcome, Trajectories
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.families.join import cells_between
-from rattle.impacting.attractors.classifier import alike, roughness_of
+from rattle.impacting.attractors.classifier import roughness_of, sorted_by_roughness
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, ImpactingCells
 from rattle.impacting.attractors.settle import measure as measure_in_lanes
 from rattle.impacting.attractors.settle import settle as settle_in_lanes
@@ -191,7 +191,7 @@ class InelasticClassifier(Classifier):
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
         """Follow samples `which` until each has an outcome or has made all impacts that its limit allows."""
         in_lanes, tables = self.in_lanes[samples.cell[which]], (samples.for_kernels(), self.balls.for_kernels())
-        some, flights = alike(which[in_lanes], samples, self.roughness), CHUNK if early else LONG_CHUNK
+        some, flights = sorted_by_roughness(which[in_lanes], samples, self.roughness), CHUNK if early else LONG_CHUNK
         settle_in_lanes(self.block, some, flights, self.lanes, *tables, self.paths)
         settle(which[~in_lanes], self.cells, *tables, self.states)
 

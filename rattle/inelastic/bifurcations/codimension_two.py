@@ -20,11 +20,11 @@ from functools import lru_cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import Bound, ContinuationProblem, Follower, Path, tangent_at, with_value
+from rattle.continuation.arclength import Bound, ContinuationProblem, Follower, Path, solution_with_value, tangent_at
 from rattle.errors import RattleError, require_number, require_one_of
 from rattle.impacting.bifurcations.codimension_two import POINTS, CodimensionTwo, codimension_two
 from rattle.impacting.orbits.equations import Itinerary
-from rattle.impacting.orbits.periodic import admissible_or_why
+from rattle.impacting.orbits.periodic import why_virtual
 from rattle.inelastic.bifurcations.starts import TWO, graze_starts
 from rattle.inelastic.orbits.equations import InelasticItinerary
 from rattle.notebook import Columns, TabularResult
@@ -140,7 +140,7 @@ class CodimensionTwoCurve(TabularResult):
         i = int(passed[0])
         share = apart[i] / (apart[i] - apart[i + 1]) if apart[i] != apart[i + 1] else 0.0
         guess = self._points[i] + share * (self._points[i + 1] - self._points[i])
-        found = with_value(_problem_of_point(self.name, self.beta), guess, R, r)
+        found = solution_with_value(_problem_of_point(self.name, self.beta), guess, R, r)
         if found is None:
             raise RattleError(f"Newton's method finds no {self.name} at r = {r:g}")
         return float(found[DELTA]), float(found[EPSILON])
@@ -194,7 +194,7 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
         raise RattleError(f"the elastic gear has no graze at beta = {beta:g} from which {name} can be followed")
     problem = _problem_of_point(name, beta)
     closest = min(near, key=lambda x: abs(float(x[-1]) - at.epsilon))
-    start = with_value(problem, np.append(closest, 1.0), R, 1.0)
+    start = solution_with_value(problem, np.append(closest, 1.0), R, 1.0)
     if start is None:
         raise RattleError(f"Newton's method finds no {name} at r = 1 and beta = {beta:g}")
 
@@ -203,7 +203,7 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
             return f"restitution = {lowest:g}" if x[R] < lowest else "restitution = 1"
         if not 0.0 < x[DELTA] < LARGEST_DAMPING * beta:
             return "the damping leaves the range that is followed"
-        return admissible_or_why(InelasticItinerary(TWO, 1, beta, float(x[R])), x[:R], 1)
+        return why_virtual(InelasticItinerary(TWO, 1, beta, float(x[R])), x[:R], 1)
 
     bounds = (Bound(R, lowest, 1.0), Bound(DELTA, 1e-3, LARGEST_DAMPING * beta))
     follower = Follower(problem, bounds, lambda x: reason_to_end(x) is None, lambda _: LONGEST)

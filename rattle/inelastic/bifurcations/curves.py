@@ -14,14 +14,14 @@ from rattle.continuation.curves import (
     Curve,
     CurveDescription,
     PlaneWindow,
-    spread_between,
-    traced,
+    interior_points,
+    trace_problem,
     window_range,
 )
 from rattle.errors import RattleError, broadcast_parameters, require, require_one_of
 from rattle.flight.forcing import DRIFT, TWO_PI
 from rattle.impacting.bifurcations.curves import ALL_EPSILON, LEAST_DELTA, REACH, describe_motion
-from rattle.impacting.orbits.periodic import admissible_or_why
+from rattle.impacting.orbits.periodic import why_virtual
 from rattle.inelastic.bifurcations.codimension_two import points_at
 from rattle.inelastic.bifurcations.registry import INELASTIC_CURVES, NAMES
 from rattle.inelastic.given import Harmonics, checked_harmonics
@@ -89,9 +89,9 @@ def trace(
 def _dampings_to_search(window: PlaneWindow, beta: float) -> Array:
     """Return the dampings at which a curve is searched for: values spread over the window, and its two edges."""
     low, high = window.delta
-    spread = spread_between(low, high)
+    spread = interior_points(low, high)
     if low < REACH * beta < high - low:  # in a wide window equal spacing would miss the curves
-        spread = np.concatenate([spread_between(low, REACH * beta), spread])
+        spread = np.concatenate([interior_points(low, REACH * beta), spread])
     return np.array([*spread, low, high])
 
 
@@ -107,7 +107,7 @@ def _trace_motion_curve(
                 yield np.append(x[:-1], x[-1] * unit)
 
     def reason_to_leave(x: Array) -> str | None:
-        return definition.belongs(x) or admissible_or_why(itinerary, unknowns_without_load(x, load), definition.impact)
+        return definition.belongs(x) or why_virtual(itinerary, unknowns_without_load(x, load), definition.impact)
 
     def describe_solution(x: Array) -> CurveDescription:
         found = describe_motion(itinerary, unknowns_without_load(x, load), definition.impact)
@@ -122,7 +122,9 @@ def _trace_motion_curve(
         ]
         return ": ".join([*near[:1], reason])
 
-    return traced(name, beta, problem, starting_points(), window, reason_to_leave, describe_solution, reason_with_point)
+    return trace_problem(
+        name, beta, problem, starting_points(), window, reason_to_leave, describe_solution, reason_with_point
+    )
 
 
 def _quiet_limit_curve(
@@ -151,7 +153,7 @@ def _quiet_limit_curve(
         return None if x[-1] <= first * (1.0 + SAME) else "the contact force reaches 0 at another phase first"
 
     nothing = np.full(2, complex(np.nan, np.nan))
-    return traced(
+    return trace_problem(
         QUIET_LIMIT,
         beta,
         ContinuationProblem(equations, scale=scale_at),

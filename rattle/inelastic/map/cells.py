@@ -13,7 +13,7 @@ from rattle.inelastic.map.contact import capture_of, quiet_invariant
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, bounds_of, forcing_shape, isolated_zeros, most_zeros
 from rattle.inelastic.map.impact_map import InelasticPoint
 from rattle.numerics.compile import for_type, kernel
-from rattle.orbits.return_map import between, point_of
+from rattle.orbits.return_map import point_between, point_of
 
 
 class InelasticCells(NamedTuple):
@@ -83,7 +83,7 @@ def _point_of(cell, cells):
     return point_at(cell, cells)
 
 
-@for_type(between, InelasticPoint)
+@for_type(point_between, InelasticPoint)
 def _between(share, one, other):
     delta = one.delta + share * (other.delta - one.delta)
     harmonics = one.harmonics + share * (other.harmonics - one.harmonics)

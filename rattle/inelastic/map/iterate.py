@@ -173,4 +173,4 @@ def iterate_tangent(
     n_plus, n_minus = _zero_counts(tau_.size, 2)
     growth = np.zeros((3, tau_.size))
     apply_inelastic_returns_with_tangent(tau_, v_, n_, cell, cells, n_plus, n_minus, growth)
-    return Stretched.of((tau_, v_, n_plus, n_minus), growth, shape)
+    return Stretched.from_growth((tau_, v_, n_plus, n_minus), growth, shape)

@@ -16,7 +16,7 @@ from rattle.errors import RattleError
 from rattle.impacting.bifurcations.codimension_two import CodimensionTwo
 from rattle.inelastic.attractors.classifier import InelasticClassifier
 from rattle.models.model import Array, Capability, Functions, Model, Range
-from rattle.orbits.iterates import Returned
+from rattle.orbits.iterates import StatesAfterReturn
 from rattle.orbits.period_one import PeriodOne
 from rattle.parameters import Harmonic, Parameters, parameters_in
 
@@ -89,7 +89,9 @@ class Inelastic(Model):
         return () if self.harmonics else inelastic.points_at(self.beta, self.restitution, self.load)
 
     @classmethod
-    def states_after_return(cls, parameters: Parameters, tau: Array, v: Array) -> Returned:
+    def states_after_return(cls, parameters: Parameters, tau: Array, v: Array) -> StatesAfterReturn:
         """Return states (n,) after one return to Σ⁺, at parameters (n,)."""
         more: dict[str, Any] = {**parameters.others, "harmonics": parameters.harmonics}
-        return Returned.of(inelastic.iterate_tangent(parameters.delta, parameters.epsilon, tau, v, 1, **more))
+        return StatesAfterReturn.from_iterates(
+            inelastic.iterate_tangent(parameters.delta, parameters.epsilon, tau, v, 1, **more)
+        )

@@ -15,18 +15,18 @@ FORMAT = 1
 class ClaimedState(StrEnum):
     """The state that a claim gives to one of the motions A, B, C and D."""
 
-    #: No such motion exists.
+    #: No motion with this letter exists.
     NONE = "none"
-    #: Exactly one exists; its stability is not claimed.
+    #: Exactly one motion with this letter exists; its stability is not claimed.
     THERE = "there"
-    #: Exactly one exists, and both of its multipliers are inside the unit circle.
+    #: Exactly one motion with this letter exists, and both of its multipliers are inside the unit circle.
     ATTRACTING = "attracting"
-    #: Exactly one exists, and one of its multipliers is outside the unit circle.
+    #: Exactly one motion with this letter exists, and one of its multipliers is outside the unit circle.
     SADDLE = "saddle"
 
 
 _NONE, _THERE, _ATTRACTING, _SADDLE = ClaimedState
-#: The states of A to D that the claim of each region I to V makes.
+#: The states that the claim of each region I to V gives to the motions A to D.
 REGIONS = {
     "I": {"A": _NONE, "B": _NONE, "C": _NONE, "D": _NONE},
     "II": {"A": _SADDLE, "B": _NONE, "C": _THERE, "D": _NONE},
@@ -34,7 +34,7 @@ REGIONS = {
     "IV": {"A": _SADDLE, "B": _SADDLE, "C": _THERE, "D": _SADDLE},
     "V": {"A": _SADDLE, "B": _NONE, "C": _NONE, "D": _THERE},
 }
-#: Claims about C or D alone, by the letter of the motion.
+#: {letter: claim} for claims about C or D alone.
 ATTRACTING = {letter: f"{letter} attracts" for letter in "CD"}
 SADDLE = {letter: f"{letter} is a saddle" for letter in "CD"}
 ABSENT = {letter: f"{letter} is not there" for letter in "CD"}
@@ -45,7 +45,7 @@ CLAIMS: dict[str, dict[str, ClaimedState]] = {
     **{claim: {letter: _SADDLE} for letter, claim in SADDLE.items()},
     **{claim: {letter: _NONE} for letter, claim in ABSENT.items()},
 }
-#: Claims about quiet running.
+#: Claims about quiet running. "quiet captures": motions slower than a given speed become quiet.
 QUIET, LOUD, CAPTURED = "quiet is possible", "quiet is impossible", "quiet captures"
 
 
@@ -83,5 +83,5 @@ class ProvedBlock:
         return document if self.speed is None else {**document, "speed": text(self.speed)}
 
     def json(self) -> str:
-        """Return the document, on one line."""
+        """Return the block as JSON text on one line."""
         return json.dumps(self.document(), ensure_ascii=False)

@@ -19,8 +19,8 @@ from rattle.proof.balls import PI, arb, arb_series
 
 #: Number of parts of a forcing period; the bounds are computed over each part.
 PARTS = 128
-#: Largest allowed ratio of h²Q to 2δ; the rest of the damping makes v³/g decay.
-KEPT = 0.95
+#: Largest allowed ratio of h²Q to 2δ, (20.5) of docs/proofs.md. v³/g decays from impact to impact if it is below 1.
+GROWTH_SHARE = 0.95
 
 
 def require_captures(piece: PlanePiece, speed: Fraction) -> None:
@@ -31,29 +31,30 @@ def require_captures(piece: PlanePiece, speed: Fraction) -> None:
     mean = 4 * PI() * piece.delta
     # g = 4πδ γ with γ = 1 − share cos θ; the proof shows v³/g ≤ invariant at every impact
     invariant = (arb(speed.numerator) / speed.denominator / mean) ** 3 / (1 - upper(share))
-    longest = _longest(piece, share, invariant)
+    longest = _half_duration_bound(piece, share, invariant)
     h = longest / (1 - piece.delta * longest)
     if not piece.delta * h < 1:
         raise NotProvedError("a bounce may last too long for Lemma 20: claim a smaller speed")
     for i in range(PARTS):
         here = hull(arb(i) / PARTS, arb(i + 1) / PARTS)
-        if not h * h * _growth(here, h, piece.delta, share) < 2 * KEPT * piece.delta:
+        if not h * h * _growth_coefficient(here, h, piece.delta, share) < 2 * GROWTH_SHARE * piece.delta:
             raise NotProvedError("v³/g may grow from one impact to the next: claim a smaller speed")
 
 
-def _force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """Return γ = g/4πδ = 1 − share cos 2πt and its first three derivatives, at a time t after the minimum of γ."""
+def _scaled_force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
+    """Return the force g/4πδ = 1 − share cos 2πt and three derivatives of it, at a time t after a minimum."""
     sine, cosine = (2 * t).sin_cos_pi()
     turn = 2 * PI()
     return 1 - share * cosine, turn * share * sine, turn**2 * share * cosine, -(turn**3) * share * sine
 
 
-def _longest(piece: PlanePiece, share: arb, invariant: arb) -> arb:
+def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
     """Return a bound H such that every bounce returns to Σ⁺ within 2H in the time x, without reaching Σ⁻.
 
-    invariant: an upper bound of v³/g at the impacts. Let v be the speed at which a bounce starts, at x = 0, and "least"
-    the minimum of g during 2H, both in units in which the mean of g is 1. A bounce returns within 2H if v < H · least,
-    because y ≤ x (v − x least/2). It stays lower than y = v²/(2 least).
+    x is the time of equation (20.2) of docs/proofs.md. invariant: an upper bound of v³/g at the impacts. Let v be the
+    speed at which a bounce starts, at x = 0, and "least" the minimum of g during 2H, both in units in which the mean of
+    g is 1. A bounce returns within 2H if v < H · least, because its height is y ≤ x (v − x least/2). It stays lower
+    than y = v²/(2 least).
 
     Returns
     -------
@@ -68,11 +69,11 @@ def _longest(piece: PlanePiece, share: arb, invariant: arb) -> arb:
     mean, longest = 4 * PI() * piece.delta, arb(0)
     for i in range(PARTS):
         here = hull(arb(i) / PARTS, arb(i + 1) / PARTS)
-        v = upper(invariant * upper(_force(here, share)[0])).root(3)
+        v = upper(invariant * upper(_scaled_force(here, share)[0])).root(3)
         h = upper(v / (1 - upper(share))) * (1 + arb(2.0**-10))
-        for _ in range(4):  # a shorter bounce sees less of g, so its minimum is larger and the bound H smaller
+        for _ in range(4):  # with a shorter bounce the minimum of g during it is larger, so the next bound H is smaller
             time = upper(-(1 - 2 * h * piece.delta).log() / piece.delta)
-            least = _force(hull(here, here + time), share)[0].lower()
+            least = _scaled_force(hull(here, here + time), share)[0].lower()
             if not least > 0:
                 raise NotProvedError("g may vanish during a bounce: claim a smaller speed")
             if v < h * least:
@@ -83,12 +84,12 @@ def _longest(piece: PlanePiece, share: arb, invariant: arb) -> arb:
     return longest
 
 
-def _growth(middle: arb, h: arb, delta: arb, share: arb) -> arb:
-    """Return Q (20.4) for all bounces whose middle is in the ball `middle` and which last at most 2h in x."""
-    w = hull(1 / (1 + delta * h), 1 / (1 - delta * h))  # e^(δ(t − t₀)) along the bounce
+def _growth_coefficient(middle: arb, h: arb, delta: arb, share: arb) -> arb:
+    """Return Q, (20.4) of docs/proofs.md, for bounces with the middle in a ball that last at most 2h in the time x."""
+    w = hull(1 / (1 + delta * h), 1 / (1 - delta * h))  # an enclosure of e^(δ(t − t₀)) along the bounce
     time = hull(-(1 + delta * h).log() / delta, -(1 - delta * h).log() / delta)
-    a, a1, _, _ = _derivatives(middle, arb(1), delta, share)
-    b, b1, b2, b3 = _derivatives(middle + time, w, delta, share)
+    a, a1, _, _ = _acceleration_derivatives(middle, arb(1), delta, share)
+    b, b1, b2, b3 = _acceleration_derivatives(middle + time, w, delta, share)
     h = hull(arb(0), h)
     lower = a + h * h * b2 / 6
     ratio = (a1 / 3 + h * h * b3 / 30) / lower
@@ -97,9 +98,9 @@ def _growth(middle: arb, h: arb, delta: arb, share: arb) -> arb:
     return (b3 / 5 - a1 * b2 / (3 * a)) / lower + 2 * theta * ratio**3 - third / 3
 
 
-def _derivatives(t: arb, w: arb, delta: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """Return a = w²γ and its first three derivatives with respect to x, where w = e^(δ(t − t₀)) = dt/dx."""
-    g, g1, g2, g3 = _force(t, share)
+def _acceleration_derivatives(t: arb, w: arb, delta: arb, share: arb) -> tuple[arb, arb, arb, arb]:
+    """Return a/4πδ, a of (20.2), docs/proofs.md, and three derivatives of it by x; w = dt/dx = e^(δ(t − t₀))."""
+    g, g1, g2, g3 = _scaled_force(t, share)
     first, second = 2 * delta * g + g1, 6 * delta**2 * g + 5 * delta * g1 + g2
     third = 24 * delta**3 * g + 26 * delta**2 * g1 + 9 * delta * g2 + g3
     return w**2 * g, w**3 * first, w**4 * second, w**5 * third

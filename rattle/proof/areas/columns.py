@@ -1,8 +1,8 @@
-"""Prove claims on a plane, column by column in δ: double precision guesses where one holds, ball arithmetic proves it.
+"""Prove claims on a plane, column by column in δ: doubles guess where a claim holds, ball arithmetic proves it.
 
 Within a column a claim holds for ε between two boundaries, which depend on δ. The finder takes the ε range that is
 between the boundaries at every δ of the column, leaves a margin at both ends, and tries to prove the claim on the whole
-range; where this fails, on its halves.
+range; where this fails, on the halves of the range.
 """
 
 from __future__ import annotations
@@ -29,17 +29,18 @@ from rattle.proof.certificate import Ends
 
 #: Precision of the balls in bits.
 BITS = 64
-#: Number of narrower columns into which a column is cut, for each kind of claim. Claims about C take little time.
+#: For each kind of claim the number of narrower columns into which a column is cut. Claims about C take little time, so
+#: their columns can be narrow.
 CUT = {"region": 1, QUIET: 1, "D": 1, "C": 4}
-#: Distances in ε from the boundary of a claim at which its proof is tried, the smallest first.
+#: Margins in ε that are left at the boundaries of a claim. The smallest margin with which a proof succeeds is used.
 MARGINS = tuple(Fraction(k, 10**6) for k in (40, 160, 640, 2560))
-#: Upper ends of the blocks on which quiet captures, as shares of the quiet limit.
+#: Upper ends in ε of the blocks with the claim "quiet captures", as shares of the quiet limit.
 CAPTURED_TO = (0.3, 0.5, 0.65, 0.76, 0.84, 0.89, 0.925, 0.95, 0.965, 0.975, 0.98)
 #: The capture speed of docs/decisions/0003 is multiplied by SLOWED until the proof succeeds, at most MOST_SLOWED times.
 SLOWED, MOST_SLOWED = Fraction(3, 4), 12
 #: Ratio of the published to the proved capture speed, so that programs with other rounding can confirm it.
 ROOM = Fraction(85, 100)
-#: Number of ε at which claims are computed in doubles, and of bisections of each interval in which they change.
+#: Number of ε at which claims are computed in doubles; number of bisections of each interval in which claims change.
 SEEN, HALVED = 301, 24
 #: Claims are also computed at this relative distance in ε on both sides of bifurcation curves.
 BESIDE = 1e-6
@@ -58,21 +59,23 @@ def columns(delta: Ends, number: int) -> list[Ends]:
     return list(pairwise(places))
 
 
-def proved(beta: Fraction, delta: Ends, epsilon: Ends) -> list[ProvedBlock]:
+def prove_column(beta: Fraction, delta: Ends, epsilon: Ends) -> list[ProvedBlock]:
     """Return all blocks that are proved in the column `delta` of a plane whose ends in ε are `epsilon`."""
     prover, found = Prover(beta), []
     with precision(BITS):
         for kind, parts in CUT.items():
             for part in columns(delta, parts):
-                for claim, low, high in expected(kind, float(beta), part, epsilon):
-                    limits = _within(low, high, epsilon)
-                    found += [ProvedBlock(claim, beta, part, ends) for ends in _proved(prover, claim, part, limits)]
-        found += _captured(beta, delta, epsilon)
+                for claim, low, high in expected_spans(kind, float(beta), part, epsilon):
+                    limits = _rounded_inwards(low, high, epsilon)
+                    found += [
+                        ProvedBlock(claim, beta, part, ends) for ends in _prove_ranges(prover, claim, part, limits)
+                    ]
+        found += _prove_captures(beta, delta, epsilon)
     return found
 
 
-def _captured(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[ProvedBlock]:
-    """Yield blocks whose upper ends are shares of the quiet limit, each with a proved capture speed."""
+def _prove_captures(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[ProvedBlock]:
+    """Yield blocks with the claim "quiet captures" in a column, each with its proved capture speed."""
     low, limit = epsilon[0], float(quiet_limit(float(delta[0])))
     for share in CAPTURED_TO:
         high = min(epsilon[1], round(Fraction(share * limit), PLACES))
@@ -91,19 +94,19 @@ def _captured(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[ProvedBloc
         low = high
 
 
-def _within(low: float, high: float, plane: Ends) -> Ends:
-    """Return the range from low to high, rounded inwards to PLACES decimals; an edge of the plane stays exact."""
+def _rounded_inwards(low: float, high: float, plane: Ends) -> Ends:
+    """Return the ε range from low to high, rounded inwards to PLACES decimals; edges of the plane stay exact."""
     unit = Fraction(1, 10**PLACES)
     least = plane[0] if low <= float(plane[0]) else (floor(Fraction(low) / unit) + 1) * unit
     return least, plane[1] if high >= float(plane[1]) else floor(Fraction(high) / unit) * unit
 
 
-def _proved(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 0) -> list[Ends]:
-    """Return the ε ranges within `limits` on which the claim is proved, over all δ of a column."""
+def _prove_ranges(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 0) -> list[Ends]:
+    """Return the ε ranges within `limits` on which a claim is proved for all δ of a column; there may be none."""
 
-    def proves(low: Fraction, high: Fraction) -> bool:
+    def is_proved(low: Fraction, high: Fraction) -> bool:
         try:
-            prover.require(claim, delta, (low, high))
+            prover.require_claim(claim, delta, (low, high))
         except NotProvedError:
             return False
         return True
@@ -113,23 +116,23 @@ def _proved(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 
         return []
     starts = [low, *(low + margin for margin in MARGINS)]
     stops = [high, *(high - margin for margin in MARGINS)]
-    begin = next((a for a, b in pairwise(starts) if b < high and proves(a, b)), starts[-1])
-    end = next((a for a, b in pairwise(stops) if low < b and proves(b, a)), stops[-1])
+    begin = next((a for a, b in pairwise(starts) if b < high and is_proved(a, b)), starts[-1])
+    end = next((a for a, b in pairwise(stops) if low < b and is_proved(b, a)), stops[-1])
     if not begin < end:
         return []
-    if proves(begin, end):
+    if is_proved(begin, end):
         return [(begin, end)]
     if depth == DEEPEST:
         return []
     middle = floor((begin + end) / 2 * 10**PLACES) * Fraction(1, 10**PLACES)
     halves = ((begin, middle), (middle, end))
-    return [ends for half in halves for ends in _proved(prover, claim, delta, half, depth + 1)]
+    return [ends for half in halves for ends in _prove_ranges(prover, claim, delta, half, depth + 1)]
 
 
-def expected(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
+def expected_spans(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
     """Return the spans of ε on which each claim of a kind holds in double precision.
 
-    kind: a key of CUT. In a span the claim holds at both ends and in the middle of the column's δ interval.
+    kind: "region", "C", "D" or QUIET. In a span the claim holds at both ends and in the middle of the δ interval.
 
     Returns
     -------
@@ -137,7 +140,7 @@ def expected(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
         (claim, low, high) of each span.
     """
     places = [float(delta[0]), float(sum(delta)) / 2, float(delta[1])]
-    found = [_spans(kind, place, beta, epsilon) for place in places]
+    found = [_spans_at(kind, place, beta, epsilon) for place in places]
     spans = found[0]
     for others in found[1:]:
         both = [
@@ -148,32 +151,32 @@ def expected(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
     return spans
 
 
-def _spans(kind: str, delta: float, beta: float, epsilon: Ends) -> list[Span]:
+def _spans_at(kind: str, delta: float, beta: float, epsilon: Ends) -> list[Span]:
     """Return the spans of ε on which each claim of a kind holds in double precision at one δ."""
-    grid = _places(delta, beta, epsilon)
-    here = _claims(kind, delta, grid, beta)
+    grid = _epsilon_grid(delta, beta, epsilon)
+    here = _claims_at(kind, delta, grid, beta)
     changes = np.flatnonzero(here[1:] != here[:-1])
     low, high = grid[changes], grid[changes + 1]
     for _ in range(HALVED):
         middle = (low + high) / 2
-        same = _claims(kind, delta, middle, beta) == here[changes]
+        same = _claims_at(kind, delta, middle, beta) == here[changes]
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     ends = [grid[0], *((low + high) / 2), grid[-1]]
     claims = here[[0, *(changes + 1)]]
     return [(str(claim), *each) for claim, each in zip(claims, pairwise(ends), strict=True) if claim]
 
 
-def _places(delta: float, beta: float, epsilon: Ends) -> NDArray[np.float64]:
-    """Return the ε at which claims are computed: equal steps, and points on both sides of the curves of A and C."""
+def _epsilon_grid(delta: float, beta: float, epsilon: Ends) -> NDArray[np.float64]:
+    """Return the ε at which claims are computed: equal steps, and points next to bifurcation curves, on both sides."""
     low, high = (float(end) for end in epsilon)
-    # two of these curves may be closer than a step
+    # equal steps alone could miss a claim that holds only between two curves that are closer than a step
     known = [sn1_formula(delta), flip_formula(delta), *(grazing(curve, delta, beta).epsilon for curve in CURVES)]
     beside = np.ravel(np.multiply.outer(np.array(known, np.float64), [1 - BESIDE, 1 + BESIDE]))
     return np.unique([*np.linspace(low, high, SEEN), *beside[(beside > low) & (beside < high)]])
 
 
-def _claims(kind: str, delta: float, epsilon: NDArray[np.float64], beta: float) -> NDArray[np.str_]:
-    """Return the claim of a kind that holds at each point, "" where none holds."""
+def _claims_at(kind: str, delta: float, epsilon: NDArray[np.float64], beta: float) -> NDArray[np.str_]:
+    """Return the claim of a kind that holds at each ε (n,) in double precision, "" where none holds."""
     if kind == QUIET:
         return np.where(epsilon < quiet_limit(delta), QUIET, LOUD)
     orbits = period_one(delta, epsilon, beta)

@@ -18,12 +18,15 @@ DEEPEST = 3
 
 @dataclass
 class Prover:
-    """Prove claims on blocks at one β. The cells of B and D are kept for all blocks with the same δ interval."""
+    """Prove claims on blocks at one β.
+
+    The prover keeps the cells of B and D (`two_impacts`) for further claims about the same δ interval.
+    """
 
     beta: Fraction
     _cells: dict[Ends, tuple[two_impacts.SolutionCell, two_impacts.SolutionCell]] = field(default_factory=dict)
 
-    def require(self, claim: str, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
+    def require_claim(self, claim: str, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
         """Prove that the claim holds at all points with δ and ε in these intervals.
 
         The block is tried as a whole; where this fails, its halves in δ are tried, down to DEEPEST halvings.
@@ -35,18 +38,18 @@ class Prover:
         """
         piece = PlanePiece(hull(*map(ball, delta)), hull(*map(ball, epsilon)), ball(self.beta))
         try:
-            self._require_whole(piece, claim, delta)
+            self._require_on_whole_piece(piece, claim, delta)
         except NotProvedError:
             if depth == DEEPEST:
                 raise
             middle = (delta[0] + delta[1]) / 2
-            self.require(claim, (delta[0], middle), epsilon, depth + 1)
-            self.require(claim, (middle, delta[1]), epsilon, depth + 1)
+            self.require_claim(claim, (delta[0], middle), epsilon, depth + 1)
+            self.require_claim(claim, (middle, delta[1]), epsilon, depth + 1)
 
-    def _require_whole(self, piece: PlanePiece, claim: str, delta: Ends) -> None:
+    def _require_on_whole_piece(self, piece: PlanePiece, claim: str, delta: Ends) -> None:
         """Raise NotProvedError unless the claim is proved on a piece as a whole, without cutting it."""
         if claim in (QUIET, LOUD):
-            if quiet.possible(piece) is not (claim == QUIET):
+            if quiet.is_quiet_possible(piece) is not (claim == QUIET):
                 raise NotProvedError(f"it is not proved that {claim} on the whole block: try a smaller block")
             return
         states = CLAIMS[claim]
@@ -55,14 +58,14 @@ class Prover:
         for letter in states.keys() & {"B", "D"}:
             if delta not in self._cells:
                 self._cells[delta] = two_impacts.initial_cells(piece)
-            runs, state = two_impacts.motions(piece, self._cells[delta], letter), states[letter]
+            runs, state = two_impacts.cells_of_motions(piece, self._cells[delta], letter), states[letter]
             claims_stability = state not in (ClaimedState.NONE, ClaimedState.THERE) and len(runs) == 1
             attracts = two_impacts.attracts(piece, runs[0]) if claims_stability else None
             require_state(letter, state, len(runs), attracts)
 
 
 def _find_one_impact(piece: PlanePiece, letter: str, state: ClaimedState) -> tuple[int | None, bool | None]:
-    """Return how many motions A (or C) exist, and whether the motion attracts; None where undecided or not claimed."""
+    """Return how many motions A (or C) exist, and whether A (or C) attracts; None if undecided or not claimed."""
     exists = one_impact.exists(piece, letter)
     if exists and state is not ClaimedState.THERE:
         return 1, one_impact.attracts(piece, letter)
@@ -87,6 +90,8 @@ def require_state(letter: str, state: ClaimedState, number: int | None, attracts
     if number is None:
         raise NotProvedError(f"it is undecided whether {letter} exists on the block: try a smaller block")
     if number != (state is not ClaimedState.NONE):
-        raise NotProvedError(f"the block has {number} motions {letter}, which contradicts the claim {str(state)!r}")
+        raise NotProvedError(
+            f"the block has {number} motions {letter}, but the claim gives {letter} the state {str(state)!r}"
+        )
     if state in (ClaimedState.ATTRACTING, ClaimedState.SADDLE) and attracts is not (state is ClaimedState.ATTRACTING):
         raise NotProvedError(f"{letter} is not proved to be {state} on the whole block: try a smaller block")

@@ -9,44 +9,44 @@ from __future__ import annotations
 
 import numpy as np
 
-from rattle.proof.areas.piece import FINEST, PlanePiece, centred, hull, lower, upper
+from rattle.proof.areas.piece import FINEST, PlanePiece, hull, lower, mean_value_enclosure, upper
 from rattle.proof.balls import PI, arb, arb_series
 
 
-def offset(delta: arb_series) -> arb_series:
-    """Return −Y = δ coth(δ/2) − 2, from (15.1)."""
+def minus_y(delta: arb_series) -> arb_series:
+    """Return −Y = −ε sin 2πτ = δ coth(δ/2) − 2, τ the phase of the impact: (15.1) of docs/proofs.md."""
     end = (-delta).exp()
     return delta * (1 + end) / (1 - end) - 2
 
 
-def most_stable(delta: arb_series) -> arb_series:
-    """Return the X at which C flips, δ² coth(δ/2)/2π (15.4)."""
-    return delta * (offset(delta) + 2) / (2 * PI())
+def x_at_flip(delta: arb_series) -> arb_series:
+    """Return the X = ε cos 2πτ at which C flips, δ² coth(δ/2)/2π: (15.4) of docs/proofs.md."""
+    return delta * (minus_y(delta) + 2) / (2 * PI())
 
 
 def flight_height(s: arb, delta: arb_series, x: arb) -> arb_series:
-    """Return the displacement F(s; δ, X) from Σ⁺ (15.3), as a power series in δ."""
+    """Return the displacement F(s; δ, X) from Σ⁺, (15.3) of docs/proofs.md, as a power series in δ."""
     end, kept = (-delta).exp(), (-delta * s).exp()
     sine, cosine = (2 * s).sin_cos_pi()
-    return 4 * PI() * (s - (1 - kept) / (1 - end)) - x * (1 - cosine) + offset(delta) * sine
+    return 4 * PI() * (s - (1 - kept) / (1 - end)) - x * (1 - cosine) + minus_y(delta) * sine
 
 
 def slope_enclosure(s: arb, delta: arb, x: arb) -> arb:
-    """Return the speed ∂F/∂s over balls of s, δ and X."""
+    """Return the velocity ∂F/∂s over balls of s, δ and X, where F is (15.3) of docs/proofs.md."""
     sine, cosine = (2 * s).sin_cos_pi()
     driven = 2 - 2 * delta * (-delta * s).exp() / (1 - (-delta).exp()) - x * sine
-    return 2 * PI() * (driven + offset(arb_series([delta]))[0] * cosine)
+    return 2 * PI() * (driven + minus_y(arb_series([delta]))[0] * cosine)
 
 
 def exists(piece: PlanePiece, letter: str) -> bool | None:
     """Return whether the motion A (or C) exists: True (or False) at all points of the piece, None if undecided."""
-    y = centred(offset, piece.delta)
+    y = mean_value_enclosure(minus_y, piece.delta)
     if upper(piece.epsilon) < lower(y):
         return False
-    x = cosines(piece, letter, y)
-    if lower(piece.epsilon) > upper(y) and _stays(piece, lower(x), upper(x)):
+    x = x_enclosure(piece, letter, y)
+    if lower(piece.epsilon) > upper(y) and _stays_between_walls(piece, lower(x), upper(x)):
         return True
-    return False if _touches(piece, lower(x)) else None
+    return False if _passes_sigma_minus(piece, lower(x)) else None
 
 
 def attracts(piece: PlanePiece, letter: str) -> bool | None:
@@ -61,12 +61,15 @@ def attracts(piece: PlanePiece, letter: str) -> bool | None:
     """
     if letter == "A":
         return False  # X < 0 for A, so its trace 1 + E − 4π (1 − E) X/δ² is above 1 + E
-    x, limit = cosines(piece, letter, centred(offset, piece.delta)), centred(most_stable, piece.delta)
+    x, limit = (
+        x_enclosure(piece, letter, mean_value_enclosure(minus_y, piece.delta)),
+        mean_value_enclosure(x_at_flip, piece.delta),
+    )
     return True if upper(x) < lower(limit) else False if lower(x) > upper(limit) else None
 
 
-def cosines(piece: PlanePiece, letter: str, y: arb) -> arb:
-    """Return X = ±√(ε² − Y²) over the points of the piece at which ε ≥ |Y|."""
+def x_enclosure(piece: PlanePiece, letter: str, y: arb) -> arb:
+    """Return X = ±√(ε² − Y²), (15.2) of docs/proofs.md, over the points of the piece at which ε ≥ |Y|."""
     least, most = (end * end - far * far for end, far in zip(_ends(piece.epsilon), _ends(y)[::-1], strict=True))
     x = hull(least.sqrt() if least > 0 else arb(0), most.sqrt())
     return x if letter == "C" else -x
@@ -77,12 +80,20 @@ def _ends(x: arb) -> tuple[arb, arb]:
     return lower(x), upper(x)
 
 
-def _stays(piece: PlanePiece, least: arb, most: arb) -> bool:
-    """Return whether it is proved that −2β < F < 0 for 0 < s < 1, for all δ of the piece and least ≤ X ≤ most."""
+def _stays_between_walls(piece: PlanePiece, least: arb, most: arb) -> bool:
+    """Return whether −2β < F < 0 is proved for 0 < s < 1, for all δ of the piece and least ≤ X ≤ most.
+
+    F(s; δ, X), (15.3) of docs/proofs.md, is the displacement from Σ⁺ at a time s after the impact.
+
+    Returns
+    -------
+    bool
+        False if undecided.
+    """
     parts = [(arb(0), arb(1))]
     while parts:
         start, end = parts.pop()
-        if not _stays_in(piece, start, end, least, most):
+        if not _stays_between_walls_during(piece, start, end, least, most):
             if end - start < FINEST:
                 return False
             middle = (start + end) / 2
@@ -90,10 +101,11 @@ def _stays(piece: PlanePiece, least: arb, most: arb) -> bool:
     return True
 
 
-def _stays_in(piece: PlanePiece, start: arb, end: arb, least: arb, most: arb) -> bool:
-    """Return whether the proof of `_stays` succeeds for start ≤ s ≤ end.
+def _stays_between_walls_during(piece: PlanePiece, start: arb, end: arb, least: arb, most: arb) -> bool:
+    """Return whether −2β < F < 0 is proved for start ≤ s ≤ end, as `_stays_between_walls` does for 0 < s < 1.
 
-    F vanishes at s = 0 and s = 1, so next to these ends the sign of ∂F/∂s proves F < 0.
+    F, (15.3) of docs/proofs.md, is the displacement from Σ⁺. It vanishes at s = 0 and s = 1, so next to these ends the
+    sign of ∂F/∂s proves F < 0.
 
     Returns
     -------
@@ -102,27 +114,29 @@ def _stays_in(piece: PlanePiece, start: arb, end: arb, least: arb, most: arb) ->
     """
     s, middle = hull(start, end), (start + end) / 2
 
-    def over(x: arb) -> arb:
-        """Return F over start ≤ s ≤ end by the mean value theorem."""
-        return centred(lambda delta: flight_height(middle, delta, x), piece.delta) + slope_enclosure(
+    def height_over(x: arb) -> arb:
+        """Return an enclosure of F at X = x for start ≤ s ≤ end, by the mean value theorem."""
+        return mean_value_enclosure(lambda delta: flight_height(middle, delta, x), piece.delta) + slope_enclosure(
             s, piece.delta, x
         ) * (s - middle)
 
-    if not over(most) > -2 * piece.beta:
+    if not height_over(most) > -2 * piece.beta:
         return False
     if start == 0:
         return bool(slope_enclosure(s, piece.delta, least) < 0)
-    return bool(slope_enclosure(s, piece.delta, least) > 0 if end == 1 else over(least) < 0)
+    return bool(slope_enclosure(s, piece.delta, least) > 0 if end == 1 else height_over(least) < 0)
 
 
-def _touches(piece: PlanePiece, least: arb) -> bool:
-    """Return whether it is proved that F < −2β at one time s, for all δ of the piece and all X ≥ least."""
-    s = arb(_lowest(float(piece.delta.mid()), float(least.mid())))
-    return bool(0 < s < 1 and centred(lambda delta: flight_height(s, delta, least), piece.delta) < -2 * piece.beta)
+def _passes_sigma_minus(piece: PlanePiece, least: arb) -> bool:
+    """Return whether F < −2β, F of (15.3), docs/proofs.md, is proved at one s, for all δ of the piece and X ≥ least."""
+    s = arb(_time_of_minimum(float(piece.delta.mid()), float(least.mid())))
+    return bool(
+        0 < s < 1 and mean_value_enclosure(lambda delta: flight_height(s, delta, least), piece.delta) < -2 * piece.beta
+    )
 
 
-def _lowest(delta: float, x: float) -> float:
-    """Return a guess, in double precision, of the time s at which F is least. A bad guess only makes a proof fail."""
+def _time_of_minimum(delta: float, x: float) -> float:
+    """Return a guess, in doubles, of the time s at which the displacement F is least. If it is bad, a proof fails."""
     s, step = 0.5, 0.5
     for _ in range(4):
         near = s + np.linspace(-step, step, 101)[1:-1]

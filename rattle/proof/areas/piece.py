@@ -35,13 +35,13 @@ def hull(a: arb, b: arb) -> arb:
     return a.union(b)
 
 
-def centred(of: Callable[[arb_series], arb_series], at: arb) -> arb:
-    """Return an enclosure of the function `of` over the ball `at`, by the mean value theorem.
+def mean_value_enclosure(function: Callable[[arb_series], arb_series], at: arb) -> arb:
+    """Return an enclosure of the function `function` over the ball `at`, by the mean value theorem.
 
     Returns
     -------
     arb
-        of(c) + of'(at) (at − c), where c is the midpoint of `at`.
+        function(c) + function'(at) (at − c), where c is the midpoint of `at`.
     """
     middle = at.mid()
-    return of(arb_series([middle]))[0] + of(arb_series([at, 1]))[1] * (at - middle)
+    return function(arb_series([middle]))[0] + function(arb_series([at, 1]))[1] * (at - middle)

@@ -1,8 +1,8 @@
-"""Quiet motion over a piece of the plane: the contact force g is positive at all times if and only if (20.1) holds."""
+"""Prove on a piece of the plane whether quiet motion is possible: whether ε is below the quiet limit."""
 
 from __future__ import annotations
 
-from rattle.proof.areas.piece import PlanePiece, centred
+from rattle.proof.areas.piece import PlanePiece, mean_value_enclosure
 from rattle.proof.balls import PI, arb_series
 
 
@@ -11,7 +11,7 @@ def quiet_limit_enclosure(delta: arb_series) -> arb_series:
     return 2 * delta / (delta * delta + 4 * PI() ** 2).sqrt()
 
 
-def possible(piece: PlanePiece) -> bool | None:
+def is_quiet_possible(piece: PlanePiece) -> bool | None:
     """Return whether quiet motion is possible: True (or False) at all points of the piece, None if undecided."""
-    share = centred(quiet_limit_enclosure, piece.delta)
+    share = mean_value_enclosure(quiet_limit_enclosure, piece.delta)
     return True if piece.epsilon < share else False if piece.epsilon > share else None

@@ -9,9 +9,9 @@ from fractions import Fraction
 
 from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, ProvedBlock
 
-#: The statement which of the regions I to V a point is in. The claim of each region proves it.
+#: The statement that a point is in a given one of the regions I to V. The claim of each region proves this statement.
 REGION = "the region"
-#: For each statement the claims that prove it, and the claims that disprove it. At all other points it is open.
+#: {statement: (claims that prove it, claims that disprove it)}. At all other points the statement is open.
 _KINDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "A is there, a saddle": (("II", "III", "IV", "V"), ("I",)),
     "B is there, a saddle": (("III", "IV"), ("I", "II", "V")),
@@ -38,7 +38,7 @@ class Share:
     of_where: float
 
     def __str__(self) -> str:
-        """Return a readable description."""
+        """Return the statement and its shares in per cent."""
         return f"{self.what}: {self.proved:.2%} of the plane, at least {self.of_where:.2%} of where it holds"
 
 

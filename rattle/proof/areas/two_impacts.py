@@ -28,7 +28,7 @@ Number = TypeVar("Number", arb, arb_series)
 Equation = tuple[arb_series, arb_series, arb_series]
 
 
-class Enclosed(NamedTuple):
+class EnclosedFunctions(NamedTuple):
     """Several functions of (s, δ), enclosed over a cell by the mean value theorem.
 
     centre: the values at the centre of the cell.
@@ -43,18 +43,18 @@ class Enclosed(NamedTuple):
 
 
 def closure_equations(s: arb_series, delta: arb_series, beta: arb) -> tuple[Equation, Equation]:
-    """Return the equations (16.2) and (16.3), each as (factor of X, factor of Y, right side)."""
+    """Return equations (16.2) and (16.3) of docs/proofs.md, each as (factor of X, factor of Y, right side)."""
     a, b, end = (-delta * s).exp(), (-delta * (1 - s)).exp(), (-delta).exp()
     sine, cosine = (2 * PI() * s).sin(), (2 * PI() * s).cos()
     down, up = 1 - 2 * a + end, 1 - 2 * b + end
-    k = 4 * PI() * (1 - a) / (delta * (1 - end))  # (16.1)
+    k = 4 * PI() * (1 - a) / (delta * (1 - end))  # K of (16.1), docs/proofs.md
     first = up * sine, down + up * cosine, 4 * (1 - a) * (1 - b) - delta * (1 - end)
     second = 1 - cosine + k * b * sine, sine - k + k * b * cosine, 2 * beta + 4 * PI() * s - 2 * k * (1 - b)
     return first, second
 
 
 def speed_series(s: arb_series, delta: arb_series, x: arb_series, y: arb_series) -> tuple[arb_series, arb_series]:
-    """Return the speeds v after the impact on Σ⁺ and u after the impact on Σ⁻, by (16.4) to (16.7)."""
+    """Return the speeds v after the impact on Σ⁺ and u after that on Σ⁻, (16.4) to (16.7) of docs/proofs.md."""
     later = y * (2 * PI() * s).cos() + x * (2 * PI() * s).sin()
     a, b, lost = (-delta * s).exp(), (-delta * (1 - s)).exp(), 1 - (-delta).exp()
     p = 4 * PI() * (2 - y - b * (2 - later)) / lost
@@ -65,7 +65,7 @@ def speed_series(s: arb_series, delta: arb_series, x: arb_series, y: arb_series)
 
 
 def margin_series(s: arb_series, delta: arb_series, solution: Sequence[arb_series]) -> list[arb_series]:
-    """Return the stability margins (1 + E − T) uv/2 and (1 + E + T) uv/2, by (19.2) and (19.3).
+    """Return the stability margins (1 + E − T) uv/2 and (1 + E + T) uv/2, (19.2) and (19.3) of docs/proofs.md.
 
     E = e^(−δ) is the determinant, and T the trace, of the tangent map over the forcing period.
 
@@ -102,7 +102,7 @@ def solve_linear(first: Sequence[arb], second: Sequence[arb]) -> list[arb]:
 
 
 class SolutionCell:
-    """The solutions of the closure equations with start ≤ s ≤ end, over all δ and at the β of a piece."""
+    """The solutions of (16.2) and (16.3), docs/proofs.md, with start ≤ s ≤ end, at all δ of a ball and one β."""
 
     def __init__(self, start: arb, end: arb, delta: arb, beta: arb) -> None:
         self.start, self.end, self.delta, self.beta = start, end, delta, beta
@@ -117,9 +117,9 @@ class SolutionCell:
                 f"near s = {float(middle):.4f} a cell of width {NARROWEST:.0e} does not decide which motions B or D "
                 "exist: try a smaller block"
             )
-        return self.between(self.start, middle), self.between(middle, self.end)
+        return self.cell_between(self.start, middle), self.cell_between(middle, self.end)
 
-    def between(self, start: arb, end: arb) -> SolutionCell:
+    def cell_between(self, start: arb, end: arb) -> SolutionCell:
         """Return the cell start ≤ s ≤ end at the same δ and β."""
         return SolutionCell(start, end, self.delta, self.beta)
 
@@ -129,8 +129,8 @@ class SolutionCell:
         return [m + f * ds + g * dd for m, f, g in zip(centre, by_s, by_delta, strict=True)]
 
     @cached_property
-    def equations(self) -> tuple[Enclosed, Enclosed]:
-        """The equations (16.2) and (16.3), each as enclosures of (factor of X, factor of Y, right side)."""
+    def equations(self) -> tuple[EnclosedFunctions, EnclosedFunctions]:
+        """Enclosures of (16.2) and (16.3), docs/proofs.md: of the factors of X and of Y and the right side of each."""
         s, delta, beta = self.s, self.delta, self.beta
         at_centre = closure_equations(arb_series([s.mid()]), arb_series([delta.mid()]), beta)
         along_s = closure_equations(arb_series([s, 1]), arb_series([delta]), beta)
@@ -139,11 +139,13 @@ class SolutionCell:
             ([term[0] for term in centre], [term[1] for term in by_s], [term[1] for term in by_delta])
             for centre, by_s, by_delta in zip(at_centre, along_s, along_delta, strict=True)
         )
-        return Enclosed(*first, self._mean_value(*first)), Enclosed(*second, self._mean_value(*second))
+        return EnclosedFunctions(*first, self._mean_value(*first)), EnclosedFunctions(
+            *second, self._mean_value(*second)
+        )
 
     @cached_property
     def least_epsilon(self) -> arb:
-        """Return a lower bound of ε for all solutions of the cell, by (16.8)."""
+        """Return a lower bound of ε for all solutions of the cell, by (16.8) of docs/proofs.md."""
         bounds = []
         for equation in self.equations:
             factor_x, factor_y, right = equation.over
@@ -151,8 +153,8 @@ class SolutionCell:
         return max((lower(bound) for bound in bounds), key=float)
 
     @cached_property
-    def solution(self) -> Enclosed:
-        """The solution X, Y of the closure equations, and its speeds v and u, as enclosures of (X, Y, v, u)."""
+    def solution(self) -> EnclosedFunctions:
+        """Enclosures of (X, Y, v, u): the solution (X, Y) of (16.2) and (16.3), docs/proofs.md, and its speeds."""
         first, second = self.equations
         rough = solve_linear(first.over, second.over)
         # the derivative of A (X, Y) = b is A (X, Y)' = b' − A' (X, Y)
@@ -176,7 +178,7 @@ class SolutionCell:
         at_centre = (arb_series([number]) for number in (s.mid(), delta.mid(), *xy_centre))
         speeds_centre = [speed[0] for speed in speed_series(*at_centre)]
         speeds = self._mean_value(speeds_centre, speeds_s, speeds_delta)
-        return Enclosed(
+        return EnclosedFunctions(
             centre=[*xy_centre, *speeds_centre],
             by_s=[*xy_s, *speeds_s],
             by_delta=[*xy_delta, *speeds_delta],
@@ -184,38 +186,39 @@ class SolutionCell:
         )
 
     @cached_property
-    def solvable(self) -> bool:
-        """True if the closure equations are proved to have one solution at each s and δ, with finite enclosures."""
+    def is_solvable(self) -> bool:
+        """True if (16.2) and (16.3), docs/proofs.md, are proved to have one solution at all s and δ of the cell."""
         (a11, a12, _), (a21, a22, _) = (equation.over for equation in self.equations)
         regular = not (a11 * a22 - a12 * a21).contains(0)
         return regular and all(number.is_finite() for numbers in self.solution for number in numbers)
 
     @cached_property
-    def square_by_s(self) -> arb:
+    def epsilon_squared_by_s(self) -> arb:
         """The derivative ∂ε²/∂s over the cell, where ε² = X² + Y²."""
         (x, y, *_), (x_s, y_s, *_) = self.solution.over, self.solution.by_s
         return 2 * (x * x_s + y * y_s)
 
     @cached_property
-    def square_by_delta(self) -> arb:
-        """The derivative ∂ε²/∂δ over the cell."""
+    def epsilon_squared_by_delta(self) -> arb:
+        """The derivative ∂ε²/∂δ over the cell, where ε² = X² + Y²."""
         (x, y, *_), (x_delta, y_delta, *_) = self.solution.over, self.solution.by_delta
         return 2 * (x * x_delta + y * y_delta)
 
     @cached_property
-    def square(self) -> arb:
-        """The square ε² over the cell."""
+    def epsilon_squared(self) -> arb:
+        """An enclosure of ε² = X² + Y² over the cell."""
         x, y, *_ = self.solution.centre
-        return self._mean_value([x * x + y * y], [self.square_by_s], [self.square_by_delta])[0]
+        return self._mean_value([x * x + y * y], [self.epsilon_squared_by_s], [self.epsilon_squared_by_delta])[0]
 
-    def combination(self, sign: int) -> arb:
-        """Return sign · ε² + λu over the cell, for a λ ≥ 0 with which this sum hardly changes with s (Lemma 17)."""
+    def square_plus_speed(self, sign: int) -> arb:
+        """Return bounds of sign · ε² + λu over the cell, u the speed after Σ⁻, for a λ ≥ 0 that makes them narrow."""
         x, y, _, u = self.solution.centre
         u_s, u_delta = self.solution.by_s[3], self.solution.by_delta[3]
-        factor = max(0.0, -sign * float(self.square_by_s.mid()) / float(u_s.mid()))
+        # with this λ the derivative of the sum by s is nearly 0 (Lemma 17 of docs/proofs.md)
+        factor = max(0.0, -sign * float(self.epsilon_squared_by_s.mid()) / float(u_s.mid()))
         centre = sign * (x * x + y * y) + factor * u
-        by_s = sign * self.square_by_s + factor * u_s
-        by_delta = sign * self.square_by_delta + factor * u_delta
+        by_s = sign * self.epsilon_squared_by_s + factor * u_s
+        by_delta = sign * self.epsilon_squared_by_delta + factor * u_delta
         return self._mean_value([centre], [by_s], [by_delta])[0]
 
     def has_no_motion(self, epsilon: arb) -> bool:
@@ -228,16 +231,16 @@ class SolutionCell:
         """
         if self.least_epsilon > epsilon:
             return True
-        if not self.solvable:
+        if not self.is_solvable:
             return False
         _, _, v, u = self.solution.over
-        low, high = squares(epsilon)
-        if v < 0 or u < 0 or self.square < low or self.square > high:
+        low, high = square_range(epsilon)
+        if v < 0 or u < 0 or self.epsilon_squared < low or self.epsilon_squared > high:
             return True
-        # where u ≥ 0, ±ε² ≤ ±ε² + λu
-        return bool(self.combination(1) < low or self.combination(-1) < -high)
+        # where u ≥ 0, ±ε² ≤ ±ε² + λu, so these bounds show that ε is outside the ball
+        return bool(self.square_plus_speed(1) < low or self.square_plus_speed(-1) < -high)
 
-    def all_are(self, letter: str, epsilon: arb) -> bool | None:
+    def all_solutions_are(self, letter: str, epsilon: arb) -> bool | None:
         """Return whether all solutions of the cell with an ε in this ball are admissible motions B (or D).
 
         Returns
@@ -249,28 +252,30 @@ class SolutionCell:
         """
         if self.has_no_motion(epsilon):
             return False
-        if not self.solvable:
+        if not self.is_solvable:
             return None
-        slope = SLOPE_SIGN[letter] * self.square_by_s
+        slope = SLOPE_SIGN[letter] * self.epsilon_squared_by_s
         if slope < 0:
             return False
         if not (slope > 0 and self.solution.over[2] > 0):
             return None
-        low, high = squares(epsilon)
+        low, high = square_range(epsilon)
         reaches_sigma_minus = self.solution.over[3] > 0
-        # or ε is proved to be outside the ball wherever u ≤ 0, since ±ε² ≥ ±ε² + λu there
-        reaches_sigma_minus = reaches_sigma_minus or self.combination(1) > high or self.combination(-1) > -low
+        # where u ≤ 0, ±ε² ≥ ±ε² + λu, so it is enough if these bounds show that ε is outside the ball there
+        reaches_sigma_minus = (
+            reaches_sigma_minus or self.square_plus_speed(1) > high or self.square_plus_speed(-1) > -low
+        )
         return True if reaches_sigma_minus and self.is_monotone_between_impacts else None
 
     @cached_property
     def is_monotone_between_impacts(self) -> bool:
-        """True if Φ is proved to fall all the way from Σ⁺ to Σ⁻ and to rise all the way back (Lemma 18)."""
+        """True if Φ is proved to fall all the way from Σ⁺ to Σ⁻ and to rise all the way back, by Lemma 18."""
         falls = self._slope_has_sign(-1, arb(0), lower(self.s))
         return falls and self._slope_has_sign(1, upper(self.s), arb(1))
 
     def _slope_has_sign(self, sign: int, start: arb, end: arb) -> bool:
         """Return whether Φ' is proved to have this sign between the times `start` and `end` after the impact on Σ⁺."""
-        # Φ' has the sign at the impacts themselves, which are the ends of each flight: v > 0 and u > 0
+        # at the impacts, which are the ends of each flight, Φ' has this sign because v > 0 and u > 0
         parts = [(start, end)]
         while parts:
             low, high = parts.pop()
@@ -282,7 +287,7 @@ class SolutionCell:
         return True
 
     def _slope_has_sign_on_part(self, sign: int, low: arb, high: arb) -> bool:
-        """Return whether Φ' is proved to have this sign on the part of a flight between two times."""
+        """Return whether Φ' is proved to have this sign between the times `low` and `high` of one flight."""
         # the impact on Σ⁻ may be at any s of the cell, so a part that ends or begins at this impact contains all s
         lower_s, upper_s = lower(self.s), upper(self.s)
         t = hull(low, upper_s if high == lower_s else high)
@@ -303,7 +308,7 @@ class SolutionCell:
         return force_at_phase(self.delta, x * cosine - y * sine, y * cosine + x * sine)
 
     def slope(self, t: arb, sign: int) -> arb:
-        """Return Φ' at the time t after the impact on Σ⁺, on the flight to Σ⁻ (sign −1) or back (1), by (18.1)."""
+        """Return Φ' a time t after the impact on Σ⁺, on the flight to Σ⁻ (sign −1) or back (1), by (18.1)."""
         x, y, v, u = self.solution.over
         departure, start = (self.s, u) if sign > 0 else (arb(0), -v)
         sine, cosine = (2 * t).sin_cos_pi()
@@ -314,7 +319,7 @@ class SolutionCell:
 
     @cached_property
     def margins(self) -> list[arb]:
-        """The stability margins (1 + E − T) uv/2 and (1 + E + T) uv/2 over the cell, for the trace T."""
+        """The stability margins (1 + E − T) uv/2 and (1 + E + T) uv/2, (19.2) and (19.3), over the cell."""
         solution, s, delta = self.solution, self.s, self.delta
         along_s = [arb_series([x, slope]) for x, slope in zip(solution.over, solution.by_s, strict=True)]
         along_delta = [arb_series([x, slope]) for x, slope in zip(solution.over, solution.by_delta, strict=True)]
@@ -333,7 +338,7 @@ class SolutionCell:
         return True if above > 0 and below > 0 else None
 
 
-def squares(epsilon: arb) -> tuple[arb, arb]:
+def square_range(epsilon: arb) -> tuple[arb, arb]:
     """Return the least and the largest ε² in a ball of ε ≥ 0, whose lower end rounding may have made negative."""
     least = lower(epsilon)
     return least**2 if least > 0 else arb(0), upper(epsilon) ** 2
@@ -344,7 +349,9 @@ def initial_cells(piece: PlanePiece) -> tuple[SolutionCell, SolutionCell]:
     return SolutionCell(arb(0), arb(1), piece.delta, piece.beta).halves
 
 
-def motions(piece: PlanePiece, cells: tuple[SolutionCell, SolutionCell], letter: str) -> list[list[SolutionCell]]:
+def cells_of_motions(
+    piece: PlanePiece, cells: tuple[SolutionCell, SolutionCell], letter: str
+) -> list[list[SolutionCell]]:
     """Return all motions B (or D) that exist at every point of the piece.
 
     Parameters
@@ -368,15 +375,15 @@ def motions(piece: PlanePiece, cells: tuple[SolutionCell, SolutionCell], letter:
     waiting = list(reversed(cells))
     while waiting:
         cell = waiting.pop()
-        answer = cell.all_are(letter, piece.epsilon)
+        answer = cell.all_solutions_are(letter, piece.epsilon)
         if answer is None:
             waiting += reversed(cell.halves)
         else:
             decided.append((answer, cell))
     if decided[0][0] or decided[-1][0]:
-        raise NotProvedError(f"motions {letter} are not excluded at s = 0 and s = 1: try a smaller block")
+        raise NotProvedError(f"it is not proved that no motion {letter} has s = 0 or s = 1: try a smaller block")
     runs = [[cell for _, cell in group] for answer, group in groupby(decided, lambda each: each[0]) if answer]
-    return [run for run in runs if _crosses(piece, run, letter)]
+    return [run for run in runs if _crosses_block(piece, run, letter)]
 
 
 def attracts(piece: PlanePiece, run: Iterable[SolutionCell]) -> bool:
@@ -402,11 +409,11 @@ def attracts(piece: PlanePiece, run: Iterable[SolutionCell]) -> bool:
             else:
                 verdicts.add(verdict)
         if len(verdicts) > 1:
-            raise NotProvedError("a motion of two impacts changes its stability within the block: try a smaller block")
+            raise NotProvedError("a motion P(1,1,1) changes its stability within the block: try a smaller block")
     return True in verdicts
 
 
-def _crosses(piece: PlanePiece, run: list[SolutionCell], letter: str) -> bool:
+def _crosses_block(piece: PlanePiece, run: list[SolutionCell], letter: str) -> bool:
     """Return whether ε(s), monotone over a run of cells, takes each ε of the piece exactly once.
 
     The neighbours of the run have no motion with an ε of the piece. So at both ends of the run ε(s) is outside the ε
@@ -422,9 +429,9 @@ def _crosses(piece: PlanePiece, run: list[SolutionCell], letter: str) -> bool:
     NotProvedError
         If the side is undecided at one end.
     """
-    (low, high), sides = squares(piece.epsilon), []
+    (low, high), sides = square_range(piece.epsilon), []
     for s in (run[0].start, run[-1].end):
-        square = SolutionCell(s, s, piece.delta.mid(), piece.beta).square
+        square = SolutionCell(s, s, piece.delta.mid(), piece.beta).epsilon_squared
         sides.append(1 if square > high else -1 if square < low else 0)
     if 0 in sides:
         raise NotProvedError(f"it is undecided where the solutions {letter} leave the block: try a smaller block")

@@ -23,8 +23,8 @@ class BifurcationCertificate:
     the speed of one of its impacts is 0 ("GR"). This motion is a regular zero of its equations (Lemma 10 of
     docs/proofs.md), so it is the only one near by.
 
-    name: the name of the curve or of the codimension-two point, or the kind.
-    motion: walls, forcing periods, kind and grazing impact.
+    name: the name of the curve or of the codimension-two point; the kind for any other motion.
+    motion: the walls, the forcing periods, the kind and the grazing impact of the motion.
     known: exact values of parameters. solved: both ends of the enclosure of each other parameter.
     times, radius: the centres (n,) and the half-width of the box of the impacts' times.
     versions: versions of the programs that made the certificate.
@@ -46,7 +46,7 @@ class BifurcationCertificate:
 
     @property
     def width(self) -> Fraction:
-        """The width of the widest interval in `solved`."""
+        """The width of the widest interval in `solved`, the enclosures of the unknown parameters."""
         return max(high - low for low, high in self.solved.values())
 
     def document(self) -> dict[str, object]:
@@ -68,5 +68,5 @@ class BifurcationCertificate:
         }
 
     def json(self) -> str:
-        """Return the document, on one line."""
+        """Return the certificate as JSON text on one line."""
         return json.dumps(self.document(), ensure_ascii=False)

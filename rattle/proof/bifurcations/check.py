@@ -25,21 +25,21 @@ from rattle.proof.check import (
     Interval,
     MotionPiece,
     Refused,
-    exact_fraction,
+    interval_of_text,
     is_positive,
     require,
     sine_and_cosine,
 )
 
-#: Half-width of the box in times and parameters.
+#: Half-width, in times and parameters, of the box in which one zero is proved.
 RADIUS = IV.mpf(10) ** -16
-#: Half-width of the box in velocities, as a multiple of RADIUS.
+#: Half-width of this box in velocities, as a multiple of its half-width in times.
 FASTER = 1000
 #: Parameters that may be unknowns.
 FREE = ("delta", "epsilon")
-#: Walls and grazing impact of the motions P(1,1,0), P(1,1,1), and of P(1,1,1) that grazes Σ⁻.
+#: Walls and grazing impact of P(1,1,0), of P(1,1,1), and of P(1,1,1) with a graze on Σ⁻.
 P11, P111, GRAZE = ([1], None), ([1, -1], None), ([1, -1], 1)
-#: Walls and grazing impact for each kind and name. A certificate of any other motion has its kind as its name.
+#: {(kind, name): (walls, grazing impact)}. A certificate of any other motion has its kind as its name.
 NAMES = {
     ("SN", "SN1"): P11, ("PD", "PDC"): P11, ("SN", "SN2"): P111, ("PD", "PD1"): P111, ("PD", "PD2"): P111,
     **{("GR", name): GRAZE for name in ("G1", "G2", "COD20", "COD21", "COD22", "COD23")},
@@ -47,62 +47,70 @@ NAMES = {
 
 
 class ParameterJet:
-    """A number with its derivatives with respect to all unknowns, as intervals. A constant has no slopes."""
+    """A number (`value`) with its derivatives with respect to all unknowns (`slopes`), as intervals.
+
+    A constant has an empty list of slopes.
+    """
 
     def __init__(self, value: Interval, slopes: Sequence[Interval] = ()) -> None:
         self.value, self.slopes = value, slopes
 
-    def chained(self, value: Interval, slope: Interval) -> "ParameterJet":
-        """Return f(self) by the chain rule, where `value` is the value of f and `slope` its derivative."""
+    def apply_chain_rule(self, value: Interval, slope: Interval) -> "ParameterJet":
+        """Return f(self) by the chain rule; `value` is the value of f here and `slope` its derivative."""
         return ParameterJet(value, [slope * each for each in self.slopes])
 
-    def combined(self, other: Any, value: Interval, by: Interval, by_other: Interval) -> "ParameterJet":
-        """Return f(self, other) by the chain rule, where `by` and `by_other` are the partial derivatives of f."""
+    def apply_chain_rule_to_two(self, other: Any, value: Interval, by: Interval, by_other: Interval) -> "ParameterJet":
+        """Return f(self, other) by the chain rule; `value` is f here, `by` and `by_other` its partial derivatives."""
         own, others = self.slopes or [ZERO] * len(other.slopes), other.slopes or [ZERO] * len(self.slopes)
         return ParameterJet(value, [by * a + by_other * b for a, b in zip(own, others, strict=True)])
 
     def __add__(self, other: Any) -> "ParameterJet":
         """Return the sum."""
-        other = jet(other)
-        return self.combined(other, self.value + other.value, ZERO + 1, ZERO + 1)
+        other = as_jet(other)
+        return self.apply_chain_rule_to_two(other, self.value + other.value, ZERO + 1, ZERO + 1)
 
     def __mul__(self, other: Any) -> "ParameterJet":
         """Return the product."""
-        other = jet(other)
-        return self.combined(other, self.value * other.value, other.value, self.value)
+        other = as_jet(other)
+        return self.apply_chain_rule_to_two(other, self.value * other.value, other.value, self.value)
 
     def __neg__(self) -> "ParameterJet":
         """Return the negative."""
-        return self.chained(-self.value, ZERO - 1)
+        return self.apply_chain_rule(-self.value, ZERO - 1)
 
     def __sub__(self, other: Any) -> "ParameterJet":
         """Return the difference."""
-        return self + -jet(other)
+        return self + -as_jet(other)
 
     def __truediv__(self, other: "ParameterJet") -> "ParameterJet":
         """Return the quotient."""
-        return self * other.chained(1 / other.value, -1 / other.value**2)
+        return self * other.apply_chain_rule(1 / other.value, -1 / other.value**2)
 
     __radd__, __rmul__ = __add__, __mul__
 
     def exp(self) -> "ParameterJet":
-        """Return the exponential."""
+        """Return e^x, x being this number."""
         value = IV.exp(self.value) * (1 + SLACK)
-        return self.chained(value, value)
+        return self.apply_chain_rule(value, value)
 
-    def turned(self) -> "tuple[ParameterJet, ParameterJet]":
-        """Return the sine and the cosine of 2π times this number."""
+    def sine_and_cosine(self) -> "tuple[ParameterJet, ParameterJet]":
+        """Return the sine and the cosine of 2πx, x being this number."""
         sine, cosine = sine_and_cosine(self.value)
-        return self.chained(sine, TWO_PI * cosine), self.chained(cosine, -TWO_PI * sine)
+        return self.apply_chain_rule(sine, TWO_PI * cosine), self.apply_chain_rule(cosine, -TWO_PI * sine)
 
 
-def jet(x: Any) -> ParameterJet:
-    """Return x as a jet; a number becomes a constant."""
+def as_jet(x: Any) -> ParameterJet:
+    """Return x if it is a jet, or the constant jet of a number x."""
     return x if isinstance(x, ParameterJet) else ParameterJet(ZERO + x)
 
 
 class Bifurcation:
-    """The statement of a certificate: walls, kind, known parameters, and the ends of the unknown parameters."""
+    """The statement of a certificate: the walls and the kind of its motion, and the parameters.
+
+    n: the number of impacts. impact: the number of the grazing impact, from 0, or None. point: the name of a
+    codimension-two point, or None. known: {name: exact value} of the known parameters. free, ends: the names of the
+    other parameters, and both ends of the interval that contains each.
+    """
 
     def __init__(self, document: Any) -> None:
         require(document["model"] == "impacting", "`model` must be 'impacting'")
@@ -111,12 +119,15 @@ class Bifurcation:
         whole = [self.m, *self.walls] + ([] if self.impact is None else [self.impact])
         require(
             all(type(x) is int for x in whole) and self.m > 0 and {*self.walls} <= {1, -1},
-            "`walls` and `m` are invalid",
+            "`walls` must be 1 and -1, and `m` and `impact` whole numbers, with `m` positive",
         )
-        require(self.kind in ("SN", "PD", "GR") and (self.impact is None) == (self.kind != "GR"), "`kind` is invalid")
+        require(
+            self.kind in ("SN", "PD", "GR") and (self.impact is None) == (self.kind != "GR"),
+            "`kind` must be SN, PD or GR, and `impact` must be a number for GR and null for the others",
+        )
         require(
             self.impact is None or 0 <= self.impact < self.n > 1,
-            "`impact`, the number of the grazing impact, is invalid",
+            "`impact`, the index of the grazing impact, must be from 0 to the number of walls, 2 at least, minus 1",
         )
         if self.name != self.kind:
             meant = NAMES.get((self.kind, self.name))
@@ -134,22 +145,22 @@ class Bifurcation:
             len(known) + len(solved) == 3 and len(solved) == (2 if self.point else 1),
             "`solved` must have one parameter, and two for a codimension-two point",
         )
-        self.known = {name: exact_fraction(value) for name, value in known.items()}
+        self.known = {name: interval_of_text(value) for name, value in known.items()}
         self.free = [name for name in FREE if name in solved]
-        self.ends = [[exact_fraction(end) for end in solved[name]] for name in self.free]
-        self.times, self.radius = [exact_fraction(t) for t in document["times"]], exact_fraction(document["radius"])
+        self.ends = [[interval_of_text(end) for end in solved[name]] for name in self.free]
+        self.times, self.radius = [interval_of_text(t) for t in document["times"]], interval_of_text(document["radius"])
         require(
             len(self.times) == self.n and is_positive(*self.known.values()),
             "`times` must have one number for each wall, and the known parameters must be positive",
         )
 
     def parameters(self, at: Sequence[Any]) -> list[Any]:
-        """Return δ and ε at the unknowns `at`."""
+        """Return [δ, ε]; a parameter that is not known exactly is taken from the unknowns `at`."""
         free = iter(at[2 * self.n :])
         return [self.known[name] if name in self.known else next(free) for name in FREE]
 
-    def centre(self) -> list[Interval]:
-        """Return the centre of the box of unknowns; its velocities are those of the flights between `times`."""
+    def box_centre(self) -> list[Interval]:
+        """Return the centre of the box of the unknowns, with the velocities of the flights between the given times."""
         free = [(low + high) / 2 for low, high in self.ends]
         delta, epsilon = self.parameters([ZERO] * (2 * self.n) + free)
         found = []
@@ -166,14 +177,14 @@ class Bifurcation:
         """Return the values at x of all equations, which are 0 at the bifurcation point, and their derivatives."""
         unit = [[ZERO + (i == j) for j in range(len(x))] for i in range(len(x))]
         at = [ParameterJet(value, slopes) for value, slopes in zip(x, unit, strict=True)]
-        delta, epsilon = (jet(each) for each in self.parameters(at))
-        values, pieces, turn = [], [], jet(TWO_PI)
+        delta, epsilon = (as_jet(each) for each in self.parameters(at))
+        values, pieces, turn = [], [], as_jet(TWO_PI)
         for i in range(self.n):
             j = (i + 1) % self.n
             t, w, t1, w1 = at[2 * i], at[2 * i + 1], at[2 * j] + (0 if j else self.m), at[2 * j + 1]
-            (sine, cosine), (sine1, cosine1) = t.turned(), t1.turned()
+            (sine, cosine), (sine1, cosine1) = t.sine_and_cosine(), t1.sine_and_cosine()
             kept = (-(delta * (t1 - t))).exp()
-            reach, pushed = (jet(1) - kept) / delta, w - 2 * turn + turn * epsilon * sine
+            reach, pushed = (as_jet(1) - kept) / delta, w - 2 * turn + turn * epsilon * sine
             y = reach * pushed + 2 * turn * (t1 - t) + epsilon * (cosine1 - cosine)
             v = kept * pushed + 2 * turn - turn * epsilon * sine1
             values += [y - (self.walls[j] - self.walls[i]) * self.known["beta"], -v - w1]
@@ -182,26 +193,26 @@ class Bifurcation:
         if self.impact is not None:
             values.append(at[2 * self.impact + 1])
         if self.kind != "GR" or self.point:
-            values.append(self.condition(pieces, delta))
+            values.append(self.bifurcation_condition(pieces, delta))
         return [each.value for each in values], [each.slopes for each in values]
 
-    def condition(self, pieces: Sequence[Any], delta: ParameterJet) -> ParameterJet:
+    def bifurcation_condition(self, pieces: Sequence[Any], delta: ParameterJet) -> ParameterJet:
         """Return the function of the tangent map of (Φ, Φ') that is 0 at the bifurcation point.
 
         The map starts at the grazing impact, or for a saddle-node or flip at the first impact. pieces: for each flight
-        (1 − e^(−δt))/δ and e^(−δt) for its duration t, −2g at its end (None at the graze), and the velocity after it.
+        of duration t (1 − e^(−δt))/δ, e^(−δt), −2g at its end (None at the graze), and the velocity after its end.
 
         Returns
         -------
         ParameterJet
             The function, times the product of the velocities after all impacts but the graze.
         """
-        a, b, c, d, speeds = jet(1), jet(0), jet(0), jet(1), jet(1)
+        a, b, c, d, speeds = as_jet(1), as_jet(0), as_jet(0), as_jet(1), as_jet(1)
         first = self.impact or 0
         for i in range(self.n):
             reach, kept, push, w = pieces[(first + i) % self.n]
             a, b, c, d = a + reach * c, b + reach * d, kept * c, kept * d
-            if push is not None:  # w times the impact's map [[−1, 0], [push/w, −1]], whose entry grows as w → 0
+            if push is not None:  # w times the impact's map [[−1, 0], [push/w, −1]], because push/w grows as w → 0
                 a, b, c, d = -a * w, -b * w, push * a - c * w, push * b - d * w
                 speeds = speeds * w
         trace, half = a + d, (delta * (-self.m / IV.mpf(2))).exp()
@@ -212,14 +223,14 @@ class Bifurcation:
         }  # fmt: skip
         return conditions[self.point or self.kind]
 
-    def enclosed(self) -> list[Interval]:
-        """Return intervals that contain the only zero of the box, by Lemma 2 (Krawczyk). Raises Refused."""
-        x = self.centre()
+    def enclose_point(self) -> list[Interval]:
+        """Return intervals that contain the only zero in the box (Lemma 2 of docs/proofs.md). Raises Refused."""
+        x = self.box_centre()
         size = len(x)
         radii = [RADIUS * (FASTER if i < 2 * self.n and i % 2 else 1) for i in range(size)]
         spread = [radius * UNIT for radius in radii]
         values, rows = self.equations(x)
-        require(len(values) == size, "the numbers of unknowns and equations differ")
+        require(len(values) == size, "`kind` and `name` have not as many equations as there are unknowns")
         about = (fp.matrix([[each.mid for each in row] for row in rows]) ** -1).tolist()
         for _ in range(6):  # the first step proves existence, further steps make the intervals narrower
             _, rows = self.equations([a + b for a, b in zip(x, spread, strict=True)])
@@ -235,8 +246,8 @@ class Bifurcation:
             spread = moved
         return [a + b for a, b in zip(x, spread, strict=True)]
 
-    def require_happens(self, x: Sequence[Interval]) -> None:
-        """Raise Refused unless each flight joins two walls, meets no wall between, and only the graze has speed 0."""
+    def require_admissible(self, x: Sequence[Interval]) -> None:
+        """Raise Refused unless each flight meets no wall between its ends and only the graze has speed 0."""
         delta, epsilon = self.parameters(x)
         motion: Any = SimpleNamespace(
             walls=self.walls, m=self.m, k=[ZERO], delta=delta, epsilon=epsilon, beta=self.known["beta"]
@@ -249,10 +260,10 @@ class Bifurcation:
                 f"piece {i + 1} is not proved to start from the inner side of its wall",
             )
             grazes = i == self.impact, j == self.impact
-            require(stays(piece, *grazes), f"piece {i + 1} is not proved to meet no wall before its end")
+            require(meets_no_wall(piece, *grazes), f"piece {i + 1} is not proved to meet no wall before its end")
 
     def require_least_period(self, x: Sequence[Interval]) -> None:
-        """Raise Refused unless m forcing periods are proved to be the least period (Lemma 7)."""
+        """Raise Refused unless m forcing periods are proved to be the least period (Lemma 7 of docs/proofs.md)."""
         made = [i for i in range(self.n) if i != self.impact]
         walls, times = [self.walls[i] for i in made], [x[2 * i] for i in made]
         times += [t + self.m for t in times]
@@ -266,11 +277,11 @@ class Bifurcation:
                 )
 
 
-def stays(piece: MotionPiece, begins_grazing: bool, ends_grazing: bool) -> bool:
-    """Return whether it is proved that a piece meets no wall between its ends, one of which may be a graze.
+def meets_no_wall(piece: MotionPiece, begins_grazing: bool, ends_grazing: bool) -> bool:
+    """Return whether a piece is proved to meet no wall between its ends, one of which may be a graze.
 
     At the graze Φ' = 0 and Φ'' points away from the wall. Φ'' is proved to keep this sign during a short time next to
-    the graze, so Φ is strictly inside the wall there. The rest of the piece is proved by `lasts`.
+    the graze, so Φ is strictly inside the wall there. The rest of the piece is proved by `stays_between_walls_during`.
 
     Returns
     -------
@@ -278,28 +289,28 @@ def stays(piece: MotionPiece, begins_grazing: bool, ends_grazing: bool) -> bool:
         False if undecided.
     """
     if not (begins_grazing or ends_grazing):
-        return piece.stays()
+        return piece.is_uninterrupted()
     wall = piece.wall if begins_grazing else piece.target
     part = piece.duration.b
     for _ in range(MOST_PARTS):
         part = part / 2
         u = IV.mpf([0, part.b]) if begins_grazing else IV.mpf([(piece.duration - part).a, piece.duration.b])
-        if is_positive(-wall * (piece.force(u) - piece.delta * piece.after(u)[1])):
+        if is_positive(-wall * (piece.force(u) - piece.delta * piece.state_after(u)[1])):
             break
     else:
         return False
     low, high = (part.a, piece.duration.b) if begins_grazing else (ZERO, (piece.duration - part).b)
     ends = [IV.mpf(low), IV.mpf(high)]
-    beside = piece.after(ends[0] if begins_grazing else ends[1])[0]
-    return clear(piece, beside) and lasts(piece, *ends)
+    beside = piece.state_after(ends[0] if begins_grazing else ends[1])[0]
+    return is_between_walls(piece, beside) and stays_between_walls_during(piece, *ends)
 
 
-def clear(piece: MotionPiece, y: Interval) -> bool:
-    """Return whether y, the displacement since the start of the piece, is strictly between the walls."""
+def is_between_walls(piece: MotionPiece, y: Interval) -> bool:
+    """Return whether a position is strictly between the walls; y is its displacement from the start of the piece."""
     return is_positive((1 - piece.wall) * piece.beta - y, (1 + piece.wall) * piece.beta + y)
 
 
-def lasts(piece: MotionPiece, low: Interval, high: Interval) -> bool:
+def stays_between_walls_during(piece: MotionPiece, low: Interval, high: Interval) -> bool:
     """Return whether a piece is proved to be strictly between the walls from the time `low` to the time `high`.
 
     At these two times after its start the piece must be between the walls or on one of them.
@@ -313,12 +324,12 @@ def lasts(piece: MotionPiece, low: Interval, high: Interval) -> bool:
     for _ in range(MOST_PARTS):
         low, high = parts.pop()
         part, middle = IV.mpf([low, high]), (low + high).mid / 2
-        slope = piece.after(part)[1]
+        slope = piece.state_after(part)[1]
         if not (is_positive(slope) or is_positive(-slope)):
-            y = piece.after(middle)[0]
-            if not clear(piece, y):
+            y = piece.state_after(middle)[0]
+            if not is_between_walls(piece, y):
                 return False
-            if not clear(piece, y + slope * (part - middle)):
+            if not is_between_walls(piece, y + slope * (part - middle)):
                 parts += [(low, middle), (middle, high)]
         if not parts:
             return True
@@ -334,7 +345,7 @@ def check(text: str) -> str:
             "`format` and `theorem` must be 1 and 'bifurcation'",
         )
         claim = Bifurcation(document)
-        x = claim.enclosed()
+        x = claim.enclose_point()
         for value, (low, high) in zip(x[2 * claim.n :], claim.ends, strict=True):
             require(
                 is_positive(value - low, high - value), "a parameter in `solved` is not proved to be between its ends"
@@ -345,7 +356,7 @@ def check(text: str) -> str:
                 "a time is not proved to be within `radius` of its centre",
             )
         require(is_positive(*claim.parameters(x)), "delta and epsilon are not proved to be positive")
-        claim.require_happens(x)
+        claim.require_admissible(x)
         claim.require_least_period(x)
         side = {"G1": 1, "G2": -1}.get(claim.name, 0)
         require(
@@ -359,5 +370,5 @@ def check(text: str) -> str:
 
 
 def max_width(claim: Bifurcation) -> float:
-    """Return the width of the widest interval in `solved`."""
+    """Return the width of the widest interval that a certificate states for an unknown parameter."""
     return max(float((high - low).b) for low, high in claim.ends)

@@ -4,7 +4,8 @@ Notation: τ is the phase of the departure from Σ⁺; X = ε cos 2πτ; s is th
 E = e^(−δ); w₁ and w₀ are the velocities before and after the impact on Σ⁺. The trace of C is
 T = 1 + E − 4π (1 − E) X/δ² (Lemma 9 of docs/proofs.md).
 
-COD20: T = −1 − E, the flip of C. COD21: T = 2√E, a double multiplier. COD22: X = 0, that is T = 1 + E.
+COD20: T = −1 − E, the flip of C. COD21: T = 2√E, a double multiplier. COD22: X = 0, that is T = 1 + E, where A and C
+are born.
 COD23: ∂(w₀ + w₁)/∂τ = 0, the form at the graze of det J(1) + det J(−1) = 0 for the motion that makes the impact
 (`rattle.impacting.bifurcations`).
 """
@@ -18,30 +19,30 @@ from rattle.proof.balls import PI, arb_series
 Series = arb_series
 
 
-def _flip(delta: Series, x: Series, _s: Series, end: Series) -> Series:
+def _flip_residual(delta: Series, x: Series, _s: Series, end: Series) -> Series:
     return delta * delta * 2 * (1 + end) - 4 * PI() * (1 - end) * x
 
 
-def _equal_multipliers(delta: Series, x: Series, _s: Series, _end: Series) -> Series:
+def _double_multiplier_residual(delta: Series, x: Series, _s: Series, _end: Series) -> Series:
     root = (-delta / 2).exp()
     return delta * delta * (1 - root) - 4 * PI() * (1 + root) * x
 
 
-def _no_square_root(delta: Series, x: Series, s: Series, end: Series) -> Series:
+def _cod23_residual(delta: Series, x: Series, s: Series, end: Series) -> Series:
     early, late = (-delta * s).exp(), (-delta * (1 - s)).exp()
     impacts = 1 / (1 - early) + late / (1 - late)
     return delta * delta * (2 * (1 + end) / (1 - end) - impacts) - 4 * PI() * x
 
 
-def _born(_delta: Series, x: Series, _s: Series, _end: Series) -> Series:
+def _birth_residual(_delta: Series, x: Series, _s: Series, _end: Series) -> Series:
     return x
 
 
 Condition = Callable[[Series, Series, Series, Series], Series]
-#: For each point the function of (δ, X, s, E) that is 0 there, besides the equations of the graze.
+#: {name of a point: the function of (δ, X, s, E) that is 0 at the point, besides the equations of the graze}.
 CONDITIONS: dict[str, Condition] = {
-    "COD20": _flip,
-    "COD21": _equal_multipliers,
-    "COD22": _born,
-    "COD23": _no_square_root,
+    "COD20": _flip_residual,
+    "COD21": _double_multiplier_residual,
+    "COD22": _birth_residual,
+    "COD23": _cod23_residual,
 }

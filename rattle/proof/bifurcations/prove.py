@@ -1,4 +1,4 @@
-"""Prove points of bifurcation curves: from computed points to certificates."""
+"""Prove that points of bifurcation curves exist near computed points, and certify them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 
 from rattle._version import __version__
-from rattle.continuation.arclength import tangent_at, with_value
+from rattle.continuation.arclength import solution_with_value, tangent_at
 from rattle.continuation.conditions import MULTIPLIER, Kind, condition
 from rattle.continuation.curves import QUIET_LIMIT
 from rattle.errors import NotProvedError, require, require_number, require_one_of
@@ -20,10 +20,10 @@ from rattle.impacting.orbits.periodic import follow_impacts
 from rattle.numerics.complex_step import Array
 from rattle.proof.balls import BITS, VERSIONS, arb, ball, ends, precision
 from rattle.proof.bifurcations.certificate import BifurcationCertificate
-from rattle.proof.bifurcations.systems import FREE, CurveMotion, System, require_happens
+from rattle.proof.bifurcations.systems import FREE, CurveMotion, ExtendedSystem, require_admissible_at
 from rattle.proof.certificate import Ends, Exact, exact_number
 from rattle.proof.finder import LONG, require_least_period
-from rattle.proof.krawczyk import enclosed
+from rattle.proof.krawczyk import enclose_zero
 
 #: A published enclosure is wider than its ball by this multiple of the ball's width: other programs round differently.
 ROOM = 10**4
@@ -76,8 +76,8 @@ def certify_curve_point(
     definition = CURVES[name]
     problem = condition(definition.itinerary(half), definition.kind, definition.impact)
     solved = [
-        with_value(problem, guess, index, value)
-        for guess in _guesses(definition, d, e, half, motion)
+        solution_with_value(problem, guess, index, value)
+        for guess in _first_guesses(definition, d, e, half, motion)
         for index, value in ((-2, d), (-1, e))
     ]
     tau = None if motion is None else motion[0]
@@ -92,13 +92,21 @@ def certify_curve_point(
     tangent = tangent_at(problem, x, np.eye(x.size)[-2])
     along = "delta" if abs(tangent[-2]) >= abs(tangent[-1]) else "epsilon"
     bifurcating = CurveMotion(definition.walls, 1, definition.kind, definition.impact)
-    return _certified(name, bifurcating, x, numbers["beta"], {along: numbers[along]})
+    return _prove_solution(name, bifurcating, x, numbers["beta"], {along: numbers[along]})
 
 
-def _guesses(
+def _first_guesses(
     definition: Definition, delta: float, epsilon: float, beta: float, motion: tuple[float, float] | None
 ) -> Sequence[Array]:
-    """Return first guesses (n + 2,) of the unknowns: the given motion if it meets these walls, else closed forms."""
+    """Return first guesses (n + 2,) of the impact times, δ and ε: the given motion, or closed forms.
+
+    The given motion is used if it meets the walls of the curve and the curve is no graze.
+
+    Returns
+    -------
+    Sequence[Array]
+        The guesses.
+    """
     if motion is not None and definition.impact is None:
         itinerary, x = follow_impacts(delta, epsilon, beta, *motion, definition.walls.count(1))
         if itinerary.walls == definition.walls:
@@ -107,7 +115,15 @@ def _guesses(
 
 
 def _relative_distance(x: Array, delta: float, epsilon: float, tau: float | None) -> float:
-    """Return the largest of the relative distances of x from δ and ε, and the distance in phase from τ if given."""
+    """Return the distance of the unknowns x from (δ, ε, τ): the largest of three distances.
+
+    The distances from δ and ε are relative. The distance in phase from τ is left out if τ is None.
+
+    Returns
+    -------
+    float
+        The largest distance.
+    """
     phase = 0.0 if tau is None else abs((x[0] - tau + 0.5) % 1.0 - 0.5)
     return float(max(abs(x[-2] - delta) / delta, abs(x[-1] - epsilon) / epsilon, phase))
 
@@ -138,11 +154,11 @@ def certify_event(event: Event, beta: Exact | None = None) -> BifurcationCertifi
     itinerary = event.itinerary
     number = exact_number("beta", itinerary.beta if beta is None else beta)
     require(float(number) == itinerary.beta, f"beta must be that of the event, {itinerary.beta!r}, got {beta}")
-    x = with_value(condition(itinerary, event.kind, event.impact), event.unknowns, -2, event.delta)
+    x = solution_with_value(condition(itinerary, event.kind, event.impact), event.unknowns, -2, event.delta)
     if x is None:
-        raise NotProvedError("Newton's method does not converge to the event at its damping")
+        raise NotProvedError("Newton's method does not converge to the event at its damping: compute the branch again")
     motion = CurveMotion(tuple(int(wall) for wall in itinerary.walls), itinerary.m, event.kind, event.impact)
-    return _certified(str(event.kind), motion, x, number, {"delta": exact_number("delta", event.delta)})
+    return _prove_solution(str(event.kind), motion, x, number, {"delta": exact_number("delta", event.delta)})
 
 
 def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate, ...]:
@@ -166,33 +182,35 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
     problem = condition(graze.itinerary(half), graze.kind, graze.impact)
     found = []
     for point in codimension_two(half):
-        solved = (with_value(problem, guess, -2, point.delta) for guess in graze.starts(point.delta, half))
+        solved = (solution_with_value(problem, guess, -2, point.delta) for guess in graze.starts(point.delta, half))
         near = [x for x in solved if x is not None and abs(x[-1] - point.epsilon) < SAME_PLACE]
         if not near:
-            raise NotProvedError(f"Newton's method finds no grazing motion at {point.name}")
+            raise NotProvedError(
+                f"Newton's method finds no grazing motion at {point.name}, so this point is not proved"
+            )
         motion = CurveMotion(graze.walls, 1, graze.kind, graze.impact, point.name)
-        found.append(_certified(point.name, motion, near[0], number, {}))
+        found.append(_prove_solution(point.name, motion, near[0], number, {}))
     return tuple(found)
 
 
-def _certified(
+def _prove_solution(
     name: str, motion: CurveMotion, x: Array, beta: Fraction, known: dict[str, Fraction]
 ) -> BifurcationCertificate:
-    """Return the certificate of the solution near the computed unknowns x (n + 2,)."""
+    """Return the certificate of the point near the computed impact times, δ and ε, which are in x (n + 2,)."""
     n, free = motion.n, [i for i, parameter in enumerate(FREE) if parameter not in known]
     phi = _null_vector(motion, x, float(beta))
     start = np.concatenate([x[:n], x[n:][free], phi])
     with precision(BITS if n <= LONG else 2 * BITS):
-        system = System(motion, ball(beta), {key: ball(value) for key, value in known.items()}, phi.tolist())
-        found = enclosed(system, start)
-        require_happens(system, found.zero)
+        system = ExtendedSystem(motion, ball(beta), {key: ball(value) for key, value in known.items()}, phi.tolist())
+        found = enclose_zero(system, start)
+        require_admissible_at(system, found.zero)
         repeats = [i for i in range(n) if i != motion.impact]
         require_least_period([found.zero[i] for i in repeats], [motion.walls[i] for i in repeats], motion.m)
         return BifurcationCertificate(
             name=name,
             motion=motion,
             known={"beta": beta, **known},
-            solved={FREE[i]: _published(each) for i, each in zip(free, found.zero[n:], strict=False)},
+            solved={FREE[i]: _widened_ends(each) for i, each in zip(free, found.zero[n:], strict=False)},
             times=tuple(found.centre[:n]),
             radius=found.radius,
             versions={"gear-rattle": __version__, **VERSIONS},
@@ -200,15 +218,15 @@ def _certified(
 
 
 def _null_vector(motion: CurveMotion, x: Array, beta: float) -> Array:
-    """Return the null vector φ (n,) of J(μ), with length 1; an empty array for a graze."""
+    """Return the null vector φ (n,) of the Jacobian J(μ), with length 1, μ = ±1; an empty array for a graze."""
     if motion.kind is Kind.GRAZING:
         return np.empty(0)
     itinerary = Itinerary(motion.walls, motion.m, beta)
     return np.asarray(np.linalg.svd(itinerary.jacobian(x, MULTIPLIER[motion.kind]))[2][-1], np.float64)
 
 
-def _published(x: arb) -> Ends:
-    """Return the ends of an enclosure in 30 decimals, wider than the ball."""
+def _widened_ends(x: arb) -> Ends:
+    """Return the ends, in 30 decimals, of an interval wider than the ball x."""
     low, high = ends(x)
     room = max(ROOM * (high - low), LEAST)
     unit = Fraction(1, 10**30)

@@ -20,7 +20,7 @@ from rattle.continuation.conditions import MULTIPLIER, Kind
 from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb, arb_mat, arb_series
 from rattle.proof.bifurcations.corners import CONDITIONS
-from rattle.proof.flights import UP, FlightEnclosure, ModelPlane, extrema, require_first
+from rattle.proof.flights import UP, FlightEnclosure, ModelPlane, extrema, require_first_impact
 from rattle.proof.impacting import ImpactingSystem
 
 Series = arb_series
@@ -28,8 +28,11 @@ Series = arb_series
 FREE = ("delta", "epsilon")
 
 
-class Between(NamedTuple):
-    """The velocities w0 and w1 at the ends t0 and t1 of a flight, and the derivatives, as series: w0_t0 is ∂w0/∂t0."""
+class FlightVelocities(NamedTuple):
+    """The velocities w0 and w1 of a flight at its ends t0 and t1, and their derivatives; w0_t0 is ∂w0/∂t0.
+
+    All are power series of first order in one of the unknowns.
+    """
 
     w0: Series
     w1: Series
@@ -41,7 +44,7 @@ class Between(NamedTuple):
 
 @dataclass(frozen=True)
 class CurveMotion:
-    """The motion of a bifurcation curve: all that does not change along the curve.
+    """The properties of a bifurcating motion that do not change along its bifurcation curve.
 
     walls: the walls (n,) that it meets in m forcing periods, in order.
     kind: saddle-node, flip or graze.
@@ -62,10 +65,10 @@ class CurveMotion:
 
 
 @dataclass(frozen=True)
-class System:
-    """The extended system of a motion.
+class ExtendedSystem:
+    """The extended system of a bifurcating motion, as a function of its unknowns.
 
-    beta: the half-backlash. known: the known parameters among δ and ε, by name. side: the vector l (n,) of the equation
+    beta: the half-backlash. known: {name: value} of δ or ε, whichever is known. side: the vector l (n,) of the equation
     ⟨l, φ⟩ = 1; empty for a graze.
     """
 
@@ -75,11 +78,11 @@ class System:
     side: Sequence[float] = ()
 
     def __call__(self, at: Sequence[arb]) -> EvaluatedSystem:
-        """Evaluate the equations at the unknowns (N,): the times, the unknown parameters of δ and ε, then φ."""
+        """Evaluate the equations at the unknowns (N,): the impact times, the unknown ones of δ and ε, then φ."""
         return EvaluatedSystem(self, at)
 
     def parameters(self, at: Sequence[Any]) -> tuple[Any, Any]:
-        """Return δ and ε: a known parameter as a ball, an unknown parameter as the ball or series that `at` has."""
+        """Return δ and ε: a known parameter as a ball, an unknown parameter as its entry in the unknowns `at`."""
         free = iter(at[self.motion.n :])
         delta, epsilon = (self.known[name] if name in self.known else next(free) for name in FREE)
         return delta, epsilon
@@ -93,13 +96,13 @@ class System:
 class EvaluatedSystem:
     """An extended system, evaluated at its unknowns `at`."""
 
-    system: System
+    system: ExtendedSystem
     at: Sequence[arb]
 
     @property
     def residual(self) -> list[arb]:
         """The values (N,) of all equations."""
-        return [each[0] for each in self._values([arb_series([x]) for x in self.at])]
+        return [each[0] for each in self._equation_values([arb_series([x]) for x in self.at])]
 
     @cached_property
     def jacobian(self) -> arb_mat:
@@ -107,11 +110,11 @@ class EvaluatedSystem:
         columns = []
         for k in range(len(self.at)):
             moved = [arb_series([x, 1] if j == k else [x]) for j, x in enumerate(self.at)]
-            columns.append([each[1] for each in self._values(moved)])
+            columns.append([each[1] for each in self._equation_values(moved)])
         return arb_mat(columns).transpose()
 
-    def _values(self, at: list[Series]) -> list[Series]:
-        """Return all equations as series: R; for a graze also w₁ and the condition; else J(μ) φ and ⟨l, φ⟩ − 1."""
+    def _equation_values(self, at: list[Series]) -> list[Series]:
+        """Return the values of all equations: R; for a graze w₁ and a condition; otherwise J(μ) φ and ⟨l, φ⟩ − 1."""
         motion, (delta, epsilon) = self.system.motion, self.system.parameters(at)
         n, times = motion.n, at[: motion.n]
         zero = arb_series([0])
@@ -126,30 +129,30 @@ class EvaluatedSystem:
         if motion.impact is not None:
             values.append(flights[motion.impact - 1].w1)
         if motion.point is not None:
-            values.append(_condition(motion.point, delta, epsilon, times))
+            values.append(_codimension_two_condition(motion.point, delta, epsilon, times))
         if motion.kind is not Kind.GRAZING:
             phi, turn = at[-n:], int(MULTIPLIER[motion.kind])
-            values += [_row(flights, phi, i, turn) for i in range(n)]
+            values += [_entry_of_product(flights, phi, i, turn) for i in range(n)]
             values.append(sum((x * side for x, side in zip(phi, self.system.side, strict=True)), zero) - 1)
         return values
 
 
-def _row(flights: Sequence[Between], phi: Sequence[Series], i: int, turn: int) -> Series:
-    """Return row i of J(μ) φ; turn: the multiplier μ = ±1, by which φ changes over a period."""
+def _entry_of_product(flights: Sequence[FlightVelocities], phi: Sequence[Series], i: int, turn: int) -> Series:
+    """Return entry i of the product J(μ) φ; turn: the multiplier μ = ±1, by which φ changes over a period."""
     n, here, before = len(flights), flights[i], flights[i - 1]
     after = phi[(i + 1) % n] * (turn if i + 1 == n else 1)
     earlier = phi[i - 1] * (turn if i == 0 else 1)
     return (here.w0_t0 + before.w1_t1) * phi[i] + here.w0_t1 * after + before.w1_t0 * earlier
 
 
-def _condition(point: str, delta: Series, epsilon: Series, times: Sequence[Series]) -> Series:
-    """Return the function that is 0 at a codimension-two point, besides the equations of the graze of C."""
+def _codimension_two_condition(point: str, delta: Series, epsilon: Series, times: Sequence[Series]) -> Series:
+    """Return the function that is 0 at a codimension-two point, besides the equations of the grazing motion C."""
     x = epsilon * (2 * PI() * times[0]).cos()
     return CONDITIONS[point](delta, x, times[1] - times[0], (-delta).exp())
 
 
-def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: arb) -> Between:
-    """Return the velocities of the flight between two times and their derivatives, (1.7) to (1.10), as series."""
+def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: arb) -> FlightVelocities:
+    """Return the velocities of the flight between two times, by (1.7) to (1.10) of docs/proofs.md."""
     two_pi = 2 * PI()
     swing, forcing = two_pi * epsilon, two_pi * two_pi * epsilon
     (sin0, cos0), (sin1, cos1) = (((two_pi * t).sin(), (two_pi * t).cos()) for t in (t0, t1))
@@ -157,7 +160,7 @@ def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distan
     pull = delta / (1 - decay)
     rest = (2 * two_pi * (t1 - t0) + epsilon * (cos1 - cos0) - distance) * pull
     w0, w1 = 2 * two_pi - swing * sin0 - rest, 2 * two_pi - swing * sin1 - rest * decay
-    return Between(
+    return FlightVelocities(
         w0,
         w1,
         w0_t0=w0 * pull + delta * rest - forcing * cos0,
@@ -167,8 +170,8 @@ def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distan
     )
 
 
-def require_happens(system: System, zero: Sequence[arb]) -> None:
-    """Raise NotProvedError unless the motion is proved to be admissible: it meets exactly its walls.
+def require_admissible_at(system: ExtendedSystem, zero: Sequence[arb]) -> None:
+    """Raise NotProvedError unless the motion at the solution `zero` is proved to meet exactly its walls.
 
     All speeds must be proved not to be 0, except at the grazing impact, where the motion touches the wall from inside.
     """
@@ -183,16 +186,16 @@ def require_happens(system: System, zero: Sequence[arb]) -> None:
         target, name = walls[(i + 1) % len(walls)], f"the flight after impact {i + 1}, without the grazing impact,"
         if i == (grazed - 1) % len(walls):
             time = times[grazed] if grazed else times[0] + motion.m
-            require_touches(each, walls[i], target, motion.walls[grazed], time, name)
+            require_only_graze(each, walls[i], target, motion.walls[grazed], time, name)
         else:
-            require_first(each, walls[i], target, name)
+            require_first_impact(each, walls[i], target, name)
 
 
-def require_touches(each: FlightEnclosure, wall: int, target: int, touched: int, time: arb, name: str) -> None:
-    """Prove that a flight that grazes the wall `touched` at `time` meets no other wall before its end.
+def require_only_graze(each: FlightEnclosure, wall: int, target: int, touched: int, time: arb, name: str) -> None:
+    """Prove that a flight from `wall` to `target` that grazes the wall `touched` at `time` touches no wall otherwise.
 
-    Φ has an extremum at that time if the contact force g there is directed away from the wall. All other extrema must
-    be strictly between the walls.
+    Φ has an extremum at that time if the contact force g then points away from the wall. All other extrema must be
+    strictly between the walls.
 
     Raises
     ------
@@ -201,8 +204,8 @@ def require_touches(each: FlightEnclosure, wall: int, target: int, touched: int,
     """
     push = each.plane.force(*(2 * time).sin_cos_pi())
     if not (-touched * push > 0 and each.t0 < time < each.t1 and -wall * each.w0 > 0 and target * each.w1 > 0):
-        raise NotProvedError(f"{name} may start or end behind a wall, or not turn where it grazes")
+        raise NotProvedError(f"{name} is not proved to start and end inside the walls and to turn at its graze")
     above, below = each.plane.beta * (1 - wall), -each.plane.beta * (1 + wall)
     close = [turn for turn, height in extrema(each, name) if not (height > below if turn == UP else height < above)]
     if close != [-touched]:
-        raise NotProvedError(f"{name} may touch a wall besides where it grazes")
+        raise NotProvedError(f"{name} is not proved to touch a wall at its graze alone")

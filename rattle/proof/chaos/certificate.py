@@ -14,9 +14,9 @@ THEOREM = "horseshoe"
 
 @dataclass(frozen=True)
 class Loop:
-    """A chain of L coverings from set 0 through other sets back to set 0.
+    """A chain of sets from set 0 through other sets back to set 0; the impact map stretches each across the next.
 
-    sets: the numbers (L − 1,) of the other sets, in order.
+    L is the number of steps. sets: the numbers (L − 1,) of the other sets, in order.
     sigma_minus: for each step (L,) the number of impacts on Σ⁻.
     periods: for each step (L,) the number of forcing periods from a set to the next.
     """
@@ -31,7 +31,7 @@ class Loop:
         return len(self.sigma_minus)
 
     @property
-    def head(self) -> int:
+    def first_set(self) -> int:
         """The number of the first set after set 0, by which loops are distinguished; 0 for a loop of length 1."""
         return (*self.sets, 0)[0]
 
@@ -40,9 +40,9 @@ class Loop:
 class HorseshoeCertificate:
     """A theorem about the impact map Π at exact parameters: it has a horseshoe.
 
-    In each loop every set covers the next, and the sets after set 0 are disjoint for different loops. So for every
-    sequence of loops there is a motion that goes through them in this order (Lemma 12 of docs/proofs.md), and the
-    topological entropy is bounded from below (Lemma 13).
+    In each loop every set covers the next (Lemma 11 of docs/proofs.md), and the sets after set 0 are disjoint for
+    different loops. So for every sequence of loops there is a motion that goes through them in this order (Lemma 12),
+    and the topological entropy is bounded from below (Lemma 13).
 
     parameters: δ, ε and β. sets: all sets; loops begin and end at set 0. loops: the loops.
     per_impact, per_period: lower bounds of the entropy per impact on Σ⁺ and per forcing period, in nats.
@@ -83,5 +83,5 @@ class HorseshoeCertificate:
         }
 
     def json(self) -> str:
-        """Return the document, on one line."""
+        """Return the certificate as JSON text on one line."""
         return json.dumps(self.document(), ensure_ascii=False)

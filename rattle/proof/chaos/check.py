@@ -19,7 +19,7 @@ from rattle.proof.check import (
     ZERO,
     Interval,
     Refused,
-    exact_fraction,
+    interval_of_text,
     is_positive,
     require,
     sine_and_cosine,
@@ -30,58 +30,58 @@ MOST_PARTS, MOST_TIMES = 4000, 300
 #: Largest numbers of sets and loops, and of steps of a loop.
 MOST_SETS, MOST_LOOPS, MOST_LENGTH = 2000, 200, 100
 Vector = tuple[Interval, Interval]
-Part = tuple[float, float, float, float]  # ξ and η of its middle, half widths in ξ and η
+Part = tuple[float, float, float, float]  # a part of a set: ξ and η of its middle, half widths in ξ and η
 #: The whole of a set, and its edges ξ = −1 and ξ = 1.
 WHOLE, EDGES = (0.0, 0.0, 1.0, 1.0), ((-1.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 1.0))
 
 
-class Bundle:
-    """The flights that leave a wall at (time, velocity) = middle + a sides[0] + b sides[1] with |a|, |b| ≤ 1.
+class CheckedBundle:
+    """The flights that leave a wall at (time, velocity) = middle + a sides[0] + b sides[1], where |a|, |b| ≤ 1.
 
     hull: intervals that contain the times and the velocities of all departures.
     """
 
-    def __init__(self, plane: "Claim", wall: int, middle: Vector, sides: tuple[Vector, Vector]) -> None:
+    def __init__(self, plane: "HorseshoeClaim", wall: int, middle: Vector, sides: tuple[Vector, Vector]) -> None:
         self.plane, self.wall, self.middle, self.sides = plane, wall, middle, sides
         self.hull = tuple(x + UNIT * (abs(a) + abs(b)) for x, a, b in zip(middle, *sides, strict=True))
 
-    def flown(self, start: Vector, t: Interval) -> Vector:
-        """Return Φ(t) − Φ(t₀) and Φ'(t) for flights from `start` = (t₀, w₀), by (1.4) to (1.6)."""
+    def flight_state(self, start: Vector, t: Interval) -> Vector:
+        """Return Φ(t) − Φ(t₀) and Φ'(t) for flights from `start` = (t₀, w₀), by (1.4) to (1.6) of docs/proofs.md."""
         (sine, cosine), (sine1, cosine1), d, e = (
             sine_and_cosine(start[0]),
             sine_and_cosine(t),
             self.plane.delta,
             self.plane.epsilon,
         )
-        kept, pushed = self.kept(start, t), start[1] - 2 * TWO_PI + TWO_PI * e * sine
+        kept, pushed = self.decay_factor(start, t), start[1] - 2 * TWO_PI + TWO_PI * e * sine
         y = 2 * TWO_PI * (t - start[0]) + e * (cosine1 - cosine) + (1 - kept) / d * pushed
         return y, 2 * TWO_PI - TWO_PI * e * sine1 + kept * pushed
 
-    def kept(self, start: Vector, t: Interval) -> Interval:
-        """Return e^(−δ(t − t₀))."""
+    def decay_factor(self, start: Vector, t: Interval) -> Interval:
+        """Return e^(−δ(t − t₀)) for flights from `start` = (t₀, w₀)."""
         return IV.exp(-self.plane.delta * (t - start[0])) * (1 + SLACK)
 
-    def derivatives(self, t: Interval) -> tuple[Vector, Vector]:
-        """Return the derivatives of Φ(t) and Φ'(t) with respect to a and b, over all flights of the bundle."""
+    def state_derivatives(self, t: Interval) -> tuple[Vector, Vector]:
+        """Return the derivatives of Φ(t) and Φ'(t) with respect to the coordinates a and b of the departures."""
         # with c = e^(−δ(t − t₀)), s = (1 − c)/δ and w₀' = Φ'' at the departure: ∂Φ/∂t₀ = −(w₀ + s w₀'), ∂Φ/∂w₀ = s,
         # ∂Φ'/∂t₀ = −c w₀', ∂Φ'/∂w₀ = c
-        c = self.kept((self.hull[0], self.hull[1]), t)
+        c = self.decay_factor((self.hull[0], self.hull[1]), t)
         s = (1 - c) / self.plane.delta
-        y, v = (-self.hull[1] - s * self.push, s), (-c * self.push, c)
+        y, v = (-self.hull[1] - s * self.initial_acceleration, s), (-c * self.initial_acceleration, c)
         heights, speeds = ([by[0] * side[0] + by[1] * side[1] for side in self.sides] for by in (y, v))
         return (heights[0], heights[1]), (speeds[0], speeds[1])
 
     @cached_property
-    def push(self) -> Interval:
+    def initial_acceleration(self) -> Interval:
         """The acceleration Φ'' at the departure, over all flights of the bundle."""
         return self.plane.force(self.hull[0]) - self.plane.delta * self.hull[1]
 
-    def at(self, t: Interval) -> Vector:
+    def state_at(self, t: Interval) -> Vector:
         """Return Φ(t) − Φ(t₀) and Φ'(t) over all flights of the bundle, by the mean value theorem."""
-        (y, v), (heights, speeds) = self.flown(self.middle, t), self.derivatives(t)
+        (y, v), (heights, speeds) = self.flight_state(self.middle, t), self.state_derivatives(t)
         return y + UNIT * (abs(heights[0]) + abs(heights[1])), v + UNIT * (abs(speeds[0]) + abs(speeds[1]))
 
-    def landed(self, target: int) -> tuple[Vector, tuple[Vector, Vector]]:
+    def states_after_impact(self, target: int) -> tuple[Vector, tuple[Vector, Vector]]:
         """Return a parallelogram that contains the states (time, velocity) of all flights after impact on `target`.
 
         Returns
@@ -95,25 +95,25 @@ class Bundle:
             If a flight may graze, or meet another wall first.
         """
         end = (target - self.wall) * self.plane.beta
-        time = self.guessed(target)
+        time = self.guess_arrival(target)
         for _ in range(5):
-            y, v = self.flown(self.middle, time)
+            y, v = self.flight_state(self.middle, time)
             time = IV.mpf((time - (y - end) / v).mid)
-        delay = self.newton(self.flown(self.middle, time)[0] - end, time, IV.mpf(10) ** -30, middle=True)
-        landing = time + delay  # arrival time of the middle flight
-        delay = self.newton(self.at(landing)[0] - end, time, IV.mpf(10) ** -20, middle=False)
+        delay = self.enclose_delay(self.flight_state(self.middle, time)[0] - end, time, IV.mpf(10) ** -30, middle=True)
+        landing = time + delay  # arrival time of the flight from the middle
+        delay = self.enclose_delay(self.state_at(landing)[0] - end, time, IV.mpf(10) ** -20, middle=False)
         arrival = time + delay  # arrival times of all flights
-        speed = self.at(arrival)[1]
+        speed = self.state_at(arrival)[1]
         require(
             is_positive(-self.wall * self.hull[1], target * speed), "a flight may start or end behind a wall, or graze"
         )
-        require(self.is_clear(arrival), "a flight is not proved to meet no other wall before its end")
-        heights, speeds = self.derivatives(arrival)
+        require(self.stays_between_walls(arrival), "a flight is not proved to meet no other wall before its end")
+        heights, speeds = self.state_derivatives(arrival)
         pull = self.plane.force(arrival) - self.plane.delta * speed
         moved = [(-h / speed, -(v - pull * h / speed)) for h, v in zip(heights, speeds, strict=True)]
-        return (landing, -self.flown(self.middle, landing)[1]), (moved[0], moved[1])
+        return (landing, -self.flight_state(self.middle, landing)[1]), (moved[0], moved[1])
 
-    def newton(self, missed: Interval, time: Interval, room: Interval, middle: bool) -> Interval:
+    def enclose_delay(self, missed: Interval, time: Interval, room: Interval, middle: bool) -> Interval:
         """Return the delay after `time` with which flights reach their wall, by Newton's interval method.
 
         Parameters
@@ -123,7 +123,7 @@ class Bundle:
         room : Interval
             First guess of a bound of the delay.
         middle : bool
-            Whether to follow the middle flight alone, or all flights.
+            Whether to follow the flight from the middle alone, or all flights.
 
         Returns
         -------
@@ -137,7 +137,7 @@ class Bundle:
         """
         for _ in range(8):
             around = time + room * UNIT
-            speed = self.flown(self.middle, around)[1] if middle else self.at(around)[1]
+            speed = self.flight_state(self.middle, around)[1] if middle else self.state_at(around)[1]
             require(is_positive(speed) or is_positive(-speed), "a flight may graze")
             delay = -missed / speed
             if is_positive(room - delay, room + delay):
@@ -145,8 +145,8 @@ class Bundle:
             room = IV.mpf(1.3) * max(room, IV.mpf(abs(delay).b))
         raise Refused("the time of an impact is not enclosed")
 
-    def guessed(self, target: int) -> Interval:
-        """Return a guess, in doubles, of the time at which the middle flight reaches `target`. Raises Refused."""
+    def guess_arrival(self, target: int) -> Interval:
+        """Return a guess, in doubles, of the time at which the middle's flight reaches `target`. Raises Refused."""
         t0, w, d, e, b = (float(x.mid) for x in (*self.middle, self.plane.delta, self.plane.epsilon, self.plane.beta))
         turn, end = 2 * math.pi, (target - self.wall) * b
         pushed = w - 2 * turn + turn * e * math.sin(turn * t0)
@@ -167,16 +167,16 @@ class Bundle:
             low += step
         raise Refused("a flight does not reach its wall within 8 forcing periods")
 
-    def is_clear(self, arrival: Interval) -> bool:
-        """Return whether all flights are proved to be between the walls until the time `arrival` (Lemma 6)."""
+    def stays_between_walls(self, arrival: Interval) -> bool:
+        """Return whether all flights of the bundle are proved to meet no wall until the time `arrival` (Lemma 6)."""
         parts = [(IV.mpf(self.hull[0].a), IV.mpf(arrival.b))]
         above, below = (1 - self.wall) * self.plane.beta, (1 + self.wall) * self.plane.beta
         for _ in range(MOST_TIMES):
             low, high = parts.pop()
             part, middle = IV.mpf([low.a, high.b]), IV.mpf(((low + high) / 2).mid)
-            slope = self.at(part)[1]
+            slope = self.state_at(part)[1]
             if not (is_positive(slope) or is_positive(-slope)):
-                y = self.at(middle)[0] + slope * (part - middle)
+                y = self.state_at(middle)[0] + slope * (part - middle)
                 if not is_positive(above - y, below + y):
                     parts += [(low, middle), (middle, high)]
             if not parts:
@@ -184,11 +184,12 @@ class Bundle:
         return False
 
 
-class Claim:
+class HorseshoeClaim:
     """The statement of a certificate: parameters, sets and loops.
 
-    sets, numbers: each set as six intervals and as six exact numbers, centre (t, v), `unstable` and `stable`.
-    loops: for each loop its sets, the impacts on Σ⁻ in each step, and the forcing periods of each step.
+    sets, numbers: each set as six intervals and as six exact numbers: the two coordinates of its centre (t, v), of its
+    half side `unstable` and of its half side `stable`. loops: for each loop the numbers of its sets, the impacts on Σ⁻
+    in each step, and the forcing periods of each step.
     """
 
     def __init__(self, document: Any) -> None:
@@ -197,22 +198,25 @@ class Claim:
             {*document["parameters"]} == {"delta", "epsilon", "beta"}, "`parameters` must be delta, epsilon and beta"
         )
         self.delta, self.epsilon, self.beta = (
-            exact_fraction(document["parameters"][n]) for n in ("delta", "epsilon", "beta")
+            interval_of_text(document["parameters"][n]) for n in ("delta", "epsilon", "beta")
         )
         require(is_positive(self.delta, self.epsilon, self.beta), "all parameters must be positive")
         require(0 < len(document["sets"]) <= MOST_SETS, f"the number of sets must be from 1 to {MOST_SETS}")
-        self.sets = [[exact_fraction(number) for number in each] for each in document["sets"]]
+        self.sets = [[interval_of_text(number) for number in each] for each in document["sets"]]
         self.numbers = [[Fraction(number) for number in each] for each in document["sets"]]
-        require(all(len(each) == 6 for each in self.sets), "a set must be six numbers")
+        require(all(len(each) == 6 for each in self.sets), "each set must be six numbers")
         self.loops = [(each["sets"], each["sigma_minus"], each["periods"]) for each in document["loops"]]
         require(1 < len(self.loops) <= MOST_LOOPS, f"the number of loops must be from 2 to {MOST_LOOPS}")
         for sets, words, periods in self.loops:
             whole = all(type(x) is int and x >= 0 for x in [*sets, *words]) and all(type(x) is int for x in periods)
             fits = len(words) == len(periods) == len(sets) + 1 <= MOST_LENGTH and all(x < len(self.sets) for x in sets)
-            require(whole and fits and max(words) <= MOST_LENGTH and sum(periods) > 0, "a loop is invalid")
+            require(
+                whole and fits and max(words) <= MOST_LENGTH and sum(periods) > 0,
+                "a loop must have numbers of sets, of impacts on Σ⁻ and of forcing periods, one set fewer than steps",
+            )
 
     def force(self, t: Interval) -> Interval:
-        """Return the contact force g(t) (1.2)."""
+        """Return the contact force g(t), (1.2) of docs/proofs.md."""
         sine, cosine = sine_and_cosine(t)
         return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
 
@@ -231,14 +235,16 @@ class Claim:
         sides = (width * along[0], -width * along[1]), (height * along[2], -height * along[3])
         wall = 1
         for target in (*[-1] * word, 1):
-            middle, sides = Bundle(self, wall, middle, sides).landed(target)
+            middle, sides = CheckedBundle(self, wall, middle, sides).states_after_impact(target)
             wall = target
         return (middle[0], -middle[1]), (
             (sides[0][0], -sides[0][1]), (sides[1][0], -sides[1][1]),
         )  # fmt: skip
 
-    def seen(self, target: int, periods: int, found: tuple[Vector, tuple[Vector, Vector]]) -> tuple[Vector, list[Any]]:
-        """Return ξ and η of an image in the target's coordinates, and how much each side of the image adds to them."""
+    def coordinates_in(
+        self, target: int, periods: int, found: tuple[Vector, tuple[Vector, Vector]]
+    ) -> tuple[Vector, list[Any]]:
+        """Return ξ and η of an image in the coordinates of the set `target`, and how much each side adds to them."""
         (t, v, a, c, b, d), (middle, sides) = self.sets[target], found
         size = a * d - b * c
         require(is_positive(size) or is_positive(-size), "the sides of a set are parallel, so it has no area")
@@ -248,7 +254,7 @@ class Claim:
         return (xi, eta), [max(float(abs(x).b) for x in each) for each in added]
 
     def require_covers(self, source: int, target: int, word: int, periods: int) -> None:
-        """Raise Refused unless the set `source` covers the set `target` (Lemma 11).
+        """Raise Refused unless the set `source` covers the set `target` (Lemma 11 of docs/proofs.md).
 
         In the target's coordinates Π maps one edge ξ = ±1 of the source to ξ < −1 and the other to ξ > 1, and no point
         of the source to |ξ| ≤ 1 ≤ |η|.
@@ -261,7 +267,7 @@ class Claim:
         self.sides_of_parts(source, target, word, periods, WHOLE, inside=True)
 
     def sides_of_parts(self, source: int, target: int, word: int, periods: int, part: Part, inside: bool) -> set[int]:
-        """Return the sides of the target to which a part is mapped; the part is cut until each side is proved.
+        """Return the sides of the set `target` to which parts of the set `source` are mapped, once all are proved.
 
         Returns
         -------
@@ -277,7 +283,7 @@ class Claim:
         for _ in range(MOST_PARTS):
             here, added = parts.pop(), [1.0, 1.0]
             try:
-                (xi, eta), added = self.seen(target, periods, self.image(source, here, word))
+                (xi, eta), added = self.coordinates_in(target, periods, self.image(source, here, word))
                 if is_positive(xi - 1) or is_positive(-1 - xi):
                     sides.add(1 if is_positive(xi) else -1)
                 elif inside and is_positive(1 - eta, 1 + eta):
@@ -290,8 +296,8 @@ class Claim:
                 return sides
         raise Refused(f"set {source} is not proved to cover set {target}")
 
-    def require_apart(self, one: int, other: int) -> None:
-        """Raise Refused unless a line along a side separates two sets, whose times are taken modulo 1."""
+    def require_disjoint(self, one: int, other: int) -> None:
+        """Raise Refused unless two sets are proved to be disjoint, with times taken modulo 1."""
         for periods in (-2, -1, 0, 1, 2):
             a, b = self.corners(one, 0), self.corners(other, periods)
             normals = [(c[i][1] - c[0][1], c[0][0] - c[i][0]) for c in (a, b) for i in (1, 2)]
@@ -327,16 +333,18 @@ def check(text: str) -> str:
             document["format"] == 1 and document["theorem"] == "horseshoe",
             "`format` and `theorem` must be 1 and 'horseshoe'",
         )
-        claim = Claim(document)
+        claim = HorseshoeClaim(document)
         heads = [(*sets, 0)[0] for sets, _, _ in claim.loops]
         for i, one in enumerate(heads):
             for other in heads[:i]:
-                claim.require_apart(one, other)
+                claim.require_disjoint(one, other)
         for name, number in (("impact", 1), ("period", 2)):
-            h = exact_fraction(document[f"entropy_per_{name}"])
+            h = interval_of_text(document[f"entropy_per_{name}"])
             lengths = [len(loop[1]) if number == 1 else sum(loop[2]) for loop in claim.loops]
             total = sum((IV.exp(-h * length) * (1 + SLACK) for length in lengths), ZERO)
-            require(is_positive(h, total - 1), f"`entropy_per_{name}` is not proved")
+            require(
+                is_positive(h, total - 1), f"`entropy_per_{name}` must be positive and no larger than the loops prove"
+            )
         for sets, words, periods in claim.loops:
             chain = [0, *sets, 0]
             for source, target, word, later in zip(chain, chain[1:], words, periods, strict=False):

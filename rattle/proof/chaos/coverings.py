@@ -22,7 +22,7 @@ from rattle.proof.flights import ModelPlane
 Pair = tuple[Fraction, Fraction]
 #: Most parts into which a set is cut.
 MOST_PIECES = 12_000
-#: Smallest half-width of a part, as a share of that of its set.
+#: Smallest half-width of a part, as a share of the half-width of its set.
 FINEST = 2.0**-12
 
 
@@ -54,7 +54,7 @@ class HSet:
         return arb_mat([[ball(self.unstable[i]), ball(self.stable[i])] for i in range(2)])
 
     @cached_property
-    def coordinates(self) -> arb_mat:
+    def inverse_matrix(self) -> arb_mat:
         """The matrix that maps (t, v) − centre to (ξ, η). Raises NotProvedError if the set has no area."""
         (a, b), (c, d) = self.matrix.tolist()
         size = a * d - b * c
@@ -63,7 +63,7 @@ class HSet:
         return arb_mat([[d / size, -b / size], [-c / size, a / size]])
 
     @cached_property
-    def middle(self) -> arb_mat:
+    def centre_column(self) -> arb_mat:
         """The centre of the set as a column vector (2, 1)."""
         return arb_mat(2, 1, [ball(x) for x in self.centre])
 
@@ -76,8 +76,12 @@ class HSet:
 
 
 @dataclass
-class Mapped:
-    """A set, and the images under Π of its parts; its motions meet `walls` between two impacts on Σ⁺."""
+class MappedSet:
+    """A set, and the images under Π of its parts.
+
+    walls: the walls that the motions from the set must meet between two impacts on Σ⁺. images: {part: its image}, None
+    for a part whose motions are not proved to meet these walls.
+    """
 
     plane: ModelPlane
     source: HSet
@@ -85,10 +89,10 @@ class Mapped:
     images: dict[SetPart, Image | None] = field(default_factory=dict)
 
     def image(self, part: SetPart) -> Image | None:
-        """Return the image of a part, or None if its motions are not proved to meet `walls`."""
+        """Return the image of a part, or None if the motions from the part are not proved to meet `walls`."""
         if part not in self.images:
             matrix = self.source.matrix
-            centre = self.source.middle + matrix * arb_mat(2, 1, [part.xi, part.eta])
+            centre = self.source.centre_column + matrix * arb_mat(2, 1, [part.xi, part.eta])
             sides = matrix * arb_mat([[part.width, 0], [0, part.height]])
             try:
                 self.images[part] = image(self.plane, (centre[0, 0], centre[1, 0]), sides, self.walls)
@@ -98,18 +102,18 @@ class Mapped:
 
     def require_covers(self, target: HSet, periods: int) -> None:
         """Raise NotProvedError unless the set covers `target`, shifted by this number of forcing periods."""
-        left = self._side(target, periods, EDGES[-1])
-        right = self._side(target, periods, EDGES[1])
+        left = self._side_of_edge(target, periods, EDGES[-1])
+        right = self._side_of_edge(target, periods, EDGES[1])
         if left == right:
             raise NotProvedError("both edges of a set are mapped to the same side of the next set")
         for _ in self._sides_of_parts(target, periods, WHOLE, inside=True):
             pass
 
-    def _side(self, target: HSet, periods: int, edge: SetPart) -> int:
-        """Return the side of `target` to which the whole edge is mapped: 1 or −1. Raises NotProvedError."""
+    def _side_of_edge(self, target: HSet, periods: int, edge: SetPart) -> int:
+        """Return the side of `target` to which the whole edge is mapped: 1 (ξ > 1) or −1. Raises NotProvedError."""
         sides = set(self._sides_of_parts(target, periods, edge, inside=False))
         if len(sides) != 1:
-            raise NotProvedError("an edge of a set is not mapped to one side of the next set")
+            raise NotProvedError("an edge of a set is mapped to both sides of the next set")
         return sides.pop()
 
     def _sides_of_parts(self, target: HSet, periods: int, part: SetPart, inside: bool) -> Iterator[int]:
@@ -135,7 +139,7 @@ class Mapped:
             found = self.image(here)
             grown = [1.0, 1.0]
             if found is not None:
-                (xi, eta), grown = _seen_from(target, periods, found)
+                (xi, eta), grown = _coordinates_in(target, periods, found)
                 if xi > 1 or xi < -1:
                     yield 1 if xi > 1 else -1
                     continue
@@ -147,16 +151,16 @@ class Mapped:
             parts += _halves(here, grown)
 
 
-def _seen_from(target: HSet, periods: int, found: Image) -> tuple[tuple[arb, arb], list[float]]:
-    """Return ξ and η of an image in the target's coordinates, and how much each side of the part adds to ξ or η."""
-    away = arb_mat(2, 1, [found.middle[0] - periods, found.middle[1]]) - target.middle
-    start, slope = target.coordinates * away, target.coordinates * found.slope
+def _coordinates_in(target: HSet, periods: int, found: Image) -> tuple[tuple[arb, arb], list[float]]:
+    """Return ξ and η of an image in the target's coordinates, and how much each side of the image adds to them."""
+    away = arb_mat(2, 1, [found.middle[0] - periods, found.middle[1]]) - target.centre_column
+    start, slope = target.inverse_matrix * away, target.inverse_matrix * found.slope
     xi, eta = (start[i, 0] + arb(0, 1) * sum((abs(slope[i, j]) for j in range(2)), arb(0)) for i in range(2))
     return (xi, eta), [max(float(abs(slope[i, j]).upper()) for i in range(2)) for j in range(2)]
 
 
 def _is_refuted(xi: arb, eta: arb, grown: Sequence[float], inside: bool) -> bool:
-    """Return whether cutting further cannot help: the image is small already, or it is where it must not be."""
+    """Return whether cutting a part further cannot help, because its image is small or is where it must not be."""
     return max(grown) < FINEST * 8 or bool(abs(xi) < 1 and (abs(eta) > 1 or not inside))
 
 
@@ -165,7 +169,7 @@ def _halves(part: SetPart, grown: Sequence[float]) -> list[SetPart]:
     xi, eta, width, height = part
     if max(width, height) < FINEST:
         raise NotProvedError(
-            "which walls the motions of a set meet is undecided, even in its smallest parts: use a smaller set"
+            "it is undecided which walls the motions from a set meet, even from its smallest parts: use a smaller set"
         )
     if (grown[0] * (width > 0), width) >= (grown[1], height):
         return [SetPart(xi + side * width / 2, eta, width / 2, height) for side in (-1, 1)]

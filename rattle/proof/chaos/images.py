@@ -1,6 +1,7 @@
-"""Enclosures of the impact map Π on a small set of departures (t, v) from Σ⁺: t the time, v the speed.
+"""Enclosures of the impact map Π on a small set of departures (t, v) from Σ⁺, t the time and v the speed.
 
-Lemma 14 of docs/proofs.md. A set is a parallelogram middle + sides [−1, 1]²; all flights from it form a bundle.
+The method is Lemma 14 of docs/proofs.md. A set is a parallelogram middle + sides [−1, 1]². All flights from a set form
+a bundle; the flight from its middle is the middle flight.
 """
 
 from __future__ import annotations
@@ -14,17 +15,16 @@ from rattle.errors import NotProvedError
 from rattle.flight import first_impact, law
 from rattle.flight.forcing import DRIFT
 from rattle.proof.balls import arb, arb_mat
-from rattle.proof.flights import FlightEnclosure, ModelPlane, require_first, sign
+from rattle.proof.flights import FlightEnclosure, ModelPlane, require_first_impact, sign
 
-#: Factor by which the guessed interval of arrival times is widened after each refusal, and most times that it is
-#: widened.
+#: Factor by which the guessed interval of arrival times is widened at each trial; number of trials.
 GROWN = 1.25
 MOST_GROWN = 6
-#: Newton steps for the arrival time of the middle flight.
+#: Number of Newton steps for the arrival time of the flight from the middle of a set.
 MOST_NEWTON = 3
 #: Most parts into which the time of a flight is bisected.
 MOST_PARTS = 200
-#: Largest error of the arrival time of the middle flight.
+#: Largest error of the arrival time of the flight from the middle of a set, in forcing periods.
 NEAR = 1e-15
 
 
@@ -40,9 +40,9 @@ class Image(NamedTuple):
 
 @dataclass(frozen=True)
 class Arrival:
-    """The end of the middle flight of a bundle, and derivatives over the whole bundle.
+    """The end of the flight from the middle of a set, and derivatives over all flights from the set.
 
-    time, velocity: time and velocity of the middle flight at its end. slope: derivatives (2, 2) of time and velocity at
+    time, velocity: time and velocity at the end of this flight. slope: derivatives (2, 2) of time and velocity at
     the end with respect to time and velocity of departure.
     """
 
@@ -69,7 +69,7 @@ def image(plane: ModelPlane, centre: tuple[arb, arb], sides: arb_mat, walls: Seq
     NotProvedError
         If it is not proved that all motions meet exactly these walls.
     """
-    turn = arb_mat([[1, 0], [0, -1]])  # turns speed on Σ⁺ into velocity; reflects at impacts
+    turn = arb_mat([[1, 0], [0, -1]])  # turns a speed on Σ⁺ into a velocity, and reverses velocities at impacts
     middle, sides, wall = (centre[0], -centre[1]), turn * sides, 1
     for target in (*walls, 1):
         here = arrival(plane, middle, sides, wall, target)
@@ -78,14 +78,14 @@ def image(plane: ModelPlane, centre: tuple[arb, arb], sides: arb_mat, walls: Seq
 
 
 def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
-    """Return when and with which velocity a bundle's flights end, if their first impact is proved to be on `target`.
+    """Return when and with which velocity flights from a set end, if their first impact is proved to be on `target`.
 
-    The departures are at the times and velocities middle + sides [−1, 1]².
+    The flights leave `wall` at the times and velocities middle + sides [−1, 1]².
 
     Returns
     -------
     Arrival
-        The end of the middle flight, and derivatives over the bundle.
+        The end of the flight from the middle, and derivatives over all flights.
 
     Raises
     ------
@@ -93,17 +93,17 @@ def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: in
         If a flight may graze, or meet another wall first, or the time of its end is not enclosed.
     """
     distance, name = plane.beta * (target - wall), "a flight"
-    time = _time(plane, middle, wall, target)
-    # Newton's interval method encloses the delays of all flights relative to the middle flight
+    time = _middle_arrival_time(plane, middle, wall, target)
+    # Newton's interval method encloses the delays with which all flights end after the flight from the middle
     bundle = FlightBundle(plane, middle, sides)
-    at_middle = bundle.middle_until(time)
-    by_t0, by_w0 = _derivatives(at_middle, time)
+    at_middle = bundle.middle_flight(time)
+    by_t0, by_w0 = _flight_derivatives(at_middle, time)
     guess = abs(spread_of_sides(sides, by_t0[0], by_w0[0]) / at_middle.w1) + arb(1e-25)
     missed = bundle.height(time) - distance
     for _ in range(MOST_GROWN):
         guess = guess.upper() * GROWN
         late = arb(0, 1) * guess
-        speed = bundle.all_until(time + late).w1
+        speed = bundle.enclosing_flight(time + late).w1
         if not (speed > 0 or speed < 0):
             raise NotProvedError(f"{name} may graze: the set is too large or too close to a graze")
         moved = -missed / speed
@@ -112,9 +112,9 @@ def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: in
         guess = guess.max(abs(moved))
     else:
         raise NotProvedError(f"the time at which {name} ends is not enclosed: the set is too large")
-    here = bundle.all_until(time + moved)
-    bundle.require_clear(here, wall, target, name)
-    (height_t0, speed_t0), (height_w0, speed_w0) = _derivatives(here, here.t1)
+    here = bundle.enclosing_flight(time + moved)
+    bundle.require_no_other_impact(here, wall, target, name)
+    (height_t0, speed_t0), (height_w0, speed_w0) = _flight_derivatives(here, here.t1)
     pull = plane.force(*(2 * here.t1).sin_cos_pi()) - plane.delta * here.w1
     late_t0, late_w0 = -height_t0 / here.w1, -height_w0 / here.w1
     slope = arb_mat([[late_t0, late_w0], [speed_t0 + pull * late_t0, speed_w0 + pull * late_w0]])
@@ -141,32 +141,34 @@ class FlightBundle:
         t0, w0 = (self.middle[i] + unit * sum((abs(self.sides[i, j]) for j in range(2)), arb(0)) for i in range(2))
         return t0, w0
 
-    def middle_until(self, t: arb) -> FlightEnclosure:
-        """Return the middle flight of the bundle until the time t."""
-        return _flight(self.plane, *self.middle, t)
+    def middle_flight(self, t: arb) -> FlightEnclosure:
+        """Return an enclosure of the flight that starts at the middle of the set, until the time t."""
+        return _flight_from_start(self.plane, *self.middle, t)
 
-    def all_until(self, t: arb) -> FlightEnclosure:
-        """Return an enclosure of all flights of the bundle until the time t."""
-        return _flight(self.plane, *self.hull, t)
+    def enclosing_flight(self, t: arb) -> FlightEnclosure:
+        """Return an enclosure of all flights that start in the set, until the time t."""
+        return _flight_from_start(self.plane, *self.hull, t)
 
     def height(self, t: arb) -> arb:
-        """Return Φ(t) − Φ(t₀) over all flights of the bundle, by the mean value theorem."""
-        return self._at(t, 0)
+        """Return Φ(t) − Φ(t₀) over all flights that start in the set, by the mean value theorem."""
+        return self._state_component(t, 0)
 
     def speed(self, t: arb) -> arb:
-        """Return Φ'(t) over all flights of the bundle, by the mean value theorem."""
-        return self._at(t, 1)
+        """Return Φ'(t) over all flights that start in the set, by the mean value theorem."""
+        return self._state_component(t, 1)
 
-    def _at(self, t: arb, which: int) -> arb:
-        """Return Φ(t) − Φ(t₀) (which: 0) or Φ'(t) (1) over all flights of the bundle."""
-        by_t0, by_w0 = _derivatives(self.all_until(t), t)
-        return self.middle_until(t).at(t)[which] + arb(0, 1) * spread_of_sides(self.sides, by_t0[which], by_w0[which])
+    def _state_component(self, t: arb, which: int) -> arb:
+        """Return Φ(t) − Φ(t₀) if `which` is 0, Φ'(t) if it is 1, over all flights that start in the set."""
+        by_t0, by_w0 = _flight_derivatives(self.enclosing_flight(t), t)
+        return self.middle_flight(t).state_at(t)[which] + arb(0, 1) * spread_of_sides(
+            self.sides, by_t0[which], by_w0[which]
+        )
 
-    def require_clear(self, here: FlightEnclosure, wall: int, target: int, name: str) -> None:
-        """Prove that the flights `here` of the bundle meet no wall before their end on `target`.
+    def require_no_other_impact(self, here: FlightEnclosure, wall: int, target: int, name: str) -> None:
+        """Prove that all flights of the bundle, enclosed in `here`, meet no wall before their end on `target`.
 
-        The proof is by the extrema of the flights (Lemma 3). Where this is undecided, the time is bisected until in
-        each part Φ' has one sign or Φ is strictly between the walls (Lemma 6).
+        Their extrema are tried first (Lemma 3 of docs/proofs.md). If these do not decide, the time is bisected until
+        in each part Φ' has one sign or Φ is strictly between the walls (Lemma 6).
 
         Raises
         ------
@@ -174,7 +176,7 @@ class FlightBundle:
             If a flight may meet a wall before its end.
         """
         try:
-            require_first(here, wall, target, name)
+            require_first_impact(here, wall, target, name)
         except NotProvedError:
             if sign(here.w0) != -wall or sign(here.w1) != target or not here.t1 > here.t0:
                 raise
@@ -195,16 +197,16 @@ class FlightBundle:
         raise NotProvedError(f"{name} may meet a wall before its end: the set is too large or too close to a graze")
 
 
-def _flight(plane: ModelPlane, t0: arb, w0: arb, t1: arb) -> FlightEnclosure:
-    """Return the flight from time t0 and velocity w0 until t1, with NaN for the derivatives by times."""
+def _flight_from_start(plane: ModelPlane, t0: arb, w0: arb, t1: arb) -> FlightEnclosure:
+    """Return the flight from time t0 and velocity w0 until t1; its derivatives with respect to times are NaN."""
     (sin0, cos0), sin1 = (2 * t0).sin_cos_pi(), (2 * t1).sin_pi()
-    rest, decay, none = plane.drift - plane.swing * sin0 - w0, (-plane.delta * (t1 - t0)).exp(), arb.nan()
-    w1 = plane.drift - plane.swing * sin1 - rest * decay
+    rest, decay, none = plane.drift - plane.velocity_amplitude * sin0 - w0, (-plane.delta * (t1 - t0)).exp(), arb.nan()
+    w1 = plane.drift - plane.velocity_amplitude * sin1 - rest * decay
     return FlightEnclosure(plane, t0, t1, rest, cos0, w0, w1, decay, none, none, none, none)
 
 
-def _derivatives(here: FlightEnclosure, t: arb) -> tuple[tuple[arb, arb], tuple[arb, arb]]:
-    """Return the derivatives of Φ − Φ(t₀) and Φ' at the time t: first both with respect to t₀, then to w₀."""
+def _flight_derivatives(here: FlightEnclosure, t: arb) -> tuple[tuple[arb, arb], tuple[arb, arb]]:
+    """Return the derivatives of Φ − Φ(t₀) and Φ' at the time t: both with respect to t₀, then both to w₀."""
     plane, (sin0, _) = here.plane, (2 * here.t0).sin_cos_pi()
     kept = (-plane.delta * (t - here.t0)).exp()
     reach = (1 - kept) / plane.delta
@@ -212,8 +214,8 @@ def _derivatives(here: FlightEnclosure, t: arb) -> tuple[tuple[arb, arb], tuple[
     return (reach * push - here.w0, kept * push), (reach, kept)
 
 
-def _time(plane: ModelPlane, middle: tuple[arb, arb], wall: int, target: int) -> arb:
-    """Return the time at which the middle flight ends on `target`, as a small ball. Raises NotProvedError."""
+def _middle_arrival_time(plane: ModelPlane, middle: tuple[arb, arb], wall: int, target: int) -> arb:
+    """Return the time at which the flight from (time, velocity) = middle ends on `target`. Raises NotProvedError."""
     numbers = (float(each) for each in (*middle, plane.delta, plane.epsilon, plane.beta))
     t0, w0, delta, epsilon, beta = numbers
     status, length, met, _ = first_impact.first_impact(wall, float(law.folded(t0)), w0, delta, epsilon, beta, DRIFT)[:4]
@@ -221,10 +223,13 @@ def _time(plane: ModelPlane, middle: tuple[arb, arb], wall: int, target: int) ->
         raise NotProvedError("the motion from the middle of a set meets other walls than stated")
     time, distance = (middle[0] + arb(float(length))).mid(), plane.beta * (target - wall)
     for _ in range(MOST_NEWTON):
-        height, speed = _flight(plane, *middle, time).at(time)
+        height, speed = _flight_from_start(plane, *middle, time).state_at(time)
         time = (time - (height - distance) / speed).mid()
     late = arb(0, NEAR)
-    missed, speed = _flight(plane, *middle, time).at(time)[0] - distance, _flight(plane, *middle, time + late).w1
+    missed, speed = (
+        _flight_from_start(plane, *middle, time).state_at(time)[0] - distance,
+        _flight_from_start(plane, *middle, time + late).w1,
+    )
     if not (speed > 0 or speed < 0) or not abs(missed / speed) < NEAR:
         raise NotProvedError("the motion from the middle of a set may graze")
     return time - missed / speed

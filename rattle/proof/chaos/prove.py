@@ -1,4 +1,4 @@
-"""Prove chaos at one point of the plane: search a horseshoe in doubles, then prove its coverings."""
+"""Prove chaos at one point of the plane: search for a horseshoe in doubles, then prove that its sets cover the next."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from rattle.proof.balls import VERSIONS, arb, ball, precision
 from rattle.proof.certificate import Exact, exact_number
 from rattle.proof.chaos import search
 from rattle.proof.chaos.certificate import HorseshoeCertificate, Loop
-from rattle.proof.chaos.coverings import HSet, Mapped, Pair, SetPart
+from rattle.proof.chaos.coverings import HSet, MappedSet, Pair, SetPart
 from rattle.proof.flights import ModelPlane
 
 #: Number of found horseshoes that are tried; the one with the largest entropy is kept.
 PLACES_TRIED = 3
-#: The middle of a set, as a part of it.
+#: The part of a set that is its middle alone.
 POINT = SetPart(0.0, 0.0, 0.0, 0.0)
 #: Unit to which the published entropy is rounded down.
 DIGITS = Fraction(1, 10**4)
@@ -60,7 +60,7 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
     with precision():
         plane = ModelPlane(*(ball(number) for number in parameters.values()))
         for found in islice(search.search_horseshoes(gear), PLACES_TRIED):
-            proved = _proved(plane, parameters, found)
+            proved = _prove_loops(plane, parameters, found)
             if proved is not None and (best is None or proved.per_impact > best.per_impact):
                 best = proved
     if best is None:
@@ -70,17 +70,19 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
     return best
 
 
-def _proved(plane: ModelPlane, parameters: dict[str, Fraction], found: search.Found) -> HorseshoeCertificate | None:
-    """Return the certificate of all loops of a horseshoe that are proved, or None if fewer than two are proved."""
-    hub = _exactly(found.hub)
+def _prove_loops(
+    plane: ModelPlane, parameters: dict[str, Fraction], found: search.HorseshoeCandidate
+) -> HorseshoeCertificate | None:
+    """Return the certificate of those loops of a candidate that are proved, or None if fewer than two are proved."""
+    hub = _exact_set(found.hub)
     sets, loops = [hub], list[Loop]()
-    sources: dict[tuple[int, int], Mapped] = {}  # all loops share the images of the hub's parts
+    sources: dict[tuple[int, int], MappedSet] = {}  # all loops share the images of the parts of set 0
     for each in found.loops:
-        new = [_exactly(box) for box in each.boxes]
+        new = [_exact_set(box) for box in each.boxes]
         numbers = range(len(sets), len(sets) + len(new))
         try:
-            require_apart([*new, hub][:1], [sets[loop.head] for loop in loops])
-            periods = _covered(plane, [hub, *new, hub], each.words, sources)
+            require_disjoint_sets([*new, hub][:1], [sets[loop.first_set] for loop in loops])
+            periods = _prove_chain(plane, [hub, *new, hub], each.words, sources)
         except NotProvedError:
             continue
         sets += new
@@ -91,19 +93,19 @@ def _proved(plane: ModelPlane, parameters: dict[str, Fraction], found: search.Fo
         parameters=parameters,
         sets=tuple(sets),
         loops=tuple(loops),
-        per_impact=entropy([loop.length for loop in loops]),
-        per_period=entropy([sum(loop.periods) for loop in loops]),
+        per_impact=entropy_lower_bound([loop.length for loop in loops]),
+        per_period=entropy_lower_bound([sum(loop.periods) for loop in loops]),
         versions={"gear-rattle": __version__, **VERSIONS},
     )
 
 
-def _covered(
-    plane: ModelPlane, chain: Sequence[HSet], words: Sequence[int], sources: dict[tuple[int, int], Mapped]
+def _prove_chain(
+    plane: ModelPlane, chain: Sequence[HSet], words: Sequence[int], sources: dict[tuple[int, int], MappedSet]
 ) -> tuple[int, ...]:
     """Prove that each set of a chain covers the next, and return the number of forcing periods of each step."""
     periods = []
     for i, ((source, target), word) in enumerate(zip(pairwise(chain), words, strict=True)):
-        mapped = Mapped(plane, source, (-1,) * word)
+        mapped = MappedSet(plane, source, (-1,) * word)
         if i == 0:
             mapped = sources.setdefault((0, word), mapped)
         middle = mapped.image(POINT)
@@ -114,14 +116,14 @@ def _covered(
     return tuple(periods)
 
 
-def _exactly(box: search.StateBox) -> HSet:
-    """Return a computed box as a set with exact numbers of few digits, its time shifted to [0, 1)."""
+def _exact_set(box: search.StateBox) -> HSet:
+    """Return the set with exact numbers of few digits that is close to a computed box, its time shifted to [0, 1)."""
     t, v = (Fraction(f"{x:.15f}") for x in (float(box.centre[0]) % 1.0, float(box.centre[1])))
     unstable, stable = (tuple(Fraction(f"{x:.8e}") for x in column) for column in np.asarray(box.sides).T)
     return HSet((t, v), (unstable[0], unstable[1]), (stable[0], stable[1]))
 
 
-def require_apart(some: Sequence[HSet], others: Sequence[HSet]) -> None:
+def require_disjoint_sets(some: Sequence[HSet], others: Sequence[HSet]) -> None:
     """Raise NotProvedError unless no set of `some` meets a set of `others`, with times taken modulo 1."""
     for one in some:
         for other in others:
@@ -149,9 +151,9 @@ def are_separated(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
     return False
 
 
-def entropy(lengths: Sequence[int]) -> Fraction:
-    """Return a lower bound h of the entropy, for which Σ e^(−h length) ≥ 1 is proved (Lemma 13); 0 if none is found."""
-    h = Fraction(math.floor(search.growth(lengths) / DIGITS)) * DIGITS
+def entropy_lower_bound(lengths: Sequence[int]) -> Fraction:
+    """Return a lower bound h of the entropy: Σ e^(−h length) ≥ 1 (Lemma 13 of docs/proofs.md); 0 if none is found."""
+    h = Fraction(math.floor(search.entropy_of_lengths(lengths) / DIGITS)) * DIGITS
     while h > 0:
         if sum(((-ball(h) * length).exp() for length in lengths), arb(0)) >= 1:
             return h

@@ -1,4 +1,4 @@
-"""Search horseshoes of the impact map Π in doubles; `prove` then proves or refuses them.
+"""Search for horseshoes of the impact map Π in doubles; `prove` then proves or refuses them.
 
 A horseshoe has a parallelogram to which chaotic motions return, the hub. A loop is a return to the hub: a chain of
 parallelograms, each of which Π stretches across the next, from the hub back to the hub.
@@ -26,7 +26,7 @@ SEED = 1
 STATES, SETTLING, WATCHED = 1500, 400, 200
 #: Least Lyapunov exponent of a chaotic motion, per forcing period.
 CHAOTIC = 0.02
-#: Most chaotic motions that are kept; number of their impacts; index of the impact whose states may be centres of hubs.
+#: Most chaotic motions that are kept; number of impacts of each; index of the impact whose state may be a hub's centre.
 KEPT, STEPS, MIDDLE = 400, 72, 36
 #: Number of states that are tried as centres of hubs.
 PLACES = 24
@@ -36,35 +36,41 @@ SIZES = (0.03, 0.02, 0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4)
 SHAPES = (0.5, 1.0, 2.0, 4.0, 8.0)
 #: Most impacts on Σ⁺ in a loop.
 MOST_STEPS = 16
-#: Most hubs whose loops are computed; most returns with one word (its numbers of impacts on Σ⁻); most words of a hub.
+#: Most hubs whose loops are computed; most returns to a hub with the same word (numbers of impacts on Σ⁻); most words
+#: of one hub.
 TRIED, EACH, MOST_WORDS = 100, 3, 40
-#: Number of hubs with one centre that are tried before hubs with the next centre.
+#: Number of hubs with the same centre that are tried before hubs with another centre.
 TOGETHER = 2
-#: Least |ξ| that both ends of an image reach in the next set; ratio of the height of a set to that of the image in it.
+#: Least |ξ| that both ends of an image reach in the next set; also the ratio of the height of a set to the height of
+#: the image in it.
 ROOM = 1.2
-#: Largest |η| of an image in the hub.
+#: Largest |η|, in the coordinates of the hub, of an image that crosses the hub.
 HIGHEST = 0.95
-#: Largest ratio of the stretches by Π in a hub; least cosine of the angles between its image and the mean direction.
+#: Largest ratio of the factors by which Π stretches parts of a hub; least cosine of the angles between the directions
+#: of the hub's image and their mean.
 UNEVEN, FLAT = 6.0, 0.9
-#: Newton steps for the states of a set that Π maps to the edges of the next set.
+#: Number of Newton steps with which the states are found that Π maps to given ξ of the next set.
 CORRECTED = 3
-#: Times that the best loops are chosen again, with the entropy of the choice before.
+#: Number of times that the best loops are chosen, each time with the entropy of the loops chosen before.
 SCHEDULED = 4
 #: Step of finite differences.
 NEAR = 1e-7
-#: Trial lengths of a set, as ratios to the length that the linear map suggests.
+#: Half lengths of a set that are tried, as ratios to the half length that the linearised map suggests.
 GROWTH = 1.08 ** np.arange(-12, 40)
 
 
 class StateBox(NamedTuple):
-    """A parallelogram centre + ξ unstable + η stable, |ξ|, |η| ≤ 1: centre (2,), sides (2, 2) as columns."""
+    """A parallelogram of states, centre + sides @ (ξ, η) with |ξ|, |η| ≤ 1.
+
+    centre (2,): time and speed. sides (2, 2): half sides along the unstable and the stable direction, as columns.
+    """
 
     centre: Array
     sides: Array
 
 
-class FoundLoop(NamedTuple):
-    """A loop of a hub.
+class LoopCandidate(NamedTuple):
+    """A loop that may be proved: a chain of sets from the hub back to the hub.
 
     boxes: the sets between two visits to the hub. words: for each step the number of impacts on Σ⁻.
     strip: the ends in ξ of the part of the hub that goes through the loop.
@@ -75,11 +81,11 @@ class FoundLoop(NamedTuple):
     strip: tuple[float, float]
 
 
-class Found(NamedTuple):
-    """A candidate of a horseshoe: a hub and its loops."""
+class HorseshoeCandidate(NamedTuple):
+    """A candidate for a horseshoe: a hub, which is a parallelogram of states, and the loops from it back to it."""
 
     hub: StateBox
-    loops: tuple[FoundLoop, ...]
+    loops: tuple[LoopCandidate, ...]
 
 
 class OrbitSegment(NamedTuple):
@@ -114,19 +120,19 @@ class ReturnMap:
         return np.stack([out.tau, out.v], -1), np.where(bad | (out.n_plus < 1), -1, out.n_minus)
 
     def tangent(self, x: Array) -> Array:
-        """Return the derivative DΠ (…, 2, 2) by finite differences."""
+        """Return the derivatives of Π at states (…, 2) as matrices (…, 2, 2), by finite differences."""
         moves = NEAR * np.eye(2).reshape(2, *(1,) * (x.ndim - 1), 2)
-        return np.moveaxis(away(self(x + moves)[0], self(x - moves)[0]) / (2 * NEAR), 0, -1)
+        return np.moveaxis(state_difference(self(x + moves)[0], self(x - moves)[0]) / (2 * NEAR), 0, -1)
 
 
-def away(x: Array, centre: Array) -> Array:
+def state_difference(x: Array, centre: Array) -> Array:
     """Return x − centre (…, 2), with differences of times shifted to [−½, ½)."""
     d = x - centre
     d[..., 0] = (d[..., 0] + 0.5) % 1.0 - 0.5
     return d
 
 
-def growth(lengths: Sequence[float]) -> float:
+def entropy_of_lengths(lengths: Sequence[float]) -> float:
     """Return the entropy h for which Σ e^(−h length) = 1; 0 for fewer than two loops."""
     if len(lengths) < 2:
         return 0.0
@@ -134,29 +140,31 @@ def growth(lengths: Sequence[float]) -> float:
     return float(brentq(lambda h: float(np.exp(-h * times).sum()) - 1.0, 0.0, np.log(len(times)) + 1.0))
 
 
-def search_horseshoes(gear: Gear) -> Iterator[Found]:
-    """Yield candidates of horseshoes, the largest entropy first. Raises NotProvedError if no motion seems chaotic."""
-    states, words = _chaotic(gear)
+def search_horseshoes(gear: Gear) -> Iterator[HorseshoeCandidate]:
+    """Yield candidates for horseshoes, the largest entropy first. Raises NotProvedError if no motion seems chaotic."""
+    states, words = _chaotic_motions(gear)
     pi = ReturnMap(gear)
     tangents = pi.tangent(states[:-1])
     guesses: list[tuple[int, float, StateBox, list[OrbitSegment]]] = []
-    for place, unstable, stable in _places(gear, pi, states, tangents):
+    for place, unstable, stable in _hub_centres(gear, pi, states, tangents):
         here = list[tuple[float, StateBox, list[OrbitSegment]]]()
         for size in SIZES:
             for shape in SHAPES:
                 hub = StateBox(place, np.column_stack([unstable * size, stable * size * shape]))
-                if _is_flat(pi, hub):
-                    segments = list(_returns(hub, states, words))
-                    here.append((growth([len(word) for word in {x.words for x in segments}]), hub, segments))
+                if _is_stretched_evenly(pi, hub):
+                    segments = list(_returns_to_hub(hub, states, words))
+                    here.append(
+                        (entropy_of_lengths([len(word) for word in {x.words for x in segments}]), hub, segments)
+                    )
         here.sort(key=lambda x: -x[0])
         guesses += [(rank // TOGETHER, -h, hub, segments) for rank, (h, hub, segments) in enumerate(here)]
     guesses.sort(key=lambda x: x[:2])
-    found = [Found(hub, tuple(_loops(pi, hub, segments))) for *_, hub, segments in guesses[:TRIED]]
-    yield from sorted(found, key=lambda x: -_growth_of(x.loops))
+    found = [HorseshoeCandidate(hub, tuple(_best_loops(pi, hub, segments))) for *_, hub, segments in guesses[:TRIED]]
+    yield from sorted(found, key=lambda x: -_entropy_of_loops(x.loops))
 
 
-def _chaotic(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
-    """Return k chaotic motions: states (STEPS + 1, k, 2), and numbers of impacts on Σ⁻ (STEPS, k)."""
+def _chaotic_motions(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
+    """Return k motions that seem chaotic: states (STEPS + 1, k, 2), and numbers of impacts on Σ⁻ (STEPS, k)."""
     rng = np.random.default_rng(SEED)
     speed = np.sqrt(16 * np.pi * gear.delta * gear.beta) + 2 * np.pi * gear.epsilon
     states = [np.column_stack([rng.uniform(0, 1, STATES), rng.uniform(0, 1.6 * speed, STATES)])]
@@ -183,8 +191,8 @@ def _chaotic(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
     return np.array(path), np.array(words)
 
 
-def _places(gear: Gear, pi: ReturnMap, states: Array, tangents: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield centres of hubs, with unit vectors along their unstable and stable directions: saddles, then `states`."""
+def _hub_centres(gear: Gear, pi: ReturnMap, states: Array, tangents: Array) -> Iterator[tuple[Array, Array, Array]]:
+    """Yield centres of hubs, first saddles, then states, with unit vectors along unstable and stable directions."""
     for orbit in gear.orbits():
         x = np.array([orbit.tau, orbit.v])
         values, vectors = np.linalg.eig(pi.tangent(x))
@@ -194,43 +202,43 @@ def _places(gear: Gear, pi: ReturnMap, states: Array, tangents: Array) -> Iterat
     for j in np.linspace(0, states.shape[1] - 1, PLACES).astype(int):
         unstable, stable = np.array([1.0, 0.3]), np.array([0.3, 1.0])
         for i in range(MIDDLE):
-            unstable = _unit(tangents[i, j] @ unstable)
+            unstable = _unit_vector(tangents[i, j] @ unstable)
         for i in range(len(tangents) - 1, MIDDLE - 1, -1):
-            stable = _pulled(tangents[i, j], stable)
+            stable = _unit_preimage(tangents[i, j], stable)
         if abs(np.linalg.det(np.column_stack([unstable, stable]))) > 1e-3:
             yield states[MIDDLE, j], unstable, stable
 
 
-def _unit(x: Array) -> Array:
+def _unit_vector(x: Array) -> Array:
     return np.asarray(x / np.linalg.norm(x))
 
 
-def _pulled(tangent: Array, x: Array) -> Array:
+def _unit_preimage(tangent: Array, x: Array) -> Array:
     """Return the preimage of x under a tangent map, scaled to length 1."""
     (a, b), (c, d) = tangent
-    return _unit(np.array([d * x[0] - b * x[1], a * x[1] - c * x[0]]))
+    return _unit_vector(np.array([d * x[0] - b * x[1], a * x[1] - c * x[0]]))
 
 
-def _samples(box: StateBox, across: int, high: int) -> Array:
-    """Return a grid of states (across, high, 2) of a box; across, high: numbers of points along ξ, η."""
+def _grid_of_box(box: StateBox, across: int, high: int) -> Array:
+    """Return a grid of states (across, high, 2) in a box, with `across` points along ξ and `high` points along η."""
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, across), np.linspace(-1, 1, high), indexing="ij"), -1)
     return np.asarray(box.centre + grid @ box.sides.T)
 
 
-def _is_flat(pi: ReturnMap, hub: StateBox) -> bool:
-    """Return whether Π stretches the hub almost uniformly, so that its image is almost straight."""
-    after, words = pi(_samples(hub, 9, 5))
+def _is_stretched_evenly(pi: ReturnMap, hub: StateBox) -> bool:
+    """Return whether Π stretches the hub almost uniformly and maps it to an almost straight image."""
+    after, words = pi(_grid_of_box(hub, 9, 5))
     if np.ptp(words) > 0 or words[0, 0] < 0:
         return False
-    moves = away(after[1:], after[:-1])
+    moves = state_difference(after[1:], after[:-1])
     lengths = np.linalg.norm(moves, axis=-1)
-    mean = _unit(moves.mean((0, 1)))
+    mean = _unit_vector(moves.mean((0, 1)))
     return bool(lengths.min() > 0 and lengths.max() < UNEVEN * lengths.min() and (moves @ mean > FLAT * lengths).all())
 
 
-def _returns(hub: StateBox, states: Array, words: NDArray[np.int64]) -> Iterator[OrbitSegment]:
-    """Yield motions from the hub until their next visit to it, the shortest first, at most EACH with equal words."""
-    inside = np.all(np.abs(away(states, hub.centre) @ np.linalg.inv(hub.sides).T) < 1, axis=-1)
+def _returns_to_hub(hub: StateBox, states: Array, words: NDArray[np.int64]) -> Iterator[OrbitSegment]:
+    """Yield motions from the hub until they return to the hub, the shortest first, at most EACH with equal words."""
+    inside = np.all(np.abs(state_difference(states, hub.centre) @ np.linalg.inv(hub.sides).T) < 1, axis=-1)
     found: list[tuple[int, int, int]] = []
     for column in np.flatnonzero(inside.sum(0) > 1):
         visits = np.flatnonzero(inside[:, column])
@@ -243,44 +251,44 @@ def _returns(hub: StateBox, states: Array, words: NDArray[np.int64]) -> Iterator
             yield OrbitSegment(states[start : start + length + 1, j], word)
 
 
-def _loops(pi: ReturnMap, hub: StateBox, segments: Sequence[OrbitSegment]) -> list[FoundLoop]:
-    """Return the loops with disjoint strips of the hub that give the largest entropy h."""
-    found = [loop for segment in segments if (loop := _loop(pi, hub, segment)) is not None]
+def _best_loops(pi: ReturnMap, hub: StateBox, segments: Sequence[OrbitSegment]) -> list[LoopCandidate]:
+    """Return the loops along these motions whose strips of the hub are disjoint and that give the largest entropy."""
+    found = [loop for segment in segments if (loop := _loop_along(pi, hub, segment)) is not None]
     found.sort(key=lambda loop: loop.strip[1])
     # for a trial rate, choose disjoint strips with the largest Σ e^(−rate length); repeat with the entropy that results
-    rate, best = 0.3, list[FoundLoop]()
+    rate, best = 0.3, list[LoopCandidate]()
     for _ in range(SCHEDULED):
-        chosen: list[tuple[float, list[FoundLoop]]] = [(0.0, [])]
+        chosen: list[tuple[float, list[LoopCandidate]]] = [(0.0, [])]
         for i, loop in enumerate(found):
             apart = sum(other.strip[1] < loop.strip[0] for other in found[:i])
             weight, others = chosen[apart]
             weight += float(np.exp(-rate * len(loop.words)))
             chosen.append((weight, [*others, loop]) if weight > chosen[i][0] else chosen[i])
-        best = max(best, chosen[-1][1], key=_growth_of)
-        rate = max(_growth_of(best), 0.05)
+        best = max(best, chosen[-1][1], key=_entropy_of_loops)
+        rate = max(_entropy_of_loops(best), 0.05)
     return sorted(best, key=lambda loop: len(loop.words))
 
 
-def _growth_of(loops: Sequence[FoundLoop]) -> float:
-    return growth([len(loop.words) for loop in loops])
+def _entropy_of_loops(loops: Sequence[LoopCandidate]) -> float:
+    return entropy_of_lengths([len(loop.words) for loop in loops])
 
 
-def _loop(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> FoundLoop | None:
-    """Return the loop along a motion, or None if Π does not stretch the hub along this motion across the hub."""
+def _loop_along(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> LoopCandidate | None:
+    """Return the loop along a motion from the hub to the hub; None if Π does not stretch sets along it as it must."""
     x, words, steps = segment.states, segment.words, len(segment.words)
     if steps == 1:
-        high, strip = _across(pi, hub, hub, words[0])
-        return FoundLoop((), words, strip) if high < HIGHEST else None
+        high, strip = _image_across(pi, hub, hub, words[0])
+        return LoopCandidate((), words, strip) if high < HIGHEST else None
     tangents = pi.tangent(x[:-1])
-    unstable, stable = [_unit(hub.sides[:, 0])], [_unit(hub.sides[:, 1])]
+    unstable, stable = [_unit_vector(hub.sides[:, 0])], [_unit_vector(hub.sides[:, 1])]
     for tangent in tangents:
-        unstable.append(_unit(tangent @ unstable[-1]))
-        stable.append(_pulled(tangents[steps - len(stable)], stable[-1]))
+        unstable.append(_unit_vector(tangent @ unstable[-1]))
+        stable.append(_unit_preimage(tangents[steps - len(stable)], stable[-1]))
     stable.reverse()
     lengths = np.zeros(steps)
     target = hub
     for i in range(steps - 1, -1, -1):  # each set is so long that its image reaches beyond the next set
-        reached = _reach(pi, x[i], unstable[i], tangents[i] @ unstable[i], target, words[i])
+        reached = _least_half_length(pi, x[i], unstable[i], tangents[i] @ unstable[i], target, words[i])
         if reached is None:
             return None
         lengths[i] = reached
@@ -289,32 +297,42 @@ def _loop(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> FoundLoop | No
     source, strip = hub, (0.0, 0.0)
     for i in range(1, steps):  # each set is so high that it contains the image of the set before
         flat = StateBox(x[i], np.column_stack([unstable[i] * lengths[i], stable[i]]))
-        high, where = _across(pi, source, flat, words[i - 1])
+        high, where = _image_across(pi, source, flat, words[i - 1])
         if not high < np.inf:
             return None
         strip = where if i == 1 else strip
         source = StateBox(x[i], np.column_stack([flat.sides[:, 0], flat.sides[:, 1] * high * ROOM]))
         boxes.append(source)
-    if not _across(pi, source, hub, words[-1])[0] < HIGHEST:
+    if not _image_across(pi, source, hub, words[-1])[0] < HIGHEST:
         return None
-    return FoundLoop(tuple(boxes), words, strip)
+    return LoopCandidate(tuple(boxes), words, strip)
 
 
-def _reach(pi: ReturnMap, x: Array, unstable: Array, stretched: Array, target: StateBox, word: int) -> float | None:
-    """Return the least half length of a set around x that Π stretches across the target, or None if none is found."""
+def _least_half_length(
+    pi: ReturnMap, x: Array, unstable: Array, stretched: Array, target: StateBox, word: int
+) -> float | None:
+    """Return the least half length of a segment around x, along `unstable`, that Π stretches across the target.
+
+    stretched: the derivative of Π along `unstable`. word: the number of impacts on Σ⁻ that the motions must make.
+
+    Returns
+    -------
+    float | None
+        None if no half length of GROWTH suffices.
+    """
     back = np.linalg.inv(target.sides)
     speed = abs(float((back @ stretched)[0]))
     if not speed > 0:
         return None
     sizes = ROOM / speed * GROWTH
     ends, words = pi(x + np.array([[[-1.0]], [[1.0]]]) * sizes[:, None] * unstable)
-    left, right = (away(ends, target.centre) @ back.T)[..., 0]
+    left, right = (state_difference(ends, target.centre) @ back.T)[..., 0]
     good = (words == word).all(0) & (left * right < 0) & (np.minimum(np.abs(left), np.abs(right)) > ROOM)
     return float(sizes[np.argmax(good)]) if good.any() else None
 
 
-def _across(pi: ReturnMap, source: StateBox, target: StateBox, word: int) -> tuple[float, tuple[float, float]]:
-    """Return the largest |η| of the image of a source box where it passes the target, edges included.
+def _image_across(pi: ReturnMap, source: StateBox, target: StateBox, word: int) -> tuple[float, tuple[float, float]]:
+    """Return the largest |η| of the image of a source box where this image passes the target box.
 
     Returns
     -------
@@ -325,11 +343,11 @@ def _across(pi: ReturnMap, source: StateBox, target: StateBox, word: int) -> tup
     back, aims = np.linalg.inv(target.sides), np.linspace(-ROOM, ROOM, 25)
     coarse, eta = np.linspace(-1, 1, 41), np.linspace(-1, 1, 5)
 
-    def seen(xi: Array) -> tuple[Array, bool]:
+    def image_in_target(xi: Array) -> tuple[Array, bool]:
         after, words = pi(source.centre + np.stack([xi, np.broadcast_to(eta, xi.shape)], -1) @ source.sides.T)
-        return away(after, target.centre) @ back.T, bool((words == word).all())
+        return state_difference(after, target.centre) @ back.T, bool((words == word).all())
 
-    first = seen(np.repeat(coarse[:, None], eta.size, 1))[0][..., 0]
+    first = image_in_target(np.repeat(coarse[:, None], eta.size, 1))[0][..., 0]
     rises = np.diff(first, axis=0)
     if not ((rises > 0).all(0) | (rises < 0).all(0)).all():
         return np.inf, (0.0, 0.0)
@@ -339,12 +357,12 @@ def _across(pi: ReturnMap, source: StateBox, target: StateBox, word: int) -> tup
         xi[:, k] = np.interp(aims, first[order, k], coarse[order])
     for _ in range(CORRECTED):
         step = np.where(xi > 0, -NEAR, NEAR)
-        lacks = seen(xi)[0][..., 0]
-        slope = (seen(xi + step)[0][..., 0] - lacks) / step
+        lacks = image_in_target(xi)[0][..., 0]
+        slope = (image_in_target(xi + step)[0][..., 0] - lacks) / step
         if not np.abs(slope).min() > 0:
             return np.inf, (0.0, 0.0)
         xi = np.clip(xi - (lacks - aims[:, None]) / slope, -1.0, 1.0)
-    found, same = seen(xi)
+    found, same = image_in_target(xi)
     reached = np.abs(found[..., 0] - aims[:, None]).max() < 0.1
     if not (same and reached):
         return np.inf, (0.0, 0.0)

@@ -12,7 +12,7 @@ from rattle.attractors.samples import ALIGNMENT, Outcome, check_sample, first_re
 from rattle.flight.first_impact import OK
 from rattle.flight.law import speed_unit
 from rattle.numerics.compile import for_type, inline, kernel
-from rattle.orbits.return_map import between, point_of, step
+from rattle.orbits.return_map import point_between, point_of, step
 from rattle.stiff.map import flow
 from rattle.stiff.map.return_map import StiffPoint
 
@@ -32,7 +32,7 @@ def _point_of(cell, cells):
     return StiffPoint(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.kappa[cell])
 
 
-@for_type(between, StiffPoint)
+@for_type(point_between, StiffPoint)
 def _between(share, one, other):
     delta = one.delta + share * (other.delta - one.delta)
     return StiffPoint(delta, one.epsilon + share * (other.epsilon - one.epsilon), one.beta, one.kappa)

@@ -19,7 +19,7 @@ from rattle.continuation.arclength import (
     tangent_at,
 )
 from rattle.continuation.conditions import Kind, condition
-from rattle.continuation.followed import first_of_doubled
+from rattle.continuation.followed import start_of_doubled_branch
 from rattle.continuation.line import FIRST_OF_DOUBLED, HALF_PERIOD, Parameter, line_through
 from rattle.errors import RattleError, require, require_integer, require_pair
 from rattle.numerics.complex_step import Array
@@ -98,7 +98,7 @@ def stiff_branch_on_line(line: MotionsOnLine, start: Array, span: tuple[float, f
     """Return the branch through the motion `start` on a line, followed in both directions while it stays in `span`."""
     if not line.is_admissible(start):
         raise RattleError("the motion is virtual at its own parameters: take it from stiff_orbit or from_limit")
-    followed = _follower(line, span, resolution).both_ways(start, -1, MOST_POINTS)
+    followed = _follower(line, span, resolution).follow_both_ways(start, -1, MOST_POINTS)
     ends = (_BranchEnd(CLOSED), _BranchEnd(CLOSED))
     if followed.paths is not None:
         ends = _end_of_path(line, followed.paths[0], span), _end_of_path(line, followed.paths[1], span)
@@ -107,9 +107,9 @@ def stiff_branch_on_line(line: MotionsOnLine, start: Array, span: tuple[float, f
 
 def doubled_branch(event: StiffEvent, direction: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
     """Return the branch of motions of twice the period that begins at a flip, along a direction (3,) of parameters."""
-    itinerary = event.itinerary.doubled()
+    itinerary = event.itinerary.with_doubled_period()
     line = MotionsOnLine(itinerary.walls, itinerary.m, itinerary.beta, event.parameters, direction)
-    start = first_of_doubled(event.itinerary, event.unknowns)
+    start = start_of_doubled_branch(event.itinerary, event.unknowns)
     path = _follower(line, span, resolution).follow(*start, MOST_POINTS, FIRST_OF_DOUBLED)
     tangents = path.tangents.copy()
     tangents[0] = tangents[min(1, len(tangents) - 1)]  # the doubled branch turns back at its first point
@@ -231,7 +231,7 @@ def stiff_curve(
         If the event is neither a saddle-node nor a flip.
     """
     require(isinstance(event, StiffEvent), f"event must be a StiffEvent, got {type(event).__name__}")
-    from rattle.continuation.curves import PlaneWindow, pieces
+    from rattle.continuation.curves import PlaneWindow, pieces_in_window
 
     window = PlaneWindow(require_pair("delta", delta), require_pair("epsilon", epsilon), resolution)
     itinerary = event.orbit.itinerary
@@ -239,7 +239,7 @@ def stiff_curve(
     def reason_to_leave(x: Array) -> str | None:
         return None if is_admissible_solution(itinerary, x) else "the motion is virtual"
 
-    found = pieces(
+    found = pieces_in_window(
         condition(itinerary, event.kind), [event.orbit.unknowns], window, reason_to_leave, itinerary.contacts
     )
     if not found:

@@ -15,9 +15,9 @@ from rattle.continuation.curves import (
     Curve,
     CurveDescription,
     PlaneWindow,
-    limit_of_contact,
-    spread_between,
-    traced,
+    interior_points,
+    quiet_limit_curve,
+    trace_problem,
     window_range,
 )
 from rattle.errors import RattleError, require_number, require_one_of
@@ -91,7 +91,7 @@ def trace(
     require_one_of("name", name, NAMES)
     beta, kappa = require_number("beta", beta, positive=True), require_number("kappa", kappa, positive=True)
     window = PlaneWindow(window_range("delta", delta, positive=True), window_range("epsilon", epsilon))
-    dampings = np.array([*spread_between(*window.delta), *window.delta])
+    dampings = np.array([*interior_points(*window.delta), *window.delta])
     try:
         if name == QUIET:
             return _quiet_limit_curve(beta, kappa, window, dampings)
@@ -122,7 +122,7 @@ def _trace_family_curve(name: str, beta: float, kappa: float, window: PlaneWindo
 
     starts = _starting_points(name, beta, kappa, window, dampings)
     problem, times = condition(itinerary, kind), itinerary.contacts
-    return traced(
+    return trace_problem(
         name, beta, problem, starts, window, reason_to_leave, describe_motion, lambda _, reason: reason, times
     )
 
@@ -247,6 +247,6 @@ def _quiet_limit_curve(beta: float, kappa: float, window: PlaneWindow, dampings:
         phase = np.arctan2(2 * TWO_PI * delta * kappa, TWO_PI**2 * (a - delta**2)) / TWO_PI
         return np.array([phase, delta, float(quiet_limit(delta, kappa))])
 
-    return limit_of_contact(
+    return quiet_limit_curve(
         beta, ContinuationProblem(equations, scale=scale_at), (guess(float(d)) for d in dampings), window
     )

@@ -36,7 +36,7 @@ class StiffMotions(Motions):
 
     def steps(self, position: Array) -> Parameters:
         """Return the parameters of the stiff gear at these positions on the segment (`Motions.steps`)."""
-        delta, epsilon, p = np.ascontiguousarray(self.segment.at(position).T)
+        delta, epsilon, p = np.ascontiguousarray(self.segment.parameters_at(position).T)
         beta = np.full_like(delta, self.beta)
         return Parameters(self.classifier.model, delta, epsilon, beta, {"kappa": 0.5 / p**2})
 
@@ -49,8 +49,8 @@ class StiffMotions(Motions):
             except RattleError:  # motions missed at this step may be found from other steps or from attractors
                 continue
 
-    def near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
-        """Return the periodic motion near a state, or None if none is found (`Motions.near`)."""
+    def motion_near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
+        """Return the periodic motion near a state, or None if none is found (`Motions.motion_near`)."""
         try:
             return self._motion_of(stiff_orbit(**step, tau=tau, v=v, n_plus=n_plus))
         except RattleError:
@@ -60,27 +60,27 @@ class StiffMotions(Motions):
         """Return the contact equations along the segment (`Motions.problem`)."""
         return self._line_of(itinerary).problem
 
-    def solved(self, itinerary: StiffItinerary, y: Array) -> StiffOrbit | None:
-        """Return the orbit near a guess y of the contact equations, or None if none is found (`Motions.solved`)."""
+    def solve_motion(self, itinerary: StiffItinerary, y: Array) -> StiffOrbit | None:
+        """Return the orbit near a guess y of the contact equations, or None if none is found (`Motions`)."""
         line = self._line_of(itinerary)
         found = line.corrected_solution(y)
         return None if found is None else line.orbit(found)
 
-    def through(self, motion: Motion, span: tuple[float, float]) -> StiffBranch:
-        """Return the branch through a motion, for positions in `span` relative to this motion (`Motions.through`)."""
+    def follow_branch(self, motion: Motion, span: tuple[float, float]) -> StiffBranch:
+        """Return the branch through a motion, for positions in `span` relative to this motion (`Motions`)."""
         itinerary, x = motion
         line = MotionsOnLine(itinerary.walls, itinerary.m, self.beta, x[-3:], self.segment.direction)
         return stiff_branch_on_line(line, np.append(x[:-3], 0.0), span, POINTS_ACROSS)
 
-    def doubled(self, event: StiffEvent, span: tuple[float, float]) -> StiffBranch:
-        """Return the branch of doubled period that leaves a flip (`Motions.doubled`)."""
+    def follow_doubled_branch(self, event: StiffEvent, span: tuple[float, float]) -> StiffBranch:
+        """Return the branch of doubled period that leaves a flip (`Motions.follow_doubled_branch`)."""
         return doubled_branch(event, self.segment.direction, span, POINTS_ACROSS)
 
-    def events(self, found: StiffBranch) -> tuple[StiffEvent, ...]:
+    def events_of(self, found: StiffBranch) -> tuple[StiffEvent, ...]:
         """Return the saddle-nodes and flips of a branch, and the grazes at which its label changes."""
         return *found.events, *found.grazes
 
-    def beside(self, event: StiffEvent) -> Iterator[Motion]:
+    def motions_at_event(self, event: StiffEvent) -> Iterator[Motion]:
         """Yield the motion at a flip, where a doubled branch may end, or the motion beyond a graze."""
         if event.kind is Kind.FLIP:
             yield event.itinerary, event.unknowns

@@ -14,7 +14,7 @@ import numpy as np
 
 from rattle.continuation.arclength import newton_on_curve, tangent_at
 from rattle.numerics.complex_step import Array
-from rattle.orbits.periodic import begun_at
+from rattle.orbits.periodic import unknowns_from_impact
 from rattle.stiff.bifurcations.line import MotionsOnLine
 from rattle.stiff.orbits.periodic import FailingPiece, first_failing_piece
 
@@ -57,19 +57,19 @@ def _starting_on_plus(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Arr
     """Return the motion y with its first contact with Σ⁺ as number 0; unchanged if it has no contact with Σ⁺."""
     first = line.walls.index(1) if 1 in line.walls else 0
     itinerary = line.itinerary(y)
-    return replace(line, walls=itinerary.begun_at(first).walls), begun_at(itinerary, y, first)
+    return replace(line, walls=itinerary.with_first_impact(first).walls), unknowns_from_impact(itinerary, y, first)
 
 
 def _without_contact(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine, Array]:
     """Return the motion y with one contact left out."""
-    fewer = replace(line, walls=line.itinerary(y).without(contact).walls)
+    fewer = replace(line, walls=line.itinerary(y).without_impact(contact).walls)
     return fewer, np.delete(y, [contact, len(line.walls) + contact])
 
 
 def _with_merged_contacts(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine, Array]:
     """Return the motion y with contact number `contact` and the next contact merged into one."""
     itinerary, c = line.itinerary(y), len(line.walls)
-    y, walls = begun_at(itinerary, y, contact), itinerary.begun_at(contact).walls
+    y, walls = unknowns_from_impact(itinerary, y, contact), itinerary.with_first_impact(contact).walls
     y[c] = (y[1] - y[0]) / itinerary.softness + y[c + 1]
     return _without_contact(replace(line, walls=walls), y, 1)
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import ContinuationProblem, line_scale, root_between, with_value
+from rattle.continuation.arclength import ContinuationProblem, line_scale, root_between, solution_with_value
 from rattle.flight.impact_law import ELASTIC
 from rattle.numerics.complex_step import Array
-from rattle.orbits.periodic import at_parameters, twins
+from rattle.orbits.periodic import solve_at_parameters, twins
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.periodic import StiffOrbit, is_admissible_solution, orbit_of, trace_of
 
@@ -72,7 +72,7 @@ class MotionsOnLine:
 
     def corrected_solution(self, y: Array) -> Array | None:
         """Return the solution near a guess y at the same parameters; None if Newton's method fails."""
-        found = at_parameters(self.itinerary(y), self.full_unknowns(y)[:-1])
+        found = solve_at_parameters(self.itinerary(y), self.full_unknowns(y)[:-1])
         return None if found is None else np.append(found[:-2], y[-1])
 
     def twins(self, start: Array, y: Array) -> Array:
@@ -111,7 +111,7 @@ class MotionsOnLine:
         """
         for i in range(MOST_BRACKETS + 1):
             reach = width * 10.0 ** (i - MOST_BRACKETS)
-            ends = [with_value(self.problem, y, -1, y[-1] + side * reach) for side in (-1, 1)]
+            ends = [solution_with_value(self.problem, y, -1, y[-1] + side * reach) for side in (-1, 1)]
             a, b = ends
             if a is not None and b is not None and self.flip_residual(a) * self.flip_residual(b) < 0.0:
                 return root_between(self.problem, a, b, self.flip_residual)

@@ -96,7 +96,7 @@ class StiffBranch(FollowedBranch):
         return {"kappa": np.asarray(0.5 / self.unknowns[:, -1] ** 2)}
 
     @property
-    def unfolded(self) -> Array:
+    def unfolded_times(self) -> Array:
         """The times and durations (k, 2c) of contacts, without jumps along the branch."""
         return self.unknowns[:, :-3]
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from rattle.flight.first_impact import OK
 from rattle.numerics.compile import kernel
-from rattle.orbits.iterates import Iterates, Stretched, checked
+from rattle.orbits.iterates import Iterates, Stretched, checked_states
 from rattle.stiff.map.flow import QUIET
 from rattle.stiff.map.return_map import StiffPoint, step, step_tangent
 
@@ -81,7 +81,7 @@ def iterate(
     ParameterError
         If an argument is outside its domain.
     """
-    flat, shape = checked(delta, epsilon, tau, v, n, beta, kappa=kappa)
+    flat, shape = checked_states(delta, epsilon, tau, v, n, beta, kappa=kappa)
     n_plus, n_minus = np.zeros(flat[0].size, np.int64), np.zeros(flat[0].size, np.int64)
     apply_stiff_returns(*flat, np.zeros(flat[0].size, np.int8), n_plus, n_minus)
     return Iterates(*(x.reshape(shape) for x in (*flat[:2], n_plus, n_minus)))
@@ -110,8 +110,8 @@ def iterate_tangent(
     ParameterError
         If an argument is outside its domain.
     """
-    flat, shape = checked(delta, epsilon, tau, v, n, beta, kappa=kappa)
+    flat, shape = checked_states(delta, epsilon, tau, v, n, beta, kappa=kappa)
     n_plus, n_minus = np.zeros(flat[0].size, np.int64), np.zeros(flat[0].size, np.int64)
     growth = np.zeros((3, flat[0].size))
     apply_stiff_returns_with_tangent(*flat, n_plus, n_minus, growth)
-    return Stretched.of((*flat[:2], n_plus, n_minus), growth, shape)
+    return Stretched.from_growth((*flat[:2], n_plus, n_minus), growth, shape)

@@ -13,7 +13,7 @@ from rattle.flight import law
 from rattle.impacting.orbits.periodic import PeriodicOrbit
 from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import Orbit
-from rattle.orbits.periodic import MOST_IMPACTS, Periodic, at_parameters, with_shortest_period
+from rattle.orbits.periodic import MOST_IMPACTS, Periodic, solve_at_parameters, with_shortest_period
 from rattle.stiff.map.flow import OK, QUIET, follow_piece, is_contact_over
 from rattle.stiff.map.return_map import StiffPoint
 from rattle.stiff.orbits import closure
@@ -108,7 +108,9 @@ def orbit_of(itinerary: StiffItinerary, x: Array) -> StiffOrbit:
     c, p = itinerary.contacts, itinerary.softness
     speeds = -itinerary.signs * itinerary.flights(x, np.array([p])).w0
     more: dict[str, Any] = {"kappa": 0.5 / p**2, "durations": p * x[c : 2 * c]}
-    return StiffOrbit.of(itinerary, x, speeds, trace_of(itinerary, x), is_admissible_solution(itinerary, x), **more)
+    return StiffOrbit.from_solution(
+        itinerary, x, speeds, trace_of(itinerary, x), is_admissible_solution(itinerary, x), **more
+    )
 
 
 def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
@@ -144,7 +146,7 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
         fold = 0.5 / max(path.points[:, -1]) ** 2
         raise RattleError(f"the motion ends before kappa = {kappa:g}: its branch folds back at kappa = {fold:g}")
     itinerary = StiffItinerary(orbit.walls, orbit.m, orbit.beta, end)
-    found = at_parameters(itinerary, np.concatenate([last[:n], plane]))
+    found = solve_at_parameters(itinerary, np.concatenate([last[:n], plane]))
     if found is None or not is_admissible_solution(itinerary, found):
         raise RattleError(
             f"the motion is virtual at kappa = {kappa:g}: a contact is gained or lost on the way from kappa = infinity"
@@ -241,7 +243,7 @@ def stiff_orbit(
     epsilon, tau = require_number("epsilon", epsilon), float(law.folded(require_finite("tau", tau)))
     require_integer("n_plus", n_plus, 1, MOST_IMPACTS)
     itinerary, x = follow_contacts(delta, epsilon, beta, kappa, tau, v, n_plus)
-    found = at_parameters(itinerary, x)
+    found = solve_at_parameters(itinerary, x)
     if found is None or not is_admissible_solution(itinerary, found):
         raise RattleError(f"no periodic motion with {n_plus} contacts with Σ⁺ near tau = {tau}, v = {v}: start closer")
     return orbit_of(*with_shortest_period(itinerary, found))

@@ -111,7 +111,7 @@ def machine_at(machine: SurveyedMachine | None, model: Model, delta: float, epsi
     shape = model.parameters_at(delta, epsilon).harmonics
     errors = tuple((order, size * eccentricity, phase) for order, size, phase in shape)
     try:
-        found = machine.at(float(machine.rpm(delta)), eccentricity)
+        found = machine.machine_at_speed(float(machine.rpm(delta)), eccentricity)
         return replace(found, restitution=model.numbers.get("restitution"), errors=errors)
     except RattleError:
         return None

@@ -16,11 +16,11 @@ from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.map.planes import MapPlane
 from gear_rattle.service.explorer.point.words import number_text, percent_text
 from gear_rattle.workers import Bucket, SurveyRequest, open_survey
-from gear_rattle.workers.errors import SurveyError, reading
-from gear_rattle.workers.pictures.largest import names_of, open_maps
+from gear_rattle.workers.errors import SurveyError, report_damage
+from gear_rattle.workers.pictures.largest import family_names, open_maps
 from gear_rattle.workers.pictures.look import LARGEST
 from gear_rattle.workers.survey.families import GROUP
-from gear_rattle.workers.survey.slices import group_in
+from gear_rattle.workers.survey.slices import slice_group_path
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from rattle.models import Model
 
@@ -89,8 +89,10 @@ def stored_families(place: Path | Bucket, request: SurveyRequest, number: int) -
     SurveyError
         If the families are not stored yet.
     """
-    opened, along = partial(open_survey, place), request.along(number)
-    return StoredFamilies(open_maps(opened, LARGEST, *along), opened(group_in(along[0] if along else None, GROUP)))
+    opened, along = partial(open_survey, place), request.slice_index(number)
+    return StoredFamilies(
+        open_maps(opened, LARGEST, *along), opened(slice_group_path(along[0] if along else None, GROUP))
+    )
 
 
 def require_family(found: StoredFamilies, which: int) -> None:
@@ -103,14 +105,14 @@ def require_family(found: StoredFamilies, which: int) -> None:
 
 def first_family_names(found: StoredFamilies) -> list[str]:
     """Return the names of the first MOST_LISTED families. It blocks: use a thread."""
-    with reading("the families"):
-        return names_of(*found, MOST_LISTED)
+    with report_damage("the families"):
+        return family_names(*found, MOST_LISTED)
 
 
 def family_description(found: StoredFamilies, plane: MapPlane, which: int) -> FamilyDescription:
     """Return the description of an existing family. plane: the map of its basin fraction. It blocks: use a thread."""
-    with reading("the families"):
-        names = names_of(*found, which + 1)
+    with report_damage("the families"):
+        names = family_names(*found, which + 1)
         here = found.table.isel(family=which)
         row = {str(name): float(here[name]) for name in here.data_vars if not here[name].dims}
         curves = [str(each) for each in here["curve"].values]

@@ -12,7 +12,7 @@ from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.pictures.look import LARGEST
 from gear_rattle.workers.pictures.maps import SYMMETRIC, title_of
-from gear_rattle.workers.survey.levels.grid import halvings
+from gear_rattle.workers.survey.levels.grid import possible_levels
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from gear_rattle.workers.survey.values.schema import CELL, is_phase
 
@@ -51,7 +51,7 @@ class Difference(MapPlane):
             raise SurveyError("Families are numbered differently in each survey: choose another map.")
         self._first = first
         self.id, self.number, self.request = f"{first.id} {other.id}", first.number, first.request
-        self.delta, self.epsilon, self._levels = first.delta, first.epsilon, halvings(first.request.shape)
+        self.delta, self.epsilon, self._levels = first.delta, first.epsilon, possible_levels(first.request.shape)
         axes = ((other.delta, first.delta), (other.epsilon, first.epsilon))
         self.is_same_grid = all(np.array_equal(*pair) for pair in axes)
         column, row = (cell_indices(*pair) for pair in axes)

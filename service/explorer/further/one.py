@@ -98,7 +98,7 @@ class ComparisonMap(SurveyMap):
     def _show_choices(self, further: ComparisonChoice, job: JobRow, surveys: Mapping[str, str]) -> ComparisonChoice:
         """Set the menus of surveys and maps; return the chosen map, or the survey's first map if it lacks that map."""
         request = request_of_job(job)
-        maps, number = map_names(request), sum(request.along(further.slice))
+        maps, number = map_names(request), sum(request.slice_index(further.slice))
         chosen = MapChoice(further.variable, further.index)
         if chosen not in maps.values():
             chosen = next(iter(maps.values()))

@@ -88,7 +88,7 @@ class RightSide:
                 plane = self._shared.plane(job, view.variable, view.index, view.slice)
                 sample, cell = plane.request.initial_conditions, plane.cell_at(*at)
                 # True if the survey samples the whole default box of (τ, v), as a clicked point does
-                is_whole = (*sample.tau, sample.v_min, sample.v_max) == (0.0, 1.0, 0.0, None)
+                is_whole = (*sample.tau_range, sample.v_min, sample.v_max) == (0.0, 1.0, 0.0, None)
                 if cell is not None and is_whole and plane.request.gear_model == model:
                     return survey_attractors(cell, sample.count)
             return None

@@ -10,16 +10,16 @@ from matplotlib.colors import to_hex
 
 from gear_rattle.service.explorer.common.address import Limits, Pair, Ranges
 from gear_rattle.service.explorer.map.planes import UNSEEN, MapBlock, MapPlane, Room
-from gear_rattle.workers.pictures.figure import region_places, widest_of
+from gear_rattle.workers.pictures.figure import region_places, widest_cells
 from gear_rattle.workers.pictures.largest import OTHERS
-from gear_rattle.workers.pictures.look import LARGEST, limits_of, positive
+from gear_rattle.workers.pictures.look import LARGEST, colour_limits, logarithmic_limits
 from gear_rattle.workers.pictures.maps import (
     ZERO,
     colours_of_codes,
     scale_of,
     title_of,
     valueless_layers,
-    without_value,
+    words_without_value,
 )
 
 SHADES = 256
@@ -64,7 +64,7 @@ class Colouring:
 def valueless_cells(plane: MapPlane, block: MapBlock) -> dict[str, tuple[np.ndarray, str]]:
     """Return {reason why cells have no value: (mask of these cells, their colour)}."""
     variable = str(plane.plane.name)
-    return valueless_layers(variable, block.values, block.status, without_value(plane.plane))
+    return valueless_layers(variable, block.values, block.status, words_without_value(plane.plane))
 
 
 def _share_of_code(block: MapBlock, code: int, shown: np.ndarray, computed: int) -> float:
@@ -96,7 +96,7 @@ def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool
     shown = values[reasons == 0].astype(float)
     cmap, norm, codes, labels = scale_of(plane.plane, shown)
     computed = int((block.status != 0).sum())
-    nothing = without_value(plane.plane)
+    nothing = words_without_value(plane.plane)
     shades = tuple(
         Shade(label, colour, float((reasons == number).sum() / reasons.size))
         if block.without is None or label != nothing
@@ -120,9 +120,9 @@ def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool
             title_of(plane.plane), colours, every[0] - 0.5, every[-1] + 0.5, False, True, named + shades, reasons,
             reason_colours, names=_placed_names(variable, block, dict(zip(codes, labels, strict=True)), room),
         )  # fmt: skip
-    low, high, note = limits_of(shown, (float(norm.vmin or 0.0), float(norm.vmax or 0.0)), limits)
+    low, high, note = colour_limits(shown, (float(norm.vmin or 0.0), float(norm.vmax or 0.0)), limits)
     if log:
-        low, high, log, note = positive(shown, low, high, note)
+        low, high, log, note = logarithmic_limits(shown, low, high, note)
     if log and (hidden := (reasons == 0) & (values <= 0)).any():
         reason_colours += (to_hex(ZERO),)
         reasons[hidden] = len(reason_colours)
@@ -154,7 +154,7 @@ def family_places(block: MapBlock, labels: Mapping[float, str], room: Room) -> d
     long, tall = (pixels / max(size, 1) for pixels, size in zip(NAME, room, strict=True))
     places: dict[str, Pair] = {}
     taken: list[Pair] = []
-    for code, (i, j, wide) in sorted(widest_of(block.values, named).items(), key=lambda each: -each[1][2]):
+    for code, (i, j, wide) in sorted(widest_cells(block.values, named).items(), key=lambda each: -each[1][2]):
         # the name is moved inwards, so that none of its letters is cut off
         inside = int(np.clip(j, long / 2 * columns, max(1 - long / 2, long / 2) * columns - 1))
         at = i / rows, inside / columns

@@ -125,9 +125,9 @@ class MapControls:
             self.index.options = {str(name): number for number, name in enumerate(names)}
             if names:
                 self.index.value = min(view.index, len(names) - 1)
-            self.slice.visible = bool(whole.third)
+            self.slice.visible = bool(whole.third_axis_name)
             for name, axis in whole.third_axis.items():
-                (number,) = whole.along(view.slice)
+                (number,) = whole.slice_index(view.slice)
                 label = f"{LETTERS[name]} = {axis.values()[number]:g}"
                 self.slice.param.update(end=axis.num - 1, value=number, label=label)
 

@@ -24,7 +24,7 @@ from gear_rattle.service.explorer.state.store import JOBS, Store, window_of
 from gear_rattle.service.operations.overlaid import Overlays, limit_band, limit_line
 from gear_rattle.workers.pictures.look import CRISIS, LIMIT, POINTS, USUAL_SHARE
 from gear_rattle.workers.survey.axes import Window
-from gear_rattle.workers.survey.curves import LOWEST_DELTA, Missing, traced_curve
+from gear_rattle.workers.survey.curves import LOWEST_DELTA, MissingCurve, traced_curve
 from rattle import RattleError
 from rattle.models import Capability, Model, lacking
 from rattle.plot import polyline
@@ -254,7 +254,7 @@ def curve_pieces(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[l
     if window.epsilon[0] >= window.epsilon[1]:
         return [], ""
     curve = traced_curve(name, model, window)
-    if isinstance(curve, Missing):
+    if isinstance(curve, MissingCurve):
         return [], curve.reason
     return split_at_nan(polyline(curve)) if len(curve) else [], ""
 

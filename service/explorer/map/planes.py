@@ -19,16 +19,16 @@ from gear_rattle.service.explorer.state.store import box_of_cells
 from gear_rattle.service.operations.surveys import written_tiles
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest, open_survey
-from gear_rattle.workers.errors import reading
+from gear_rattle.workers.errors import report_damage
 from gear_rattle.workers.pictures.largest import open_maps
-from gear_rattle.workers.pictures.levels import DisplayedCells, LevelPart, of_cells, of_level, part_for
+from gear_rattle.workers.pictures.levels import DisplayedCells, LevelPart, level_part_for, read_level, reduce_cells
 from gear_rattle.workers.pictures.look import IN_SLOTS, LARGEST, SHARE, WHICH, variable_words
-from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of, with_periodic
+from gear_rattle.workers.pictures.planes import drawn_numbers, mask_nonperiodic, plane_of
 from gear_rattle.workers.storage.store import has_added
-from gear_rattle.workers.survey.levels.grid import GROUP, centres, halvings, levels_of
+from gear_rattle.workers.survey.levels.grid import GROUP, level_centres, levels_of, possible_levels
 from gear_rattle.workers.survey.levels.reduce import pooled_cells
 from gear_rattle.workers.survey.slices import slice_of
-from gear_rattle.workers.survey.tiles import tiles_at
+from gear_rattle.workers.survey.tiles import tiles_of_slice
 from gear_rattle.workers.survey.values.schema import CELL, Group
 
 KEPT, KEPT_CELLS = 24, 24_000_000  # most maps in memory, and most cells of all maps together, at 5 bytes a cell
@@ -73,15 +73,15 @@ class MapPlane:
         self.id, self.number = job.id, job.number
         self._front = front
         request = SurveyRequest.model_validate(job.request)
-        self._place, self._along = place, request.along(number)
+        self._place, self._along = place, request.slice_index(number)
         self._dataset = open_maps(partial(open_survey, place), variable, *self._along)
         self.plane, self._index = plane_of(self._dataset, variable, index), index
-        self.request = request.at(self._along)
-        self._levels = halvings(self.request.shape)
+        self.request = request.slice_request(self._along)
+        self._levels = possible_levels(self.request.shape)
         self.delta, self.epsilon = (np.asarray(self._dataset[axis], np.float64) for axis in ("delta", "epsilon"))
         kept = self.plane.shape if self.is_kept else (0, 0)
         self.values, self.status = np.full(kept, np.nan, np.float32), np.zeros(kept, np.int8)
-        self._tiles = {tile.index: tile for tile in tiles_at(request, self._along)} if self.is_kept else {}
+        self._tiles = {tile.index: tile for tile in tiles_of_slice(request, self._along)} if self.is_kept else {}
         self._known: set[int] = set()
         self._lock = threading.Lock()
 
@@ -115,7 +115,7 @@ class MapPlane:
     def _read_tiles(self, indices: Sequence[int]) -> None:
         first, last = self._tiles[indices[0]], self._tiles[indices[-1]]
         where = (slice(first.epsilon.start, last.epsilon.stop), slice(first.delta.start, last.delta.stop))
-        self.values[where] = drawn_numbers(with_periodic(self._dataset, self.plane[where], self._index))
+        self.values[where] = drawn_numbers(mask_nonperiodic(self._dataset, self.plane[where], self._index))
         self.status[where] = np.asarray(self._dataset["status"][where])
 
     @property
@@ -144,17 +144,17 @@ class MapPlane:
         (j, end_j), (i, end_i) = (
             _cell_range(axis, span) for axis, span in zip((self.delta, self.epsilon), window or self.box, strict=True)
         )
-        part = part_for(self._levels, (i, j), (end_i, end_j), room[::-1])
+        part = level_part_for(self._levels, (i, j), (end_i, end_j), room[::-1])
         seen, (rows, columns) = self._largest_to_display(part) if anywhere else self._cells_to_display(part), part.at
         across, along = (part.level.cells if part.level else (1, 1))[::-1]
-        delta, epsilon = centres(self.delta, across)[columns], centres(self.epsilon, along)[rows]
+        delta, epsilon = level_centres(self.delta, across)[columns], level_centres(self.epsilon, along)[rows]
         box = _covered_range(self.delta, across, columns), _covered_range(self.epsilon, along, rows)
         return MapBlock(delta, epsilon, seen.values, seen.status, box, seen.shares, seen.without)
 
     def _cells_to_display(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
             return DisplayedCells(*self._values_and_status(*part.at))
-        return of_cells(self.plane, *self._values_and_status(*_covered_cells(part)), part.level)
+        return reduce_cells(self.plane, *self._values_and_status(*_covered_cells(part)), part.level)
 
     def _largest_to_display(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
@@ -227,7 +227,7 @@ class LeveledPlane(MapPlane):
     def _cells_to_display(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
             return super()._cells_to_display(part)
-        return of_level(self.plane, self._open_level(part.level.path), self._index, part.level, part.at)
+        return read_level(self.plane, self._open_level(part.level.path), self._index, part.level, part.at)
 
     def _open_level(self, path: str) -> xr.Dataset:
         with self._lock:
@@ -236,8 +236,8 @@ class LeveledPlane(MapPlane):
             return self._opened[path]
 
     def _values_and_status(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
-        with reading(f"the map of {self.plane.name}"):
-            cells = drawn_numbers(with_periodic(self._dataset, self.plane[rows, columns], self._index))
+        with report_damage(f"the map of {self.plane.name}"):
+            cells = drawn_numbers(mask_nonperiodic(self._dataset, self.plane[rows, columns], self._index))
             return cells.astype(np.float32), np.asarray(self._dataset["status"][rows, columns])
 
 
@@ -352,12 +352,12 @@ def maps_of(request: SurveyRequest) -> dict[str, Any]:
     dict[str, Any]
         For each variable the names of its several maps, () if the variable is one map.
     """
-    from gear_rattle.workers.survey.values.quantities import held, labels_of
+    from gear_rattle.workers.survey.values.quantities import dimension_labels, variables_of_groups
 
     joined = {LARGEST: WHICH} if Group.FAMILIES in request.quantities else {}
     return {
-        quantity.name: labels_of(quantity.dims[0], request.n_slots) if len(quantity.dims) > 2 else ()
-        for quantity in held(request.quantities, request.model)
+        quantity.name: dimension_labels(quantity.dims[0], request.n_slots) if len(quantity.dims) > 2 else ()
+        for quantity in variables_of_groups(request.quantities, request.model)
         if quantity.per_cell
     } | joined
 

@@ -18,7 +18,7 @@ from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.service.explorer.point.parts import listed_attractors
 from gear_rattle.workers import QUANTITIES
 from gear_rattle.workers.pictures.look import in_revolutions
-from gear_rattle.workers.pictures.maps import meanings_of, title_of, without_value
+from gear_rattle.workers.pictures.maps import meanings_of, title_of, words_without_value
 from gear_rattle.workers.survey.families import FAMILY
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from gear_rattle.workers.survey.values.evaluate import FAILED, STATUS
@@ -101,7 +101,7 @@ def finer_value(plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: 
     value = finer.value_at(delta, epsilon) if finer is not None else None
     if value is None:
         return None
-    here = without_value(plane.plane) if np.isnan(value) else _value_text(value, plane.plane)
+    here = words_without_value(plane.plane) if np.isnan(value) else _value_text(value, plane.plane)
     return f"{title_of(plane.plane)}, computed here", here
 
 
@@ -124,7 +124,7 @@ def _value_in_words(plane: MapPlane, delta: float, epsilon: float) -> str:
     if status in (0, FAILED):
         said = STATUS[status].replace("_", " ")
     elif np.isnan(value):
-        said = without_value(plane.plane)
+        said = words_without_value(plane.plane)
     else:
         said = _value_text(value, plane.plane)
     return f"{title_of(plane.plane)}, {said}"

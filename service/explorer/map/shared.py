@@ -149,7 +149,7 @@ class SharedState:
         whole = SurveyRequest.model_validate(job.request)
         if job.state == State.SUCCESSFUL:
             self.map_of(job, View(survey=job.id, variable=default_variable(whole, False)), UNSEEN)
-        request = whole.at(whole.along(0))
+        request = whole.slice_request(whole.slice_index(0))
         return request.gear_model, window_of(request)
 
     def map_of(self, job: JobRow, view: View, room: Room) -> tuple[MapPlane, bool, MapBlock, Colouring]:

@@ -22,7 +22,7 @@ from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.state.store import Store, box_of_cells
 from gear_rattle.service.operations.windows import clip_to_plane, is_coarse
 from gear_rattle.workers import Frame
-from gear_rattle.workers.pictures.look import is_of_survey_only
+from gear_rattle.workers.pictures.look import is_survey_only
 from gear_rattle.workers.pictures.planes import drawn_numbers
 from rattle import RattleError
 
@@ -125,7 +125,7 @@ class SurveyMap(ABC):
             self._seen = partial(plane.block, window, pixels)
         self._count_shares()
         is_coarser = is_coarse(plane.delta, plane.epsilon, window, pixels)
-        if is_coarser and (chosen is None or is_of_survey_only(chosen.variable, plane.request)):
+        if is_coarser and (chosen is None or is_survey_only(chosen.variable, plane.request)):
             self._show_progress(SURVEY_ONLY)
         elif is_coarser and chosen is not None:
             self._refining = self._viewer.start(self._compute_window(plane, chosen, window, pixels))

@@ -86,7 +86,7 @@ class MapView(SurveyMap):
             is_waiting = now[1] == State.ACCEPTED
             variable = view.variable if stays else default_variable(whole, is_waiting)
             index = view.index if view.index < len(maps[variable]) else 0
-            store.dispatch(DefaultMapChosen(variable, index, sum(whole.along(view.slice))))
+            store.dispatch(DefaultMapChosen(variable, index, sum(whole.slice_index(view.slice))))
             self.figure.show_axes_of(whole.machine)
 
     def _on_view_change(self) -> None:

@@ -223,8 +223,8 @@ class Page:
         job = self.store.jobs[survey_id].job
         if action == "again" and job.is_readable:
             request, view = request_of_job(job), self.store.view
-            slice_ = request.along(view.slice if survey_id == view.survey else 0)
-            self._open_form().fill(request.at(slice_))
+            slice_ = request.slice_index(view.slice if survey_id == view.survey else 0)
+            self._open_form().fill(request.slice_request(slice_))
         elif action in ("cancel", "delete"):
             self._viewer.start(self._remove(action, survey_id))
         elif action == "resume":

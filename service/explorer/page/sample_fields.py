@@ -7,7 +7,7 @@ from typing import Any
 import panel as pn
 
 from gear_rattle.workers import SurveyRequest
-from gear_rattle.workers.survey.refined.asked import AUDIT
+from gear_rattle.workers.survey.refined.asked import AUDITED_SHARE
 from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION, MAX_SLOTS
 from gear_rattle.workers.survey.values.schema import DEFAULT, Group
 from rattle.attractors import BUDGET, read_speed
@@ -68,7 +68,8 @@ class SampleFields:
             description="Adaptive refinement computes few cells first, and more where they differ.",
         )  # fmt: skip
         self._audit = pn.widgets.FloatInput(
-            label="Share of filled cells that is checked", value=AUDIT, start=0.0, end=1.0, step=0.01, visible=False,
+            label="Share of filled cells that is checked", value=AUDITED_SHARE, start=0.0, end=1.0, step=0.01,
+            visible=False,
             description="This share of filled cells is computed all the same, to bound how many of them are wrong.",
             **style,
         )  # fmt: skip
@@ -122,4 +123,4 @@ class SampleFields:
         self._tau_min.value, self._tau_max.value, self._v_min.value = sample.tau_min, sample.tau_max, sample.v_min
         self._slots.value, self._by.value = request.slots, request.slots_by or UNSAID
         self._refined.value = request.refine is not None
-        self._audit.value = request.refine.audit if request.refine is not None else AUDIT
+        self._audit.value = request.refine.audit if request.refine is not None else AUDITED_SHARE

@@ -23,10 +23,10 @@ from gear_rattle.service.explorer.places.example import CLOSED_FORMS, MAPS, REQU
 from gear_rattle.service.explorer.places.example import KEPT as SAMPLED
 from gear_rattle.workers import Axis, SurveyRequest
 from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of
-from gear_rattle.workers.survey.levels.grid import halvings
+from gear_rattle.workers.survey.levels.grid import possible_levels
 from gear_rattle.workers.survey.tiles import cells_of_tile
 from gear_rattle.workers.survey.values.cells import Cells
-from gear_rattle.workers.survey.values.quantities import held, labels_of
+from gear_rattle.workers.survey.values.quantities import dimension_labels, variables_of_groups
 
 KEPT = 8  # most maps of unfinished surveys in memory
 
@@ -36,7 +36,7 @@ class ExactPlane(MapPlane):
 
     def __init__(self, cells: Cells, found: xr.Dataset, variable: str, index: int) -> None:
         self.id, self.number, self.request, self._evaluated = "", 0, REQUEST, cells
-        self.plane, self._levels = plane_of(found, variable, index), halvings(REQUEST.shape)
+        self.plane, self._levels = plane_of(found, variable, index), possible_levels(REQUEST.shape)
         self.delta, self.epsilon = cells.delta, cells.epsilon
         self.values = drawn_numbers(self.plane).astype(np.float32)
         self.status = np.ones(self.values.shape, np.int8)
@@ -82,7 +82,7 @@ class UnfinishedPlane(ExactPlane):
         cells = cells_of_tile(_thinned_request(request))
         super().__init__(cells, _closed_form_dataset(cells, {variable}), variable, index)
         self.id, self.request, self._computed = survey_id, request, computed
-        self._levels = halvings(cells.shape)
+        self._levels = possible_levels(cells.shape)
         # copies, so that the memory of all other evaluated quantities is released
         self.plane, self._evaluated = self.plane.copy(), replace(cells)
 
@@ -133,7 +133,7 @@ class ExactMaps:
         with self._lock:
             if key not in self._unfinished:
                 request = SurveyRequest.model_validate(job.request)
-                slice_ = request.at(request.along(number))
+                slice_ = request.slice_request(request.slice_index(number))
                 self._unfinished[key] = UnfinishedPlane(slice_, job.id, variable, index, computed)
             self._unfinished.move_to_end(key)
             while len(self._unfinished) > KEPT:
@@ -155,10 +155,10 @@ class ExactMaps:
 
 def _closed_form_dataset(cells: Cells, names: Collection[str] = ()) -> xr.Dataset:
     """Return the closed forms of cells as a dataset like an open survey. names: variables, () for all variables."""
-    every = [each for each in held(CLOSED_FORMS, REQUEST.model) if each.per_cell]
+    every = [each for each in variables_of_groups(CLOSED_FORMS, REQUEST.model) if each.per_cell]
     quantities = [each for each in every if not names or each.name in names]
     dims = {dim for each in quantities for dim in each.dims[:-2]}
-    labels = {dim: list(labels_of(dim, 1)) for dim in dims}
+    labels = {dim: list(dimension_labels(dim, 1)) for dim in dims}
     done = np.ones(cells.shape, np.int8)  # values of the status, which is the only quantity without a group
     values = {
         each.name: (each.dims, np.asarray(each.evaluate(cells)) if each.group else done, each.attributes)

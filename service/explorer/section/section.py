@@ -88,7 +88,7 @@ class ProfileSection:
     async def _draw(self, view: View, job: JobRow | None, state: PointState) -> AsyncGenerator[Show, None]:
         assert view.point is not None
         whole = SurveyRequest.model_validate(job.request) if job is not None else self._shared.exact.request
-        request = whole.at(whole.along(view.slice))
+        request = whole.slice_request(whole.slice_index(view.slice))
         _, model = machine_and_model(view.point, view.machine, request.machine, request.gear_model)
         try:
             gear = model.gear(*view.point)

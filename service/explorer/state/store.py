@@ -92,7 +92,7 @@ class Store:
     def request(self) -> SurveyRequest | None:
         """Request of the chosen slice; without a third axis the same as `whole_request`. None if that is None."""
         whole = self.whole_request
-        return whole if whole is None else whole.at(whole.along(self.view.slice))
+        return whole if whole is None else whole.slice_request(whole.slice_index(self.view.slice))
 
     @property
     def model(self) -> Model:

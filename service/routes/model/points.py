@@ -18,7 +18,7 @@ from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web import examples
 from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
 from gear_rattle.service.web.problems import declare_problems
-from gear_rattle.workers.survey.request import OneSpeed
+from gear_rattle.workers.survey.request import SpeedLimitOnce
 from rattle.attractors import BUDGET, LARGEST_BUDGET, sampled_speed
 from rattle.models import AnyGear, model_at
 
@@ -27,7 +27,7 @@ router = APIRouter(prefix="/v1", tags=["points"])
 Backlash = Annotated[float, Query(gt=0, allow_inf_nan=False, description="half-backlash", examples=[0.6])]
 SampledSpeed = Annotated[
     Annotated[float, Field(gt=0, allow_inf_nan=False)] | Literal["natural"] | None,
-    OneSpeed,
+    SpeedLimitOnce,
     Query(description="largest initial speed, or natural; by default 7 in the paper's plane, natural elsewhere"),
 ]
 

@@ -13,7 +13,7 @@ from gear_rattle.service.explorer.map.controls import LIMIT_NAMES, LOG, OWN, Map
 from gear_rattle.service.explorer.places.example import REQUEST
 from gear_rattle.service.explorer.state.events import MapDrawn
 from gear_rattle.service.explorer.state.store import Store
-from gear_rattle.workers.pictures.largest import colours_of
+from gear_rattle.workers.pictures.largest import family_colours
 from rattle import KINDS
 from rattle.plot.colours import REGION_COLOURS
 from rattle.plot.plane import STYLES
@@ -40,7 +40,7 @@ def test_families_that_follow_one_another_are_told_apart() -> None:
     periodic = KINDS.index("periodic")
     rows = [(KINDS.index("quiet"), 0, 0, 0), (KINDS.index("chaotic"), 0, 0, 0), *((periodic, *each) for each in labels)]
     columns = zip(("kind", "m", "n_plus", "n_minus"), zip(*rows, strict=True), strict=True)
-    colours = colours_of(xr.Dataset({name: ("family", list(values)) for name, values in columns}))
+    colours = family_colours(xr.Dataset({name: ("family", list(values)) for name, values in columns}))
     seen = [lab_of(each, as_seen=np.eye(3)) for each in colours]
     assert min(difference(*pair) for pair in pairwise(seen)) > 12
     assert min(difference(*pair) for pair in combinations(seen, 2)) > 7

@@ -23,7 +23,7 @@ from gear_rattle.service.explorer.state.events import FamilyChosen, PinAdded, Pi
 from gear_rattle.service.state import Front
 from gear_rattle.workers import Group, SurveyError, SurveyRequest, complete, open_family, open_survey
 from gear_rattle.workers.pictures.largest import open_maps
-from gear_rattle.workers.pictures.look import LARGEST, SHARE, is_of_survey_only
+from gear_rattle.workers.pictures.look import LARGEST, SHARE, is_survey_only
 from gear_rattle.workers.pictures.maps import meanings_of
 from gear_rattle.workers.pictures.planes import plane_of
 
@@ -150,8 +150,8 @@ def test_an_empty_slot_is_not_taken_for_a_cell_without_attractors(tmp_path: Path
         assert cell_in_words(plane, plane.delta[j], plane.epsilon[i], plane.box).endswith(", empty slot")
         moved, _ = atlas.plane(front.database.job(survey_id), "attractor_kind", 0)
         np.testing.assert_array_equal(moved.values, kinds[0])  # read anew: they have been moved
-        assert is_of_survey_only("attractor_kind", REQUEST)  # windows are not joined
-        assert not is_of_survey_only("attractor_kind", REQUEST.model_copy(update={"slots_by": "fraction"}))
+        assert is_survey_only("attractor_kind", REQUEST)  # windows are not joined
+        assert not is_survey_only("attractor_kind", REQUEST.model_copy(update={"slots_by": "fraction"}))
         with open_maps(partial(open_survey, store), LARGEST) as dataset:
             assert [meanings_of(plane_of(dataset, LARGEST, which))[0] for which in (0, 1)] == [
                 "undecided",

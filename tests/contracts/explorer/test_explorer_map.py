@@ -28,11 +28,11 @@ from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import KEPT
 from gear_rattle.service.explorer.state.events import DiagramEndChosen, Event, PointOpened
 from gear_rattle.workers import SurveyRequest, complete, is_incomplete, open_survey
-from gear_rattle.workers.pictures.levels import levels_in_groups, overview
-from gear_rattle.workers.pictures.maps import readable
-from gear_rattle.workers.pictures.names import overlap, place_names
+from gear_rattle.workers.pictures.levels import level_opener, reduce_map
+from gear_rattle.workers.pictures.maps import readable_description
+from gear_rattle.workers.pictures.names import is_overlapping, place_names
 from gear_rattle.workers.survey.levels import grid
-from gear_rattle.workers.survey.values.quantities import held
+from gear_rattle.workers.survey.values.quantities import variables_of_groups
 from gear_rattle.workers.survey.values.schema import Group
 from rattle import KINDS
 from rattle.curves import codimension_two
@@ -72,8 +72,8 @@ def survey(client: TestClient) -> str:
 @pytest.fixture
 def leveled(client: TestClient, survey: str, monkeypatch: pytest.MonkeyPatch) -> str:
     """The same survey, in the store of which are levels."""
-    monkeypatch.setattr(grid, "LARGEST", 16)
-    monkeypatch.setattr(grid, "LEAST", 8)
+    monkeypatch.setattr(grid, "LARGEST_WITHOUT_LEVELS", 16)
+    monkeypatch.setattr(grid, "LARGEST_NOT_HALVED", 8)
     store = front_of(client).directory.store(survey)
     if is_incomplete(REQUEST, store):
         complete(REQUEST, store)
@@ -164,10 +164,10 @@ def test_a_picture_is_drawn_from_levels(client: TestClient, leveled: str, monkey
     """The same as from all cells, of which none is read."""
     store, room = front_of(client).directory.store(leveled), (9, 16)
     with open_survey(store) as survey:
-        whole = overview(survey, "region", 0, room, None)
-        monkeypatch.setattr("gear_rattle.workers.pictures.levels.of_cells", None)
-        levels = levels_in_groups(partial(open_survey, store), None, True)
-        drawn = overview(survey, "region", 0, room, levels)
+        whole = reduce_map(survey, "region", 0, room, None)
+        monkeypatch.setattr("gear_rattle.workers.pictures.levels.reduce_cells", None)
+        levels = level_opener(partial(open_survey, store), None, True)
+        drawn = reduce_map(survey, "region", 0, room, levels)
     xr.testing.assert_identical(drawn, whole)
     assert drawn.region.shape == (8, 15)
     assert client.get(f"/v1/surveys/{leveled}/map.png").content.startswith(b"\x89PNG")
@@ -444,7 +444,7 @@ def test_names_of_points_cover_no_mark_and_no_other_name(
     for number, name in enumerate(names):
         assert 0 <= name[0] < name[2] <= size[0]
         assert 0 <= name[1] < name[3] <= size[1]
-        assert not any(overlap(name, other) for other in (*names[:number], *marks))
+        assert not any(is_overlapping(name, other) for other in (*names[:number], *marks))
     leaders = zip(data["x"], data["y"], data["to_x"], data["to_y"], strict=True)
     for (x, y, to_x, to_y), name, mark in zip(leaders, names, marks, strict=True):
         has_leader = (x, y) != (to_x, to_y)
@@ -483,7 +483,7 @@ def test_names_and_titles_of_maps_are_written_as_everywhere() -> None:
     names = planes.map_names(request)
     assert "orbit speed, A" in names
     assert not [name for name in names if "velocity" in name or "_" in name]
-    titles = [readable(each.long_name) for each in held(request.quantities, request.model)]
+    titles = [readable_description(each.long_name) for each in variables_of_groups(request.quantities, request.model)]
     assert "m of P(m,n₊,n₋), forcing periods; 0 unless periodic" in titles
     assert "n₋ of P(m,n₊,n₋), impacts on or contacts with Σ⁻; 0 unless periodic" in titles
     assert not [title for title in titles if re.search(r"velocit|[nvΣ][+-]", title)]

@@ -46,7 +46,7 @@ def computed(report: paper.Report, monkeypatch: pytest.MonkeyPatch) -> paper.Rep
 
 
 def test_nothing_is_unexpected(report):
-    assert report.unexpected == ()
+    assert report.deviations == ()
     assert len(report.numbers) == len(numbers.STATED)
 
 
@@ -94,11 +94,11 @@ def test_a_wrong_computed_value_makes_the_command_fail(monkeypatch):
 def test_a_finding_without_evidence_or_need_is_unexpected(report):
     first = report.findings[0]
     doubtful = replace(first, evidence=(replace(first.evidence[0], holds=False), *first.evidence[1:]))
-    assert replace(report, findings=(doubtful, *report.findings[1:])).unexpected
+    assert replace(report, findings=(doubtful, *report.findings[1:])).deviations
     off = next(x for x in report.numbers if x.finding)
-    assert not replace(off, computed=float(off.stated)).as_expected
+    assert not replace(off, computed=float(off.stated)).is_as_expected
     assert report.number_of(off.finding) <= len(report.findings)
-    assert replace(report, statements=(replace(report.statements[0], holds=False),)).unexpected
+    assert replace(report, statements=(replace(report.statements[0], holds=False),)).deviations
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ def test_a_finding_without_evidence_or_need_is_unexpected(report):
 def test_the_rule(stated, computed, verdict):
     number = paper.Number("5.1", "something", stated, computed)
     assert number.verdict == verdict
-    assert number.as_expected == (verdict == AGREES)
+    assert number.is_as_expected == (verdict == AGREES)
 
 
 def test_the_end_of_chaos_agrees_with_the_manifold_condition(report):

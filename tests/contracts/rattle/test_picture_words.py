@@ -39,7 +39,7 @@ def test_basins_say_the_damping_and_which_way_the_speed_goes() -> None:
 
 def test_figure_6_names_its_marks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(basins, "ARCLENGTH", 20.0)
-    figure = basins.blow_up(0.6, 0.1, resolution=20).figure
+    figure = basins.basins_with_manifolds(0.6, 0.1, resolution=20).figure
     names = [text.get_text() for text in figure.legends[0].get_texts()]
     assert {"saddle", "attractor", "grazing curve Γ"} <= set(names)
     (axes,) = figure.axes
@@ -71,7 +71,7 @@ def test_the_inset_of_figure_8_is_the_distance_from_sn2() -> None:
 
 def test_no_inset_where_the_points_are_not_seen() -> None:
     for window in (((0.4, 0.7), (0.0, 0.3)), ((0.9, 1.0), (0.0, 0.3))):
-        (axes,) = plane.plane(*window).figure.axes
+        (axes,) = plane.plane_figure(*window).figure.axes
         assert inset_of(axes) is None
         assert axes.get_title() == "half-backlash β = 0.6"
 

@@ -71,6 +71,11 @@ def test_a_quiet_diagram_is_an_empty_picture():
     assert not figure.axes[0].lines
 
 
+def test_without_limits_the_phase_panel_shows_all_phases():
+    figure = diagram_figure(rattle.diagram((0.6, 0.0), (0.6, 0.04), steps=2), tau=None)
+    assert figure.axes[1].get_ylim() == (0.0, 1.0)
+
+
 def test_what_is_no_diagram_is_refused():
     with pytest.raises(rattle.ParameterError, match="must be a Diagram"):
         diagram_figure(3)

@@ -27,7 +27,7 @@ from rattle.orbits.period_one import PAPER_REGIONS, REGIONS
 from rattle.plot import FIGURES, basins, colour, draw, legend_name, plane, save
 from rattle.plot.colours import Palette
 from rattle.plot.drawing import new_figure
-from rattle.plot.paper_figures import Range, Takes, parse, request
+from rattle.plot.paper_figures import ParameterForm, Range, parse, request
 from rattle.plot.paper_ranges import FIGURE_7, FIGURE_8
 from rattle.plot.plane import IN_PAPER, draw_curve, draw_points
 
@@ -48,7 +48,7 @@ def figure_4() -> Figure:
 def figure_6() -> Figure:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(basins, "ARCLENGTH", either(150.0, basins.ARCLENGTH))
-        drawing = basins.blow_up(0.6, 0.1, resolution=CELLS)
+        drawing = basins.basins_with_manifolds(0.6, 0.1, resolution=CELLS)
     assert drawing.notes == ()
     return drawing.figure
 
@@ -133,7 +133,7 @@ def test_a_legend_names_the_largest_basins_of_many() -> None:
     figure = new_figure(4, 4)
     one = Attractor("periodic", 1, 1, 0, 0.5, (0.0, 1.0), 0.1, 1.0, (-1.0, -1.0), 0.0)
     many = [replace(one, n_plus=k, fraction=1 / k) for k in range(1, basins.MOST_NAMED + 4)]
-    basins._legend(figure, many, Palette(), [], 5)
+    basins._add_basin_legend(figure, many, Palette(), [], 5)
     names = [text.get_text() for text in figure.legends[0].get_texts()]
     assert names[0] == "P(1,1,0)"
     assert names[-1] == "and 3 more"
@@ -247,7 +247,7 @@ def test_what_does_not_exist_is_left_out_and_said(
 ) -> None:
     monkeypatch.setattr(basins, "ARCLENGTH", 20.0)
     delta, epsilon, beta = point
-    drawing = basins.blow_up(delta, epsilon, beta, resolution=20)
+    drawing = basins.basins_with_manifolds(delta, epsilon, beta, resolution=20)
     assert any(note.startswith(f"{missing} left out: ") for note in drawing.notes)
     assert any(basin in text for text in texts(drawing.figure.axes[0]) if "Delta" in text)
     names = {orbit.name for orbit in Gear(*point).orbits() if orbit.v < 7}
@@ -320,7 +320,7 @@ def test_figure_8_is_labelled(figure_8: Figure) -> None:
     ],
 )
 def test_other_planes_are_drawn(delta: Range, epsilon: Range, beta: float, tmp_path: Path) -> None:
-    figure = plane.plane(delta, epsilon, beta).figure
+    figure = plane.plane_figure(delta, epsilon, beta).figure
     (axes,) = figure.axes
     assert (axes.get_xlim(), axes.get_ylim()) == (delta, epsilon)
     for text in axes.texts:
@@ -369,7 +369,7 @@ def test_every_figure_takes_its_own_parameters() -> None:
     for number, figure in FIGURES.items():
         asked = request(number, figure.delta, figure.epsilon)
         assert (asked.delta, asked.epsilon, asked.beta) == (figure.delta, figure.epsilon, 0.6)
-        assert isinstance(figure.delta_takes, Takes)
+        assert isinstance(figure.delta_form, ParameterForm)
 
 
 def test_the_command_writes_figures(tmp_path: Path) -> None:

@@ -17,15 +17,15 @@ def test_what_planes_show() -> None:
             for j, d in enumerate(delta):
                 found = rattle.Gear(d, e, restitution=plane.restitution).attractors(16)
                 shares = {kind: sum(x.fraction for x in found if x.kind == kind) for kind in ("quiet", "chaotic")}
-                assert plane.share_of(Outcome.QUIET)[i, j] == shares["quiet"]
-                assert plane.share_of(Outcome.CHAOTIC)[i, j] == shares["chaotic"]
-                assert plane.contact_share[i, j] == sum(x.fraction for x in found if x.contacts)
+                assert plane.fraction_of(Outcome.QUIET)[i, j] == shares["quiet"]
+                assert plane.fraction_of(Outcome.CHAOTIC)[i, j] == shares["chaotic"]
+                assert plane.contact_fraction[i, j] == sum(x.fraction for x in found if x.contacts)
                 assert np.isnan(plane.exponent[i, j]) == (shares["chaotic"] == 0)
     elastic, lossy = planes
-    assert elastic.dominant[0, 1] == QUIET_ALONE
-    assert lossy.dominant[1, 0] == ONE
-    assert elastic.dominant[2, 0] == CHAOTIC
-    assert lossy.dominant[2, 0] == CONTACT
+    assert elastic.dominant_types[0, 1] == QUIET_ALONE
+    assert lossy.dominant_types[1, 0] == ONE
+    assert elastic.dominant_types[2, 0] == CHAOTIC
+    assert lossy.dominant_types[2, 0] == CONTACT
     drawn = restitution_figure(planes).figure
     titles = [axes.get_title() for axes in drawn.axes]
     assert titles[:2] == ["r = 1", "r = 0.8"]

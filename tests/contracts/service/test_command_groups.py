@@ -7,7 +7,7 @@ import pytest
 import typer.main
 from typer.testing import CliRunner
 
-from gear_rattle.service.cli import COMMANDS, START, app
+from gear_rattle.service.cli import COMMANDS, FIRST_STEPS, app
 
 GROUP: Any = typer.main.get_command(app)
 NAMES = sorted(GROUP.commands)
@@ -19,7 +19,7 @@ def test_help_has_the_groups_and_a_start() -> None:
         assert f"─ {panel} ─" in shown
     assert list(COMMANDS) == ["Survey", "One gear", "Engineering", "Proofs", "Service"]
     assert "Start here" in shown
-    assert "rattle orbits 0.6 0.1" in START
+    assert "rattle orbits 0.6 0.1" in FIRST_STEPS
 
 
 @pytest.mark.parametrize("name", NAMES)

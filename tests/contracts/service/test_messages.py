@@ -43,7 +43,7 @@ def said_by_command(*arguments: str) -> str:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--delta", "0.4:1", "--epsilon", "0.1:0.2:3"), "three numbers separated by colons: it has 2"),
+        (("--delta", "0.4:1", "--epsilon", "0.1:0.2:3"), "three numbers separated by colons: this text has 2"),
         (("--delta", "0.4:1:many", "--epsilon", "0.1:0.2:3"), "num is 'many', not a whole number"),
         (("--delta", "low:1:3", "--epsilon", "0.1:0.2:3"), "start is 'low', not a number"),
         (("--delta", "0.4:1:1", "--epsilon", "0.1:0.2:3"), "num: must be at least 2, got 1"),

@@ -10,7 +10,7 @@ from service_support import front_end
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.survey.request import DEFAULT
-from gear_rattle.workers.survey.values.quantities import stored
+from gear_rattle.workers.survey.values.quantities import stored_variables
 from rattle.models import DEFAULT_MODEL
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "operations.md"
@@ -57,7 +57,7 @@ def test_the_large_survey() -> None:
         "epsilon": {"start": 0.005, "stop": 0.3, "num": 31_623},
     }
     large = SurveyRequest(**axes, tile={"delta": 64, "epsilon": 64})
-    per_cell = sum(each.per_cell for each in stored(DEFAULT, DEFAULT_MODEL))
+    per_cell = sum(each.per_cell for each in stored_variables(DEFAULT, DEFAULT_MODEL))
     assert f"{large.n_tiles:_}".replace("_", " ") in TEXT
     assert f"{SurveyRequest(**axes).n_tiles:_}".replace("_", " ") in TEXT
     (measured,) = map(int, re.findall(r"\| (\d+) per tile", TEXT))

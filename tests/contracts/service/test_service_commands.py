@@ -132,7 +132,7 @@ def test_a_refined_survey_says_what_was_filled_and_how_far_it_can_be_trusted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """After further rounds, which the first audit makes needed."""
-    monkeypatch.setattr("gear_rattle.workers.survey.refined.rounds.SPARE", 0.1)
+    monkeypatch.setattr("gear_rattle.workers.survey.refined.rounds.FIRST_AUDIT_FACTOR", 0.1)
     store = tmp_path / "survey.zarr"
     asked = ["run", "--delta", "0.4:1:64", "--epsilon", "0.005:0.3:64", "--quantity", "region", "--out", str(store)]
     for option in ("--audit", "--bound"):

@@ -103,8 +103,8 @@ def test_a_chunk_of_a_level_that_is_lost_is_no_fill_value_either(
     on_disk: tuple[TestClient, Take], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The same holds if it was requested before there were levels."""
-    monkeypatch.setattr(grid, "LARGEST", 3)
-    monkeypatch.setattr(grid, "LEAST", 2)
+    monkeypatch.setattr(grid, "LARGEST_WITHOUT_LEVELS", 3)
+    monkeypatch.setattr(grid, "LARGEST_NOT_HALVED", 2)
     client, take = on_disk
     survey_id = str(client.post("/v1/surveys", json=BODY).json()["id"])
     front, key = front_of(client), "levels/1/region_occurs/c/0/0"

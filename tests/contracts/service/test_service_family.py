@@ -53,7 +53,7 @@ def store(tmp_path: Path) -> Path:
     path.parent.mkdir(parents=True)
     create_store(REQUEST, path)
     run_tiles_here(REQUEST, path, tiles_of(REQUEST), lambda _: None, lambda: False)
-    with place_of(path).writing():
+    with place_of(path).lock_for_writing():
         join_survey(REQUEST, path)
     finish_store(path)
     return path

@@ -26,7 +26,7 @@ from gear_rattle.service.explorer.map.picture import picture_query
 from gear_rattle.service.routes import picture
 from gear_rattle.workers import SurveyError, SurveyRequest, open_survey
 from gear_rattle.workers.pictures import maps
-from gear_rattle.workers.pictures.look import OWN_STYLES, SHARE, Finer, Look, Over
+from gear_rattle.workers.pictures.look import OWN_STYLES, SHARE, FinerCells, Look, OverlayData
 from gear_rattle.workers.pictures.maps import draw_map, map_picture
 from gear_rattle.workers.pictures.overlay import draw_curves
 from rattle.models import Capability
@@ -72,7 +72,7 @@ def drawn(dataset: xr.Dataset, plane: xr.DataArray, look: Look) -> tuple[np.ndar
 
 
 def test_a_window_has_its_cells_and_those_around_them(survey: xr.Dataset) -> None:
-    cut = LOOK.cut(survey)
+    cut = LOOK.cut_to_window(survey)
     np.testing.assert_allclose(cut["delta"], [0.6, 0.65, 0.7])
     np.testing.assert_allclose(cut["epsilon"], [0.04, 0.06, 0.08, 0.1])
     values, _, figure = drawn(cut, cut["region"], LOOK)
@@ -80,7 +80,7 @@ def test_a_window_has_its_cells_and_those_around_them(survey: xr.Dataset) -> Non
     assert figure.axes[0].get_xlim() == LOOK.delta
     assert figure.axes[0].get_ylim() == LOOK.epsilon
     for beyond in ((0.4, 0.41), (0.9, 1.0), (0.601, 0.602)):  # without a cell inside: two, or they have no width
-        assert Look(delta=beyond).cut(survey)["delta"].size == 2
+        assert Look(delta=beyond).cut_to_window(survey)["delta"].size == 2
 
 
 @pytest.mark.parametrize("log", [False, True])
@@ -200,14 +200,14 @@ def test_what_was_found_beforehand_is_drawn(survey: xr.Dataset) -> None:
     band = np.array([0.5, 0.8]), np.array([0.02, 0.04]), np.array([0.04, 0.06])
     axes = Figure().add_subplot()
     names = ("crisis", "design_limit")
-    drawn = draw_curves(axes, survey, names, Over({"crisis": crisis, "design_limit": limit}, band))
+    drawn = draw_curves(axes, survey, names, OverlayData({"crisis": crisis, "design_limit": limit}, band))
     assert [each.shape for each in drawn] == [(5, 2), (2, 2)]
     for line, name, points in zip(axes.lines, names, (crisis, limit), strict=True):
         np.testing.assert_array_equal(np.column_stack(line.get_data()), points)
         assert (line.get_color(), line.get_label()) == (OWN_STYLES[name][0], name.replace("_", " "))
     (area,) = axes.collections
     assert area.get_datalim(axes.transData).extents == pytest.approx((0.5, 0.02, 0.8, 0.06))
-    assert draw_curves(Figure().add_subplot(), survey, (), Over({"crisis": crisis})) == []
+    assert draw_curves(Figure().add_subplot(), survey, (), OverlayData({"crisis": crisis})) == []
 
 
 def test_finer_cells_have_the_colours_of_the_map_and_of_codes_those_that_only_they_have(survey: xr.Dataset) -> None:
@@ -216,7 +216,7 @@ def test_finer_cells_have_the_colours_of_the_map_and_of_codes_those_that_only_th
     exact[0, 0] = survey["region"].values.max() + 1
     figure = Figure()
     axes = figure.add_subplot()
-    draw_map(axes, survey, survey["region"], look=LOOK, finer=Finer(delta, epsilon, exact))
+    draw_map(axes, survey, survey["region"], look=LOOK, finer=FinerCells(delta, epsilon, exact))
     *_, coarse, fine = (each for each in axes.collections if each.get_array() is not None)
     np.testing.assert_array_equal(fine.get_array(), exact)
     assert fine.norm is coarse.norm
@@ -232,14 +232,14 @@ def test_cells_without_the_family_that_is_chosen_are_dimmed(
     share[0, 2:4, 1], share[1, -1, -1] = 0.5, 1e-3
     shared = survey.assign({SHARE: (("family", "epsilon", "delta"), share)})
     covered: list[np.ndarray] = []
-    cells = maps._cells
+    cells = maps._draw_cells
 
     def seen(axes: Any, at: Any, values: np.ndarray, *rest: Any) -> Any:
-        if isinstance(at, Finer):
+        if isinstance(at, FinerCells):
             covered.append(values)
         return cells(axes, at, values, *rest)
 
-    monkeypatch.setattr(maps, "_cells", seen)
+    monkeypatch.setattr(maps, "_draw_cells", seen)
     assert map_picture(shared, "region", look=Look(family=family)) != map_picture(shared, "region")
     np.testing.assert_array_equal(np.isnan(covered[0]), share[family] > 0)
     monkeypatch.setattr(maps, "ROOM", (5, 4))  # of cells that become one

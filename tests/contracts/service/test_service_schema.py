@@ -50,7 +50,7 @@ from gear_rattle.workers import (
 )
 from gear_rattle.workers.certificates import certify_survey
 from gear_rattle.workers.storage.export import write_netcdf
-from gear_rattle.workers.storage.location import certificates_of
+from gear_rattle.workers.storage.location import certificates_path
 from rattle import Gear, Limit, Machine
 from rattle.models import Impacting
 
@@ -109,7 +109,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
             write_tile(request, str(store), tile, compute_tile(request, tile)[0])
         finish_store(store)
     with open_survey(path / JobKind.SURVEY) as survey:
-        certify_survey(survey, certificates_of(path / JobKind.SURVEY))
+        certify_survey(survey, certificates_path(path / JobKind.SURVEY))
     return path
 
 
@@ -135,7 +135,7 @@ def serving(finished: Path, data: Path, **changes: Any) -> Iterator[tuple[str, F
         if not store.exists():  # it does after POST …/verify
             shutil.copytree(finished / job.kind, store, copy_function=os.link)
             if job.request.get("certify"):
-                shutil.copytree(certificates_of(finished / job.kind), certificates_of(store), copy_function=os.link)
+                shutil.copytree(certificates_path(finished / job.kind), certificates_path(store), copy_function=os.link)
         manager._database.set_state(job.id, State.SUCCESSFUL)
 
     limits = {"max_jobs": 10**6, "max_point_count": 64, "max_point_seconds": HANG}

@@ -58,8 +58,8 @@ def test_all_slices_are_counted_against_the_limit(client: TestClient) -> None:
 
 def test_a_picture_is_of_a_slice(client: TestClient, running: str) -> None:
     here = f"/v1/surveys/{running}/map.png"
-    assert_problem(client.get(here), 422, "3 values of beta: choose one, slice 0 to 2")
-    assert_problem(client.get(here, params={"slice": 3}), 422, "slice 0 to 2")
+    assert_problem(client.get(here), 422, "3 values of beta: choose a slice from 0 to 2")
+    assert_problem(client.get(here, params={"slice": 3}), 422, "slice from 0 to 2")
     first, last = (client.get(here, params={"slice": number}) for number in (0, 2))
     assert first.headers["content-type"] == last.headers["content-type"] == "image/png"
     assert first.content != last.content
@@ -108,7 +108,7 @@ def test_axes_are_read_by_commands(tmp_path: Path) -> None:
     asked = ["run", "--delta", "0.5:0.7:3", "--epsilon", "0.05:0.15:3", "--quantity", "region", "--out"]
     run = CliRunner().invoke
     assert run(app, [*asked, str(store), "--beta", "0.4:0.6:2"]).exit_code == 0
-    assert examine(store).whole
+    assert examine(store).is_whole
     for refused, said in (
         (["--beta", "wide"], "write a number, or START:STOP:NUM"),
         (["--beta", "0.4:0.6"], "write START:STOP:NUM"),
@@ -118,7 +118,7 @@ def test_axes_are_read_by_commands(tmp_path: Path) -> None:
         assert result.exit_code == 2
         assert said in " ".join(result.output.replace("│", " ").split())
     for command in (["figure", str(store), str(tmp_path / "s.png")], ["explain", str(store)]):
-        assert "choose one, slice 0 to 1" in str(run(app, command).exception)
+        assert "choose a slice from 0 to 1" in str(run(app, command).exception)
         assert run(app, [*command, "--slice", "1"]).exit_code == 0
     assert (tmp_path / "s.png").stat().st_size > 1000
     assert run(app, ["figure", "4", "--slice", "1"]).exit_code == 2

@@ -23,8 +23,16 @@ from gear_rattle.workers import (
 )
 from gear_rattle.workers.bound import ROUNDS, lacks_bound
 from gear_rattle.workers.storage.location import Directory
-from gear_rattle.workers.survey.refined.audit import AUDITED, TOLD, told_of_audit, upper_share
-from gear_rattle.workers.survey.refined.rounds import CHAOTIC, KINDS, Counts, Round, first_round, next_round, upper_of
+from gear_rattle.workers.survey.refined.audit import AUDIT_ATTRIBUTES, AUDITED, audit_attributes, share_upper_bound
+from gear_rattle.workers.survey.refined.rounds import (
+    CHAOTIC,
+    KINDS,
+    AuditCounts,
+    AuditRound,
+    first_round,
+    next_round,
+    wrong_share_upper,
+)
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 
@@ -43,7 +51,7 @@ SAMPLED = SurveyRequest(
 
 
 def few_audited(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gear_rattle.workers.survey.refined.rounds.SPARE", 0.1)
+    monkeypatch.setattr("gear_rattle.workers.survey.refined.rounds.FIRST_AUDIT_FACTOR", 0.1)
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +86,7 @@ def test_the_bound_holds_whatever_is_wrong() -> None:
             filled &= limit < 1 << kind % CHAOTIC
             audited = filled & (before <= draw) & (draw < rounds[-1].drawn)
             after = filled & ~audited
-            counts = Counts(
+            counts = AuditCounts(
                 *(np.bincount(kind[of], minlength=KINDS) for of in (filled, audited, audited & wrong, after))
             )
             filled = after
@@ -86,7 +94,7 @@ def test_the_bound_holds_whatever_is_wrong() -> None:
                 break
             rounds = (*rounds, more)
         assert len(rounds) <= 6
-        upper = upper_of(counts, len(rounds) - 1)
+        upper = wrong_share_upper(counts, len(rounds) - 1)
         assert upper <= 0.004
         missed += (wrong & filled).sum() > upper * filled.sum()
         filling += bool(filled.any())
@@ -159,13 +167,15 @@ def test_after_each_pause_it_goes_on_to_the_same_bytes(
     turns = 0
     while lacks_bound(request, store):
         assert turns <= rounds * request.n_tiles
-        with place_of(store).writing():
+        with place_of(store).lock_for_writing():
             complete(request, store, at_once=4, should_pause=lambda: True)
         turns += 1
     assert turns > rounds
     assert followed == [False]
     assert chunks(store) == chunks(whole)
-    assert {name: zarr.open_group(store, mode="r").attrs[name] for name in TOLD} == {name: told[name] for name in TOLD}
+    assert {name: zarr.open_group(store, mode="r").attrs[name] for name in AUDIT_ATTRIBUTES} == {
+        name: told[name] for name in AUDIT_ATTRIBUTES
+    }
 
 
 @pytest.mark.parametrize("damaged", ["audit_leaf/c/1/1", "delta/c/0"])
@@ -185,10 +195,10 @@ def test_what_is_damaged_is_taken_through_all_rounds_again(
 
 
 def test_slices_that_audit_the_same_places_are_no_larger_a_sample() -> None:
-    told = told_of_audit([[900, 50, 1], [800, 40, 3], [0, 0, 0]])
+    told = audit_attributes([[900, 50, 1], [800, 40, 3], [0, 0, 0]])
     assert (told["refined_cells_filled"], told["refined_cells_audited"]) == (1700, 90)
-    assert told["refined_wrong_share_upper"] == upper_share(3, 40)
-    assert told_of_audit([[0, 0, 0]])["refined_wrong_share_upper"] == 0.0
+    assert told["refined_wrong_share_upper"] == share_upper_bound(3, 40)
+    assert audit_attributes([[0, 0, 0]])["refined_wrong_share_upper"] == 0.0
 
 
 def test_slices_that_are_told_together_audit_other_places() -> None:
@@ -204,14 +214,14 @@ def test_slices_that_are_told_together_audit_other_places() -> None:
 
 def test_tiles_do_not_show_after_any_round() -> None:
     """Two rounds of a sampled survey, the second of which computes chaotic leaves whole, in tiles of two shapes."""
-    rounds = (Round(0.3, 0, 0), Round(0.4, 0, 4))
+    rounds = (AuditRound(0.3, 0, 0), AuditRound(0.4, 0, 4))
     found = []
     for request in (SAMPLED, SAMPLED.model_copy(update={"tile": SurveyRequest.model_fields["tile"].default})):
         whole: dict[str, np.ndarray] = {}
         for tile in tiles_of(request):
             for name, values in compute_tile(request, replace(tile, rounds=rounds))[0].items():
                 grid = whole.setdefault(name, np.zeros((*values.shape[:-2], *request.shape), values.dtype))
-                grid[tile.at] = values
+                grid[tile.selection] = values
         found.append(whole)
     for name, values in found[0].items():
         assert values.tobytes() == found[1][name].tobytes(), name
@@ -238,5 +248,5 @@ def test_a_store_tells_no_bound_before_it_is_met(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr("gear_rattle.workers.completion.meet_bound", stop)
     with pytest.raises(KeyboardInterrupt):
         run_survey(REGIONS, out=tmp_path / "survey.zarr")
-    assert not set(TOLD) & set(zarr.open_group(tmp_path / "survey.zarr", mode="r").attrs)
+    assert not set(AUDIT_ATTRIBUTES) & set(zarr.open_group(tmp_path / "survey.zarr", mode="r").attrs)
     assert is_incomplete(SurveyRequest(**REGIONS), tmp_path / "survey.zarr")

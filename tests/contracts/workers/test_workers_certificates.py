@@ -29,8 +29,8 @@ from gear_rattle.workers.certificates import (
     REFUSED,
     SEAL,
     certify_survey,
-    examine_beside,
     examine_certificates,
+    examine_certificates_beside,
 )
 from gear_rattle.workers.errors import SurveyError
 from rattle.proof.check import check
@@ -106,7 +106,7 @@ def test_the_survey_is_left_as_it_is_and_opens_beside_them(store, tmp_path):
     with open_survey(store) as survey:
         certify_survey(survey, tmp_path / "certificates.zarr")
     assert files(store) == before
-    assert examine(store).whole
+    assert examine(store).is_whole
     both = xr.merge([xr.open_zarr(store), xr.open_zarr(tmp_path / "certificates.zarr")], combine_attrs="drop_conflicts")
     assert int(both.attractor_certificate.where(both.attractor_kind != 2, 0).sum()) == 0
 
@@ -170,7 +170,7 @@ def test_however_they_are_shared_out_the_files_are_the_same(store, whole, tmp_pa
 
     def prove(parts):
         given.append([len(part) for part in parts])
-        return certified.proved_here(parts)
+        return certified.prove_here(parts)
 
     with open_survey(store) as survey:
         certify_survey(survey, tmp_path / "certificates.zarr", prove, at_once=2)
@@ -210,7 +210,7 @@ def test_a_survey_that_asks_for_it_is_proved_after_its_tiles_beside_it(tmp_path,
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ({"quantities": ["region"]}, "certify needs the quantity attractors"),
+        ({"quantities": ["region"]}, "certify needs attractors: add attractors to quantities"),
         ({"beta": {"start": 0.5, "stop": 0.6, "num": 2}}, "give one number for beta"),
         ({"certify": 1}, "certify"),
         ({}, "give `out`"),
@@ -247,12 +247,12 @@ def test_certificates_beside_a_survey_are_examined_with_it(store, whole, tmp_pat
     survey, out = beside(store, whole, tmp_path)
     shutil.copytree(whole, tmp_path / "survey.slice2.certificates.zarr")
     shutil.copytree(whole, tmp_path / "surveyor.certificates.zarr")  # of another one
-    found = examine_beside(survey)
+    found = examine_certificates_beside(survey)
     assert [each.path.name for each in found] == ["survey.certificates.zarr", "survey.slice2.certificates.zarr"]
     assert all(each.complete and not each.damaged and each.files > 5 for each in found)
     (out / CERTIFICATES).write_text("\n".join(lines(out)[1:]))
     (out / "delta" / "c" / "0").unlink()
-    first, _ = examine_beside(survey)
+    first, _ = examine_certificates_beside(survey)
     assert set(first.damaged) == {CERTIFICATES, "delta/c/0"}
     (out / SEAL).write_text("{")
     assert examine_certificates(out).damaged == (SEAL,)
@@ -263,13 +263,13 @@ def test_certificates_beside_a_survey_are_examined_with_it(store, whole, tmp_pat
 def test_certificates_that_a_completed_survey_asked_for_are_lost_if_they_are_not_there(tmp_path):
     asked = SurveyRequest(**{**BODY, "certify": True})
     create_store(asked, tmp_path / "survey.zarr")
-    assert examine_beside(tmp_path / "survey.zarr") == []
+    assert examine_certificates_beside(tmp_path / "survey.zarr") == []
     run_tiles_here(asked, tmp_path / "survey.zarr", tiles_of(asked), lambda _: None, lambda: False)
     complete(asked, tmp_path / "survey.zarr")
     finish_store(tmp_path / "survey.zarr")
-    (whole,) = examine_beside(tmp_path / "survey.zarr")
+    (whole,) = examine_certificates_beside(tmp_path / "survey.zarr")
     assert whole.complete
     assert not whole.damaged
     shutil.rmtree(tmp_path / "survey.certificates.zarr")
-    (lost,) = examine_beside(tmp_path / "survey.zarr")
+    (lost,) = examine_certificates_beside(tmp_path / "survey.zarr")
     assert lost.damaged == (SEAL,)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rattle
-from gear_rattle.workers.boundaries.edges import Edges, edges_of, ends_in
+from gear_rattle.workers.boundaries.edges import FamilyEdges, edges_in_part, edges_of
 from gear_rattle.workers.survey.crossings import Crossings, crossings_of
 from rattle import curves
 from rattle.families.spread import Rectangle
@@ -27,7 +27,7 @@ def crossings_on(name: str) -> Crossings:
     return crossings_of((curve.delta, curve.epsilon, curve.piece), DELTA, EPSILON)
 
 
-def found_in(families: Families, names: tuple[str, ...], side: int) -> Edges:
+def found_in(families: Families, names: tuple[str, ...], side: int) -> FamilyEdges:
     """The edges of families, found in parts of so many cells a side."""
     crossings = [crossings_on(name) for name in names]
     rows = families.attractors
@@ -36,12 +36,12 @@ def found_in(families: Families, names: tuple[str, ...], side: int) -> Edges:
         for i in range(0, EPSILON.size, side)
         for j in range(0, DELTA.size, side)
     ]
-    ends = (ends_in(part, DELTA.size, rows.cell, families.family, crossings) for part in parts)
+    ends = (edges_in_part(part, DELTA.size, rows.cell, families.family, crossings) for part in parts)
     return edges_of(ends, np.arange(families.table.cells.size), families.table, names)
 
 
 @pytest.fixture(scope="module")
-def edges(families: Families) -> Edges:
+def edges(families: Families) -> FamilyEdges:
     return found_in(families, tuple(curves.NAMES), 64)
 
 
@@ -55,7 +55,7 @@ def number_of(families: Families, label: tuple[int, int, int]) -> int:
     return labels.index(label)
 
 
-def test_c_is_born_on_sn1_as_the_closed_form_says(families: Families, edges: Edges) -> None:
+def test_c_is_born_on_sn1_as_the_closed_form_says(families: Families, edges: FamilyEdges) -> None:
     number, above = number_of(families, (1, 1, 0)), EPSILON[:, None] > rattle.sn1(DELTA)
     assert edges.number[number] == pairs_of(above) > 20
     assert dict(zip(edges.names, edges.on[number], strict=True)) == {
@@ -63,7 +63,7 @@ def test_c_is_born_on_sn1_as_the_closed_form_says(families: Families, edges: Edg
     }
 
 
-def test_d_is_born_on_sn2_and_lost_on_pd1(families: Families, edges: Edges) -> None:
+def test_d_is_born_on_sn2_and_lost_on_pd1(families: Families, edges: FamilyEdges) -> None:
     number, found = number_of(families, (1, 1, 1)), rattle.period_one(DELTA, EPSILON[:, None])
     on = dict(zip(edges.names, edges.on[number], strict=True))
     assert edges.number[number] == pairs_of(found.stable[3]) == on["SN2"] + on["PD1"]
@@ -72,7 +72,7 @@ def test_d_is_born_on_sn2_and_lost_on_pd1(families: Families, edges: Edges) -> N
     assert 0 < edges.on[doubled][edges.names.index("PD1")] <= on["PD1"]
 
 
-def test_chaos_is_on_no_curve_of_periodic_motions(families: Families, edges: Edges) -> None:
+def test_chaos_is_on_no_curve_of_periodic_motions(families: Families, edges: FamilyEdges) -> None:
     assert not edges.on[families.table.kind == rattle.KINDS.index("chaotic")].any()
 
 
@@ -87,7 +87,7 @@ def test_cells_that_are_not_known_have_no_edges(families: Families) -> None:
 
 
 @pytest.mark.parametrize("side", [3, 8])
-def test_parts_do_not_show(families: Families, edges: Edges, side: int) -> None:
+def test_parts_do_not_show(families: Families, edges: FamilyEdges, side: int) -> None:
     parts = found_in(families, tuple(curves.NAMES), side)
     assert np.array_equal(parts.number, edges.number)
     assert np.array_equal(parts.on, edges.on)

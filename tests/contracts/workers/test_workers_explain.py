@@ -79,7 +79,7 @@ def test_a_boundary_that_no_curve_makes_is_left_over() -> None:
 
 def test_crossings_are_those_of_a_closed_form() -> None:
     grid = CellGrid(regions_only(0.6, (0.4, 1.0), (0.005, 0.3)))
-    pairs = grid.differing()
+    pairs = grid.differing_pairs()
     found = crossed_pairs(curves.trace("SN1", 0.6, (0.4, 1.0), (0.005, 0.3)), grid, pairs)
     ends = [np.array([grid.point(cell) for cell in side]) for side in (pairs.first, pairs.second)]
     above = [epsilon > rattle.sn1(delta) for delta, epsilon in (side.T for side in ends)]

@@ -31,7 +31,7 @@ from gear_rattle.workers import (
     tiles_done,
     tiles_of,
 )
-from gear_rattle.workers.storage.added import here
+from gear_rattle.workers.storage.added import run_in_process
 from gear_rattle.workers.survey.families import EDGE_VARIABLES, FAMILY_VARIABLES
 
 GROUPS = ("attractors", "lyapunov", "families")
@@ -131,7 +131,7 @@ def test_a_run_that_is_killed_while_it_joins_is_resumed(
             join_survey(request, path)
     assert len(written) == 9
     assert lacks_families(request, path)
-    assert examine(path).whole
+    assert examine(path).is_whole
     assert_same(finished(request, path), whole)
 
 
@@ -141,13 +141,13 @@ def test_a_run_that_is_killed_while_it_joins_is_resumed(
 def test_damage_is_found_and_joined_anew(whole: Path, tmp_path: Path, lost: str) -> None:
     request = survey(*TILES[0])
     path = Path(shutil.copytree(whole, tmp_path / "survey.zarr"))
-    assert examine(path).whole
+    assert examine(path).is_whole
     (path / lost).write_bytes(b"\0" + (path / lost).read_bytes()[1:])
     assert examine(path).template == (lost,)
     create_store(request, path)
     assert lacks_families(request, path)
     assert_same(finished(request, path), whole)
-    assert examine(path).whole
+    assert examine(path).is_whole
     assert {"date_completed", "content_hash"} <= set(open_survey(path).attrs)
 
 
@@ -238,15 +238,15 @@ def test_blocks_do_not_show(
 
     def each(task: Callable[..., Any], *arguments: Any) -> list[Any]:
         done.append(task.__name__)
-        return here(task, *arguments)
+        return run_in_process(task, *arguments)
 
     monkeypatch.setattr(gear_rattle.workers.families.blocks, "SLOTS_OF_BLOCK", 8 * side**2)
     shutil.copytree(apart, path)
     join_survey(request, path, each)
     assert_same(path, followed)
     assert slots_in(path).equals(slots_in(followed))
-    assert examine(path).whole
-    assert done.count("enter_block") >= rounds
+    assert examine(path).is_whole
+    assert done.count("continue_into_block") >= rounds
     assert [*(path / "families").glob("joining*")] == []
     assert (path / f"attractor_family/c/0/{9 // side}/{11 // side}").exists()
 
@@ -286,15 +286,15 @@ def test_a_tile_that_was_being_moved_when_its_worker_died_is_moved_all_the_same(
 
     def each(task: Callable[..., Any], of: SurveyRequest, where: str, items: Sequence[Any]) -> list[Any]:
         try:
-            return here(task, of, where, items)
+            return run_in_process(task, of, where, items)
         except KeyboardInterrupt:
-            return here(task, of, where, items)
+            return run_in_process(task, of, where, items)
 
     monkeypatch.setattr(Directory, "put", dying)
     join_survey(request, path, each)
     assert died
     finish_store(path)
-    assert examine(path).whole
+    assert examine(path).is_whole
     assert slots_in(path).equals(slots_in(followed))
 
 
@@ -318,7 +318,7 @@ def test_slots_that_are_being_moved_when_a_run_is_killed(
             join_survey(request, path)
     assert lacks_families(request, path)
     finished(request, path)
-    assert examine(path).whole
+    assert examine(path).is_whole
     assert slots_in(path).equals(slots_in(followed))
 
 
@@ -334,11 +334,11 @@ def test_a_tile_that_is_computed_again_is_joined_again(followed: Path, apart: Pa
     assert len(missing) == 1
     run_tiles_here(request, path, missing, lambda _: None, lambda: False)
     assert lacks_families(request, path)
-    assert examine(path).whole
+    assert examine(path).is_whole
     with open_survey(path) as root:
         assert "attractor_family" not in root
     finished(request, path)
-    assert examine(path).whole
+    assert examine(path).is_whole
     assert slots_in(path).equals(slots_in(followed))
 
 
@@ -347,7 +347,7 @@ def test_slots_by_family_need_families() -> None:
     assert SurveyRequest.model_validate(survey(*TILES[0]).model_dump() | {"slots_by": None}).slots_follow_families
     assert not survey(*TILES[0]).slots_follow_families
     assert by_family().content_hash() != survey(*TILES[0]).content_hash()
-    with pytest.raises(ValidationError, match="slots_by family needs the quantity families"):
+    with pytest.raises(ValidationError, match="slots_by family needs families: add families to quantities"):
         SurveyRequest(delta=by_family().delta, epsilon=by_family().epsilon, slots_by="family")
 
 

@@ -25,7 +25,7 @@ from gear_rattle.workers import (
     tiles_of,
 )
 from gear_rattle.workers.storage.location import Directory
-from gear_rattle.workers.storage.manifest import attributes_of, manifest_of, tell
+from gear_rattle.workers.storage.manifest import attributes_of, manifest_of, set_attributes
 from gear_rattle.workers.survey.version import code_version
 
 REQUEST = SurveyRequest(
@@ -70,7 +70,7 @@ def assert_named_and_mended(store: Path, before: dict[str, bytes], *names: str) 
     create_store(REQUEST, store)
     finish_store(store)  # what a run does when no tile is missing
     after = contents(store)
-    assert examine(store).whole
+    assert examine(store).is_whole
     assert tiles_done(REQUEST, store) == set(range(REQUEST.n_tiles))
     changed = {key for key in before if before[key] != after.get(key)}
     assert changed <= {ROOT, OWN}  # dated anew where its own date could not be trusted
@@ -188,7 +188,7 @@ def test_a_chunk_that_is_not_there_is_lost_once_the_survey_was_completed(store: 
     for chunk in store.glob("*/c/**/1/0"):
         chunk.unlink()
     found = examine(store)
-    assert not found.whole
+    assert not found.is_whole
     assert found.done == {0, 3}
     assert found.damaged[1] == ("status",)
     assert "region" in found.damaged[2]
@@ -211,7 +211,7 @@ def test_a_tile_of_a_survey_that_was_not_completed_is_not_lost(tmp_path: Path) -
     create_store(REQUEST, tmp_path / "survey.zarr")
     compute_and_write(REQUEST, str(tmp_path / "survey.zarr"), tiles_of(REQUEST)[0])
     found = examine(tmp_path / "survey.zarr")
-    assert found.whole
+    assert found.is_whole
     assert (found.done, found.tiles, found.completed) == ({0}, 4, "")
 
 
@@ -226,8 +226,8 @@ def of_another_version(store: Path) -> Path:
 
 def test_a_store_of_another_version_is_decoded(store: Path) -> None:
     found = examine(of_another_version(store))
-    assert found.whole
-    assert found.decoded
+    assert found.is_whole
+    assert found.is_decoded
     assert found.version == "1.0.0a1+0123456789abcdef"
     assert found.files > 100
     chunk = store / "region/c/1/0"
@@ -237,10 +237,10 @@ def test_a_store_of_another_version_is_decoded(store: Path) -> None:
 
 
 def test_a_store_of_another_version_with_our_manifest_is_verified_by_it(store: Path) -> None:
-    tell(Directory(store), {"code_version": "1.0.0a1+0123456789abcdef"})
+    set_attributes(Directory(store), {"code_version": "1.0.0a1+0123456789abcdef"})
     found = examine(store)
-    assert found.whole
-    assert not found.decoded
+    assert found.is_whole
+    assert not found.is_decoded
     assert found.version == "1.0.0a1+0123456789abcdef"
 
 
@@ -354,7 +354,7 @@ def test_other_readers_do_not_see_the_manifest(store: Path) -> None:
 def test_damage_is_mended_by_one_run_at_a_time(store: Path) -> None:
     edited_root(EDITS["another type"])(store)
     before = contents(store)
-    with Directory(store).writing(), pytest.raises(SurveyError, match="another run"):
+    with Directory(store).lock_for_writing(), pytest.raises(SurveyError, match="another run"):
         create_store(REQUEST, store)
     assert contents(store) == before
 

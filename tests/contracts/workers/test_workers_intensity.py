@@ -8,7 +8,7 @@ import pytest
 from gear_rattle.workers import Axis, SurveyRequest, TileShape, tiles_of
 from gear_rattle.workers.survey.tiles import cells_of_tile, compute_tile
 from gear_rattle.workers.survey.values.evaluate import FAILED, KINDS
-from gear_rattle.workers.survey.values.quantities import stored
+from gear_rattle.workers.survey.values.quantities import stored_variables
 
 FIELDS = {
     "delta": Axis(start=0.5, stop=0.9, num=5),
@@ -107,7 +107,7 @@ def test_the_group_changes_no_other_variable() -> None:
     _, without = computed(quantities=("attractors",))
     for name, value in without.items():
         assert value.tobytes() == values[name].tobytes(), name
-    assert {each.name for each in stored(request.quantities, request.model)} > set(without)
+    assert {each.name for each in stored_variables(request.quantities, request.model)} > set(without)
 
 
 def test_tiles_do_not_show() -> None:

@@ -9,7 +9,7 @@ from ended_tasks import ENDLESS, Client
 
 import gear_rattle.workers.cluster.joining
 from gear_rattle.workers import Axis, StoppedError, SurveyError, SurveyRequest
-from gear_rattle.workers.cluster.joining import ATTEMPTS, Joining
+from gear_rattle.workers.cluster.joining import ATTEMPTS, CompletionTasks
 
 REQUEST = SurveyRequest(delta=Axis(start=0.5, stop=0.6, num=4), epsilon=Axis(start=0.05, stop=0.1, num=2))
 
@@ -19,8 +19,8 @@ def killed() -> KilledWorker:
 
 
 def each(task: Callable[[Any], Any], stop: Callable[[], bool] = lambda: False) -> list[Any]:
-    joining = Joining(Client(3), stop)  # type: ignore[arg-type]
-    found = joining.each(lambda _, __, item: task(item), REQUEST, "nowhere", [(i,) for i in range(7)])
+    joining = CompletionTasks(Client(3), stop)  # type: ignore[arg-type]
+    found = joining.run_for_each(lambda _, __, item: task(item), REQUEST, "nowhere", [(i,) for i in range(7)])
     assert not joining.in_flight
     return found
 

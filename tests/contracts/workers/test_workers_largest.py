@@ -19,7 +19,7 @@ from gear_rattle.workers import (
 )
 from gear_rattle.workers.kinds import tiles_of
 from gear_rattle.workers.pictures import largest
-from gear_rattle.workers.pictures.largest import OTHERS, colours_of, names_of, open_maps
+from gear_rattle.workers.pictures.largest import OTHERS, family_colours, family_names, open_maps
 from gear_rattle.workers.pictures.look import LARGEST, SHARE, Look
 from gear_rattle.workers.pictures.maps import map_picture
 from rattle.plot.colours import KIND_COLOURS, colour
@@ -105,13 +105,13 @@ def test_the_share_of_one_is_that_of_its_map(stored: Path) -> None:
 def test_slots_of_one_family_are_added_and_of_equal_shares_the_lower_number_wins() -> None:
     family = np.array([[0, 3, 5, -1, 0], [2, 2, 4, -1, -1], [2, 3, -1, -1, -1]])[:, None]
     share = np.array([[0.4, 0.3, 0.5, np.nan, 1.0], [0.3, 0.4, 0.5, np.nan, np.nan], [0.3, 0.3, 0, np.nan, np.nan]])
-    assert largest.largest(family, share[:, None])[0].tolist() == [2, 3, 4, -1, 0]
-    assert largest.largest(family, share[:, None], first=1)[0].tolist() == [2, 3, 4, -1, -1]
+    assert largest.dominant_family(family, share[:, None])[0].tolist() == [2, 3, 4, -1, 0]
+    assert largest.dominant_family(family, share[:, None], first=1)[0].tolist() == [2, 3, 4, -1, -1]
 
 
 def test_families_have_the_names_and_colours_of_their_motions(stored: Path) -> None:
     survey, table = (open_survey(stored, group) for group in (None, "families"))
-    names, colours = names_of(survey, table), colours_of(table)
+    names, colours = family_names(survey, table), family_colours(table)
     of = {name: table[name].values for name in ("kind", "m", "n_plus", "n_minus")}
     assert names[0] == "quiet"
     assert colours[0] == KIND_COLOURS["quiet"]
@@ -132,17 +132,17 @@ def test_slices_have_families_of_their_own(tmp_path: Path) -> None:
         survey = open_maps(partial(open_survey, path), LARGEST, number)
         names = survey[LARGEST].attrs["flag_meanings"].split()[1:-1]
         table = open_survey(path, f"slices/{number}/families")
-        assert [each.replace("_", " ") for each in names] == names_of(survey, table, len(names))
-        expected = largest.largest(survey.attractor_family.values, survey.attractor_fraction.values)
+        assert [each.replace("_", " ") for each in names] == family_names(survey, table, len(names))
+        expected = largest.dominant_family(survey.attractor_family.values, survey.attractor_fraction.values)
         np.testing.assert_array_equal(survey[LARGEST][0], np.minimum(expected + 1, OTHERS))
 
 
 def test_what_cannot_be_drawn_says_why(stored: Path, tmp_path: Path) -> None:
-    with pytest.raises(SurveyError, match="120 cells cannot be drawn, at most of 100: save a window"):
+    with pytest.raises(SurveyError, match="120 cells, and families can be drawn for at most 100: save a window"):
         open_maps(partial(open_survey, stored), LARGEST, limit=100)
     without = SurveyRequest.model_validate(REQUEST.model_dump() | {"quantities": ["region", "attractors"]})
     path = tiles_only(without, tmp_path / "survey.zarr")
-    with pytest.raises(SurveyError, match="no families: compute one with --quantity families"):
+    with pytest.raises(SurveyError, match="no families: compute a survey with --quantity families"):
         open_maps(partial(open_survey, path), LARGEST)
     assert LARGEST not in open_maps(partial(open_survey, path), "region")
 
@@ -160,7 +160,7 @@ def test_families_with_contact_phases_are_named_as_their_attractors_are(tmp_path
     path = tiles_only(CONTACT, tmp_path / "contact.zarr")
     complete(CONTACT, path)
     with open_survey(path) as survey, open_survey(path, "families") as table:
-        names = [each.rpartition(": ")[2] for each in names_of(survey, table)]
+        names = [each.rpartition(": ")[2] for each in family_names(survey, table)]
         for number, name in enumerate(names):
             of = (survey.attractor_family == number).values
             contacts = np.unique(survey.attractor_contacts.values[of])

@@ -30,14 +30,14 @@ from gear_rattle.workers import (
     tiles_of,
 )
 from gear_rattle.workers.overviews import make_levels
-from gear_rattle.workers.pictures.levels import levels_in_groups, overview
-from gear_rattle.workers.storage.added import here
-from gear_rattle.workers.storage.store import before_tiles
+from gear_rattle.workers.pictures.levels import level_opener, reduce_map
+from gear_rattle.workers.storage.added import run_in_process
+from gear_rattle.workers.storage.store import prepare_for_tiles
 from gear_rattle.workers.survey.levels import reduce
-from gear_rattle.workers.survey.levels.grid import GROUP, Pair, level_blocks, levels_of, steps_of
-from gear_rattle.workers.survey.levels.template import OCCURS, SHARE, meanings
+from gear_rattle.workers.survey.levels.grid import GROUP, Pair, level_blocks, levels_of, reduction_steps
+from gear_rattle.workers.survey.levels.template import OCCURS, SHARE, code_meanings
 from gear_rattle.workers.survey.slices import slice_of
-from gear_rattle.workers.survey.values.quantities import held
+from gear_rattle.workers.survey.values.quantities import variables_of_groups
 from gear_rattle.workers.survey.values.schema import is_phase
 from rattle import REGIONS
 
@@ -90,7 +90,7 @@ def files_of(path: Path) -> dict[str, bytes]:
 def small_levels() -> Iterator[None]:
     """Levels of surveys of a few cells, in several blocks."""
     with pytest.MonkeyPatch.context() as patch:
-        for name, value in {"LARGEST": 6, "LEAST": 3, "SIDE": 8}.items():
+        for name, value in {"LARGEST_WITHOUT_LEVELS": 6, "LARGEST_NOT_HALVED": 3, "LARGEST_SIDE": 8}.items():
             patch.setattr(grid, name, value)
         yield
 
@@ -119,7 +119,7 @@ def cells_of_level(shape: Pair, steps: list[Pair]) -> Iterator[tuple[Pair, tuple
 def test_codes_are_counted(shape: Pair) -> None:
     random = np.random.default_rng(1)
     values, known = random.integers(0, 5, shape).astype(np.int8), random.random(shape) < 0.8
-    for level, found in enumerate(reduce.codes(values, known, STEPS, 5), start=1):
+    for level, found in enumerate(reduce.reduced_codes(values, known, STEPS, 5), start=1):
         for at, cells in cells_of_level(shape, STEPS[:level]):
             counts = Counter(values[cells][known[cells]].tolist())
             most = min(counts, key=lambda code: (-counts[code], code), default=0)
@@ -135,7 +135,7 @@ def test_numbers_are_added_and_compared(shape: Pair) -> None:
     values, known = random.normal(size=shape), random.random(shape) < 0.8
     values[random.random(shape) < 0.3] = np.nan
     values[random.random(shape) < 0.1] = np.inf
-    for level, found in enumerate(reduce.numbers(values, known, STEPS), start=1):
+    for level, found in enumerate(reduce.reduced_numbers(values, known, STEPS), start=1):
         for at, cells in cells_of_level(shape, STEPS[:level]):
             some = values[cells][known[cells]]
             finite, numbers = some[np.isfinite(some)], some[~np.isnan(some)]
@@ -149,7 +149,7 @@ def test_phases_go_round() -> None:
     random = np.random.default_rng(3)
     shape = SHAPES[0]
     values, known = (0.9 + 0.2 * random.random(shape)) % 1, random.random(shape) < 0.8  # from 0.9 on to 0.1
-    for level, (mean, least, largest, share) in enumerate(reduce.phases(values, known, STEPS), start=1):
+    for level, (mean, least, largest, share) in enumerate(reduce.reduced_phases(values, known, STEPS), start=1):
         for at, cells in cells_of_level(shape, STEPS[:level]):
             some = values[cells][known[cells]]
             if not some.size:
@@ -175,10 +175,10 @@ def test_phases_go_round() -> None:
     ],
 )
 def test_axes_are_halved_down_to_256(shape: Pair, shapes: list[Pair], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(grid, "LARGEST", 512)
-    monkeypatch.setattr(grid, "LEAST", 256)
+    monkeypatch.setattr(grid, "LARGEST_WITHOUT_LEVELS", 512)
+    monkeypatch.setattr(grid, "LARGEST_NOT_HALVED", 256)
     assert [level.shape for level in levels_of(shape)] == shapes
-    assert all(set(step) <= {1, 2} for step in steps_of(levels_of(shape)))
+    assert all(set(step) <= {1, 2} for step in reduction_steps(levels_of(shape)))
 
 
 def test_an_island_of_one_cell_is_in_every_level(tmp_path: Path) -> None:
@@ -213,11 +213,15 @@ def test_levels_are_of_what_the_cells_hold_in_the_end(joined: Path) -> None:
     """Slots are those after the join; each slice has its own levels; complex numbers are represented by moduli."""
     whole, (level, *_) = open_survey(joined), levels_of(JOINED.shape)
     of = open_survey(joined, level.path).load()
-    names = [each.name for each in held(JOINED.quantities, JOINED.model) if each.per_cell and not is_phase(each.name)]
+    names = [
+        each.name
+        for each in variables_of_groups(JOINED.quantities, JOINED.model)
+        if each.per_cell and not is_phase(each.name)
+    ]
     assert int(whole.attractor_kind.isel(attractor=1).max()) > 0
     for name in names:
         cells = np.abs(whole[name].values) if np.iscomplexobj(whole[name]) else whole[name].values.astype(float)
-        for at, (rows, columns) in cells_of_level(JOINED.shape, steps_of(levels_of(JOINED.shape))[:1]):
+        for at, (rows, columns) in cells_of_level(JOINED.shape, reduction_steps(levels_of(JOINED.shape))[:1]):
             some = cells[..., rows, columns].reshape(*cells.shape[:-2], -1)
             found = of[name].isel(level_epsilon=at[0], level_delta=at[1])
             if name + OCCURS in of:
@@ -231,9 +235,9 @@ def test_levels_are_of_what_the_cells_hold_in_the_end(joined: Path) -> None:
 
 
 def test_what_levels_do_not_have_is_drawn_from_the_cells(joined: Path) -> None:
-    levels = levels_in_groups(partial(open_survey, joined), 1, True)
+    levels = level_opener(partial(open_survey, joined), 1, True)
     one = slice_of(open_survey(joined), 1)
-    drawn = overview(one, "attractor_family", 0, (3, 4), levels)
+    drawn = reduce_map(one, "attractor_family", 0, (3, 4), levels)
     assert drawn.attractor_family.shape == (3, 4)
     assert np.isin(drawn.attractor_family, one.attractor_family[0]).all()
 
@@ -258,7 +262,7 @@ def test_any_reader_finds_them(joined: Path) -> None:
     assert convention["uuid"] == "d35379db-88df-4056-af3a-620245f8e347"
     layout = attributes["multiscales"]["layout"]
     assert [each["asset"] for each in layout] == [str(level.number) for level in levels]
-    for each, step in zip(layout, steps_of(levels), strict=True):
+    for each, step in zip(layout, reduction_steps(levels), strict=True):
         assert each["transform"]["scale"] == list(step)
         assert each.get("derived_from", "0") == str(int(each["asset"]) - 1)
 
@@ -270,11 +274,11 @@ def test_no_order_and_no_tile_shows_in_their_bytes(store: Path, tmp_path: Path) 
         assert files_of(make(request, tmp_path / name, order)) == files_of(store)
 
     def backwards(task: Any, request: Any, path: str, items: Any) -> list[Any]:
-        return here(task, request, path, items[::-1])[::-1]
+        return run_in_process(task, request, path, items[::-1])[::-1]
 
     make_levels(survey(), tmp_path / "back", backwards)
     assert files_of(tmp_path / "back") == files_of(store)
-    assert examine(tmp_path / "back").whole
+    assert examine(tmp_path / "back").is_whole
 
 
 def test_who_is_killed_leaves_a_survey_without_levels(store: Path, tmp_path: Path) -> None:
@@ -282,13 +286,13 @@ def test_who_is_killed_leaves_a_survey_without_levels(store: Path, tmp_path: Pat
     fill(survey(), path)
 
     def dying(task: Any, request: Any, path: str, items: Any) -> list[Any]:
-        here(task, request, path, items[:2])
+        run_in_process(task, request, path, items[:2])
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         complete(survey(), path, dying)
     assert is_incomplete(survey(), path)
-    assert examine(path).whole
+    assert examine(path).is_whole
     with xr.open_datatree(path, engine="zarr") as tree:
         assert GROUP not in tree.children
     complete(survey(), path)
@@ -304,14 +308,14 @@ def test_what_is_damaged_is_made_again(store: Path, tmp_path: Path) -> None:
     create_store(survey(), path)
     assert is_incomplete(survey(), path)
     complete(survey(), path)
-    assert examine(path).whole
+    assert examine(path).is_whole
     assert files_of(path) == files_of(store)
 
 
 def test_tiles_that_are_computed_anew_take_levels_with_them_where_slots_are_moved(joined: Path, tmp_path: Path) -> None:
     path = Path(shutil.copytree(joined, tmp_path / "survey.zarr"))
-    before_tiles(JOINED, place_of(path))
-    assert examine(path).whole
+    prepare_for_tiles(JOINED, place_of(path))
+    assert examine(path).is_whole
     assert is_incomplete(JOINED, path)
     with xr.open_datatree(path, engine="zarr") as tree:
         assert GROUP not in tree.children
@@ -326,5 +330,5 @@ def test_no_survey_of_512_cells_a_side_and_no_population_has_levels(tmp_path: Pa
 
 def test_the_codes_of_every_variable_fit_in_their_masks() -> None:
     for quantity in QUANTITIES:
-        words = meanings(quantity)
+        words = code_meanings(quantity)
         assert 8 * reduce.mask_type(len(words)).itemsize >= len(words)

@@ -9,9 +9,9 @@ import xarray as xr
 from depth import either
 from matplotlib.colors import to_rgb
 
-from gear_rattle.workers.pictures.levels import DisplayedCells, of_cells, part_for
+from gear_rattle.workers.pictures.levels import DisplayedCells, level_part_for, reduce_cells
 from gear_rattle.workers.pictures.maps import CODE_COLOURS, map_picture
-from gear_rattle.workers.survey.levels.grid import halvings
+from gear_rattle.workers.survey.levels.grid import possible_levels
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from gear_rattle.workers.survey.values.schema import CELL
 from rattle import KINDS
@@ -51,8 +51,8 @@ def test_no_island_is_lost(name: str, attributes: dict[str, str], kind: type, se
         values, status = np.full(shape, sea), np.ones(shape, np.int8)
         values[at] = island
         plane = plane_of(name, attributes, kind, values)
-        for level in halvings(shape)[:4]:
-            seen = of_cells(plane, values, status, level)
+        for level in possible_levels(shape)[:4]:
+            seen = reduce_cells(plane, values, status, level)
             assert seen.values.shape == level.shape
             place = at[0] // level.cells[0], at[1] // level.cells[1]
             expected = np.full(level.shape, sea)
@@ -66,8 +66,8 @@ def test_of_several_codes_the_rarest_is_shown() -> None:
     values[:, ::2] = 2
     values[8:10, 8:10] = [[1, 2], [3, 1]]
     plane = plane_of("attractor_kind", CODED, np.int8, values)
-    for level in halvings(SHAPE)[:5]:
-        assert (of_cells(plane, values, status, level).values == 3).sum() == 1
+    for level in possible_levels(SHAPE)[:5]:
+        assert (reduce_cells(plane, values, status, level).values == 3).sum() == 1
 
 
 def test_shares_are_those_of_the_cells() -> None:
@@ -75,10 +75,10 @@ def test_shares_are_those_of_the_cells() -> None:
     values, status = random.integers(1, 3, (64, 32)).astype(float), np.ones((64, 32), np.int8)
     plane = plane_of("attractor_kind", CODED, np.int8, values)
     numbers = np.where(random.random(values.shape) < 0.3, np.nan, values)
-    for level in halvings(values.shape)[:5]:
-        shares = of_cells(plane, values, status, level).shares
+    for level in possible_levels(values.shape)[:5]:
+        shares = reduce_cells(plane, values, status, level).shares
         assert shares == pytest.approx({code: (values == code).mean() for code in (1, 2)})
-        seen = of_cells(plane_of("lyapunov_max", {}, np.float64, values), numbers, status, level)
+        seen = reduce_cells(plane_of("lyapunov_max", {}, np.float64, values), numbers, status, level)
         assert seen.without == pytest.approx(np.isnan(numbers).mean())
 
 
@@ -86,8 +86,8 @@ def test_what_is_not_computed_or_failed_is_told() -> None:
     values, status = np.ones((8, 8)), np.zeros((8, 8), np.int8)
     status[:4], status[5, 5], status[2, 2] = 1, 1, FAILED
     values[status != 1] = 0
-    found: DisplayedCells = of_cells(
-        plane_of("attractor_kind", CODED, np.int8, values), values, status, halvings((8, 8))[1]
+    found: DisplayedCells = reduce_cells(
+        plane_of("attractor_kind", CODED, np.int8, values), values, status, possible_levels((8, 8))[1]
     )
     assert found.status.tolist() == [[FAILED, 1], [0, 1]]
     assert found.values.tolist() == [[1, 1], [0, 1]]
@@ -95,15 +95,15 @@ def test_what_is_not_computed_or_failed_is_told() -> None:
 
 
 def test_the_finest_level_that_there_is_room_for() -> None:
-    levels = halvings((3000, 1000))
-    assert part_for(levels, (0, 0), (3000, 1000), (3000, 1000)).level is None
-    whole = part_for(levels, (0, 0), (3000, 1000), (512, 512))
+    levels = possible_levels((3000, 1000))
+    assert level_part_for(levels, (0, 0), (3000, 1000), (3000, 1000)).level is None
+    whole = level_part_for(levels, (0, 0), (3000, 1000), (512, 512))
     assert whole.level is not None
     assert whole.level.shape == (375, 250)
-    some = part_for(levels, (1001, 500), (2001, 1000), (512, 512))
+    some = level_part_for(levels, (1001, 500), (2001, 1000), (512, 512))
     assert some.level == levels[0]
     assert some.at == (slice(500, 1001), slice(250, 500))
-    assert part_for(levels[:1], (0, 0), (3000, 1000), (9, 9)).level == levels[0]
+    assert level_part_for(levels[:1], (0, 0), (3000, 1000), (9, 9)).level == levels[0]
 
 
 def test_an_island_is_in_the_picture() -> None:
@@ -133,8 +133,8 @@ def test_an_island_beside_what_is_rarer_is_shown_too() -> None:
     values[16:40, 9] = 3
     values[25, 10] = 2
     plane = plane_of("attractor_kind", CODED, np.int8, values)
-    for level in halvings(SHAPE)[1:3]:  # in which the island and the line are in one cell
-        seen = of_cells(plane, values, status, level).values
+    for level in possible_levels(SHAPE)[1:3]:  # in which the island and the line are in one cell
+        seen = reduce_cells(plane, values, status, level).values
         island = 25 // level.cells[0], 10 // level.cells[1]
         assert seen[island] == 2
         line = seen[16 // level.cells[0] : 40 // level.cells[0], island[1]]

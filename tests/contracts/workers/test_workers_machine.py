@@ -151,7 +151,7 @@ def test_axes_of_the_model_have_a_machines_numbers_too() -> None:
     ("changed", "message"),
     [
         ({"delta": {"start": 0.1, "stop": 0.2, "num": 2}}, "machine.rpm and delta describe the same axis"),
-        ({"beta": 0.6}, "this machine has beta 0.001: leave beta out"),
+        ({"beta": 0.6}, "the gears of this machine have beta 0.001: leave beta out"),
         ({"machine": GEARS | SPANS | {"radius": 50.0}}, "for 50 mm give 0.05"),
         ({"machine": GEARS | SPANS | {"backlash": 0.1}}, "for 0.1 mm give 0.0001"),
         ({"machine": GEARS | SPANS | {"inertia": "heavy"}}, 'machine.inertia: must be a number, got "heavy"'),

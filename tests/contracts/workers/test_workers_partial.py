@@ -14,7 +14,7 @@ import pytest
 import rattle
 from gear_rattle.workers import Axis, PopulationRequest, SurveyRequest, TileRecord, compute_tile, tiles_of
 from gear_rattle.workers.cluster import costs, partial, runner
-from gear_rattle.workers.cluster.costs import Begun, evenly
+from gear_rattle.workers.cluster.costs import Begun, spread_evenly
 from gear_rattle.workers.cluster.partial import PART_SECONDS, PartialTile, compute_partly, is_divisible
 from gear_rattle.workers.kinds import AnyRequest
 from rattle.models import model as models
@@ -134,8 +134,8 @@ def test_after_a_pause_a_tile_goes_on_where_it_was(tmp_path: Path, monkeypatch: 
         return {}, TileRecord(tile.index, tile.n_cells, (), 0, float(tile.n_cells))
 
     monkeypatch.setattr(runner, "advance_tile", advance)
-    monkeypatch.setattr(runner, "before_tiles", lambda *_: None)
-    monkeypatch.setattr(runner, "noting", lambda _: nullcontext(lambda _: None))
+    monkeypatch.setattr(runner, "prepare_for_tiles", lambda *_: None)
+    monkeypatch.setattr(runner, "recording_tiles", lambda _: nullcontext(lambda _: None))
     monkeypatch.setattr(runner, "is_divisible", lambda *_: True)
     monkeypatch.setattr(costs, "MANY", 1)
     monkeypatch.setattr(costs, "FEWEST", 1)
@@ -177,17 +177,17 @@ def test_the_time_left_is_told_within_a_factor_of_one_and_a_half(threads: int) -
     costs = (0.005 + 6.0 * np.exp(-(((x - 0.8) / 0.15) ** 2) - ((y - 0.75) / 0.2) ** 2)) * noise
     tiles = tiles_of(request)
     begun = Begun()
-    begun.expect(tiles, columns)
-    for tile in begun.to_measure(tiles, columns):
+    begun.predict_costs(tiles, columns)
+    for tile in begun.tiles_to_measure(tiles, columns):
         i, j = tile.epsilon.start + side // 2, tile.delta.start + side // 2
         record = TileRecord(tile.index, 1, (), 0, float(costs[i, j]))
         begun.partial[tile.index] = PartialTile({}, np.zeros((side, side), bool), record, 0.0)
-        begun.take_measured(tile)
-    assert not begun.to_measure(tiles, columns)
+        begun.record_measured(tile)
+    assert not begun.tiles_to_measure(tiles, columns)
     begun.partial.clear()
-    begun.expect(tiles, columns)
+    begun.predict_costs(tiles, columns)
     idle, ends = [0.0] * threads, list[tuple[float, int, float]]()
-    order = begun.in_order(tiles, columns)
+    order = begun.by_falling_cost(tiles, columns)
     assert float(costs[order[0].epsilon, order[0].delta].mean()) > 5.0 * costs.mean()
     for tile in order:
         seconds = float(costs[tile.epsilon, tile.delta].sum())
@@ -196,7 +196,7 @@ def test_the_time_left_is_told_within_a_factor_of_one_and_a_half(threads: int) -
         ends.append((end, tile.index, seconds))
     total, told = max(idle), 0
     for end, index, seconds in sorted(ends):
-        begun.take_ended(TileRecord(index, side * side, (), 0, seconds))
+        begun.record_ended(TileRecord(index, side * side, (), 0, seconds))
         left = begun.seconds_left(threads)
         assert left is not None
         if 0.2 * total <= end <= 0.9 * total:  # at the very end a tile more or less decides
@@ -209,6 +209,6 @@ def test_the_first_tiles_are_from_all_over_the_plane() -> None:
     request = SurveyRequest(**GRID | {"quantities": ("region",)}, tile={"delta": 1, "epsilon": 1})
     tiles = tiles_of(request)
     for number in (4, 12):
-        first = evenly(tiles, 7)[:number]
+        first = spread_evenly(tiles, 7)[:number]
         assert {(each.epsilon.start // 3, each.delta.start // 4) for each in first} == {(0, 0), (0, 1), (1, 0), (1, 1)}
-    assert sorted(each.index for each in evenly(tiles, 7)) == [each.index for each in tiles]
+    assert sorted(each.index for each in spread_evenly(tiles, 7)) == [each.index for each in tiles]

@@ -24,10 +24,10 @@ from gear_rattle.workers import (
 from gear_rattle.workers.storage.location import place_of
 from gear_rattle.workers.survey import tiles as computing
 from gear_rattle.workers.survey.refined.asked import BLOCK
-from gear_rattle.workers.survey.refined.audit import AUDITED, DISAGREED, draws, upper_share
+from gear_rattle.workers.survey.refined.audit import AUDITED, DISAGREED, random_draws, share_upper_bound
 from gear_rattle.workers.survey.refined.blocks import Blocks
-from gear_rattle.workers.survey.refined.evidence import differ
-from gear_rattle.workers.survey.refined.shares import _parts
+from gear_rattle.workers.survey.refined.evidence import cells_differ
+from gear_rattle.workers.survey.refined.shares import _divided_fractions
 from rattle.attractors.samples import Outcome
 
 pytestmark = pytest.mark.usefixtures("templates_once")
@@ -47,7 +47,7 @@ def tile_arrays(request: SurveyRequest) -> dict[str, np.ndarray]:
     for tile in tiles_of(request):
         for name, values in compute_tile(request, tile)[0].items():
             whole = found.setdefault(name, np.zeros((*values.shape[:-2], *request.shape), values.dtype))
-            whole[tile.at] = values
+            whole[tile.selection] = values
     return found
 
 
@@ -150,17 +150,17 @@ def test_an_audit_of_all_cells_finds_each_that_would_be_wrong(plain: dict[str, n
 def test_audits_are_a_share_of_the_cells_wherever_they_are_looked_at() -> None:
     whole = Blocks(slice(0, 600), slice(0, 500), (600, 500))
     some = Blocks(slice(64, 128), slice(32, 96), (600, 500))
-    found = draws(whole, 5).reshape(whole.shape)
-    assert (draws(some, 5).reshape(some.shape) == found[64:129, 32:97]).all()
+    found = random_draws(whole, 5).reshape(whole.shape)
+    assert (random_draws(some, 5).reshape(some.shape) == found[64:129, 32:97]).all()
     for share in (0.03, 0.5):
         assert (found < share).mean() == pytest.approx(share, abs=4 * np.sqrt(share / found.size))
-    assert (found != draws(whole, 6).reshape(whole.shape)).any()
+    assert (found != random_draws(whole, 6).reshape(whole.shape)).any()
 
 
 def test_the_bound_of_an_audit_is_exact() -> None:
-    assert upper_share(0, 30_000) == pytest.approx(1 - 0.05 ** (1 / 30_000), rel=1e-9)
-    assert upper_share(3, 3) == upper_share(0, 0) == 1.0
-    p = upper_share(2, 50)  # of which so few or fewer are found once in twenty
+    assert share_upper_bound(0, 30_000) == pytest.approx(1 - 0.05 ** (1 / 30_000), rel=1e-9)
+    assert share_upper_bound(3, 3) == share_upper_bound(0, 0) == 1.0
+    p = share_upper_bound(2, 50)  # of which so few or fewer are found once in twenty
     assert (1 - p) ** 50 + 50 * p * (1 - p) ** 49 + 1225 * p**2 * (1 - p) ** 48 == pytest.approx(0.05, rel=1e-6)
 
 
@@ -170,29 +170,29 @@ def test_chance_does_not_look_like_a_border() -> None:
     known = np.ones((400, 12, 12), bool)
     for share in (0.01, 0.03, 0.05, 0.1, 0.5):
         seen = rng.binomial(64, share, known.shape)
-        assert differ(seen, known, 64).mean() < 0.2, share
+        assert cells_differ(seen, known, 64).mean() < 0.2, share
         seen[:, :, :6] = 0
-        assert share < 0.05 or differ(seen, known, 64).mean() > 0.9, share
-    assert not differ(np.zeros(known.shape, int), known, 64).any()
-    assert not differ(np.full(known.shape, 64), known, 64).any()
+        assert share < 0.05 or cells_differ(seen, known, 64).mean() > 0.9, share
+    assert not cells_differ(np.zeros(known.shape, int), known, 64).any()
+    assert not cells_differ(np.full(known.shape, 64), known, 64).any()
 
 
 def test_a_share_is_divided_among_orbits_of_one_label() -> None:
     """Parts are by weight, equal if all weights are 0; unsampled orbits get none unless there are no others."""
     of = np.array([0, 0, 1, 1, 2, 2, 3])
     weight = np.array([3.0, 1.0, 0.0, 0.0, 2.0, -1.0, -1.0])
-    assert _parts(of, weight).tolist() == [0.75, 0.25, 0.5, 0.5, 1.0, -1.0, 1.0]
+    assert _divided_fractions(of, weight).tolist() == [0.75, 0.25, 0.5, 0.5, 1.0, -1.0, 1.0]
 
 
 def test_blocks_have_the_corners_of_the_plane() -> None:
     blocks = Blocks(slice(32, 96), slice(64, 70), (96, 70))
     assert blocks.frame == (slice(32, 96), slice(64, 70))
-    assert [x.tolist() for x in blocks.last] == [[32, 31], [5, 5]]
-    edges = blocks.edges(blocks.whole())
+    assert [x.tolist() for x in blocks.last_indices] == [[32, 31], [5, 5]]
+    edges = blocks.edges(blocks.whole_blocks())
     rows, columns = np.divmod(edges, blocks.shape[1])
     assert ((rows % BLOCK == 0) | (rows == 63) | (columns == 0) | (columns == 5)).all()
     assert edges.size == 3 * 6 + 61 * 2
-    quarters = blocks.halves(blocks.whole())
+    quarters = blocks.quarters(blocks.whole_blocks())
     assert set(zip(*(x.tolist() for x in quarters[:3]), strict=True)) == {(0, 0, 0), (0, 16, 0), (1, 0, 0), (1, 16, 0)}
 
 
@@ -206,7 +206,7 @@ def test_the_store_tells_what_was_filled_and_audited(tmp_path: Path, refined: di
     assert told["refined_cells_audited"] == int((refined["audit"] >= AUDITED).sum()) > 0
     wrong = int((refined["audit"] == DISAGREED).sum())
     assert told["refined_cells_disagreed"] == wrong
-    assert told["refined_wrong_share_upper"] == upper_share(wrong, told["refined_cells_audited"])
+    assert told["refined_wrong_share_upper"] == share_upper_bound(wrong, told["refined_cells_audited"])
     with run_survey(REFINED, out=tmp_path / "survey.zarr") as again:  # it is complete, and says the same
         assert again.attrs == told
 
@@ -231,7 +231,7 @@ def test_families_are_joined_over_filled_cells(tmp_path: Path) -> None:
     for tile in tiles_of(request):
         write_tile(request, str(tmp_path / "survey.zarr"), tile, compute_tile(request, tile)[0])
     place = place_of(tmp_path / "survey.zarr")
-    with place.writing():
+    with place.lock_for_writing():
         join_survey(request, place)
     with open_survey(place) as survey, open_survey(place, "families") as table:
         kind, family = survey.attractor_kind.values, survey.attractor_family.values

@@ -109,7 +109,7 @@ def test_the_registry_is_the_schema() -> None:
 
 
 #: Those of the impacting model; `test_workers_inelastic` has those of the inelastic one.
-OWN = [quantity for quantity in QUANTITIES if quantity.is_of("impacting")]
+OWN = [quantity for quantity in QUANTITIES if quantity.is_in_model("impacting")]
 
 
 @pytest.mark.parametrize("quantity", OWN, ids=lambda quantity: quantity.name)

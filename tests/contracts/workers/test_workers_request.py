@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 import gear_rattle.workers.survey.request
 from gear_rattle.workers import Axis, Group, InitialConditions, SurveyError, SurveyRequest, compute_tile, tiles_of
-from gear_rattle.workers.survey.values.quantities import stored
+from gear_rattle.workers.survey.values.quantities import stored_variables
 
 AXES = {"delta": {"start": 0.4, "stop": 1.0, "num": 61}, "epsilon": {"start": 0.005, "stop": 0.3, "num": 60}}
 
@@ -50,7 +50,7 @@ def test_the_sample_is_of_a_box() -> None:
     box = {"count": 8, "tau_min": 0.77, "tau_max": 0.81, "v_min": 3.7, "v_max": 3.8}
     axes = {"delta": {"start": 0.6, "stop": 0.601, "num": 2}, "epsilon": {"start": 0.0615, "stop": 0.062, "num": 2}}
     request = SurveyRequest(**axes, quantities=("attractors",), initial_conditions=box)
-    assert request.initial_conditions.tau == (0.77, 0.81)
+    assert request.initial_conditions.tau_range == (0.77, 0.81)
     tile = tiles_of(request)[0]
     arrays, _record = compute_tile(request, tile)
     assert (arrays["quiet_fraction"] < 0.2).all()
@@ -110,7 +110,7 @@ def test_a_large_survey_has_a_hundred_tiles_until_they_take_too_long(num: int, s
     large = {"delta": AXIS | {"num": num}, "epsilon": AXIS | {"num": num}}
     request = survey(**large)
     assert request.tile_shape == (side, side)
-    variables = sum(quantity.per_cell for quantity in stored(request.quantities, request.model)) + 1
+    variables = sum(quantity.per_cell for quantity in stored_variables(request.quantities, request.model)) + 1
     assert num > 1000 or request.n_tiles * variables < 5000  # files
 
 

@@ -10,7 +10,7 @@ import xarray as xr
 
 from gear_rattle import split_complex
 from gear_rattle.workers import SurveyRequest, create_store, open_survey, run_tiles_here, tiles_of
-from gear_rattle.workers.storage.export import tables, write_netcdf, write_parquet
+from gear_rattle.workers.storage.export import table_bands, write_netcdf, write_parquet
 from gear_rattle.workers.survey.values.schema import RowForm
 
 REQUEST = SurveyRequest(
@@ -83,7 +83,7 @@ def test_a_store_with_complex_numbers_is_a_table_too(store: Path, form: RowForm)
     with open_survey(store) as old, open_survey(store, as_stored=True) as stored:
         with write_parquet(old, form) as file:
             found = parquet.read_table(file).to_pydict()
-        for columns in tables(stored, form):
+        for columns in table_bands(stored, form):
             assert set(columns) == set(found)
             for name in columns:
                 np.testing.assert_array_equal(columns[name], np.array(found[name])[: len(columns[name])])

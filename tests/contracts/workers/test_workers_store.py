@@ -24,8 +24,8 @@ from gear_rattle.workers import (
 )
 from gear_rattle.workers.cluster.runner import run_tiles
 from gear_rattle.workers.storage.location import place_of
-from gear_rattle.workers.storage.manifest import tell
-from gear_rattle.workers.storage.store import added_to_store, bands
+from gear_rattle.workers.storage.manifest import set_attributes
+from gear_rattle.workers.storage.store import add_to_store, read_bands
 from gear_rattle.workers.survey.tiles import compute_tile, tiles_of
 
 # No attractors: these tests are about files.
@@ -208,9 +208,9 @@ def test_a_deleted_survey_does_not_come_back(store: Path) -> None:
         lambda store: fill(store, TILES[1:2]),
         lambda store: tiles_done(REQUEST, store),
         finish_store,
-        lambda store: added_to_store(store, {}, {}),
-        lambda store: tell(place_of(store), {"rounds": 1}),
-        lambda store: list(bands(place_of(store), "region")),
+        lambda store: add_to_store(store, {}, {}),
+        lambda store: set_attributes(place_of(store), {"rounds": 1}),
+        lambda store: list(read_bands(place_of(store), "region")),
     ],
 )
 @pytest.mark.parametrize("is_known", [False, True])  # in this process
@@ -258,7 +258,7 @@ def test_consolidated_metadata_covers_everything_from_the_start(store: Path) -> 
 
 
 def test_two_runs_of_one_store_exclude_each_other(store: Path) -> None:
-    with place_of(store).writing():
+    with place_of(store).lock_for_writing():
         with pytest.raises(SurveyError, match="another run: wait"):
             finish_store(store)
         with pytest.raises(SurveyError, match="another run: wait"):

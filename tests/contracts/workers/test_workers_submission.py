@@ -68,14 +68,14 @@ def test_endless_tiles_are_taken_one_at_a_time(monkeypatch: pytest.MonkeyPatch) 
         return {each.work.tile.index for each in submission.in_flight.values() if each.work.apart}
 
     for _ in range(3):
-        submission.set_endless_tile_apart()
+        submission.isolate_endless_tile()
         assert apart() == {first.index}
     assert len(ended) == 1
     monkeypatch.setattr(submission, "_next_end", 0.0)  # a minute later
-    submission.set_endless_tile_apart()
+    submission.isolate_endless_tile()
     assert apart() == {first.index, second.index}
     monkeypatch.setattr(submission, "_next_end", 0.0)
-    submission.set_endless_tile_apart()
+    submission.isolate_endless_tile()
     assert len(ended) == 2  # what is apart has its own limits
 
 
@@ -88,9 +88,9 @@ def test_a_large_tile_may_take_longer(monkeypatch: pytest.MonkeyPatch) -> None:
     submission.submit(small)
     now = time.monotonic()
     monkeypatch.setattr(time, "monotonic", lambda: now + 1.5 * gear_rattle.workers.cluster.submission.TILE_SECONDS)
-    submission.set_endless_tile_apart()
+    submission.isolate_endless_tile()
     monkeypatch.setattr(submission, "_next_end", 0.0)
-    submission.set_endless_tile_apart()
+    submission.isolate_endless_tile()
     assert [each.work.tile for each in submission.in_flight.values() if each.work.apart] == [small]
 
 
@@ -156,7 +156,9 @@ def test_a_result_that_waits_with_one_of_a_frozen_worker_is_not_waited_for(monke
     monkeypatch.setattr(runner, "POLL_SECONDS", 0.0)
     submission = Submission(lambda: None, REQUEST, "nowhere", Two())  # type: ignore[arg-type, return-value]
     done: list[Any] = []
-    runner._run(submission, tiles, done.append, lambda: next(rounds) > 100, lambda: True, lambda: False, print)
+    runner._run_submission(
+        submission, tiles, done.append, lambda: next(rounds) > 100, lambda: True, lambda: False, print
+    )
     assert sorted(record.index for record in done) == [tile.index for tile in tiles_of(REQUEST)]
 
 
@@ -166,7 +168,7 @@ def test_attempts_that_lost_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
     for _ in range(3):
         submission.submit(tiles_of(REQUEST)[0])
     slow, quick, late = submission.in_flight.values()
-    monkeypatch.setattr(submission, "next_ended", lambda _: (quick, RECORD))
+    monkeypatch.setattr(submission, "next_result", lambda _: (quick, RECORD))
     assert submission.next_record(0.0) == RECORD
     assert submission.superseded == [slow.future, late.future]
     assert not submission.in_flight
@@ -180,8 +182,8 @@ def test_a_pause_begins_no_tile_and_gives_up_none(tmp_path: Path, monkeypatch: p
         return TileRecord(tile.index, tile.n_cells, (), 0, 0.0)
 
     monkeypatch.setattr(runner, "advance_tile", compute)
-    monkeypatch.setattr(runner, "before_tiles", lambda *_: None)
-    monkeypatch.setattr(runner, "noting", lambda _: nullcontext(lambda _: None))
+    monkeypatch.setattr(runner, "prepare_for_tiles", lambda *_: None)
+    monkeypatch.setattr(runner, "recording_tiles", lambda _: nullcontext(lambda _: None))
     client, tiles = ended_tasks.Client(2), tiles_of(REQUEST)
 
     def run(should_pause: Any) -> None:

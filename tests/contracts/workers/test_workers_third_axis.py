@@ -27,11 +27,11 @@ from gear_rattle.workers import (
     tiles_of,
 )
 from gear_rattle.workers.boundaries.explain import explain
-from gear_rattle.workers.certificates import KNOWN, certify_survey
-from gear_rattle.workers.kinds import place_of_cell
+from gear_rattle.workers.certificates import IDENTITY_ATTRIBUTE, certify_survey
+from gear_rattle.workers.kinds import position_of_cell
 from gear_rattle.workers.pictures.figure import survey_figure
 from gear_rattle.workers.pictures.maps import map_picture
-from gear_rattle.workers.storage.export import csv_lines, require_readable, tables, write_netcdf
+from gear_rattle.workers.storage.export import csv_lines, require_readable, table_bands, write_netcdf
 from gear_rattle.workers.storage.integrity import manifest_of
 from gear_rattle.workers.storage.location import place_of
 from gear_rattle.workers.storage.store import open_groups
@@ -106,7 +106,7 @@ def test_stiffness_may_be_the_third_axis() -> None:
     found, expected = compute_tile(request, last)[0], compute_tile(plain, tiles_of(plain)[0])[0]
     assert found.keys() == expected.keys()
     assert all(values.tobytes() == expected[name].tobytes() for name, values in found.items())
-    assert "kappa 10000.0" in computing.described(request, last)
+    assert "kappa 10000.0" in computing.tile_name(request, last)
 
 
 @deep
@@ -123,7 +123,7 @@ def test_tiles_of_any_shape_and_order_make_the_same_store(store: Path, tmp_path:
     with pytest.raises(SurveyError, match="lacks 1 of its 4 tiles"):
         finish_store(tmp_path / "s.zarr")
     write_tile(request, str(tmp_path / "s.zarr"), tiles[0], compute_tile(request, tiles[0])[0])
-    with place_of(tmp_path / "s.zarr").writing():
+    with place_of(tmp_path / "s.zarr").lock_for_writing():
         join_survey(request, tmp_path / "s.zarr")
     finish_store(tmp_path / "s.zarr")
     with open_survey(store) as expected, open_survey(tmp_path / "s.zarr") as found:
@@ -143,7 +143,7 @@ def test_what_is_damaged_is_found_in_its_slice_and_repaired(store: Path, tmp_pat
         assert examine(copy).template == ("slices/1/curves/SN1/point_delta/c/0",)
         run_survey(REQUEST, out=copy)
         assert (copy / "attractor_phase/c/1/0/0/1").read_bytes() == whole
-        assert examine(copy).whole
+        assert examine(copy).is_whole
         with open_survey(copy) as found:
             assert_same_bits(found, expected)
 
@@ -153,7 +153,7 @@ def test_every_file_of_a_tile_is_known_by_its_key(store: Path) -> None:
     assert manifest is not None
     assert (manifest.grid, manifest.slices, manifest.rows) == ((4, 2), 2, 2)
     for index in range(8):
-        keys = manifest.keys(index)
+        keys = manifest.chunk_keys(index)
         assert all((store / key).exists() for key in keys.values())
         assert {manifest.tile_of(key) for key in keys.values()} == {index}
     for key in ("region/c/2/0/0", "region/c/0/2/0", "region/c/0/0", "region/c/-1/0/0"):
@@ -172,7 +172,7 @@ def test_a_cell_that_fails_is_named_with_its_slice(monkeypatch: pytest.MonkeyPat
     request = SurveyRequest(**AXES, beta=BETAS, quantities=("region",))
     *_, last = tiles_of(request)
     _, record = compute_tile(request, last)
-    places = [place_of_cell(request, i, j) for i, j, _ in record.failed_cells]
+    places = [position_of_cell(request, i, j) for i, j, _ in record.failed_cells]
     assert places == [{"beta": 1, "epsilon": 2, "delta": j} for j in range(4)]
 
 
@@ -186,7 +186,7 @@ def test_tables_and_files_have_all_slices(store: Path, planes: list[Path], tmp_p
                     parts.append(list(csv_lines(plane, form)))
             head, *rows = "".join(csv_lines(whole, form)).splitlines()
             assert [head, *rows] == [head, *(row for part in parts for row in "".join(part).splitlines()[1:])]
-        assert np.unique(np.concatenate([band["beta"] for band in tables(whole)])).tolist() == [0.6, 0.7]
+        assert np.unique(np.concatenate([band["beta"] for band in table_bands(whole)])).tolist() == [0.6, 0.7]
         groups = {name: group for name, group in open_groups(store).items() if name.endswith("SN1")}
         with write_netcdf(whole, groups) as file:
             (tmp_path / "s.nc").write_bytes(file.read())
@@ -207,7 +207,7 @@ def test_what_is_of_a_plane_asks_for_a_slice(store: Path, tmp_path: Path) -> Non
             lambda: open_family(store, 0),
             lambda: slice_of(whole, 2),
         ):
-            with pytest.raises(SurveyError, match="2 values of beta: choose one, slice 0 to 1"):
+            with pytest.raises(SurveyError, match="2 values of beta: choose a slice from 0 to 1"):
                 ask()
         assert map_picture(slice_of(whole, 0), "region") != map_picture(slice_of(whole, 1), "region")
         assert [each.beta.item() for each in slices_of(whole)] == [0.6, 0.7]
@@ -230,7 +230,7 @@ def test_certificates_of_slices_are_told_apart(store: Path, tmp_path: Path) -> N
         one, other = (slice_of(whole, number).isel(epsilon=slice(2, 3)) for number in (0, 1))
         proved = certify_survey(one, tmp_path / "c.zarr")
         assert (proved["attractor_certificate"].values == (one.attractor_kind == 2).values).all()
-        assert proved.attrs[KNOWN].endswith(" beta=0.6")
+        assert proved.attrs[IDENTITY_ATTRIBUTE].endswith(" beta=0.6")
         with pytest.raises(SurveyError, match="other things"):
             certify_survey(other, tmp_path / "c.zarr")
 
@@ -239,7 +239,7 @@ def test_certificates_of_slices_are_told_apart(store: Path, tmp_path: Path) -> N
     ("fields", "said"),
     [
         ({"beta": (0.0, 0.5, 3)}, "beta must be positive: raise start"),
-        ({"beta": (0.5, 0.6, MAX_SLICES + 1)}, f"{MAX_SLICES} values at most: lower num"),
+        ({"beta": (0.5, 0.6, MAX_SLICES + 1)}, f"at most {MAX_SLICES} values: lower num"),
         ({"beta": (0.5, 0.5 + 1e-17, 2)}, "must be below stop"),
         ({"beta": (0.5, 0.5 + 2e-16, 9)}, "not distinct: lower num"),
         ({"beta": {"start": 0.5, "stop": "x", "num": 3}}, "stop: must be a number, got .x."),
@@ -268,7 +268,7 @@ def test_all_slices_are_sampled_alike_and_counted() -> None:
     request = SurveyRequest(**AXES, beta=(0.6, 1.3, 8))  # to beyond the paper's plane
     assert request.v_max == "natural"
     assert {each.v_max for each in request.slices.values()} == {"natural"}
-    assert (request.n_cells, request.n_slices, request.third) == (96, 8, "beta")
+    assert (request.n_cells, request.n_slices, request.third_axis_name) == (96, 8, "beta")
     assert SurveyRequest(**AXES).slices == {(): SurveyRequest(**AXES)}
     assert request.content_hash() != SurveyRequest(**AXES).content_hash()
     assert request.model_dump(mode="json")["beta"] == {"start": 0.6, "stop": 1.3, "num": 8}

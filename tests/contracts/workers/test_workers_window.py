@@ -18,7 +18,7 @@ from gear_rattle.workers import (
     tiles_of,
     window_survey,
 )
-from gear_rattle.workers.cluster.window import Frame, Grid, PartValues
+from gear_rattle.workers.cluster.window import Frame, PartValues, WindowGrid
 from rattle import RattleError
 
 REQUEST = SurveyRequest(
@@ -89,7 +89,7 @@ def test_maps_that_are_none(variable: str, index: int) -> None:
         map_quantity(variable, index, REQUEST)
 
 
-def filled(grid: Grid, cells: int) -> list[tuple[int, Frame]]:
+def filled(grid: WindowGrid, cells: int) -> list[tuple[int, Frame]]:
     """Every level, each cell once, values that tell the cell."""
     number = np.arange(grid.values.size).reshape(grid.values.shape)
     frames = []
@@ -107,7 +107,7 @@ def filled(grid: Grid, cells: int) -> list[tuple[int, Frame]]:
 @pytest.mark.parametrize("cells", [1, 10, 100, 10**6])
 def test_levels_cover_the_grid_and_each_cell_once(pixels: tuple[int, int], cells: int) -> None:
     survey = window_survey(REQUEST, WINDOW, pixels)
-    grid = Grid(survey, map_quantity("lyapunov_max", 0, REQUEST))
+    grid = WindowGrid(survey, map_quantity("lyapunov_max", 0, REQUEST))
     number = np.arange(grid.values.size).reshape(grid.values.shape)
     for level, frame in filled(grid, cells):
         step = 2**level
@@ -120,14 +120,14 @@ def test_levels_cover_the_grid_and_each_cell_once(pixels: tuple[int, int], cells
 
 
 def test_meanwhile_a_cell_shows_its_neighbour_of_the_level_before() -> None:
-    grid = Grid(window_survey(REQUEST, WINDOW, (33, 33)), map_quantity("quiet_fraction", 0, REQUEST))
+    grid = WindowGrid(window_survey(REQUEST, WINDOW, (33, 33)), map_quantity("quiet_fraction", 0, REQUEST))
     for part in grid.parts(*grid.blocks(grid.levels[0]), 10**6):
         grid.put(part, PartValues(np.array([[0.0, 0.2], [0.4, 0.6]]), 0, 0.0))
     frame = grid.frame(grid.levels[1])
     np.testing.assert_allclose(frame.values, [[0, 0, 0.2], [0, 0, 0.2], [0.4, 0.4, 0.6]], rtol=1e-6)
     assert frame.done == 4 / 33**2
     assert grid.levels == (5, 4, 3, 2, 1, 0)
-    assert Grid(window_survey(REQUEST, WINDOW, (33, 33)), map_quantity("region", 0, REQUEST)).levels == (0,)
+    assert WindowGrid(window_survey(REQUEST, WINDOW, (33, 33)), map_quantity("region", 0, REQUEST)).levels == (0,)
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,7 @@ def test_the_values_of_its_survey(variable: str, index: int) -> None:
     values = compute_tile(survey, tile)[0]
     stored = values[variable] if variable in values else values[f"{variable}_real"] + 1j * values[f"{variable}_imag"]
     plane = stored if stored.ndim == 2 else stored[(index, *(0,) * (stored.ndim - 3))]
-    grid = Grid(survey, map_quantity(variable, index, REQUEST))
+    grid = WindowGrid(survey, map_quantity(variable, index, REQUEST))
     for level in grid.levels:
         for block in grid.blocks(level):
             for part in grid.parts(block, 4):
@@ -181,7 +181,7 @@ def test_a_cell_that_fails_is_the_only_one_lost(monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setattr(gear_rattle.workers.cluster.window, "QUANTITIES", quantities)
     fails = map_quantity("lyapunov_max", 0, REQUEST)
     monkeypatch.setattr(
-        gear_rattle.workers.cluster.window, "stored", lambda *_: (quantities[-1], fails, quantities[-1])
+        gear_rattle.workers.cluster.window, "stored_variables", lambda *_: (quantities[-1], fails, quantities[-1])
     )
     values, failed, _ = compute_part(request, variable, 0, delta, epsilon)
     assert failed == 1

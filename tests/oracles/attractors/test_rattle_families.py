@@ -93,7 +93,7 @@ def test_a_piece_learns_the_same_orbits_in_any_parts(found):
     order = np.random.default_rng(2).permutation(EPSILON.size)
     for part in np.array_split(order, 6):
         here = np.isin(rows.cell // DELTA.size, part)
-        piece.learn(rows.take(here))
+        piece.add_attractors(rows.take(here))
     orbits, n = piece.orbits, piece.n
     expected = found.attractors.kind == Outcome.PERIODIC
     columns = [getattr(found.attractors, name)[expected] for name in ("cell", "m", "n_plus", "n_minus")]

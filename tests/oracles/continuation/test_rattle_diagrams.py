@@ -12,7 +12,7 @@ from rattle.curves import name_of
 from rattle.impacting.bifurcations.branches import beyond, branch
 from rattle.impacting.bifurcations.diagram import diagram
 from rattle.impacting.orbits.periodic import orbit_of
-from rattle.orbits.periodic import at_parameters
+from rattle.orbits.periodic import solve_at_parameters
 
 STEPS = either(50, 100)
 PERIODIC, CHAOTIC, UNDECIDED = (KINDS.index(name) for name in ("periodic", "chaotic", "undecided"))
@@ -48,7 +48,7 @@ def solutions(found, which, step):
     for k in np.flatnonzero(d[:-1] * d[1:] <= 0):
         share = d[k] / (d[k] - d[k + 1])
         guess = times[k] + share * (times[k + 1] - times[k])
-        x = at_parameters(which.itinerary, np.append(guess, [found.delta[step], found.epsilon[step]]))
+        x = solve_at_parameters(which.itinerary, np.append(guess, [found.delta[step], found.epsilon[step]]))
         if x is not None:
             yield orbit_of(which.itinerary, x)
 

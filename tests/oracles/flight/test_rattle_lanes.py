@@ -13,7 +13,7 @@ import rattle
 from rattle.flight.forcing import DRIFT
 from rattle.flight.lanes.block import FIELDS, LANES, TABLES, clear_block, load, move, new_block
 from rattle.impacting.map import impact_map
-from rattle.impacting.map.iterate import paths
+from rattle.impacting.map.iterate import flight_counts
 
 # ---- blocks ---------------------------------------------------------------------------------------------------------
 
@@ -189,7 +189,7 @@ def test_shapes_and_nothing_to_do():
      {"v": "fast"}, {"v": True}, {"v": 1j}, {"v": [[1.0], [1.0, 2.0]]}],
     ids=repr,
 )  # fmt: skip
-@pytest.mark.parametrize("function", [rattle.iterate, rattle.iterate_tangent, paths])
+@pytest.mark.parametrize("function", [rattle.iterate, rattle.iterate_tangent, flight_counts])
 def test_bad_input_is_refused(function, bad):
     good = {"delta": 0.6, "epsilon": 0.1, "tau": 0.5, "v": 1.0, "n": 3, "beta": 0.6}
     with pytest.raises(rattle.ParameterError):
@@ -202,7 +202,7 @@ def test_shares_of_the_paths():
     tau, v = rng.random(4096), rng.uniform(0.5, 7.0, 4096)
     delta, epsilon = (x.ravel() for x in np.meshgrid(np.linspace(0.4, 1, 64), np.linspace(0.02, 0.3, 64)))
     for name, d, e, most_scanned, most_searched in (("A", 0.6, 0.1, 0.01, 0.002), ("C", delta, epsilon, 0.25, 0.08)):
-        flown, scanned, searched = paths(d, e, tau, v, 100)
+        flown, scanned, searched = flight_counts(d, e, tau, v, 100)
         print(f"{name}: {flown} flights, scanned {scanned / flown:.4%}, searched {searched / flown:.4%}")
         assert flown >= 409_600
         assert scanned < most_scanned * flown

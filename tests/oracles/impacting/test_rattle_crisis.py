@@ -10,7 +10,7 @@ from transients import crisis_of, escapes
 from rattle.crisis import boundary_crisis, crisis_curve
 from rattle.errors import ParameterError, RattleError
 from rattle.impacting.bifurcations.codimension_two import codimension_two
-from rattle.impacting.crisis.curve import in_delta, in_gap
+from rattle.impacting.crisis.curve import contact_at_delta, contact_at_gap
 from rattle.impacting.map.iterate import iterate
 from rattle.impacting.orbits.period_one import orbits_at
 from rattle.impacting.orbits.periodic import period_one_saddle
@@ -110,7 +110,7 @@ def test_the_curve_is_followed_through_the_change_of_contact():
         "tangency" if point.delta < change.delta else "corner" for point in curve.points
     ]
     for shift, contact in ((-3e-4, "tangency"), (3e-4, "corner")):
-        assert in_delta([change], change.delta + shift).contact == contact
+        assert contact_at_delta([change], change.delta + shift).contact == contact
     fresh = boundary_crisis(low)
     assert fresh.epsilon == pytest.approx(curve.epsilon[0], abs=1e-10)
 
@@ -148,7 +148,7 @@ def test_it_passes_beside_cod22():
     end = next(point for point in codimension_two() if point.name == "COD22").delta
     points = [corner()]
     while points[-1].gap > 3.5e-5:
-        points.append(in_gap(points, 0.75 * points[-1].gap, end))
+        points.append(contact_at_gap(points, 0.75 * points[-1].gap, end))
     delta, gap = (np.array(x) for x in zip(*((point.delta, point.gap) for point in points), strict=True))
     assert (np.diff(delta) > 0).all()
     assert delta[-1] > end + 2e-5

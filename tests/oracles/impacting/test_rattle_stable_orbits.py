@@ -15,7 +15,7 @@ from rattle.flight.forcing import DRIFT
 from rattle.flight.law import folded, wrapped
 from rattle.impacting.map.impact_map import impact_tangent
 from rattle.impacting.orbits.limits import quiet_limit
-from rattle.impacting.orbits.stable import stable_cells
+from rattle.impacting.orbits.stable import find_stable_orbits
 
 ROOM = 160
 
@@ -23,7 +23,7 @@ ROOM = 160
 def stable(delta, epsilon, beta):
     """The stable orbits of flat arrays, and which entries (n, ROOM) hold one."""
     delta, epsilon, beta = (np.ascontiguousarray(x, dtype=float) for x in (delta, epsilon, beta))
-    found = stable_cells(delta, epsilon, beta, ROOM)
+    found = find_stable_orbits(delta, epsilon, beta, ROOM)
     assert found.n.max() <= ROOM
     return found, np.arange(ROOM) < found.n[:, None]
 
@@ -134,7 +134,7 @@ def test_a_cell_does_not_depend_on_its_neighbours_or_on_the_room():
     found, _ = stable(delta, epsilon, beta)
     assert found.n.max() > 8
     for i in range(delta.size):
-        alone = stable_cells(*(x[i : i + 1] for x in (delta, epsilon, beta)), 8)
+        alone = find_stable_orbits(*(x[i : i + 1] for x in (delta, epsilon, beta)), 8)
         assert alone.n[0] == found.n[i]
         for one, all_ in zip(alone[1:], found[1:], strict=True):
             assert np.array_equal(one[0], all_[i, :8], equal_nan=True)

@@ -63,7 +63,7 @@ def test_the_density_of_random_impulses_is_flat() -> None:
     order, point = np.arange(257) / length, SimpleNamespace(delta=1.0, epsilon=0.0)
     hits, means = [], []
     for seed in range(8):
-        found = spectrum._density(poisson(rate, periods, seed), order, 0.0, length, point, math.inf)
+        found = spectrum._welch_density(poisson(rate, periods, seed), order, 0.0, length, point, math.inf)
         means.append(found.density[1:].mean())  # its standard error is 1.7 % of the level
         hits.append((found.low[1:] < level) & (level < found.high[1:]))
     assert np.mean(means) == pytest.approx(level, rel=0.02)
@@ -93,7 +93,7 @@ def test_the_density_of_a_periodic_motion_has_peaks_of_its_lines(name: str) -> N
         lines = gear.spectrum(each, highest)
         order = np.arange(highest * length + 1) / length
         impacts = gear.impacts(each, 0.5 * (spectrum.SEGMENTS + 1) * length)
-        found = spectrum._density(impacts, order, each.tau, length, gear._point, gear._stiffness)
+        found = spectrum._welch_density(impacts, order, each.tau, length, gear._point, gear._stiffness)
         peaks = np.abs(lines.amplitude) ** 2 * 2 * length / 3
         np.testing.assert_allclose(found.density[::4], peaks, rtol=1e-6, atol=1e-6 * peaks.max())
         np.testing.assert_allclose(found.density[2::4], 0.0, atol=1e-6 * peaks.max())

@@ -20,10 +20,10 @@ from rattle.impacting.orbits.period_one import period_one, regions
 from rattle.proof.areas import one_impact, two_impacts
 from rattle.proof.areas import quiet as quiet_motion
 from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, ProvedBlock
-from rattle.proof.areas.capture import _growth, require_captures
+from rattle.proof.areas.capture import _growth_coefficient, require_captures
 from rattle.proof.areas.checker.check import check
 from rattle.proof.areas.checker.intervals import BlockRefused
-from rattle.proof.areas.columns import columns, proved
+from rattle.proof.areas.columns import columns, prove_column
 from rattle.proof.areas.finder import Prover
 from rattle.proof.areas.piece import PlanePiece, hull
 from rattle.proof.areas.shares import shares_of_claims
@@ -53,7 +53,7 @@ def finder_says(block):
             if block.claim == CAPTURED:
                 require_captures(piece_of(block), block.speed)
             else:
-                Prover(block.beta).require(block.claim, block.delta, block.epsilon)
+                Prover(block.beta).require_claim(block.claim, block.delta, block.epsilon)
     except NotProvedError as why:
         return str(why)
     return ""
@@ -112,7 +112,7 @@ def test_quiet_captures_below_what_is_proved():
 def test_the_kept_columns_hold_what_the_whole_plane_does():
     tenth = (DELTA[1] - DELTA[0]) * (EPSILON[1] - EPSILON[0]) / 10
     found = {share.what: share for share in shares_of_claims(BLOCKS, tenth)}
-    assert found["the region"].proved > 0.99
+    assert found["the region"].prove_column > 0.99
     assert all(
         found[what].of_where > 0.98 for what in ("C is there", "C attracts", "D is there", "A is there, a saddle")
     )
@@ -120,7 +120,7 @@ def test_the_kept_columns_hold_what_the_whole_plane_does():
 
 def test_a_column_is_proved_and_proved_again():
     delta = columns(DELTA, 2560)[2000]  # A and D begin in a graze
-    blocks = proved(BETA, delta, EPSILON)
+    blocks = prove_column(BETA, delta, EPSILON)
     assert {block.claim for block in blocks} == {"I", "V", ABSENT["C"], SADDLE["D"], ABSENT["D"], QUIET, LOUD, CAPTURED}
     told = sum(block.area for block in blocks if block.claim in REGIONS)
     assert told > Fraction("0.99") * (delta[1] - delta[0]) * EPSILON[1]
@@ -210,7 +210,7 @@ def test_how_much_higher_a_bounce_is_than_the_one_before():
     middle = tau + np.log1p(delta * half) / delta - np.arctan(delta / (2 * np.pi)) / (2 * np.pi)
     with precision(64):
         share = arb(epsilon) / quiet_motion.quiet_limit_enclosure(arb_series([arb(delta)]))[0]
-        found = _growth(arb(middle), arb(half), arb(delta), share)
+        found = _growth_coefficient(arb(middle), arb(half), arb(delta), share)
     assert float(found.lower()) < changed / half**3 < float(found.upper())
     assert float(found.upper() - found.lower()) < 8 * abs(changed) / half**3
 
@@ -222,8 +222,8 @@ def test_a_flight_of_one_impact_is_that_of_a_motion(letter):
     x = 0.09 * np.cos(2 * np.pi * orbit.tau)
     with precision():
         piece = PlanePiece(arb(0.6), arb(0.09), arb(0.6))
-        y = one_impact.offset(arb_series([piece.delta]))[0]
-        assert float(one_impact.cosines(piece, letter, y)) == pytest.approx(x, abs=1e-13)
+        y = one_impact.minus_y(arb_series([piece.delta]))[0]
+        assert float(one_impact.x_enclosure(piece, letter, y)) == pytest.approx(x, abs=1e-13)
         s = arb(0.37)
         found, slope = (
             one_impact.flight_height(s, arb_series([piece.delta]), arb(x))[0],
@@ -254,7 +254,7 @@ def test_a_solution_of_two_impacts_is_a_motion(name):
         trace = sum(orbit.multipliers).real
         assert 2 * above / (u * v) == pytest.approx(1 + np.exp(-0.6) - trace, rel=1e-6)
         assert 2 * below / (u * v) == pytest.approx(1 + np.exp(-0.6) + trace, rel=1e-6)
-        assert (cell.square_by_s > 0) == (name == "D")
+        assert (cell.epsilon_squared_by_s > 0) == (name == "D")
 
 
 def test_documents_that_are_none_are_refused():

@@ -175,14 +175,14 @@ def test_a_flight_that_turns_before_the_wall_does_not_touch_it(points):
 
         def touches(gap, time):
             here = replace(plane, beta=gap)
-            return systems.require_touches(
+            return systems.require_only_graze(
                 flight(here, start, start + 1, turn, turn, arb(0)), 1, 1, -1, time, "the flight"
             )
 
         touches(plane.beta, touch)
-        with pytest.raises(rattle.NotProvedError, match="besides where it grazes"):
+        with pytest.raises(rattle.NotProvedError, match="is not proved to touch a wall at its graze alone"):
             touches(plane.beta + arb("1e-6"), touch)
-        with pytest.raises(rattle.NotProvedError, match="or not turn where it grazes"):
+        with pytest.raises(rattle.NotProvedError, match="and to turn at its graze"):
             touches(plane.beta, start - arb("0.01"))
 
 

@@ -57,14 +57,14 @@ def test_images_hold_what_the_impact_map_does(stored):
     rng = np.random.default_rng(1)
     for document in stored.values():
         gear = rattle.Gear(*(float(document["parameters"][name]) for name in ("delta", "epsilon", "beta")))
-        pi, claim = search.ReturnMap(gear), check.Claim(document)
+        pi, claim = search.ReturnMap(gear), check.HorseshoeClaim(document)
         with precision():
             plane, sets = plane_of(document), sets_of(document)
             steps = list(steps_of(document))
             for k in rng.choice(len(steps), 4):
                 source, _, word, _ = steps[k]
                 xi, eta, size = *rng.uniform(-0.9, 0.9, 2), 2.0**-7
-                found = coverings.Mapped(plane, sets[source], (-1,) * word).image(
+                found = coverings.MappedSet(plane, sets[source], (-1,) * word).image(
                     coverings.SetPart(xi, eta, size, size)
                 )
                 middle, sides = claim.image(source, (xi, eta, size, size), word)
@@ -88,15 +88,15 @@ def test_coverings_are_proved_again_in_balls(stored, delta):
     with precision():
         plane, sets = plane_of(document), sets_of(document)
         for source, target, word, periods in list(steps_of(document))[:3]:
-            coverings.Mapped(plane, sets[source], (-1,) * word).require_covers(sets[target], periods)
+            coverings.MappedSet(plane, sets[source], (-1,) * word).require_covers(sets[target], periods)
         heads = [sets[(*loop["sets"], 0)[0]] for loop in document["loops"]]
         for i, head in enumerate(heads):
-            prove.require_apart([head], heads[:i])
+            prove.require_disjoint_sets([head], heads[:i])
 
 
 @pytest.mark.parametrize("delta", either(POINTS[1:2], POINTS))
 def test_the_checker_proves_a_covering_and_refuses_what_is_none(stored, delta):
-    claim = check.Claim(stored[delta])
+    claim = check.HorseshoeClaim(stored[delta])
     source, target, word, periods = next(step for step in steps_of(stored[delta]) if step[0] > 0)
     claim.require_covers(source, target, word, periods)
     with pytest.raises(Refused):
@@ -122,7 +122,7 @@ def test_sets_that_are_not_covered_are_refused(stored):
     with precision():
         plane, sets = plane_of(document), sets_of(document)
         (source, target, word, periods), *_ = list(steps_of(document))[2:]  # those before reach further than their ends
-        mapped = coverings.Mapped(plane, sets[source], (-1,) * word)
+        mapped = coverings.MappedSet(plane, sets[source], (-1,) * word)
         end = sets[target]
         mapped.require_covers(end, periods)
         (a, b), (c, d) = end.unstable, end.stable
@@ -140,7 +140,7 @@ def test_sets_that_are_not_covered_are_refused(stored):
         with pytest.raises(rattle.NotProvedError):
             mapped.require_covers(end, periods + 1)
         with pytest.raises(rattle.NotProvedError):
-            coverings.Mapped(plane, sets[source], (-1,) * (1 - word)).require_covers(end, periods)
+            coverings.MappedSet(plane, sets[source], (-1,) * (1 - word)).require_covers(end, periods)
 
 
 def test_a_motion_that_passes_a_wall_has_no_image(stored):
@@ -166,8 +166,8 @@ def test_a_set_that_reaches_across_a_graze_has_no_image():
         misses = pi(np.array([0.6, middle]))[1] == 0
         v, high = (middle, high) if misses else (v, middle)
     v -= 1e-4
-    claim = check.Claim.__new__(check.Claim)
-    claim.delta, claim.epsilon, claim.beta = (shared.exact_fraction(x) for x in ("0.6", "0.1", "0.6"))
+    claim = check.HorseshoeClaim.__new__(check.HorseshoeClaim)
+    claim.delta, claim.epsilon, claim.beta = (shared.interval_of_text(x) for x in ("0.6", "0.1", "0.6"))
     with precision():
         plane = ModelPlane(*(ball(Fraction(x)) for x in ("0.6", "0.1", "0.6")))
         for size, ok in ((1e-5, True), (1.5e-4, False), (1e-3, False)):
@@ -211,20 +211,20 @@ def test_loops_are_told_apart_by_their_first_sets(stored):
         check.check(json.dumps({**document, "loops": [*document["loops"], document["loops"][0]]}))
     with precision():
         one = sets_of(document)[0]
-        prove.require_apart([one], [moved(one, Fraction(3), Fraction(0))])
+        prove.require_disjoint_sets([one], [moved(one, Fraction(3), Fraction(0))])
         for overlapping in (one, moved(one, Fraction(19, 10), Fraction(0)), moved(one, Fraction(1), Fraction(1))):
             with pytest.raises(rattle.NotProvedError, match="the first sets of two loops may meet"):
-                prove.require_apart([one], [overlapping])
+                prove.require_disjoint_sets([one], [overlapping])
         later = coverings.HSet((one.centre[0] + 1, one.centre[1]), one.unstable, one.stable)
         with pytest.raises(rattle.NotProvedError, match="the first sets of two loops may meet"):
-            prove.require_apart([one], [later])
+            prove.require_disjoint_sets([one], [later])
 
 
 def test_the_entropy_is_that_of_words_of_loops():
     """Loops of lengths 1 and 2 have the golden mean, two of length 1 the full shift; the bound is never too high."""
     with precision():
         for lengths, truth in (((1, 2), np.log((1 + 5**0.5) / 2)), ((1, 1), np.log(2)), ((5, 5, 5), np.log(3) / 5)):
-            assert truth - 2e-4 < float(prove.entropy(lengths)) <= truth
+            assert truth - 2e-4 < float(prove.entropy_lower_bound(lengths)) <= truth
 
 
 def test_where_nothing_is_chaotic_nothing_is_proved():

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 
 import rattle
 from rattle.proof import check, finder, flights, impacting, krawczyk, stiff
-from rattle.proof.balls import around, ball, ends, precision
+from rattle.proof.balls import ball, ends, interval_ball, precision
 from rattle.proof.bifurcations.prove import certify_codimension_two
 from rattle.stiff.map.contact import ENDS, contact_end
 
@@ -58,7 +58,7 @@ def happens(delta, epsilon, beta, wall, target, t0, t1, w0):
 
 def proved(flight, wall, target):
     try:
-        flights.require_first(flight, wall, target, "the flight")
+        flights.require_first_impact(flight, wall, target, "the flight")
     except rattle.NotProvedError:
         return False
     return True
@@ -91,7 +91,7 @@ def test_the_checker_says_the_same_of_flights():
             motion = SimpleNamespace(
                 walls=[wall, target], m=0, k=[check.ZERO], delta=known[0], epsilon=known[1], beta=known[2]
             )
-            answers[truth].append(check.MotionPiece(motion, 0, x).stays())
+            answers[truth].append(check.MotionPiece(motion, 0, x).is_uninterrupted())
     assert len(answers[True]) > 20
     assert all(answers[True])
     assert not any(answers[False])
@@ -107,11 +107,11 @@ def test_a_contact_is_proved_if_and_only_if_it_lasts():
         if status != ENDS:
             continue
         with precision():
-            walls = stiff.Walls(plane(delta, epsilon, beta), ball(Fraction(kappa)))
+            walls = stiff.StiffParameters(plane(delta, epsilon, beta), ball(Fraction(kappa)))
             whole = stiff.ContactEnclosure(walls, arb(t0), arb(t0), arb(wall * u))
 
             def height(t, whole=whole, wall=wall):
-                return float(wall * whole.at(arb(t))[0])
+                return float(wall * whole.state_at(arb(t))[0])
 
             later = t0 + lasts + np.linspace(0.01, 2.0, 400) * math.pi / math.sqrt(2 * kappa)
             again = later[[height(t) > 0 for t in later]]
@@ -122,7 +122,7 @@ def test_a_contact_is_proved_if_and_only_if_it_lasts():
             for end, truth in ((t0 + lasts, True), (second, False)):
                 contact = stiff.ContactEnclosure(walls, arb(t0), arb(end), arb(wall * u))
                 try:
-                    stiff.require_lasts(contact, wall, "the contact")
+                    stiff.require_contact_lasts(contact, wall, "the contact")
                     assert truth
                 except rattle.NotProvedError:
                     assert not truth
@@ -132,7 +132,7 @@ def test_a_contact_is_proved_if_and_only_if_it_lasts():
                     delta=numbers[0], epsilon=numbers[1], beta=numbers[2],
                 )  # fmt: skip
                 x = [check.IV.mpf(y) for y in (t0, wall * u, end, 0)]
-                assert check.MotionPiece(motion, 0, x).stays() == truth
+                assert check.MotionPiece(motion, 0, x).is_uninterrupted() == truth
     assert seen > either(20, 1000)
 
 
@@ -144,7 +144,7 @@ def test_bounds_of_an_extremum_hold_wherever_they_are_taken(monkeypatch):
         case, flight = next(each for each in cases if len(list(flights.extrema(each[1], ""))) == 3)
         truth = [height for _, height in flights.extrema(flight, "")]
         start = mpf(flight.w0.str(38, radius=False))
-        monkeypatch.setattr(flights, "_turn", lambda _flight, start, end: float(rng.uniform(start, end)))
+        monkeypatch.setattr(flights, "_guess_extremum_time", lambda _flight, start, end: float(rng.uniform(start, end)))
         for _ in range(either(200, 5000)):
             for (_, bound), height in zip(flights.extrema(flight, ""), truth, strict=True):
                 assert bound.contains(height.mid())
@@ -164,7 +164,7 @@ def test_a_place_where_the_force_vanishes_within_rounding_of_an_end_is_no_hole()
     """A flight that begins, or ends, where g changes sign: the piece beyond has its extremum all the same."""
     with precision():
         here = plane(0.5, 0.3, 0.6)
-        for edge in here.edges:
+        for edge in here.force_zero_phases:
             for nudge in (0.0, 1e-40, -1e-40, 1e-12, -1e-12):
                 t0 = edge + arb(nudge)
                 for length in (0.05, 0.4, 0.9):
@@ -187,7 +187,7 @@ def test_a_graze_is_refused():
             turns = (2 * t0).sin_cos_pi(), (2 * t1).sin_cos_pi()
             flight = flights.flight(here, t0, t1, *turns, here.beta * (target - wall))
             with pytest.raises(rattle.NotProvedError, match=r"touch|graze"):
-                flights.require_first(flight, wall, target, "the flight")
+                flights.require_first_impact(flight, wall, target, "the flight")
 
 
 def test_verdicts_are_those_of_the_multipliers():
@@ -197,7 +197,7 @@ def test_verdicts_are_those_of_the_multipliers():
             assert finder.verdict_of(arb(trace), determinant) == verdict
         for trace in (1.5, -1.5):
             assert finder.verdict_of(arb(trace, 1e-20), determinant) == "undecided"
-        half, none, same, again = finder.multipliers(arb(2).sqrt(), determinant)  # a double one
+        half, none, same, again = finder.multiplier_enclosures(arb(2).sqrt(), determinant)  # a double one
         assert (half, none) == (same, again)
         assert none[0] < 0 < none[1]
         assert float(half[0]) < math.sqrt(0.5) < float(half[1])
@@ -223,11 +223,11 @@ def test_no_box_is_proved_where_there_are_two_motions():
     with precision():
         equations = impacting.ImpactingSystem(plane(gear.delta, gear.epsilon, gear.beta), (1,), 1)
         middle = Fraction((a.tau + c.tau) / 2)
-        wide = [around(Fraction(0), Fraction(c.tau - a.tau))]
-        about = krawczyk.inverse(equations([ball(Fraction(a.tau))]).jacobian)
+        wide = [interval_ball(Fraction(0), Fraction(c.tau - a.tau))]
+        about = krawczyk.approximate_inverse(equations([ball(Fraction(a.tau))]).jacobian)
         x = [ball(middle)]
         step = about * krawczyk.column(equations(x).residual)
-        (moved,) = krawczyk._moved(equations, x, step, about, wide)
+        (moved,) = krawczyk._krawczyk_image(equations, x, step, about, wide)
         assert not abs(moved) < ball(Fraction(c.tau - a.tau))
     assert {str(rattle.certify(orbit).verdict) for orbit in (a, c)} == {"saddle", "attracting"}
 
@@ -255,7 +255,7 @@ def test_boxes_hold_the_numbers_that_they_are_of():
     with precision():
         for text in ("0.1", "-123.456", "0.333333333333333333333333333333333333333333333"):
             centre, radius = Fraction(text), Fraction(1, 10**11)
-            low, high = ends(around(centre, radius))
+            low, high = ends(interval_ball(centre, radius))
             assert low <= centre - radius
             assert high >= centre + radius
             assert high - low < Fraction(2001, 10**14)
@@ -269,11 +269,11 @@ def test_a_bound_taken_far_behind_the_extremum_holds_where_the_speed_has_decayed
         still = flights.flight(here, arb(t0), arb(t1), *turns, arb(0))
         slope = here.delta / (1 - still.decay)  # of w0, by the distance
         flight = flights.flight(here, arb(t0), arb(t1), *turns, (arb(-0.1) - still.w0) / slope)
-        assert here.edges == () or not flights.cuts(flight)
+        assert here.force_zero_phases == () or not flights.force_zero_times(flight)
         ((_, truth),) = flights.extrema(flight, "")
-        monkeypatch.setattr(flights, "_turn", lambda *_: t1 - 1e-3)
+        monkeypatch.setattr(flights, "_guess_extremum_time", lambda *_: t1 - 1e-3)
         ((_, bound),) = flights.extrema(flight, "")
-        height, speed = flight.at(arb(t1 - 1e-3))
+        height, speed = flight.state_at(arb(t1 - 1e-3))
         assert height - truth > (t1 - t0) * speed
         assert bound.contains(truth)
 
@@ -295,15 +295,15 @@ class Square:
 
 def test_the_operator_encloses_the_zero_itself_and_not_what_was_computed():
     with precision():
-        found = krawczyk.enclosed(Square, np.array([2**0.5 + 5e-10]))
+        found = krawczyk.enclose_zero(Square, np.array([2**0.5 + 5e-10]))
         (zero,) = found.zero
         assert zero.overlaps(arb(2).sqrt())
         assert zero.rad() < 1e-26
         assert abs(ball(found.centre[0]) - arb(2).sqrt()) < ball(found.radius)
         with pytest.raises(rattle.NotProvedError, match="nearest exact solution"):
-            krawczyk.enclosed(Square, np.array([2**0.5 + 1e-6]))
+            krawczyk.enclose_zero(Square, np.array([2**0.5 + 1e-6]))
         with pytest.raises(rattle.NotProvedError, match="singular"):
-            krawczyk.enclosed(Square, np.array([0.0]))
+            krawczyk.enclose_zero(Square, np.array([0.0]))
 
 
 class Pair(Square):
@@ -316,7 +316,7 @@ class Pair(Square):
 
 def test_a_box_that_might_hold_two_zeros_is_made_smaller():
     with precision():
-        found = krawczyk.enclosed(Pair, np.array([1e-11]))
+        found = krawczyk.enclose_zero(Pair, np.array([1e-11]))
         assert found.radius == Fraction(1, 10**13)
         assert found.zero[0].overlaps(arb("1e-11"))
 
@@ -325,12 +325,12 @@ def test_a_certificate_does_not_show_in_which_order_a_machine_adds_doubles(monke
     """Libraries of linear algebra differ in the last bits by processor and number of threads."""
     gear = rattle.Gear(0.6, 0.089)
     orbit = next(gear.orbit(each.tau, each.v, each.n_plus) for each in gear.attractors() if each.n_plus == 4)
-    plain, exactly_so = rattle.certify(orbit).json(), krawczyk.inverse
+    plain, exactly_so = rattle.certify(orbit).json(), krawczyk.approximate_inverse
     for error in (1e-13, -1e-11):
 
         def inverse(matrix, error=error):
             found = exactly_so(matrix)
             return found + arb_mat(found.nrows(), found.ncols(), [error * each for each in found.entries()])
 
-        monkeypatch.setattr(krawczyk, "inverse", inverse)
+        monkeypatch.setattr(krawczyk, "approximate_inverse", inverse)
         assert rattle.certify(orbit).json() == plain

@@ -6,7 +6,7 @@ from depth import deep
 
 import rattle
 from rattle import stiff
-from rattle.resilience.causes import TrackedOrbit, end_of
+from rattle.resilience.causes import TrackedOrbit, find_orbit_end
 from rattle.resilience.path import GlobalContinuation
 
 QUIET = ("quiet", 0, 0, 0)
@@ -148,7 +148,7 @@ def test_a_step_that_is_too_long_is_halved() -> None:
 def test_a_motion_of_very_many_impacts_is_not_followed() -> None:
     """P(1,107,0), of which each step would take half a second."""
     long = TrackedOrbit((1, 107, 0), 0.48698548922191587, 0.039303353146466116)
-    end = end_of(np.array([0.57333333, 0.178, 0.6]), np.array([0.58, 0.176, 0.6]), long)
+    end = find_orbit_end(np.array([0.57333333, 0.178, 0.6]), np.array([0.58, 0.176, 0.6]), long)
     assert (end.cause, end.low, end.high) == ("unknown", 0.0, 1.0)
 
 

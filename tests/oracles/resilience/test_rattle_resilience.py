@@ -189,5 +189,5 @@ def test_tipping_counts_what_goes_where() -> None:
 
 
 def test_gears_of_two_kinds_do_not_tip() -> None:
-    with pytest.raises(rattle.ParameterError, match="both gears must be of one model"):
+    with pytest.raises(rattle.ParameterError, match="both gears must be of the same model"):
         rattle.tipping(GEAR, stiff.StiffGear(0.6, 0.0615, 0.6, 1e4), 16)

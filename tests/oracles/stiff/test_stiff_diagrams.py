@@ -180,7 +180,7 @@ def test_events_converge_to_those_of_the_impacting_model(span, kinds) -> None:
     softer, stiffer = (diagram(*ends, BETA, kappa, 2, 1) for kappa in (1e6, 1e8))
     compared = dict.fromkeys(kinds, 0)
     for event in limit.events:
-        itinerary = event.itinerary if event.impact is None else event.itinerary.without(event.impact)
+        itinerary = event.itinerary if event.impact is None else event.itinerary.without_impact(event.impact)
         kind, label = str(event.kind), (itinerary.m, itinerary.walls.count(1), itinerary.walls.count(-1))
         if kind in kinds and label in {(1, 1, 0), (1, 1, 1), (2, 2, 2), (4, 4, 4)}:
             off = [

@@ -9,17 +9,17 @@ from types import EllipsisType
 import numpy as np
 
 from gear_rattle.workers.survey.request import Along, SurveyRequest
-from gear_rattle.workers.survey.values.quantities import held, shape_of
+from gear_rattle.workers.survey.values.quantities import shape_of, variables_of_groups
 
 GROUP = "levels"
-LARGEST = 512  # a survey has levels if one of its axes has more cells than this
-LEAST = 256  # axes of at most this many cells are not halved
+LARGEST_WITHOUT_LEVELS = 512  # a survey has levels if one of its axes has more cells than this number
+LARGEST_NOT_HALVED = 256  # axes of at most this many cells are not halved
 #: Largest number of cells along a side of a block. A block becomes one chunk of each level.
-SIDE = 2048
+LARGEST_SIDE = 2048
 #: Largest number of values of one variable in a block, for which a worker needs about 130 MB.
 BLOCK_NUMBERS = 1 << 24
 
-Pair = tuple[int, int]  # along (epsilon, delta)
+Pair = tuple[int, int]  # a number along each axis: (epsilon, delta)
 
 
 @dataclass(frozen=True)
@@ -45,29 +45,30 @@ class LevelBlock:
     """A rectangle of the survey's cells that becomes one chunk of each level.
 
     place: the row and the column of the block among all blocks. epsilon, delta: the ranges of its cells in the grid.
+    along: the index of its slice; () without a third axis.
     """
 
     place: Pair
     epsilon: slice
     delta: slice
-    along: Along = ()  # index of its slice
+    along: Along = ()
 
     @property
-    def at(self) -> tuple[int | EllipsisType | slice, ...]:
+    def selection(self) -> tuple[int | EllipsisType | slice, ...]:
         """The index that selects the block's cells in the array of a variable of the survey."""
         return *self.along, ..., self.epsilon, self.delta
 
-    def at_level(self, level: Level) -> tuple[int | EllipsisType | slice, ...]:
+    def selection_at_level(self, level: Level) -> tuple[int | EllipsisType | slice, ...]:
         """Return the index that selects the block's cells in the array of a variable of a level."""
         spans = zip((self.epsilon, self.delta), level.cells, strict=True)
         return *self.along, ..., *(slice(span.start // cells, -(-span.stop // cells)) for span, cells in spans)
 
 
-def halvings(shape: Pair) -> tuple[Level, ...]:
+def possible_levels(shape: Pair) -> tuple[Level, ...]:
     """Return all levels that a grid of this shape can have, down to a single cell.
 
-    While an axis has more than LEAST cells, only axes with more than LEAST cells are halved. After that both axes are
-    halved.
+    While an axis has more than LARGEST_NOT_HALVED cells, only axes with more than LARGEST_NOT_HALVED cells are halved.
+    After that both axes are halved.
 
     Returns
     -------
@@ -76,7 +77,7 @@ def halvings(shape: Pair) -> tuple[Level, ...]:
     """
     cells, found, now = (1, 1), list[Level](), shape
     while max(now) > 1:
-        least = LEAST if max(now) > LEAST else 1
+        least = LARGEST_NOT_HALVED if max(now) > LARGEST_NOT_HALVED else 1
         cells = _pair(each * 2 if size > least else each for each, size in zip(cells, now, strict=True))
         now = _pair(-(-size // each) for size, each in zip(shape, cells, strict=True))
         found.append(Level(len(found) + 1, cells, now))
@@ -86,29 +87,29 @@ def halvings(shape: Pair) -> tuple[Level, ...]:
 def levels_of(shape: Pair) -> tuple[Level, ...]:
     """Return the levels that the store of a survey of this shape has.
 
-    A survey of at most LARGEST cells along each axis has none. Otherwise the coarsest level is the first one with at
-    most LEAST cells along each axis.
+    A survey of at most LARGEST_WITHOUT_LEVELS cells along each axis has no levels. In other surveys the coarsest level
+    is the first one with at most LARGEST_NOT_HALVED cells along each axis.
 
     Returns
     -------
     tuple[Level, ...]
-        From the finest to the coarsest.
+        From the finest to the coarsest; empty for a small survey.
     """
-    all_of = halvings(shape) if max(shape) > LARGEST else ()
-    return all_of[: 1 + sum(max(level.shape) > LEAST for level in all_of)]
+    all_of = possible_levels(shape) if max(shape) > LARGEST_WITHOUT_LEVELS else ()
+    return all_of[: 1 + sum(max(level.shape) > LARGEST_NOT_HALVED for level in all_of)]
 
 
-def steps_of(levels: tuple[Level, ...]) -> list[Pair]:
+def reduction_steps(levels: tuple[Level, ...]) -> list[Pair]:
     """Return for each level how many cells of the next finer level a cell covers along each axis, 1 or 2."""
     cells = [(1, 1), *(level.cells for level in levels)]
     return [_pair(new // old for old, new in zip(*both, strict=True)) for both in pairwise(cells)]
 
 
 def block_shape(request: SurveyRequest) -> Pair:
-    """Return the numbers of cells of a block along each axis. They depend on grid and variables, not on the tiles."""
-    per_cell = (each for each in held(request.quantities, request.model) if each.per_cell)
+    """Return how many cells a block has along each axis. The numbers depend on grid and variables, not on the tiles."""
+    per_cell = (each for each in variables_of_groups(request.quantities, request.model) if each.per_cell)
     maps = max(math.prod(shape_of(each, (1, 1), request.n_slots)) for each in per_cell)
-    side = SIDE
+    side = LARGEST_SIDE
     while side * side * maps > BLOCK_NUMBERS:
         side //= 2
     return _pair(max(side, cells) for cells in levels_of(request.shape)[-1].cells)
@@ -128,7 +129,7 @@ def level_blocks(request: SurveyRequest) -> list[LevelBlock]:
     ]
 
 
-def centres(axis: np.ndarray, cells: int) -> np.ndarray:
+def level_centres(axis: np.ndarray, cells: int) -> np.ndarray:
     """Return the centres of a level's cells along an axis.
 
     axis: the centres of the survey's cells. cells: how many of the survey's cells each cell of the level covers along

@@ -1,10 +1,10 @@
 """Reduce several cells to one: codes, numbers and phases of rectangles of cells.
 
-The functions `codes`, `numbers` and `phases` take values (m, n), flags `known` (m, n) of the computed cells, and
-`steps`: for each level how many cells of the next finer level a cell covers along each axis, 1 or 2. They yield the
-arrays of each level. Every level is computed from the survey's cells and not from the next finer level, because the
-most frequent of several most frequent codes need not be the most frequent code of all cells. The last cell of an axis
-may cover fewer cells.
+The functions `reduced_codes`, `reduced_numbers` and `reduced_phases` take values (m, n), flags `known` (m, n) of the
+computed cells, and `steps`: for each level how many cells of the next finer level a cell covers along each axis, 1 or
+2. They yield the arrays of each level. Every level is computed from the survey's cells and not from the next finer
+level, because the most frequent of several most frequent codes need not be the most frequent code of all cells. The
+last cell of an axis may cover fewer cells.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -15,15 +15,16 @@ import numpy as np
 
 from gear_rattle.workers.survey.levels.grid import Pair
 
-#: Statistics of the numbers in several cells. share: the share of the computed cells that have a finite number.
+#: Names of the statistics of the numbers in several cells. "share" is the share of the computed cells that have a
+#: finite number.
 STATISTICS = ("mean", "least", "largest", "share")
 
 
-class Codes(NamedTuple):
+class LevelCodes(NamedTuple):
     """The codes in the cells (m, n) of a level, each of which covers several cells of the survey.
 
-    most: the most frequent code in a cell, the lowest of equally frequent ones. share: the share of the computed cells
-    that have this code. occurs: a bit mask; bit i is set if code i occurs.
+    most: the most frequent code in a cell, the lowest one of equally frequent codes. share: the share of the computed
+    cells that have this code; NaN if no cell is computed. occurs: a bit mask; bit i is set if code i occurs.
     """
 
     most: np.ndarray
@@ -34,15 +35,15 @@ class Codes(NamedTuple):
 def pooled_cells(
     values: np.ndarray, step: Pair, pool: Callable[[np.ndarray, np.ndarray], np.ndarray], filler: float = 0
 ) -> np.ndarray:
-    """Combine groups of step[0] × step[1] cells to one cell each by the function `pool`; `filler` pads the edges."""
+    """Combine each group of step[0] × step[1] cells to one cell by the function `pool`; `filler` pads the edges."""
     lacking = [(0, -size % each) for size, each in zip(values.shape, step, strict=True)]
     if any(after for _, after in lacking):
         values = np.pad(values, lacking, constant_values=filler)
     return reduce(pool, [values[i :: step[0], j :: step[1]] for i in range(step[0]) for j in range(step[1])])
 
 
-def codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int) -> Iterator[Codes]:
-    """Yield the codes of each level. The values are codes from 0 to number − 1; number is at most 32."""
+def reduced_codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int) -> Iterator[LevelCodes]:
+    """Yield the codes of each level, from the finest. Values are codes from 0 to number − 1; number is at most 32."""
     there = np.flatnonzero(np.bincount(values[known], minlength=number)).tolist()
     counts = {code: (values == code) & known for code in there}
     of = known.astype(np.int32)
@@ -55,7 +56,7 @@ def codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: 
             more = count > highest
             most[more], highest[more] = code, count[more]
             occurs[count > 0] |= occurs.dtype.type(1 << code)
-        yield Codes(most, _over(highest, of).astype(np.float32), occurs)
+        yield LevelCodes(most, _quotients(highest, of).astype(np.float32), occurs)
 
 
 def mask_type(number: int) -> np.dtype[np.unsignedinteger]:
@@ -63,11 +64,11 @@ def mask_type(number: int) -> np.dtype[np.unsignedinteger]:
     return np.dtype(np.uint8 if number <= 8 else np.uint16 if number <= 16 else np.uint32)
 
 
-def numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
+def reduced_numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
     """Yield for each level the STATISTICS of the numbers in its cells, float32 of shape (4, m, n).
 
-    The mean is the mean of the finite numbers; least and largest include infinite numbers. A statistic is NaN in cells
-    without any number.
+    The mean is the mean of the finite numbers; least and largest include infinite numbers. The mean is NaN in cells
+    without a finite number, least and largest in cells without any number, and the share where no cell is computed.
 
     Yields
     ------
@@ -83,15 +84,17 @@ def numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Ite
         least, largest = (
             pooled_cells(each, step, pool, np.nan) for each, pool in ((least, np.fmin), (largest, np.fmax))
         )
-        mean = np.clip(_over(total, count), least, largest)  # a rounded mean must not be below least or above largest
-        yield _single(mean, least, largest, _over(count, of))
+        # A rounded mean must not be below the least or above the largest value.
+        mean = np.clip(_quotients(total, count), least, largest)
+        yield _as_float32(mean, least, largest, _quotients(count, of))
 
 
-def phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
+def reduced_phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
     """Yield for each level the STATISTICS of the phases in its cells, float32 of shape (4, m, n).
 
-    Phases repeat after 1. The mean is the direction of the sum of unit vectors, in [0, 1). least and largest are the
-    ends of the interval around the mean that contains all phases, so least may be below 0, and largest 1 or more.
+    A phase of 1 equals a phase of 0. The mean is the direction of the sum of unit vectors, in [0, 1). least and largest
+    are the ends of the interval around the mean that contains all phases, so least may be below 0, and largest 1 or
+    more. All three are NaN in cells without any phase; the share is NaN where no cell is computed.
 
     Yields
     ------
@@ -113,15 +116,17 @@ def phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iter
         least = largest = away
         for each in steps[:level]:
             least, largest = pooled_cells(least, each, np.fmin, np.nan), pooled_cells(largest, each, np.fmax, np.nan)
-        yield _single(mean, mean + least, mean + largest, _over(count, of))
+        yield _as_float32(mean, mean + least, mean + largest, _quotients(count, of))
 
 
-def _over(count: np.ndarray, of: np.ndarray) -> np.ndarray:
+def _quotients(count: np.ndarray, of: np.ndarray) -> np.ndarray:
+    """Return count / of, NaN where `of` is 0."""
     with np.errstate(invalid="ignore", divide="ignore"):
         found: np.ndarray = np.where(of > 0, count / of, np.nan)
     return found
 
 
-def _single(*statistics: np.ndarray) -> np.ndarray:
+def _as_float32(*statistics: np.ndarray) -> np.ndarray:
+    """Stack arrays as float32; numbers too large for float32 become infinite."""
     with np.errstate(over="ignore"):
         return np.stack([each.astype(np.float32) for each in statistics])

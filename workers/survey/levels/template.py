@@ -8,27 +8,28 @@ import zarr
 from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
-from gear_rattle.workers.survey.levels.grid import GROUP, Level, block_shape, centres, levels_of, steps_of
+from gear_rattle.workers.survey.levels.grid import GROUP, Level, block_shape, level_centres, levels_of, reduction_steps
 from gear_rattle.workers.survey.levels.reduce import STATISTICS, mask_type
 from gear_rattle.workers.survey.manifest import ROOT
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.template import (
     CODECS,
-    WHOLE,
+    WRITE_ALL_CHUNKS,
     Template,
-    contents,
     coordinate_values,
-    dimension_name,
-    fixed,
-    write,
+    dimension_description,
+    file_contents,
+    shared_parameters,
+    write_array,
 )
-from gear_rattle.workers.survey.values.quantities import COORDINATES, held, labels_of
+from gear_rattle.workers.survey.values.quantities import COORDINATES, dimension_labels, variables_of_groups
 from gear_rattle.workers.survey.values.schema import CELL, Quantity
 
 #: Dimensions of a level. Their names differ from those of the survey's dimensions, because their coordinates differ.
 LEVEL_CELL = ("level_epsilon", "level_delta")
 STATISTIC = "statistic"
-SHARE, OCCURS = "_share", "_occurs"  # endings of the names of the two further arrays for a variable of codes
+SHARE, OCCURS = "_share", "_occurs"  # endings of the names of the two arrays beside the most frequent code
+#: Entry of the attribute `zarr_conventions` that names the convention for pyramid levels.
 MULTISCALES = {
     "schema_url": "https://raw.githubusercontent.com/zarr-conventions/multiscales/refs/tags/v1/schema.json",
     "spec_url": "https://github.com/zarr-conventions/multiscales/blob/v1/README.md",
@@ -39,7 +40,7 @@ MULTISCALES = {
 
 
 class LevelDescription(NamedTuple):
-    """An array of a level. dims: the array's dimensions except epsilon, delta and a third axis."""
+    """The description of an array of a level. dims: its dimensions except epsilon, delta and a third axis."""
 
     name: str
     dims: tuple[str, ...]
@@ -47,19 +48,19 @@ class LevelDescription(NamedTuple):
     attributes: dict[str, Any]
 
 
-def maps(request: SurveyRequest) -> list[Quantity]:
+def level_variables(request: SurveyRequest) -> list[Quantity]:
     """Return the variables of a survey that its levels contain: all variables with a value for each cell."""
-    return [each for each in held(request.quantities, request.model) if each.per_cell]
+    return [each for each in variables_of_groups(request.quantities, request.model) if each.per_cell]
 
 
-def meanings(quantity: Quantity) -> tuple[str, ...]:
+def code_meanings(quantity: Quantity) -> tuple[str, ...]:
     """Return the meanings of a variable's codes, or () if its values are numbers."""
     return ("no", "yes") if quantity.dtype == "bool" else quantity.flags
 
 
 def level_arrays(quantity: Quantity) -> tuple[LevelDescription, ...]:
-    """Return the arrays that a level has for a variable. For complex numbers it has the statistics of their moduli."""
-    name, dims, words = quantity.name, quantity.dims[:-2], meanings(quantity)
+    """Return descriptions of a level's arrays for a variable; complex numbers are represented by their moduli."""
+    name, dims, words = quantity.name, quantity.dims[:-2], code_meanings(quantity)
     if not words:
         modulus = np.dtype(quantity.dtype).kind == "c"
         long_name = f"|{quantity.long_name}|" if modulus else quantity.long_name
@@ -78,10 +79,10 @@ def level_arrays(quantity: Quantity) -> tuple[LevelDescription, ...]:
     )
 
 
-def create(root: zarr.Group, request: SurveyRequest, level: Level, array: LevelDescription) -> zarr.Array:
+def create_level_array(root: zarr.Group, request: SurveyRequest, level: Level, array: LevelDescription) -> zarr.Array:
     """Create an array of a level in its group, with a chunk for each block."""
     axes = request.third_axis
-    beside = [len(_labels(request, dim)) for dim in array.dims]
+    beside = [len(_dimension_labels(request, dim)) for dim in array.dims]
     sides = [
         min(size // cells, most)
         for size, cells, most in zip(block_shape(request), level.cells, level.shape, strict=True)
@@ -93,14 +94,14 @@ def create(root: zarr.Group, request: SurveyRequest, level: Level, array: LevelD
         dtype=array.dtype,
         fill_value=float("nan") if array.dtype.kind == "f" else array.dtype.type(0).item(),
         compressors=CODECS,
-        config=WHOLE,
+        config=WRITE_ALL_CHUNKS,
         dimension_names=(*axes, *array.dims, *LEVEL_CELL),
         attributes=array.attributes,
     )
 
 
-def _labels(request: SurveyRequest, dim: str) -> tuple[int, ...] | tuple[str, ...]:
-    return STATISTICS if dim == STATISTIC else labels_of(dim, request.n_slots)
+def _dimension_labels(request: SurveyRequest, dim: str) -> tuple[int, ...] | tuple[str, ...]:
+    return STATISTICS if dim == STATISTIC else dimension_labels(dim, request.n_slots)
 
 
 def files_of_levels(request: SurveyRequest) -> Template:
@@ -111,23 +112,34 @@ def files_of_levels(request: SurveyRequest) -> Template:
     attributes = {
         "long_name": "the survey in less and less resolution; level 0 is the survey itself",
         "zarr_conventions": [MULTISCALES],
-        "multiscales": {"layout": list(_layout(levels)), "resampling_method": "mode of codes, average of numbers"},
+        "multiscales": {
+            "layout": list(_layout_entries(levels)),
+            "resampling_method": "mode of codes, average of numbers",
+        },
     }
     root.create_group(GROUP, attributes=attributes)
     for level in levels:
         cells = dict(zip((f"cells_{name}" for name in CELL), level.cells, strict=True))
         long_name = f"level {level.number}: {' x '.join(map(str, level.cells))} cells of the survey in each"
         group = root.create_group(level.path, attributes={"long_name": long_name, **cells})
-        arrays = [array for quantity in maps(request) for array in level_arrays(quantity)]
+        arrays = [array for quantity in level_variables(request) for array in level_arrays(quantity)]
         _write_coordinates(group, request, level, {dim for array in arrays for dim in array.dims})
         for array in arrays:
-            create(root, request, level, array)
-    return {key: content for key, content in contents(kept).items() if key != ROOT}
+            create_level_array(root, request, level, array)
+    return {key: content for key, content in file_contents(kept).items() if key != ROOT}
 
 
-def _layout(levels: tuple[Level, ...]) -> Iterator[dict[str, Any]]:
-    """Yield each level's entry of the multiscales convention: (epsilon, delta), relative to the next finer level."""
-    for level, step in zip(levels, steps_of(levels), strict=True):
+def _layout_entries(levels: tuple[Level, ...]) -> Iterator[dict[str, Any]]:
+    """Yield each level's entry of the multiscales convention, with scales relative to the next finer level.
+
+    Pairs are along (epsilon, delta).
+
+    Yields
+    ------
+    dict[str, Any]
+        Name of the level, of the level from which it is derived, and scale and translation.
+    """
+    for level, step in zip(levels, reduction_steps(levels), strict=True):
         before = {"derived_from": str(level.number - 1)} if level.number > 1 else {}
         translation = [(each - 1) / 2 for each in step]
         transform = {"scale": [float(each) for each in step], "translation": translation}
@@ -138,10 +150,12 @@ def _write_coordinates(group: zarr.Group, request: SurveyRequest, level: Level, 
     axes = (request.epsilon, request.delta)
     for name, dim, axis, cells in zip(CELL, LEVEL_CELL, axes, level.cells, strict=True):
         long_name = f"{COORDINATES[name].long_name}, middle of the cells"
-        write(group, dim, (dim,), centres(axis.values(), cells), {"long_name": long_name, "units": "1"})
+        write_array(group, dim, (dim,), level_centres(axis.values(), cells), {"long_name": long_name, "units": "1"})
     for dim in sorted(dims):
-        words = "what is told of the numbers of the cells" if dim == STATISTIC else dimension_name(request, dim)
-        values = coordinate_values(_labels(request, dim))
-        write(group, dim, (dim,), values, {"long_name": words, "units": "1"})
+        words = "what is told of the numbers of the cells" if dim == STATISTIC else dimension_description(request, dim)
+        values = coordinate_values(_dimension_labels(request, dim))
+        write_array(group, dim, (dim,), values, {"long_name": words, "units": "1"})
     for name, axis in request.third_axis.items():
-        write(group, name, (name,), axis.values(), {"long_name": fixed(request)[name][1], "units": "1"})
+        write_array(
+            group, name, (name,), axis.values(), {"long_name": shared_parameters(request)[name][1], "units": "1"}
+        )

@@ -5,32 +5,32 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
-from gear_rattle.workers.survey.axes import Real, Strict
+from gear_rattle.workers.survey.axes import Real, StrictRecord
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.models import MODELS, Capability, require_capability
 
-BLOCK = 32  # cells along a side of a block; blocks begin at multiples of this in the grid, whatever the tiles are
-AUDIT = 0.02  # the default of `Refine.audit`
+BLOCK = 32  # cells along a side of a block; blocks begin at multiples of this number, whatever the tiles are
+AUDITED_SHARE = 0.02  # default of `Refine.audit`, the share of filled cells to audit
 
 
-class Refine(Strict):
+class Refine(StrictRecord):
     """Options of a refined survey, which computes few cells, more where motions differ, and fills the others.
 
-    audit: share of the filled cells that are computed as a check, to estimate how many are wrong. bound: the largest
-    allowed share of wrong cells among the filled ones, with 95 % confidence; the survey audits and computes further
-    cells until it meets this bound, if necessary all cells.
+    audit: share of the filled cells that are computed as a check, to estimate how many filled cells are wrong. bound:
+    the largest allowed share of wrong cells among the filled ones, with 95 % confidence, or None. With a bound, the
+    survey audits and computes further cells until the bound is met, if necessary all cells.
     """
 
-    audit: Annotated[Real, Field(gt=0, le=1)] = AUDIT
+    audit: Annotated[Real, Field(gt=0, le=1)] = AUDITED_SHARE
     bound: Annotated[Real, Field(gt=0, lt=1)] | None = None
 
 
-def _refine_or_not(value: Any) -> Any:
-    """Replace true by the default options, and false by None."""
+def _refine_options(value: Any) -> Any:
+    """Return the default options for True and None for False; return any other value unchanged."""
     return (Refine() if value else None) if isinstance(value, bool) else value
 
 
-RefineOrNot = BeforeValidator(_refine_or_not)
+RefineOrNot = BeforeValidator(_refine_options)
 
 
 def require_refinable(quantities: Iterable[Group], model: str) -> None:

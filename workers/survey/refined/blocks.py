@@ -1,4 +1,4 @@
-"""The blocks of a tile, and their leaves.
+"""The blocks of a tile, and the leaves (squares of cells) of a block.
 
 A tile is covered by blocks of BLOCK × BLOCK cells. A leaf is a square of cells that contains its own edges. A block
 begins as one leaf. A leaf is divided into four quarters until all computed cells in it have the same motions.
@@ -17,10 +17,11 @@ from gear_rattle.workers.survey.refined.asked import BLOCK
 
 
 class Leaves(NamedTuple):
-    """Several leaves (k,) of equal size.
+    """Several leaves (squares of cells) of equal size; the arrays have shape (k,) for k leaves.
 
     block: the number of the block of each leaf. row, column: the leaf's first row and column in the block. size: a leaf
-    of size n has n + 1 cells along a side; its last row and column are also the first ones of the next leaves.
+    of size n has n + 1 cells along a side; the last row and column of a leaf are also the first row and column of its
+    neighbours.
     """
 
     block: np.ndarray
@@ -28,13 +29,13 @@ class Leaves(NamedTuple):
     column: np.ndarray
     size: int
 
-    def of(self, which: np.ndarray) -> Leaves:
+    def select(self, which: np.ndarray) -> Leaves:
         """Return the leaves that an index or mask selects."""
         return Leaves(self.block[which], self.row[which], self.column[which], self.size)
 
 
-class Square(NamedTuple):
-    """The cells of k leaves, arrays of shape (k, size + 1, size + 1).
+class LeafCells(NamedTuple):
+    """The cells of k leaves (squares of cells); the arrays have shape (k, size + 1, size + 1).
 
     block: the number of each cell's block. row, column: the cell's position in the block. inside: whether the cell is
     in the grid.
@@ -50,7 +51,7 @@ class Square(NamedTuple):
 class Blocks:
     """The blocks that cover the cells rows × columns of a grid. grid: the shape of the grid.
 
-    The frame consists of these cells, the next row and the next column of the grid, as far as the grid has them. The
+    The frame consists of these cells and of the next row and the next column of the grid, if the grid has them. The
     added row and column are the far edges of the last blocks.
     """
 
@@ -60,14 +61,14 @@ class Blocks:
 
     @cached_property
     def frame(self) -> tuple[slice, slice]:
-        """Rows and columns of the frame in the grid."""
+        """The ranges of rows and columns of the grid that the frame (see `Blocks`) covers."""
         found = (slice(s.start, min(s.stop + 1, n)) for s, n in zip((self.rows, self.columns), self.grid, strict=True))
         rows, columns = found
         return rows, columns
 
     @cached_property
     def shape(self) -> tuple[int, int]:
-        """Numbers of rows and columns of the frame."""
+        """Numbers of rows and columns of the frame (see `Blocks`)."""
         rows, columns = self.frame
         return rows.stop - rows.start, columns.stop - columns.start
 
@@ -78,70 +79,70 @@ class Blocks:
         return np.repeat(down, right.size), np.tile(right, down.size)
 
     @cached_property
-    def last(self) -> tuple[np.ndarray, np.ndarray]:
-        """The last row and the last column of each block (blocks,), counted from the block's first ones."""
+    def last_indices(self) -> tuple[np.ndarray, np.ndarray]:
+        """The last row and the last column of each block (blocks,), counted from the block's first row and column."""
         top, left = self.corners
         return np.minimum(BLOCK, self.shape[0] - 1 - top), np.minimum(BLOCK, self.shape[1] - 1 - left)
 
     @property
     def n_cells(self) -> int:
-        """Number of cells of the frame."""
+        """Number of cells of the frame (see `Blocks`)."""
         return self.shape[0] * self.shape[1]
 
-    def whole(self) -> Leaves:
-        """Return one leaf for each block, which is the whole block."""
+    def whole_blocks(self) -> Leaves:
+        """Return the leaves before any division: one leaf for each block, which covers the whole block."""
         number = np.arange(self.corners[0].size)
         return Leaves(number, np.zeros_like(number), np.zeros_like(number), BLOCK)
 
-    def halves(self, leaves: Leaves) -> Leaves:
+    def quarters(self, leaves: Leaves) -> Leaves:
         """Return the four quarters of each leaf, without quarters that lie outside the grid."""
         half = leaves.size // 2
         block, row, column = (np.repeat(x, 4) for x in leaves[:3])
         row = row + np.tile([0, 0, half, half], leaves.block.size)
         column = column + np.tile([0, half, 0, half], leaves.block.size)
-        last = self.last[0][block], self.last[1][block]
+        last = self.last_indices[0][block], self.last_indices[1][block]
         there = ((row < last[0]) | (row == 0)) & ((column < last[1]) | (column == 0))
-        return Leaves(block, row, column, half).of(there)
+        return Leaves(block, row, column, half).select(there)
 
-    def square(self, leaves: Leaves) -> Square:
+    def cells_of(self, leaves: Leaves) -> LeafCells:
         """Return the cells of these leaves; positions outside the grid are flagged in `inside`."""
         along = np.arange(leaves.size + 1)
         row, column = leaves.row[:, None] + along, leaves.column[:, None] + along
         block = leaves.block[:, None]
-        inside = (row <= self.last[0][block])[:, :, None] & (column <= self.last[1][block])[:, None, :]
-        row, column = np.minimum(row, self.last[0][block]), np.minimum(column, self.last[1][block])
+        inside = (row <= self.last_indices[0][block])[:, :, None] & (column <= self.last_indices[1][block])[:, None, :]
+        row, column = np.minimum(row, self.last_indices[0][block]), np.minimum(column, self.last_indices[1][block])
         shape = inside.shape
-        return Square(
+        return LeafCells(
             np.broadcast_to(block[:, :, None], shape),
             np.broadcast_to(row[:, :, None], shape),
             np.broadcast_to(column[:, None, :], shape),
             inside,
         )
 
-    def cell(self, square: Square) -> np.ndarray:
-        """Return the number of each cell in the frame, where cells are counted row by row."""
+    def cell_numbers(self, square: LeafCells) -> np.ndarray:
+        """Return the number of each cell in the frame (see `Blocks`), whose cells are counted row by row."""
         block, row, column = square.block[:, :1, :1], square.row[:, :, :1], square.column[:, :1]
         top, left = (corner[block] for corner in self.corners)
         number: np.ndarray = (top + row) * self.shape[1] + left + column
         return number
 
-    def edges(self, leaves: Leaves) -> np.ndarray:
+    def edge_cells(self, leaves: Leaves) -> np.ndarray:
         """Return the numbers of the cells on the edges of leaves, sorted and without repetition."""
-        square = self.square(leaves)
+        square = self.cells_of(leaves)
         row, column = square.row, square.column
         ends = (row[:, :1], row[:, -1:]), (column[:, :, :1], column[:, :, -1:])
         on = (row == ends[0][0]) | (row == ends[0][1]) | (column == ends[1][0]) | (column == ends[1][1])
-        return self.each_once(self.cell(square)[on])
+        return self.without_repetitions(self.cell_numbers(square)[on])
 
-    def each_once(self, cells: np.ndarray) -> np.ndarray:
-        """Return numbers of cells of the frame sorted and without repetitions, ten times as fast as `np.unique`."""
+    def without_repetitions(self, cells: np.ndarray) -> np.ndarray:
+        """Return the numbers of cells sorted and without repetitions, ten times as fast as `np.unique`."""
         there = np.zeros(self.n_cells, bool)
         there[cells] = True
         return np.flatnonzero(there)
 
 
-def cells_together(parts: Iterable[Leaves]) -> Leaves:
-    """Concatenate leaves, all of one size."""
+def concatenate_leaves(parts: Iterable[Leaves]) -> Leaves:
+    """Return all leaves of several groups as one group. The leaves must have the same size."""
     many = list(parts)
     block, row, column = (np.concatenate(x) for x in zip(*(each[:3] for each in many), strict=True))
     return Leaves(block, row, column, many[0].size)

@@ -1,4 +1,4 @@
-"""Everything known about a tile's cells while the tile is refined: regions, samples, and continued orbits."""
+"""Collect the regions, samples and continued orbits of a tile's cells while the tile is refined."""
 
 from __future__ import annotations
 
@@ -6,20 +6,21 @@ import numpy as np
 
 import rattle
 from gear_rattle.workers.survey.refined.asked import BLOCK
-from gear_rattle.workers.survey.refined.blocks import Blocks, Leaves, Square
+from gear_rattle.workers.survey.refined.blocks import Blocks, LeafCells, Leaves
 from gear_rattle.workers.survey.values.cells import Cells
 from rattle import Attractors
 from rattle.attractors import CHAOTIC, PERIODIC, QUIET, UNDECIDED
 from rattle.families import GridPiece, in_order, no_attractors, together
 
-#: Kinds of attractors that are no periodic orbits, so that continuation cannot follow them: only samples show them.
-SEEN = (QUIET, CHAOTIC, UNDECIDED)
-FEW = 12  # two cells differ if a motion has at least this many samples in one of them, and none in the other
+#: Kinds of attractors that only samples show, because continuation can follow periodic orbits only.
+SAMPLED_KINDS = (QUIET, CHAOTIC, UNDECIDED)
+#: Two cells differ if at least this many samples go to a motion in one cell, and none in the other cell.
+CERTAIN_SAMPLES = 12
 #: Closed forms are computed for at most this many cells at once, sorted by column, because a column shares constants.
-MOST = 65_536
-#: An audited cell disagrees if none of its samples goes to a motion that the leaf's edges have, and the probability of
-#: this by chance is below SURELY.
-SURELY = 1e-3
+CELLS_AT_ONCE = 65_536
+#: An audited cell disagrees with its leaf if the leaf's edges have a motion to which no sample of the cell goes, unless
+#: this happens by chance with a probability of at least CHANCE_LIMIT.
+CHANCE_LIMIT = 1e-3
 
 
 class Evidence:
@@ -34,13 +35,13 @@ class Evidence:
         n = blocks.n_cells
         self.known = np.zeros(n, bool)
         self.region = np.zeros(n, np.int8)
-        self.samples = np.zeros((len(SEEN), n))
+        self.samples = np.zeros((len(SAMPLED_KINDS), n))
         self.table = no_attractors()
-        self.existing: dict[int, GridPiece] = {}  # by number of a block: its periodic orbits, continued to all cells
+        self.existing: dict[int, GridPiece] = {}  # {number of a block: its periodic orbits, continued to all cells}
         self._code = np.zeros((blocks.corners[0].size, BLOCK + 1, BLOCK + 1), np.uint64)
 
     def compute(self, cells: np.ndarray) -> None:
-        """Compute those given cells that are not known yet, and continue their periodic orbits through their blocks."""
+        """Compute the given cells unless they are known, and continue their periodic orbits through their blocks."""
         cells = cells[~self.known[cells]]
         if not cells.size:
             return
@@ -49,112 +50,112 @@ class Evidence:
         model, own = self.cells.model, self.cells
         self.known[cells] = True
         if self.regions:
-            for part in np.array_split(np.argsort(column, kind="stable"), 1 + cells.size // MOST):
+            for part in np.array_split(np.argsort(column, kind="stable"), 1 + cells.size // CELLS_AT_ONCE):
                 self.region[cells[part]] = rattle.classify_regions(model.period_one(delta[part], epsilon[part]))
         if not self.sampled:
             return
         found = model.attractors_of(delta, epsilon, own.sample)
         found = found.replace(cell=cells[found.cell])
-        for which, kind in enumerate(SEEN):
+        for which, kind in enumerate(SAMPLED_KINDS):
             np.add.at(self.samples[which], found.cell[found.kind == kind], found.samples[found.kind == kind])
         table = together(self.table, found)
         order = in_order(table)
         self.table = table.take(order)
-        self._continue(found.take(found.kind == PERIODIC))
+        self._continue_orbits(found.take(found.kind == PERIODIC))
 
-    def _continue(self, periodic: Attractors) -> None:
+    def _continue_orbits(self, periodic: Attractors) -> None:
         """Continue the periodic orbits of computed cells to all cells of their blocks."""
         row, column = np.divmod(periodic.cell, self.blocks.shape[1])
-        for block, corner in enumerate(zip(*self.blocks.corners, *self.blocks.last, strict=True)):
+        for block, corner in enumerate(zip(*self.blocks.corners, *self.blocks.last_indices, strict=True)):
             top, left, height, width = (int(x) for x in corner)
             here = (top <= row) & (row <= top + height) & (left <= column) & (column <= left + width)
             if not here.any():
                 continue
             mine = periodic.take(here)
             mine = mine.replace(cell=(row[here] - top) * (width + 1) + column[here] - left)
-            piece = self.existing.get(block) or self._piece(top, left, height, width)
-            piece.learn(mine)
+            piece = self.existing.get(block) or self._grid_piece(top, left, height, width)
+            piece.add_attractors(mine)
             self.existing[block] = piece
-            self._code[block, : height + 1, : width + 1] = labels_in(piece)
+            self._code[block, : height + 1, : width + 1] = label_codes_in(piece)
 
-    def _piece(self, top: int, left: int, height: int, width: int) -> GridPiece:
+    def _grid_piece(self, top: int, left: int, height: int, width: int) -> GridPiece:
         delta, epsilon = self.cells.delta, self.cells.epsilon
         cells = self.cells.model.cells_of_orbits(delta[left : left + width + 1], epsilon[top : top + height + 1])
         return GridPiece((height + 1, width + 1), cells)
 
-    def code(self, square: Square) -> np.ndarray:
-        """Return a number for each cell. Cells of a block have the same number if their orbits have the same labels."""
+    def label_codes(self, square: LeafCells) -> np.ndarray:
+        """Return a number for each cell; cells of a block have the same number if their orbits have the same labels."""
         found: np.ndarray = self._code[square.block, square.row, square.column]
         return found
 
-    def uniform(self, leaves: Leaves) -> np.ndarray:
-        """Return for each leaf (k,) whether all its known cells have the same motions, whatever the basin fractions."""
-        square = self.blocks.square(leaves)
-        cell = self.blocks.cell(square)
+    def are_uniform(self, leaves: Leaves) -> np.ndarray:
+        """Return for each leaf (k,) whether its computed cells have the same motions. Basin fractions may differ."""
+        square = self.blocks.cells_of(leaves)
+        cell = self.blocks.cell_numbers(square)
         known = square.inside & self.known[cell]
         region = self.region[cell]
         inner = (1, 2)
         same = region.max(inner, where=known, initial=-1) == region.min(inner, where=known, initial=127)
         if self.sampled:
-            code = self.code(square)
+            code = self.label_codes(square)
             same &= ((code == code[:, :1, :1]) | ~square.inside).all(inner)
-            same &= ~differ(self.samples[:, cell], known, self.cells.count).any(0)
+            same &= ~cells_differ(self.samples[:, cell], known, self.cells.count).any(0)
         return same
 
-    def chaotic(self, leaves: Leaves) -> np.ndarray:
+    def have_chaos(self, leaves: Leaves) -> np.ndarray:
         """Return for each leaf (k,) whether a computed cell has chaotic or undecided samples."""
         if not self.sampled:
             return np.zeros(leaves.block.size, bool)
-        square = self.blocks.square(leaves)
-        cell = self.blocks.cell(square)
-        wild = (self.samples[SEEN.index(CHAOTIC)] > 0) | (self.samples[SEEN.index(UNDECIDED)] > 0)
+        square = self.blocks.cells_of(leaves)
+        cell = self.blocks.cell_numbers(square)
+        wild = (self.samples[SAMPLED_KINDS.index(CHAOTIC)] > 0) | (self.samples[SAMPLED_KINDS.index(UNDECIDED)] > 0)
         found: np.ndarray = (square.inside & wild[cell]).any((1, 2))
         return found
 
-    def surprising(self, square: Square, audited: np.ndarray, before: np.ndarray) -> np.ndarray:
+    def disagreeing_cells(self, square: LeafCells, audited: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Return flags of the audited cells whose motions differ from the motions on the edges of their leaf.
 
         Parameters
         ----------
-        square : Square
+        square : LeafCells
             The cells of the leaves.
         audited : np.ndarray
             Flags of the audited cells, in the shape of the square.
         before : np.ndarray
-            The result of `code` for these cells before the audit.
+            The result of `label_codes` for these cells before the audit.
 
         Returns
         -------
         np.ndarray
             Flags in the shape of the square.
         """
-        cell = self.blocks.cell(square)
+        cell = self.blocks.cell_numbers(square)
         edge = square.inside & self.known[cell] & ~audited
         inner = (1, 2)
         region = self.region[cell]
         odd = region != region.max(inner, where=edge, initial=-1)[:, None, None]
         if self.sampled:
-            odd |= self.code(square) != before
+            odd |= self.label_codes(square) != before
             seen = self.samples[:, cell]
             share = (seen * edge).sum((2, 3)) / (edge.sum(inner) * self.cells.count)
             share = share[:, :, None, None]
-            missed = (1.0 - share) ** self.cells.count < SURELY
+            missed = (1.0 - share) ** self.cells.count < CHANCE_LIMIT
             odd |= ((seen > 0) & (share == 0.0) | (seen == 0) & missed).any(0)
         return odd & audited
 
 
-def differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
+def cells_differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
     """Return for each leaf (k,) whether some of its cells have a motion and others do not.
 
     seen (…, k, n, n): how many samples of each cell go to the motion. known (k, n, n): flags of the sampled cells.
-    count: the number of samples of a cell. Cells differ if one cell has no such sample and another has at least FEW.
-    They also differ if more cells have no such sample than chance explains, if the motion had the same basin fraction
-    in all of them.
+    count: the number of samples of a cell. Cells differ if no sample goes to the motion in one cell, and at least
+    CERTAIN_SAMPLES do in another cell. Cells also differ if more cells have no such sample than chance explains when
+    all cells have the same basin fraction.
 
     Returns
     -------
     np.ndarray
-        Shape (…, k), bool.
+        Flags, shape (…, k).
     """
     inner = (-2, -1)
     seen, cells = seen * known, known.sum(inner)
@@ -163,22 +164,22 @@ def differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
     expected = cells * (1.0 - share) ** count
     most = seen.max(inner)
     too_many = none > expected + 3.0 * np.sqrt(expected) + 1.0
-    found: np.ndarray = (share > 0.0) & (none > 0) & (too_many | (most >= min(FEW, count)))
+    found: np.ndarray = (share > 0.0) & (none > 0) & (too_many | (most >= min(CERTAIN_SAMPLES, count)))
     return found
 
 
-def labels_in(piece: GridPiece) -> np.ndarray:
-    """Return a number for each cell (rows, columns); cells whose orbits have the same labels have the same number."""
+def label_codes_in(piece: GridPiece) -> np.ndarray:
+    """Return a number for each cell (rows, columns); it is the same for cells whose orbits have the same labels."""
     found, orbits, n = np.zeros(piece.shape, np.uint64), piece.orbits, piece.n
     mixed = np.zeros(n, np.uint64)
     for part in (orbits.m, orbits.n_plus, orbits.n_minus):
-        mixed = scrambled(mixed + part[:n].astype(np.uint64))
+        mixed = random_bits(mixed + part[:n].astype(np.uint64))
     np.add.at(found.reshape(-1), orbits.cell[:n], mixed)
     return found
 
 
-def scrambled(number: np.ndarray) -> np.ndarray:
-    """Return 64 pseudo-random bits for each number (splitmix64)."""
+def random_bits(number: np.ndarray) -> np.ndarray:
+    """Return 64 pseudo-random bits for each number, by the function splitmix64."""
     x = number + np.uint64(0x9E3779B97F4A7C15)
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

@@ -1,4 +1,4 @@
-"""The variables of a refined tile: computed cells have their own values, all other cells have filled values."""
+"""Compute the variables of a refined tile: computed cells have their own values, other cells have filled values."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from typing import NamedTuple
 import numpy as np
 
 from gear_rattle.workers.survey.crossings import Crossings
-from gear_rattle.workers.survey.refined.audit import draws
+from gear_rattle.workers.survey.refined.audit import random_draws
 from gear_rattle.workers.survey.refined.blocks import Blocks
 from gear_rattle.workers.survey.refined.evidence import Evidence
-from gear_rattle.workers.survey.refined.rounds import Round
-from gear_rattle.workers.survey.refined.shares import filling
-from gear_rattle.workers.survey.refined.tree import Tree, passed
+from gear_rattle.workers.survey.refined.rounds import AuditRound
+from gear_rattle.workers.survey.refined.shares import fill_leaves
+from gear_rattle.workers.survey.refined.tree import Tree, crossed_edges
 from gear_rattle.workers.survey.values.cells import Cells
-from gear_rattle.workers.survey.values.evaluate import fraction, in_slots
+from gear_rattle.workers.survey.values.evaluate import in_slots, kind_fraction
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group, Quantity
 from rattle import Attractors, wilson_interval
 from rattle.attractors import CHAOTIC, QUIET
 from rattle.families import in_order, together
 
 #: Variables that are computed from the trajectory of a chaotic attractor, which a filled cell does not have.
-BY_TRAJECTORY = ("lyapunov_max", "sum_rule_error", "impulse_balance_error")
+TRAJECTORY_VARIABLES = ("lyapunov_max", "sum_rule_error", "impulse_balance_error")
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +32,11 @@ class RefinedCells(Cells):
     """The cells of a refined tile, computed or filled.
 
     table: the attractors of all cells. wider (attractors,): the uncertainty that filling adds to each basin fraction
-    (see `Filling`), 0 in a computed cell. regions, source_level, audit, audit_leaf: the values of these variables.
+    (see `Filling`), 0 in a computed cell. regions, source_level, audit, audit_leaf: the values of the stored variables
+    region, source_level, audit and audit_leaf.
     """
 
-    table: Attractors = None  # type: ignore[assignment]  # a dataclass that follows one with defaults
+    table: Attractors = None  # type: ignore[assignment]  # a field after fields with defaults needs a default
     wider: np.ndarray = None  # type: ignore[assignment]
     regions: np.ndarray = None  # type: ignore[assignment]
     source_level: np.ndarray = None  # type: ignore[assignment]
@@ -49,52 +50,56 @@ class RefinedCells(Cells):
 
     @cached_property
     def region(self) -> np.ndarray:
-        """The regions of all cells. A filled cell has the region of the edges of its leaf."""
+        """The regions of all cells. A filled cell has the region of the computed cells around it."""
         return self.regions
 
     @property
-    def filled(self) -> np.ndarray:
+    def is_filled(self) -> np.ndarray:
         """Flags of the cells that were not computed."""
         found: np.ndarray = self.source_level > 0
         return found
 
     def values_of(self, quantity: Quantity) -> np.ndarray:
-        """Return the values of a variable. Some variables need another formula, or are NaN, in filled cells."""
+        """Return the values of a variable. In filled cells, some variables have another formula, and some are NaN."""
         if quantity.name == "attractor_fraction_upper":
-            return in_slots(self, np.minimum(self._bound + self.wider, 1.0), np.nan, quantity.dtype)
+            return in_slots(self, np.minimum(self._fraction_upper + self.wider, 1.0), np.nan, quantity.dtype)
         if quantity.name == "fraction_error":
             return self._fraction_error
-        if quantity.name in BY_TRAJECTORY:
-            values = np.asarray(quantity.evaluate(self._followed))
-            return np.where(self._without_trajectory, np.nan, values)
+        if quantity.name in TRAJECTORY_VARIABLES:
+            values = np.asarray(quantity.evaluate(self._traced_cells))
+            return np.where(self._has_untraced_chaos, np.nan, values)
         return np.asarray(quantity.evaluate(self))
 
     @cached_property
-    def _bound(self) -> np.ndarray:
+    def _fraction_upper(self) -> np.ndarray:
+        """The upper end of the 95 % Wilson interval of each basin fraction, without the effect of filling."""
         return wilson_interval(self.table.samples, self.count)[1]
 
     @cached_property
     def _fraction_error(self) -> np.ndarray:
-        won = fraction("quiet")(self) * self.count
-        low, high = wilson_interval(np.where(self.filled, np.minimum(won, self.count), np.rint(won)), self.count)
+        """Half the width of the 95 % interval of each cell's quiet fraction, with the uncertainty that filling adds."""
+        won = kind_fraction("quiet")(self) * self.count
+        low, high = wilson_interval(np.where(self.is_filled, np.minimum(won, self.count), np.rint(won)), self.count)
         quiet = self.table.kind == QUIET
         wider = np.bincount(self.table.cell[quiet], self.wider[quiet], self.source_level.size).reshape(self.shape)
         return (high - low) / 2 + wider
 
     @cached_property
-    def _guessed(self) -> np.ndarray:
+    def _lacks_own_trajectory(self) -> np.ndarray:
         """Flags (attractors,) of the chaotic attractors in filled cells, which have no trajectory."""
-        found: np.ndarray = self.filled.ravel()[self.table.cell] & (self.table.kind == CHAOTIC)
+        found: np.ndarray = self.is_filled.ravel()[self.table.cell] & (self.table.kind == CHAOTIC)
         return found
 
     @cached_property
-    def _without_trajectory(self) -> np.ndarray:
-        return np.bincount(self.table.cell[self._guessed], minlength=self.source_level.size).reshape(self.shape) > 0
+    def _has_untraced_chaos(self) -> np.ndarray:
+        """Flags of the cells that have a chaotic attractor without a trajectory."""
+        cells = self.table.cell[self._lacks_own_trajectory]
+        return np.bincount(cells, minlength=self.source_level.size).reshape(self.shape) > 0
 
     @cached_property
-    def _followed(self) -> RefinedCells:
+    def _traced_cells(self) -> RefinedCells:
         """These cells without the attractors that have no trajectory."""
-        rows = ~self._guessed
+        rows = ~self._lacks_own_trajectory
         return replace(self, table=self.table.take(rows), wider=self.wider[rows])
 
 
@@ -102,11 +107,11 @@ class FillingPlan(NamedTuple):
     """Options for refining a tile.
 
     rounds: the rounds of audits. quantities: the requested groups of variables, which decide whether regions or
-    attractors of cells are compared. crossings: for each bifurcation curve, where it passes between cells. seed: the
-    seed of the draws that choose the audited cells.
+    attractors of cells are compared. crossings: for each bifurcation curve, the pairs of cells between which the curve
+    passes. seed: the seed of the random numbers that choose the audited cells.
     """
 
-    rounds: Sequence[Round]
+    rounds: Sequence[AuditRound]
     quantities: tuple[Group, ...]
     crossings: Sequence[Crossings]
     seed: int
@@ -126,17 +131,17 @@ def refined_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) 
     frame = replace(whole, epsilon=whole.epsilon[blocks.frame[0]], delta=whole.delta[blocks.frame[1]])
     sampled = bool(SAMPLED.intersection(plan.quantities))
     evidence = Evidence(blocks, frame, sampled, Group.REGION in plan.quantities)
-    tree = Tree(evidence, passed(blocks, plan.crossings), draws(blocks, plan.seed), plan.rounds)
-    tree.grow()
+    tree = Tree(evidence, crossed_edges(blocks, plan.crossings), random_draws(blocks, plan.seed), plan.rounds)
+    tree.compute_cells()
     level, wider, table = np.zeros(blocks.n_cells, np.int8), np.zeros(evidence.table.cell.size), evidence.table
     for leaves in tree.filled:
-        square = blocks.square(leaves)
-        cell = blocks.cell(square)
+        square = blocks.cells_of(leaves)
+        cell = blocks.cell_numbers(square)
         empty = square.inside & ~evidence.known[cell]
         level[cell[empty]] = leaves.size.bit_length() - 1
         evidence.region[cell[empty]] = np.broadcast_to(evidence.region[cell[:, :1, :1]], cell.shape)[empty]
         if sampled:
-            more = filling(evidence, leaves)
+            more = fill_leaves(evidence, leaves)
             table, wider = together(table, more.table), np.append(wider, more.wider)
     height, width = rows.stop - rows.start, columns.stop - columns.start
     row, column = np.divmod(table.cell, blocks.shape[1])
@@ -144,7 +149,7 @@ def refined_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) 
     table = table.replace(cell=row * width + column)
     order = np.flatnonzero(mine)[in_order(table.take(mine))]
 
-    def own(values: np.ndarray) -> np.ndarray:
+    def inner_cells(values: np.ndarray) -> np.ndarray:
         return values.reshape(blocks.shape)[:height, :width]
 
     return RefinedCells(
@@ -155,8 +160,8 @@ def refined_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) 
         },
         table=table.take(order),
         wider=wider[order],
-        regions=own(evidence.region),
-        source_level=own(level),
-        audit=own(tree.audit),
-        audit_leaf=own(tree.leaf),
+        regions=inner_cells(evidence.region),
+        source_level=inner_cells(level),
+        audit=inner_cells(tree.audit),
+        audit_leaf=inner_cells(tree.leaf),
     )

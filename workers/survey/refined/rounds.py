@@ -13,25 +13,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gear_rattle.workers.survey.refined.audit import SURE, upper_share
+from gear_rattle.workers.survey.refined.audit import CONFIDENCE, share_upper_bound
 
-LAST = 5  # the number of the round that computes all remaining cells; the first round has the number 0
-#: The kind of a leaf is log2 of its size, plus CHAOTIC if its computed cells have chaotic or undecided samples. There
-#: are KINDS kinds.
+LAST_ROUND = 5  # number of the round that computes all remaining cells; the first round has the number 0
+#: The kind of a leaf (a square of cells) is log2 of its size, plus CHAOTIC if its computed cells have chaotic or
+#: undecided samples. There are KINDS kinds.
 CHAOTIC, KINDS = 8, 16
-#: Kinds of leaves are computed in full until the expected share of wrong cells is at most this multiple of the bound.
-AIM = 0.5
-MOST = 0.5  # if a round had to audit more than this share of the filled cells, it computes all of them
-#: The first audit draws this many times the cells that would suffice if all cells were filled and none were wrong.
-SPARE = 3.0
+#: A round computes all cells of more and more kinds of leaves, until the expected share of wrong cells is at most this
+#: multiple of the bound.
+WRONG_TARGET = 0.5
+MOST_AUDITED = 0.5  # a round that would have to audit more than this share of the filled cells computes all of them
+#: The first audit draws this many times the number of cells that would suffice if all cells were filled and right.
+FIRST_AUDIT_FACTOR = 3.0
 
 
-class Round(NamedTuple):
+class AuditRound(NamedTuple):
     """A round of audits.
 
-    drawn: a filled cell is audited if its random number (`draws`) is below this. regular, chaotic: before the audit,
-    all cells of leaves of at most this size are computed; `regular` is the limit for leaves without chaos, `chaotic`
-    the limit for leaves with chaos.
+    drawn: a filled cell is audited if its random number (see `random_draws`) is below this value. regular, chaotic: all
+    cells of leaves of at most this size are computed before the audit; `regular` is the limit for leaves without chaos,
+    `chaotic` the limit for leaves with chaos.
     """
 
     drawn: float
@@ -39,8 +40,8 @@ class Round(NamedTuple):
     chaotic: int = 0
 
 
-class Counts(NamedTuple):
-    """The findings of a round of audits for each kind of leaf, arrays (KINDS,).
+class AuditCounts(NamedTuple):
+    """The findings of a round of audits; each array (KINDS,) has a number for each kind of leaf.
 
     before: how many cells were to be filled before the round. audited: how many of these cells the round audited.
     disagreed: how many audited cells were wrong. filled: how many cells are filled after the round.
@@ -52,20 +53,29 @@ class Counts(NamedTuple):
     filled: np.ndarray
 
 
-def sure_of(number: int) -> float:
-    """Return the confidence of the bound of round `number`, so that all rounds together have the confidence SURE."""
-    return 1.0 - (1.0 - SURE) / 2.0 ** (number + 1)
+def confidence_of_round(number: int) -> float:
+    """Return the confidence of the bound of round `number`; all bounds hold together with probability CONFIDENCE."""
+    return 1.0 - (1.0 - CONFIDENCE) / 2.0 ** (number + 1)
 
 
-def first_round(audit: float, bound: float | None, cells: int) -> Round:
-    """Return the first round of audits of a survey. audit: the least share to audit. cells: the number of cells."""
+def first_round(audit: float, bound: float | None, cells: int) -> AuditRound:
+    """Return the first round of audits of a survey.
+
+    audit: the least share of the filled cells to audit. bound: the largest allowed share of wrong cells; None if the
+    request has no bound. cells: the number of cells of the survey.
+
+    Returns
+    -------
+    AuditRound
+        A round without limits on the sizes of leaves.
+    """
     if bound is None:
-        return Round(audit)
-    needed = -SPARE * math.log(1.0 - sure_of(0)) / (bound * cells)
-    return Round(1.0 if needed > MOST else max(audit, needed))
+        return AuditRound(audit)
+    needed = -FIRST_AUDIT_FACTOR * math.log(1.0 - confidence_of_round(0)) / (bound * cells)
+    return AuditRound(1.0 if needed > MOST_AUDITED else max(audit, needed))
 
 
-def upper_of(counts: Counts, number: int) -> float:
+def wrong_share_upper(counts: AuditCounts, number: int) -> float:
     """Return an upper bound of the share of wrong cells among the cells that are filled after a round.
 
     counts: the findings of the round. number: the number of the round. The audit bounds the number of wrong cells
@@ -74,50 +84,55 @@ def upper_of(counts: Counts, number: int) -> float:
     Returns
     -------
     float
-        From 0 to 1.
+        From 0 to 1; 0 if no cell is filled.
     """
     filled, wrong, audited = (int(x.sum()) for x in (counts.filled, counts.disagreed, counts.audited))
     if not filled:
         return 0.0
-    left = upper_share(wrong, audited, sure_of(number)) * int(counts.before.sum()) - wrong
+    left = share_upper_bound(wrong, audited, confidence_of_round(number)) * int(counts.before.sum()) - wrong
     return min(max(left, 0.0) / filled, 1.0)
 
 
-def next_round(bound: float, rounds: tuple[Round, ...], counts: Counts) -> Round | None:
-    """Return the next round of audits, or None if the bound is met. counts: the findings of the last of `rounds`."""
+def next_round(bound: float, rounds: tuple[AuditRound, ...], counts: AuditCounts) -> AuditRound | None:
+    """Return the next round of audits, or None if the bound is met. counts: the findings of the round `rounds[-1]`."""
     number = len(rounds)
-    if upper_of(counts, number - 1) <= bound:
+    if wrong_share_upper(counts, number - 1) <= bound:
         return None
     limits = [rounds[-1].regular, rounds[-1].chaotic]
     left = counts.filled.astype(float)
     rate = counts.disagreed / np.maximum(counts.audited, 1)
     kind = np.arange(KINDS)
-    while (left * rate).sum() > AIM * bound * left.sum():
+    while (left * rate).sum() > WRONG_TARGET * bound * left.sum():
         worst = int(np.where(left > 0.0, rate, -1.0).argmax())
         of, size = divmod(worst, CHAOTIC)
         limits[of] = max(limits[of], 1 << size)
         left[(kind // CHAOTIC == of) & (kind % CHAOTIC <= size)] = 0.0
     drawn = rounds[-1].drawn
-    share = 1.0 if number == LAST else _share(bound, left.sum(), (left * rate).sum(), sure_of(number))
-    return Round(drawn + share * (1.0 - drawn) if share < 1.0 else 1.0, *limits)
+    share = (
+        1.0
+        if number == LAST_ROUND
+        else _share_to_audit(bound, left.sum(), (left * rate).sum(), confidence_of_round(number))
+    )
+    return AuditRound(drawn + share * (1.0 - drawn) if share < 1.0 else 1.0, *limits)
 
 
-def _share(bound: float, filled: float, wrong: float, sure: float) -> float:
+def _share_to_audit(bound: float, filled: float, wrong: float, sure: float) -> float:
     """Return the share of the filled cells to audit so that the bound will be met, or 1 to compute all of them.
 
-    filled: the number of filled cells. wrong: how many of them are expected to be wrong. sure: the confidence.
+    filled: the number of filled cells. wrong: how many filled cells are expected to be wrong. sure: the confidence
+    with which the bound must hold.
 
     Returns
     -------
     float
-        A share of at most MOST, or 1.
+        A share of at most MOST_AUDITED, or 1.
     """
     share = 1.2 * -math.log(1.0 - sure) / (bound * max(filled, 1.0))
-    while share <= MOST:
+    while share <= MOST_AUDITED:
         found = share * wrong
         likely = math.ceil(found + 2.0 * math.sqrt(found))
         audited = math.floor(share * filled)
-        if audited and upper_share(likely, audited, sure) - likely / filled <= bound * (1.0 - share):
+        if audited and share_upper_bound(likely, audited, sure) - likely / filled <= bound * (1.0 - share):
             return share
         share *= 1.5
     return 1.0

@@ -1,4 +1,4 @@
-"""Fill cells of leaves: their periodic orbits come from continuation, their basin fractions from computed cells."""
+"""Fill cells of leaves with attractors: orbits come from continuation, and basin fractions from computed cells."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from gear_rattle.workers.survey.refined.blocks import Leaves
-from gear_rattle.workers.survey.refined.evidence import SEEN, Evidence
+from gear_rattle.workers.survey.refined.evidence import SAMPLED_KINDS, Evidence
 from rattle import Attractors
 from rattle.attractors import PERIODIC, UNDECIDED
 from rattle.families import GridPiece, no_attractors, together
 
-NORMAL = 1.96  # half-width of a 95 % interval in standard deviations
+HALF_WIDTH_95 = 1.96  # half-width of a 95 % interval in standard deviations
 
 
 class Filling(NamedTuple):
@@ -22,19 +22,19 @@ class Filling(NamedTuple):
     table: the attractors. A periodic attractor is an orbit that Newton's method has found in the cell. Any other
     attractor has the state of an attractor of the same kind in the nearest computed cell, and no exponents.
     `table.samples` is the basin fraction times the number of samples of a cell, and need not be a whole number.
-    wider: the uncertainty of each basin fraction in addition to that of a sample.
+    wider: the half-width that filling adds to the 95 % interval of each basin fraction.
     """
 
     table: Attractors
     wider: np.ndarray
 
 
-class Related(NamedTuple):
+class Branches(NamedTuple):
     """The n periodic orbits in the cells of a block, grouped into branches.
 
     existing: the orbits. row, column: the cell of each orbit in the block. label: a number that stands for the orbit's
-    label. group: a number that stands for its branch. Two orbits in neighbouring cells are on the same branch if
-    continuation leads from each to the other.
+    label. group: a number that stands for the orbit's branch. Two orbits in neighbouring cells are on the same branch
+    if continuation leads from each to the other.
     """
 
     existing: GridPiece
@@ -44,24 +44,26 @@ class Related(NamedTuple):
     group: np.ndarray
 
 
-def filling(evidence: Evidence, leaves: Leaves) -> Filling:
-    """Return attractors for the cells of leaves that were not computed."""
-    square = evidence.blocks.square(leaves)
-    cell = evidence.blocks.cell(square)
+def fill_leaves(evidence: Evidence, leaves: Leaves) -> Filling:
+    """Return attractors for those cells of leaves that were not computed."""
+    square = evidence.blocks.cells_of(leaves)
+    cell = evidence.blocks.cell_numbers(square)
     known = square.inside & evidence.known[cell]
     empty = square.inside & ~known
-    blocks: dict[int, Related] = {}
+    blocks: dict[int, Branches] = {}
     parts = [Filling(no_attractors(), np.zeros(0))]
     for i in np.flatnonzero(empty.any((1, 2))):
         block, row, column = (int(x[i]) for x in leaves[:3])
         if block in evidence.existing and block not in blocks:
-            blocks[block] = related(evidence.existing[block])
+            blocks[block] = branches_of(evidence.existing[block])
         leaf = _Leaf(evidence, cell[i], known[i], empty[i])
-        parts += leaf.filling(blocks[block], row, column) if block in blocks else leaf.without_orbits()
+        parts += (
+            leaf.filling_with_orbits(blocks[block], row, column) if block in blocks else leaf.filling_without_orbits()
+        )
     return Filling(together(*(each.table for each in parts)), np.concatenate([each.wider for each in parts]))
 
 
-def related(existing: GridPiece) -> Related:
+def branches_of(existing: GridPiece) -> Branches:
     """Return the orbits of a block, grouped into branches."""
     from scipy.sparse import coo_array  # imported here, because it takes an eighth of a second to load
     from scipy.sparse.csgraph import connected_components
@@ -76,7 +78,7 @@ def related(existing: GridPiece) -> Related:
     labels = np.column_stack([orbits.m[:n], orbits.n_plus[:n], orbits.n_minus[:n]])
     label = np.unique(labels, axis=0, return_inverse=True)[1].ravel()
     row, column = np.divmod(orbits.cell[:n].astype(np.int64), existing.shape[1])
-    return Related(existing, row, column, label, group)
+    return Branches(existing, row, column, label, group)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,12 +94,12 @@ class _Leaf:
     known: np.ndarray
     empty: np.ndarray
 
-    def without_orbits(self) -> list[Filling]:
+    def filling_without_orbits(self) -> list[Filling]:
         """Return the attractors for the empty cells of a leaf whose block has no periodic orbits."""
-        shares, spread = self._planes(np.zeros((int(self.known.sum()), 0)))
-        return self._kinds(shares, spread)
+        shares, spread = self._fitted_fractions(np.zeros((int(self.known.sum()), 0)))
+        return self._fill_sampled_kinds(shares, spread)
 
-    def filling(self, related: Related, top: int, left: int) -> list[Filling]:
+    def filling_with_orbits(self, related: Branches, top: int, left: int) -> list[Filling]:
         """Return the attractors for the empty cells of the leaf.
 
         related: the periodic orbits of the leaf's block. top, left: the leaf's first row and column in the block.
@@ -117,7 +119,7 @@ class _Leaf:
         order = np.cumsum(self.known.ravel()).reshape(n, n) - 1
         by_label = np.zeros((int(self.known.sum()), listed.size))
         np.add.at(by_label, (order[at][sampled], thing), won)
-        shares, spread = self._planes(by_label)
+        shares, spread = self._fitted_fractions(by_label)
         weight = np.full(int(related.group.max(initial=0)) + 1, -1.0)
         weight[related.group[here[sampled]]] = 0.0
         np.add.at(weight, related.group[here[sampled]], won)
@@ -125,11 +127,11 @@ class _Leaf:
         mine = here[wanted]
         thing = np.searchsorted(listed, related.label[mine])
         place = (np.cumsum(self.empty.ravel()).reshape(n, n) - 1)[row[mine], column[mine]]
-        part = _parts(place * max(listed.size, 1) + thing, weight[related.group[mine]])
+        part = _divided_fractions(place * max(listed.size, 1) + thing, weight[related.group[mine]])
         there = part >= 0.0
         mine, thing, place, part = mine[there], thing[there], place[there], part[there]
         orbits = related.existing.orbits
-        share = shares[place, len(SEEN) + thing] * part
+        share = shares[place, len(SAMPLED_KINDS) + thing] * part
         zeros, real = np.zeros(mine.size, np.int64), np.full(mine.size, np.nan)
         table = Attractors(
             cell=self.cell[self.empty][place],
@@ -146,15 +148,15 @@ class _Leaf:
             impacts=zeros,
             watched=real,
         )
-        periodic = Filling(table, NORMAL * spread[len(SEEN) + thing])
-        return [*self._kinds(shares, spread), periodic]
+        periodic = Filling(table, HALF_WIDTH_95 * spread[len(SAMPLED_KINDS) + thing])
+        return [*self._fill_sampled_kinds(shares, spread), periodic]
 
-    def _planes(self, won: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _fitted_fractions(self, won: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fit a plane over (δ, ε) to each basin fraction of the computed cells, and evaluate it in the empty cells.
 
-        There is a plane for each kind in SEEN and for each label of periodic orbits. won (known cells, labels): how
-        many samples of each computed cell go to orbits with each label. The fractions of each cell are scaled so that
-        their sum is 1.
+        There is a plane for each kind in SAMPLED_KINDS and for each label of periodic orbits. won (known cells,
+        labels): how many samples of each computed cell go to orbits with each label. The fractions of each cell are
+        scaled so that their sum is 1.
 
         Returns
         -------
@@ -165,26 +167,35 @@ class _Leaf:
         count = self.evidence.cells.count
         seen = self.evidence.samples[:, self.cell[self.known]].T
         shares = np.column_stack([seen, won]) / count
-        known, empty = (self._terms(which) for which in (self.known, self.empty))
+        known, empty = (self._plane_terms(which) for which in (self.known, self.empty))
         fit = np.linalg.solve(known.T @ known, known.T @ shares)
-        fitted, filled = (_normal(terms @ fit) for terms in (known, empty))
+        fitted, filled = (_normalized(terms @ fit) for terms in (known, empty))
         noise = (fitted * (1.0 - fitted)).mean(axis=0) / count
         return filled, np.sqrt(np.maximum(((shares - fitted) ** 2).mean(axis=0) - noise, 0.0))
 
-    def _terms(self, which: np.ndarray) -> np.ndarray:
+    def _plane_terms(self, which: np.ndarray) -> np.ndarray:
+        """Return (1, row, column) for each selected cell; row and column go from −0.5 to 0.5 over the leaf."""
         at = np.argwhere(which) / (self.cell.shape[0] - 1) - 0.5
         return np.column_stack([np.ones(len(at)), at])
 
-    def _kinds(self, shares: np.ndarray, spread: np.ndarray) -> list[Filling]:
-        """Return the quiet, chaotic and undecided attractors for the empty cells. shares, spread: from `_planes`."""
+    def _fill_sampled_kinds(self, shares: np.ndarray, spread: np.ndarray) -> list[Filling]:
+        """Return the quiet, chaotic and undecided attractors for the empty cells.
+
+        shares, spread: the fractions and standard deviations that `_fitted_fractions` returns.
+
+        Returns
+        -------
+        list[Filling]
+            One entry for each of these kinds that a computed cell of the leaf has.
+        """
         found = []
-        for which, kind in enumerate(SEEN):
+        for which, kind in enumerate(SAMPLED_KINDS):
             has = self.evidence.samples[which, self.cell] > 0
             if not (has & self.known).any():
                 continue
             share = shares[:, which]
             rows = np.flatnonzero(share > 0.0) if kind == UNDECIDED else np.arange(share.size)
-            state = self._nearest(kind, has & self.known)[rows]
+            state = self._nearest_attractors(kind, has & self.known)[rows]
             zeros, unknown = np.zeros(rows.size, np.int64), np.full(rows.size, np.nan)
             table = Attractors(
                 cell=self.cell[self.empty][rows],
@@ -201,11 +212,11 @@ class _Leaf:
                 impacts=zeros,
                 watched=unknown,
             )
-            found.append(Filling(table, np.full(rows.size, NORMAL * spread[which])))
+            found.append(Filling(table, np.full(rows.size, HALF_WIDTH_95 * spread[which])))
         return found
 
-    def _nearest(self, kind: int, has: np.ndarray) -> np.ndarray:
-        """Return for each empty cell the row of `evidence.table` with the nearest attractor of this kind.
+    def _nearest_attractors(self, kind: int, has: np.ndarray) -> np.ndarray:
+        """Return for each empty cell the row of `evidence.table` with an attractor of this kind in the nearest cell.
 
         Parameters
         ----------
@@ -226,19 +237,19 @@ class _Leaf:
         return found
 
 
-def _normal(shares: np.ndarray) -> np.ndarray:
+def _normalized(shares: np.ndarray) -> np.ndarray:
     """Replace negative shares (cells, labels) by 0, and scale each cell's shares to the sum 1."""
     found = np.maximum(shares, 0.0)
     return np.asarray(found / found.sum(axis=1, keepdims=True))
 
 
-def _parts(of: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Divide the basin fraction of a label in a cell among the orbits with this label there, in proportion to weight.
+def _divided_fractions(of: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Divide the basin fraction of each label in each cell among the orbits with this label, in proportion to weight.
 
-    of (k,): for each orbit, the number of the basin fraction in which it has a part. weight (k,): how many samples of
-    computed cells go to the branch of the orbit, negative if no computed cell has this branch. An orbit with a negative
-    weight gets no part if another orbit with a part in this fraction has a weight of 0 or more. If all weights are 0,
-    the parts are equal.
+    of (k,): for each orbit, the number of the basin fraction in which the orbit has a part. weight (k,): how many
+    samples of computed cells go to the branch of the orbit, negative if no computed cell has this branch. An orbit with
+    a negative weight gets no part if another orbit with a part in this fraction has a weight of 0 or more. If all
+    weights are 0, the parts are equal.
 
     Returns
     -------

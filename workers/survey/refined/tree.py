@@ -11,31 +11,32 @@ import numpy as np
 from gear_rattle.workers.survey.crossings import Crossings
 from gear_rattle.workers.survey.refined.asked import BLOCK
 from gear_rattle.workers.survey.refined.audit import AUDITED, DISAGREED
-from gear_rattle.workers.survey.refined.blocks import Blocks, Leaves, Square, cells_together
+from gear_rattle.workers.survey.refined.blocks import Blocks, LeafCells, Leaves, concatenate_leaves
 from gear_rattle.workers.survey.refined.evidence import Evidence
-from gear_rattle.workers.survey.refined.rounds import CHAOTIC, KINDS, Round
+from gear_rattle.workers.survey.refined.rounds import CHAOTIC, KINDS, AuditRound
 
 
 @dataclass(eq=False)
 class Tree:
-    """The leaves of a tile.
+    """The leaves (squares of cells) of a tile.
 
-    evidence: everything known about the tile's cells. passed: two arrays (rows, columns) of flags, which say whether a
+    evidence: everything known about the tile's cells. crossed: two arrays (rows, columns) of flags, which say whether a
     curve passes between a cell of the frame and the next cell along δ (first array) or along ε (second array).
     draws (cells,): a random number for each cell, which decides the round that audits it. rounds: the rounds of audits.
-    audit (cells,): 0, AUDITED or DISAGREED. leaf (cells,): KINDS times the number of the last round in which the cell
-    was to be filled, plus the kind of the cell's leaf. filled: the leaves to fill.
+    audit (cells,): the finding of the audit, 0 (not audited), AUDITED or DISAGREED. leaf (cells,): KINDS times the
+    number of the last round in which the cell was to be filled, plus the kind of the cell's leaf. filled: the leaves
+    whose other cells are filled.
     """
 
     evidence: Evidence
-    passed: tuple[np.ndarray, np.ndarray]
+    crossed: tuple[np.ndarray, np.ndarray]
     draws: np.ndarray
-    rounds: Sequence[Round]
+    rounds: Sequence[AuditRound]
     audit: np.ndarray = field(init=False)
     leaf: np.ndarray = field(init=False)
     filled: list[Leaves] = field(init=False, default_factory=list)
     _number: int = field(init=False, default=0)
-    _now: Round = field(init=False)
+    _now: AuditRound = field(init=False)
     _chosen: np.ndarray = field(init=False)  # (cells,): flags of the cells to audit in this round
 
     def __post_init__(self) -> None:
@@ -49,96 +50,105 @@ class Tree:
         """The blocks of the leaves."""
         return self.evidence.blocks
 
-    def grow(self) -> None:
-        """Compute the necessary cells, round by round. After that the other cells of the leaves `filled` can be filled.
+    def compute_cells(self) -> None:
+        """Compute the necessary cells, round by round. The other cells of the leaves in `filled` can then be filled.
 
         The method changes `filled`, `audit` and `leaf`.
         """
-        self._refine([self.blocks.whole()])
+        self._compute_leaves([self.blocks.whole_blocks()])
         for number, (before, now) in enumerate(pairwise(self.rounds), start=1):
             self._now = now  # a round first computes all cells of some leaves, and then audits others
-            self._refine(self._judged(self._uniform))
+            self._compute_leaves(self._divide_failing(self._are_uniform))
             self._number = number
             self._chosen = (before.drawn <= self.draws) & (self.draws < now.drawn)
-            self._refine(self._judged(self._holds))
+            self._compute_leaves(self._divide_failing(self._pass_audit))
 
-    def _refine(self, waiting: list[Leaves]) -> None:
+    def _compute_leaves(self, waiting: list[Leaves]) -> None:
         """Compute the edges of leaves, and divide leaves that are not uniform, until no more leaves are divided.
 
         An orbit that is found late is continued to all cells of its block. A leaf that was uniform may then be uniform
         no longer; such a leaf is divided too.
         """
         while True:
-            self._down(waiting)
-            if not (waiting := self._judged(self._uniform)):
+            self._compute_and_divide(waiting)
+            if not (waiting := self._divide_failing(self._are_uniform)):
                 break
 
-    def _judged(self, judge: Callable[[Leaves], np.ndarray]) -> list[Leaves]:
-        """Keep those leaves of `filled` that pass a test, and return the quarters of the others."""
+    def _divide_failing(self, judge: Callable[[Leaves], np.ndarray]) -> list[Leaves]:
+        """Keep those leaves of `filled` that pass the test `judge`, and return the quarters of the other leaves."""
         kept, others = list[Leaves](), list[Leaves]()
         for leaves in self.filled:
             same = judge(leaves)
-            kept.append(leaves.of(same))
+            kept.append(leaves.select(same))
             if not same.all():
-                others.append(self.blocks.halves(leaves.of(~same)))
+                others.append(self.blocks.quarters(leaves.select(~same)))
         self.filled = [leaves for leaves in kept if leaves.block.size]
         return others
 
-    def _down(self, waiting: list[Leaves]) -> None:
+    def _compute_and_divide(self, waiting: list[Leaves]) -> None:
+        """Compute the edges of leaves, largest leaves first, and divide leaves that differ or that fail the audit."""
         size = BLOCK
         while size:
             now = [leaves for leaves in waiting if leaves.size == size and leaves.block.size]
             if now:
-                leaves = cells_together(now)
-                self.evidence.compute(self.blocks.edges(leaves))
+                leaves = concatenate_leaves(now)
+                self.evidence.compute(self.blocks.edge_cells(leaves))
                 if size > 1:
-                    same = self._uniform(leaves)
-                    same[same] = self._holds(leaves.of(same))
-                    self.filled.append(leaves.of(same))
-                    waiting = [*waiting, self.blocks.halves(leaves.of(~same))]
+                    same = self._are_uniform(leaves)
+                    same[same] = self._pass_audit(leaves.select(same))
+                    self.filled.append(leaves.select(same))
+                    waiting = [*waiting, self.blocks.quarters(leaves.select(~same))]
             size //= 2
 
-    def _uniform(self, leaves: Leaves) -> np.ndarray:
-        found = self.evidence.uniform(leaves) & ~self._crossed(self.blocks.square(leaves))
+    def _are_uniform(self, leaves: Leaves) -> np.ndarray:
+        """Return flags of leaves whose cells agree, that no curve crosses, and that this round may fill."""
+        found = self.evidence.are_uniform(leaves) & ~self._are_crossed(self.blocks.cells_of(leaves))
         if max(self._now.regular, self._now.chaotic) >= leaves.size:
-            limit = np.where(self.evidence.chaotic(leaves), self._now.chaotic, self._now.regular)
+            limit = np.where(self.evidence.have_chaos(leaves), self._now.chaotic, self._now.regular)
             found &= limit < leaves.size
         return found
 
-    def _crossed(self, square: Square) -> np.ndarray:
-        cell, inside = self.blocks.cell(square), square.inside
-        right, down = (passed.ravel()[cell] for passed in self.passed)
+    def _are_crossed(self, square: LeafCells) -> np.ndarray:
+        """Return for each leaf whether a curve passes between two of its cells."""
+        cell, inside = self.blocks.cell_numbers(square), square.inside
+        right, down = (crossed.ravel()[cell] for crossed in self.crossed)
         along_delta = right[:, :, :-1] & inside[:, :, 1:]
         along_epsilon = down[:, :-1] & inside[:, 1:]
         found: np.ndarray = along_delta.any((1, 2)) | along_epsilon.any((1, 2))
         return found
 
-    def _holds(self, leaves: Leaves) -> np.ndarray:
-        """Audit the chosen cells of leaves to fill, and return for each leaf whether it is still uniform."""
-        square = self.blocks.square(leaves)
-        cell = self.blocks.cell(square)
+    def _pass_audit(self, leaves: Leaves) -> np.ndarray:
+        """Compute the chosen cells of leaves to be filled, and return for each leaf whether it is still uniform."""
+        square = self.blocks.cells_of(leaves)
+        cell = self.blocks.cell_numbers(square)
         empty = square.inside & ~self.evidence.known[cell]
-        self._note(leaves, cell, empty)
+        self._record_kind(leaves, cell, empty)
         audited = empty & self._chosen[cell]
         if not audited.any():
             return np.ones(leaves.block.size, bool)
-        before = self.evidence.code(square)
-        self.evidence.compute(self.blocks.each_once(cell[audited]))
-        odd = self.evidence.surprising(square, audited, before)
+        before = self.evidence.label_codes(square)
+        self.evidence.compute(self.blocks.without_repetitions(cell[audited]))
+        odd = self.evidence.disagreeing_cells(square, audited, before)
         self.audit[cell[audited]] = AUDITED
         self.audit[cell[odd]] = DISAGREED
-        return self._uniform(leaves)
+        return self._are_uniform(leaves)
 
-    def _note(self, leaves: Leaves, cell: np.ndarray, empty: np.ndarray) -> None:
-        """Record the kind of the leaf of each cell that is to be filled, unless this round has recorded it before."""
+    def _record_kind(self, leaves: Leaves, cell: np.ndarray, empty: np.ndarray) -> None:
+        """Record for each cell that is to be filled the kind of its leaf, unless this round has recorded one before."""
         first = KINDS * self._number
         fresh = empty & (self.leaf[cell] < max(first, 1))
-        kind = first + CHAOTIC * self.evidence.chaotic(leaves) + leaves.size.bit_length() - 1
+        kind = first + CHAOTIC * self.evidence.have_chaos(leaves) + leaves.size.bit_length() - 1
         self.leaf[cell[fresh]] = np.broadcast_to(kind[:, None, None], cell.shape)[fresh]
 
 
-def passed(blocks: Blocks, crossings: Sequence[Crossings]) -> tuple[np.ndarray, np.ndarray]:
-    """Return for each cell of the frame whether a curve passes between it and the next cell along δ, and along ε."""
+def crossed_edges(blocks: Blocks, crossings: Sequence[Crossings]) -> tuple[np.ndarray, np.ndarray]:
+    """Return where curves pass between neighbouring cells of the frame (see `Blocks`).
+
+    Returns
+    -------
+    tuple[np.ndarray, np.ndarray]
+        Flags (rows, columns): a curve passes between the cell and the next cell along δ; the same along ε.
+    """
     rows, columns = blocks.frame
     found = []
     for along in range(2):

@@ -1,4 +1,4 @@
-"""A block of cells of the (δ, ε) plane, with everything that the model computes for it."""
+"""A rectangle of cells of the (δ, ε) plane, with everything that the model computes for these cells."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,8 +11,8 @@ from rattle.intensity import Intensities
 from rattle.models import Model
 
 GRAZING_CURVES = ("G1", "G2")
-AUDIT = ("not_audited", "agreed", "disagreed")
-BASIN_RESOLUTION = 100  # states along each axis of the (τ, v) plane; the basin entropy takes boxes of 5 × 5 states
+AUDIT = ("not_audited", "agreed", "disagreed")  # meanings of the codes 0, 1, 2 of the stored variable `audit`
+BASIN_RESOLUTION = 100  # states along each axis of the (τ, v) plane; a box of the basin entropy has 5 × 5 states
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +20,7 @@ class Cells:
     """The cells `epsilon` × `delta`. Each property is computed once, when it is first needed.
 
     The values of a cell follow from its (δ, ε), the model and, for attractors, the sample's count, box and seed. They
-    do not depend on the other cells, so a cell has the same values, bit by bit, in any block.
+    do not depend on the other cells, so a cell has the same values, bit by bit, in any rectangle.
     """
 
     delta: np.ndarray  # dampings, shape (n_delta,)
@@ -37,7 +37,7 @@ class Cells:
 
     @property
     def v_max(self) -> SpeedLimit:
-        """The largest speed of the sample."""
+        """The largest initial speed: a number, or "natural" for the natural speed of each cell."""
         return self.sample.v_max
 
     @property
@@ -47,7 +47,10 @@ class Cells:
 
     @property
     def source_level(self) -> np.ndarray:
-        """For a cell filled between computed cells 2ⁿ steps apart, n; for a computed cell 0. Here 0 everywhere."""
+        """The number n of each cell that is filled between computed cells 2ⁿ steps apart, 0 for computed cells.
+
+        Here 0 everywhere, because all cells are computed.
+        """
         return np.zeros(self.shape, np.int8)
 
     @property
@@ -57,11 +60,14 @@ class Cells:
 
     @property
     def audit_leaf(self) -> np.ndarray:
-        """The last round of audits in which each cell was to be filled, and the kind of its leaf. Here 0 everywhere."""
+        """For each cell a code of the last round of audits in which the cell was to be filled, and of its leaf's kind.
+
+        Here 0 everywhere, because no cell is filled.
+        """
         return np.zeros(self.shape, np.int8)
 
-    def one(self, i: int, j: int) -> "Cells":
-        """Return the one cell with the indices i along ε and j along δ; none of its properties is computed yet."""
+    def single_cell(self, i: int, j: int) -> "Cells":
+        """Return the cell with the indices i along ε and j along δ alone; none of its properties is computed yet."""
         return replace(self, delta=self.delta[j : j + 1], epsilon=self.epsilon[i : i + 1])
 
     @cached_property
@@ -71,7 +77,7 @@ class Cells:
 
     @cached_property
     def period_one(self) -> rattle.PeriodOne:
-        """The orbits A to D; shapes end in (n_epsilon, n_delta)."""
+        """The orbits A to D of each cell; the shapes of the arrays end in (n_epsilon, n_delta)."""
         return self.model.period_one(self.delta, self.epsilon[:, None])
 
     @cached_property
@@ -81,7 +87,7 @@ class Cells:
 
     @cached_property
     def intensities(self) -> Intensities:
-        """The intensities of all attractors, in the order of `attractors`."""
+        """The intensities of all attractors (how hard they rattle), in the order of `attractors`."""
         return self.model.intensities_of(self.delta, self.epsilon[:, None], self.attractors)
 
     @cached_property
@@ -91,20 +97,20 @@ class Cells:
 
     @cached_property
     def boundary_distance(self) -> rattle.BoundaryDistance:
-        """Least impact speeds that end quiet running, and the phases of these impacts, shape (n_epsilon, n_delta)."""
+        """The least impact speeds that end quiet running, and their phases; arrays of shape (n_epsilon, n_delta)."""
         return rattle.boundary_distances(self.delta, self.epsilon[:, None], self.model.beta, self.v_max)
 
     @cached_property
     def rests_late(self) -> np.ndarray:
-        """Flags (n_epsilon, n_delta) of cells whose quiet motions make so many impacts that they may look chaotic."""
+        """Flags (n_epsilon, n_delta) of cells whose quiet motion takes so many impacts that it may look chaotic."""
         return self.model.rests_late(self.delta, self.epsilon[:, None])
 
     @cached_property
     def basin_entropy(self) -> np.ndarray:
         """The mean basin entropy of all boxes, and of the boxes at basin boundaries, shape (2, n_epsilon, n_delta).
 
-        NaN if a state of the (τ, v) plane is undecided, or if ε is so near the quiet limit that states could be
-        undecided.
+        The values of a cell are NaN if a state of the (τ, v) plane is undecided, or if ε is so near the quiet limit
+        that states could be undecided.
         """
         found = np.full((2, *self.shape), np.nan)
         for (i, j), late in np.ndenumerate(self.rests_late):
@@ -116,17 +122,20 @@ class Cells:
 
     @cached_property
     def crisis_side(self) -> np.ndarray:
-        """The side of the boundary crisis of each cell, an index of `rattle.CRISIS_SIDES`, (n_epsilon, n_delta)."""
+        """The side of the boundary crisis on which each cell lies, an index of `rattle.CRISIS_SIDES`.
+
+        The shape is (n_epsilon, n_delta).
+        """
         return rattle.crisis_side(self.delta, self.epsilon[:, None], self.model.beta)
 
     @cached_property
     def grazing(self) -> tuple[rattle.Grazing, ...]:
-        """The grazing curves G1 and G2 at each δ of the block."""
+        """The grazing curves G1 and G2 at each δ of the rectangle."""
         return tuple(rattle.grazing(curve, self.delta, self.model.beta) for curve in GRAZING_CURVES)
 
     @cached_property
     def robust_chaos(self) -> np.ndarray:
-        """True for each δ inside the robust-chaos interval; not every β has such an interval."""
+        """True for each δ inside the robust-chaos interval; False everywhere if this β has no such interval."""
         try:
             low, high = rattle.robust_chaos_interval(self.model.beta)
         except rattle.RattleError:

@@ -1,4 +1,4 @@
-"""The variables of the group `intensity`: how hard each attractor, the whole sample, and the worst attractor rattle."""
+"""Variables of the group `intensity`: how hard each attractor, the whole sample, and the worst attractor rattle."""
 
 import numpy as np
 
@@ -25,41 +25,52 @@ _FIELDS = (
 _ERRORS = tuple(each for each in _FIELDS if each[0] not in ("largest_speed", "level"))
 
 
-def _of_attractors(cells: Cells, field: str) -> np.ndarray:
-    """Return a field of every attractor of the cells."""
+def _attractor_values(cells: Cells, field: str) -> np.ndarray:
+    """Return a field of every attractor of the cells, shape (attractors,)."""
     if field == "level":
-        return _levels(cells.intensities.energy, cells.delta[cells.attractors.cell % cells.delta.size])
+        return _levels_in_db(cells.intensities.energy, cells.delta[cells.attractors.cell % cells.delta.size])
     return np.asarray(getattr(cells.intensities, field))
 
 
-def _levels(energy: np.ndarray, delta: np.ndarray) -> np.ndarray:
+def _levels_in_db(energy: np.ndarray, delta: np.ndarray) -> np.ndarray:
+    """Return energies per forcing period as levels in dB, relative to the natural energy at each damping."""
     with np.errstate(divide="ignore"):  # the level of quiet running is −inf
         return np.asarray(10.0 * np.log10(energy / natural_energy(delta)))
 
 
-def _slots(field: str) -> Evaluate:
-    return lambda cells: in_slots(cells, _of_attractors(cells, field), np.nan, "float64")
+def _slot_evaluator(field: str) -> Evaluate:
+    return lambda cells: in_slots(cells, _attractor_values(cells, field), np.nan, "float64")
 
 
-def _mean(cells: Cells, values: np.ndarray) -> np.ndarray:
-    """Return the mean over the samples of each cell of their attractors' values; NaN if one of these is unknown."""
+def _sample_mean(cells: Cells, values: np.ndarray) -> np.ndarray:
+    """Return for each cell the mean of `values` over its samples, each with the value of the sample's attractor.
+
+    values: a number for each attractor. The mean is NaN if the value of an attractor that samples reach is unknown.
+
+    Returns
+    -------
+    np.ndarray
+        Shape (cells,).
+    """
     won = np.where(cells.attractors.samples > 0, cells.attractors.samples * values, 0.0)
     return np.bincount(cells.attractors.cell, won, cells.delta.size * cells.epsilon.size) / cells.count
 
 
-def _sample(field: str) -> Evaluate:
+def _sample_evaluator(field: str) -> Evaluate:
     def evaluate(cells: Cells) -> np.ndarray:
-        return _of_sample(cells, field).reshape(cells.shape)
+        return _sample_values(cells, field).reshape(cells.shape)
 
     return evaluate
 
 
-def _of_sample(cells: Cells, field: str) -> np.ndarray:
+def _sample_values(cells: Cells, field: str) -> np.ndarray:
     found = cells.intensities
     if field == "mean_speed":
         impacts = found.impacts_plus + found.impacts_minus
-        rate = _mean(cells, impacts)
-        return np.divide(_mean(cells, impacts * found.mean_speed), rate, out=np.zeros_like(rate), where=rate != 0.0)
+        rate = _sample_mean(cells, impacts)
+        return np.divide(
+            _sample_mean(cells, impacts * found.mean_speed), rate, out=np.zeros_like(rate), where=rate != 0.0
+        )
     if field == "largest_speed":
         largest = np.zeros(cells.delta.size * cells.epsilon.size)
         won = cells.attractors.samples > 0
@@ -67,14 +78,14 @@ def _of_sample(cells: Cells, field: str) -> np.ndarray:
             np.maximum.at(largest, cells.attractors.cell[won], found.largest_speed[won])
         return largest
     if field == "level":
-        return _levels(_mean(cells, found.energy), np.tile(cells.delta, cells.epsilon.size))
+        return _levels_in_db(_sample_mean(cells, found.energy), np.tile(cells.delta, cells.epsilon.size))
     if field == "energy_error":
         share = cells.attractors.samples / cells.count
-        return np.sqrt(_mean(cells, share * found.energy_error**2))
-    return _mean(cells, _of_attractors(cells, field))
+        return np.sqrt(_sample_mean(cells, share * found.energy_error**2))
+    return _sample_mean(cells, _attractor_values(cells, field))
 
 
-def _worst(field: str) -> Evaluate:
+def _worst_evaluator(field: str) -> Evaluate:
     """Return the function that evaluates a field of each cell's attractor with the largest energy.
 
     Attractors that no sample reached count too. The value is NaN if the energy of an attractor of the cell is unknown.
@@ -89,42 +100,47 @@ def _worst(field: str) -> Evaluate:
         cell = cells.attractors.cell
         by_energy = np.lexsort((cells.intensities.energy, cell))  # NaN is sorted last
         worst = by_energy[np.searchsorted(cell, np.arange(cells.delta.size * cells.epsilon.size), side="right") - 1]
-        values = _of_attractors(cells, field)[worst]
+        values = _attractor_values(cells, field)[worst]
         return np.where(np.isnan(cells.intensities.energy[worst]), np.nan, values).reshape(cells.shape)
 
     return evaluate
 
 
-def _quantity(name: str, dims: tuple[str, ...], words: str, evaluate: Evaluate) -> Quantity:
+def _intensity_quantity(name: str, dims: tuple[str, ...], words: str, evaluate: Evaluate) -> Quantity:
     return Quantity(name, Group.INTENSITY, dims, "float64", words, _MODEL, evaluate)
 
 
 QUANTITIES: tuple[Quantity, ...] = (
-    *(_quantity(f"attractor_{name}", _SLOT, words, _slots(name)) for name, words in _FIELDS),
+    *(_intensity_quantity(f"attractor_{name}", _SLOT, words, _slot_evaluator(name)) for name, words in _FIELDS),
     *(
-        _quantity(
+        _intensity_quantity(
             f"attractor_{name}_error",
             _SLOT,
             f"half-width of the 95 % interval of attractor_{name}; 0 unless chaotic",
-            _slots(f"{name}_error"),
+            _slot_evaluator(f"{name}_error"),
         )
         for name, _words in _ERRORS
     ),
-    *(_quantity(f"sample_{name}", CELL, f"{words}, of the whole sample", _sample(name)) for name, words in _FIELDS),
-    _quantity(
+    *(
+        _intensity_quantity(f"sample_{name}", CELL, f"{words}, of the whole sample", _sample_evaluator(name))
+        for name, words in _FIELDS
+    ),
+    _intensity_quantity(
         "sample_energy_error",
         CELL,
         "half-width of the 95 % interval of sample_energy at these basin fractions",
-        _sample("energy_error"),
+        _sample_evaluator("energy_error"),
     ),
     *(
-        _quantity(f"worst_{name}", CELL, f"{words}, of the attractor with the largest energy", _worst(name))
+        _intensity_quantity(
+            f"worst_{name}", CELL, f"{words}, of the attractor with the largest energy", _worst_evaluator(name)
+        )
         for name, words in _FIELDS
     ),
-    _quantity(
+    _intensity_quantity(
         "worst_energy_error",
         CELL,
         "half-width of the 95 % interval of worst_energy",
-        _worst("energy_error"),
+        _worst_evaluator("energy_error"),
     ),
 )

@@ -1,4 +1,4 @@
-"""The registry of a survey's variables, one entry each. The stores' schema, the REST enum and docs follow from it.
+"""The registry of a survey's variables, one entry each. The stores' schema, REST and documents follow from these.
 
 To add a variable, add one `Quantity` to `QUANTITIES`. A new dimension also needs a `Coordinate`.
 """
@@ -53,7 +53,13 @@ QUANTITIES: tuple[Quantity, ...] = (
         ("not_computed", *rattle.REGIONS[1:]),
     ),
     Quantity(
-        "orbit_exists", Group.ORBITS, _ORBIT, "bool", "whether the orbit exists", _ORBITS, evaluate.orbits("exists")
+        "orbit_exists",
+        Group.ORBITS,
+        _ORBIT,
+        "bool",
+        "whether the orbit exists",
+        _ORBITS,
+        evaluate.orbit_field("exists"),
     ),
     Quantity(
         "orbit_stable",
@@ -62,7 +68,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "bool",
         "whether the orbit exists and is stable",
         _ORBITS,
-        evaluate.orbits("stable"),
+        evaluate.orbit_field("stable"),
     ),
     Quantity(
         "orbit_phase",
@@ -71,7 +77,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "phase τ of the departure from Σ+, in forcing periods",
         _ORBITS,
-        evaluate.orbits("tau"),
+        evaluate.orbit_field("tau"),
     ),
     Quantity(
         "orbit_velocity",
@@ -80,7 +86,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "speed v of the departure from Σ+",
         _ORBITS,
-        evaluate.orbits("v"),
+        evaluate.orbit_field("v"),
     ),
     Quantity(
         "orbit_multiplier",
@@ -89,7 +95,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "complex128",
         "Floquet multiplier of the orbit",
         _ORBITS,
-        evaluate.orbits("multipliers"),
+        evaluate.orbit_field("multipliers"),
     ),
     Quantity(
         "attractor_kind",
@@ -98,7 +104,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "int8",
         "kind of attractor",
         _BASINS,
-        evaluate.slots("kind", "int8"),
+        evaluate.slot_field("kind", "int8"),
         evaluate.KINDS,
     ),
     Quantity(
@@ -108,7 +114,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "int32",
         "m of P(m, n+, n-), forcing periods; 0 unless periodic",
         _ORBITS,
-        evaluate.slots("m", "int32"),
+        evaluate.slot_field("m", "int32"),
     ),
     Quantity(
         "attractor_n_plus",
@@ -117,7 +123,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "int32",
         "n+ of P(m, n+, n-), impacts on or contacts with Σ+; 0 unless periodic",
         _ORBITS,
-        evaluate.slots("n_plus", "int32"),
+        evaluate.slot_field("n_plus", "int32"),
     ),
     Quantity(
         "attractor_n_minus",
@@ -126,7 +132,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "int32",
         "n- of P(m, n+, n-), impacts on or contacts with Σ-; 0 unless periodic",
         _ORBITS,
-        evaluate.slots("n_minus", "int32"),
+        evaluate.slot_field("n_minus", "int32"),
     ),
     Quantity(
         "attractor_contacts",
@@ -135,7 +141,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "int32",
         "contact phases on either wall in m forcing periods; their exponents are -infinity; 0 unless periodic",
         _ORBITS,
-        evaluate.slots("contacts", "int32"),
+        evaluate.slot_field("contacts", "int32"),
         needs=Capability.CONTACT_PHASES,
     ),
     Quantity(
@@ -163,7 +169,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "phase τ of a representative point, in forcing periods",
         _MAP,
-        evaluate.slots("tau", "float64", _nan),
+        evaluate.slot_field("tau", "float64", _nan),
     ),
     Quantity(
         "attractor_velocity",
@@ -172,7 +178,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "speed v of a representative point",
         _MAP,
-        evaluate.slots("v", "float64", _nan),
+        evaluate.slot_field("v", "float64", _nan),
     ),
     Quantity(
         "n_attractors",
@@ -217,7 +223,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float32",
         "share of the sample that ends quiet",
         _QUIET,
-        evaluate.fraction("quiet"),
+        evaluate.kind_fraction("quiet"),
     ),
     Quantity(
         "periodic_fraction",
@@ -226,7 +232,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float32",
         "share of the sample that ends periodic",
         _BASINS,
-        evaluate.fraction("periodic"),
+        evaluate.kind_fraction("periodic"),
     ),
     Quantity(
         "chaotic_fraction",
@@ -235,7 +241,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float32",
         "share of the sample that ends chaotic",
         _BASINS,
-        evaluate.fraction("chaotic"),
+        evaluate.kind_fraction("chaotic"),
     ),
     Quantity(
         "undecided_fraction",
@@ -244,7 +250,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float32",
         "share of the sample left undecided",
         _BASINS,
-        evaluate.fraction("undecided"),
+        evaluate.kind_fraction("undecided"),
     ),
     Quantity(
         "fraction_error",
@@ -262,7 +268,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "Lyapunov exponent per forcing period, natural logarithm",
         _SUM_RULE,
-        evaluate.lyapunov,
+        evaluate.lyapunov_exponents,
     ),
     Quantity(
         "lyapunov_max",
@@ -300,7 +306,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "ε on the grazing curve",
         _PLANE,
-        evaluate.grazing_orbits("epsilon"),
+        evaluate.grazing_field("epsilon"),
     ),
     Quantity(
         "grazing_phase",
@@ -309,7 +315,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "phase τ of the grazing orbit, in forcing periods",
         _PLANE,
-        evaluate.grazing_orbits("tau"),
+        evaluate.grazing_field("tau"),
     ),
     Quantity(
         "grazing_multiplier",
@@ -318,7 +324,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "complex128",
         "Floquet multiplier of the grazing orbit, without the square root",
         _PLANE,
-        evaluate.grazing_orbits("multipliers"),
+        evaluate.grazing_field("multipliers"),
     ),
     Quantity(
         "robust_chaos",
@@ -421,30 +427,38 @@ BOUNDED: tuple[Quantity, ...] = (
 
 
 def groups_of(model: str, has_harmonics: bool = False) -> tuple[Group, ...]:
-    """Return the groups of variables that a model has, also the group families, although no tile writes families."""
-    in_tiles = {each.group for each in QUANTITIES if each.is_of(model)}
+    """Return the groups of variables that a model has, with the group families, although no tile writes families.
+
+    has_harmonics: whether the forcing has further harmonics, for which some groups do not exist.
+
+    Returns
+    -------
+    tuple[Group, ...]
+        In the order of `Group`.
+    """
+    in_tiles = {each.group for each in QUANTITIES if each.is_in_model(model)}
     if has_harmonics:
         in_tiles -= {group for group, needed in GROUP_NEEDS.items() if needed in MODELS[model].one_cosine}
     return tuple(group for group in Group if group in in_tiles or group is Group.FAMILIES)
 
 
-def stored(groups: Iterable[Group], model: str, more: Iterable[Quantity] = ()) -> tuple[Quantity, ...]:
-    """Return the variables that a store has for these groups: `held`, with complex ones as real and imaginary part."""
-    return tuple(part for quantity in held(groups, model, more) for part in quantity.parts)
+def stored_variables(groups: Iterable[Group], model: str, more: Iterable[Quantity] = ()) -> tuple[Quantity, ...]:
+    """Return the variables of these groups as they are stored: complex ones as a real and an imaginary part."""
+    return tuple(part for quantity in variables_of_groups(groups, model, more) for part in quantity.parts)
 
 
-def held(groups: Iterable[Group], model: str, more: Iterable[Quantity] = ()) -> tuple[Quantity, ...]:
-    """Return the variables of these groups that a model has, then the variables `more`, then `status`."""
+def variables_of_groups(groups: Iterable[Group], model: str, more: Iterable[Quantity] = ()) -> tuple[Quantity, ...]:
+    """Return the variables that a model has of these groups, then the variables `more`, and `status` last."""
     wanted = {*groups, None}
-    *found, status = (each for each in QUANTITIES if each.group in wanted and each.is_of(model))
+    *found, status = (each for each in QUANTITIES if each.group in wanted and each.is_in_model(model))
     return *found, *more, status
 
 
-def labels_of(dim: str, slots: int) -> tuple[int, ...] | tuple[str, ...]:
-    """Return the labels of a dimension other than δ and ε. slots: the number of slots of the survey."""
+def dimension_labels(dim: str, slots: int) -> tuple[int, ...] | tuple[str, ...]:
+    """Return the labels along a dimension other than δ and ε. slots: the number of slots of the survey."""
     return tuple(range(slots)) if dim == "attractor" else COORDINATES[dim].values
 
 
 def shape_of(quantity: Quantity, cells: tuple[int, int], slots: int) -> tuple[int, ...]:
     """Return the shape of a per-cell variable. cells: (n_epsilon, n_delta). slots: the survey's number of slots."""
-    return *(len(labels_of(dim, slots)) for dim in quantity.dims[:-2]), *cells
+    return *(len(dimension_labels(dim, slots)) for dim in quantity.dims[:-2]), *cells

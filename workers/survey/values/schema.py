@@ -1,4 +1,4 @@
-"""Types of the registry of variables: the groups that a request names, the variables, and the dimensions."""
+"""Types of the registry of variables: groups that a request can name, variables, and dimensions."""
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -12,14 +12,14 @@ from rattle.models import MODELS, OTHERS, Capability
 
 CELL = ("epsilon", "delta")
 SLOT = "attractor"  # the dimension of slots
-FIXED = OTHERS  # parameters other than δ and ε, which have one value in a whole slice
-#: Variables that mean something for periodic attractors only. For other attractors they belong to an arbitrary state.
+FIXED = OTHERS  # names of the parameters other than δ and ε, each of which has one value in a whole slice
+#: Variables that are meaningful for periodic attractors only. For other attractors they describe an arbitrary state.
 OF_PERIODIC = frozenset({"attractor_phase"})
-PARTS = {"real": "real part", "imag": "imaginary part"}  # parts of a complex variable, stored separately
+PARTS = {"real": "real part", "imag": "imaginary part"}  # the parts of a complex variable are stored separately
 
 
 class Group(StrEnum):
-    """Groups of variables that a request can ask for."""
+    """Groups of variables that a request can name."""
 
     REGION = "region"
     ORBITS = "orbits"
@@ -32,21 +32,21 @@ class Group(StrEnum):
 
 
 class RowForm(StrEnum):
-    """Kinds of rows of a table: a cell, or one of the attractors or of the orbits A to D of a cell."""
+    """The meaning of a row of an exported table: a cell, an attractor of a cell, or an orbit A to D of a cell."""
 
     CELLS = "cells"
     ATTRACTORS = "attractors"
     ORBITS = "orbits"
 
 
-#: The groups that need samples of every cell.
+#: The groups for which every cell is sampled.
 SAMPLED = frozenset({Group.ATTRACTORS, Group.LYAPUNOV, Group.INTENSITY})
 #: The groups that are computed only on request: basins cost several times as much as all others, and intensities are
 #: two dozen variables that few users need.
 OPTIONAL = frozenset({Group.BASINS, Group.INTENSITY, Group.FAMILIES})
-#: For a group, the groups from which it is computed. A request for the group includes these groups.
+#: {group: the groups from which it is computed}. A request for the group includes these groups.
 NEEDS = {Group.FAMILIES: frozenset({Group.ATTRACTORS, Group.LYAPUNOV})}
-#: The capability that a model needs for all variables of a group.
+#: {group: the capability that a model needs for all variables of the group}.
 GROUP_NEEDS = {
     Group.REGION: Capability.PERIOD_ONE,
     Group.ORBITS: Capability.PERIOD_ONE,
@@ -66,32 +66,32 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A stored variable: its schema, and the function that computes it for a block of cells."""
+    """A stored variable: its schema, and the function that computes it for a rectangle of cells."""
 
     name: str
-    group: Group | None  # None for variables of every survey
+    group: Group | None  # None for variables that every survey has
     dims: tuple[str, ...]
     dtype: str
     long_name: str
     reference: str
     evaluate: Evaluate
     flags: tuple[str, ...] = ()  # meanings of the codes 0, 1, 2, …
-    needs: Capability | None = None  # capability that a model needs for this variable, besides that of its group
+    needs: Capability | None = None  # capability that a model needs beside that of the group; None for no other
 
     @property
-    def fill(self) -> int | float | complex | bool:
+    def fill_value(self) -> int | float | complex | bool:
         """The value of the variable where nothing is computed, or where the described object does not exist."""
         fills = {"f": float("nan"), "c": complex("nan+nanj"), "b": False}
         return fills.get(np.dtype(self.dtype).kind, 0)
 
-    def is_of(self, model: str) -> bool:
+    def is_in_model(self, model: str) -> bool:
         """Return whether a model has the variable."""
         needed = {self.needs, GROUP_NEEDS.get(self.group)} if self.group else {self.needs}
         return (needed - {None}) <= MODELS[model].has
 
     @property
     def per_cell(self) -> bool:
-        """True if the variable has a value for each cell, which tiles write; others are computed with the template."""
+        """True if the variable has a value for each cell, which tiles write; others are in the store from the start."""
         return self.dims[-2:] == CELL
 
     @property
@@ -108,7 +108,7 @@ class Quantity:
                 name=f"{self.name}_{part}",
                 dtype="float64",
                 long_name=f"{self.long_name}, {words}",
-                evaluate=partial(_part, self.evaluate, part),
+                evaluate=partial(_complex_part, self.evaluate, part),
             )
             for part, words in PARTS.items()
         )
@@ -123,9 +123,9 @@ class Quantity:
 
 
 def is_phase(name: str) -> bool:
-    """Return whether a variable is a phase, on a circle where 0.99 and 0.01 are close."""
+    """Return whether a variable is a phase, so that its values 0.99 and 0.01 are close."""
     return name.endswith("_phase")
 
 
-def _part(evaluate: Evaluate, part: str, cells: Any) -> np.ndarray:
+def _complex_part(evaluate: Evaluate, part: str, cells: Any) -> np.ndarray:
     return np.asarray(getattr(np.asarray(evaluate(cells)), part))

@@ -10,17 +10,17 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
-from .intervals import IV, BlockRefused, Interval, exact, interval_between, require
+from .intervals import IV, BlockRefused, Interval, interval_between, number_from_text, require
 from .one_impact import OneImpact
 from .quiet import Capture, require_possible
 from .two_impacts import Column
 
-#: Most times that the δ interval of a block is halved.
+#: Most times that the δ interval of a block is halved before the block is refused.
 DEEPEST = 5
 #: Most times that a block with the claim "quiet captures" is halved, in ε and δ in turn.
 DEEPEST_CAPTURE = 2
 NONE, THERE, ATTRACTING, SADDLE = "none", "there", "attracting", "a saddle"
-#: The states of the motions A to D that the claim of each region states.
+#: The states of the motions A to D that the claim "the block is in this region" gives them.
 REGIONS = {
     "I": {"A": NONE, "B": NONE, "C": NONE, "D": NONE},
     "II": {"A": SADDLE, "B": NONE, "C": THERE, "D": NONE},
@@ -28,20 +28,20 @@ REGIONS = {
     "IV": {"A": SADDLE, "B": SADDLE, "C": THERE, "D": SADDLE},
     "V": {"A": SADDLE, "B": NONE, "C": NONE, "D": THERE},
 }
-#: The states of motions that each claim states; a claim says nothing about motions that are missing here.
+#: The states that each claim gives to motions; a claim says nothing about motions that are missing here.
 CLAIMS = REGIONS | {
     f"{letter} {words}": {letter: state}
     for letter in "CD" for words, state in (("attracts", ATTRACTING), ("is a saddle", SADDLE), ("is not there", NONE))
 }  # fmt: skip
 QUIET, CAPTURES = {"quiet is possible": True, "quiet is impossible": False}, "quiet captures"
 Ends = tuple[Fraction, Fraction]
-column = lru_cache(maxsize=64)(Column)  # all claims with the same δ interval share its cells
+column = lru_cache(maxsize=64)(Column)  # all claims about the same δ interval share its cells
 
 
 def prove_claim(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
     """Raise BlockRefused unless a claim is proved on a block as a whole, or on its halves in δ."""
     try:
-        prove_whole(claim, beta, delta, epsilon)
+        prove_on_whole_block(claim, beta, delta, epsilon)
     except BlockRefused:
         if depth == DEEPEST:
             raise
@@ -50,7 +50,7 @@ def prove_claim(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: i
             prove_claim(claim, beta, part, epsilon, depth + 1)
 
 
-def prove_whole(claim: str, beta: Fraction, delta: Ends, epsilon: Ends) -> None:
+def prove_on_whole_block(claim: str, beta: Fraction, delta: Ends, epsilon: Ends) -> None:
     """Raise BlockRefused unless a claim is proved on a block as a whole, without cutting it."""
     d, e = interval_between(*delta), interval_between(*epsilon)
     if claim in QUIET:
@@ -66,9 +66,11 @@ def prove_whole(claim: str, beta: Fraction, delta: Ends, epsilon: Ends) -> None:
 
 
 def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, depth: int = 0) -> None:
-    """Raise BlockRefused unless quiet is proved to capture all motions slower than `speed`, on a block or its parts."""
+    """Raise BlockRefused unless motions that leave Σ⁺ slower than `speed` are proved to become quiet, on a block."""
     try:
-        Capture(interval_between(*delta), interval_between(*epsilon), interval_between(beta, beta)).require_below(speed)
+        Capture(
+            interval_between(*delta), interval_between(*epsilon), interval_between(beta, beta)
+        ).require_captures_below(speed)
     except BlockRefused:
         if depth == DEEPEST_CAPTURE:
             raise
@@ -82,7 +84,7 @@ def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, 
 def state_of_one_impact(
     letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]
 ) -> str:
-    """Return the proved state of A or C; the stability is computed only if the claimed `state` names it."""
+    """Return the proved state of A or C on a block; its stability only if the claimed `state` names it."""
     motion = OneImpact(letter, d, beta, *squares)
     if not motion.exists():
         return NONE
@@ -90,8 +92,8 @@ def state_of_one_impact(
 
 
 def state_of_two_impacts(slope: int, state: str, cells: Column, squares: tuple[Interval, Interval]) -> str:
-    """Return the proved state of B (slope −1) or D (1), as `state_of_one_impact` does for A and C."""
-    runs = cells.motions(slope, *squares)
+    """Return the proved state of B (slope −1) or D (1); its stability only if the claimed `state` names it."""
+    runs = cells.parts_of_motions(slope, *squares)
     require(len(runs) < 2, f"there are {len(runs)} motions {'D' if slope > 0 else 'B'}, where at most one is claimed")
     if not runs:
         return NONE
@@ -99,30 +101,30 @@ def state_of_two_impacts(slope: int, state: str, cells: Column, squares: tuple[I
 
 
 def check(text: str) -> str:
-    """Prove the claim of a JSON document about a block, and return it in words. Raises BlockRefused."""
+    """Prove the claim that a JSON document makes about a block, and return the claim in words. Raises BlockRefused."""
     try:
         document = json.loads(text)
         require((document["format"], document["theorem"]) == (1, "area"), "`format` and `theorem` must be 1 and 'area'")
-        claim, beta = document["claim"], exact(document["beta"])
-        delta, epsilon = (ends_of(document[name]) for name in ("delta", "epsilon"))
+        claim, beta = document["claim"], number_from_text(document["beta"])
+        delta, epsilon = (ends_from_texts(document[name]) for name in ("delta", "epsilon"))
         require(beta > 0 and delta[0] > 0, "`beta` and `delta` must be positive")
         if claim == CAPTURES:
-            speed = exact(document["speed"])
+            speed = number_from_text(document["speed"])
             require(speed > 0, "`speed` must be positive")
             prove_captured(beta, delta, epsilon, interval_between(speed, speed))
             claim += f" below {document['speed']}"
         else:
-            require(claim in CLAIMS or claim in QUIET, f"the claim {claim!r} is unknown")
+            require(claim in CLAIMS or claim in QUIET, f"the claim {claim!r} is not one that this program can check")
             prove_claim(claim, beta, delta, epsilon)
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
         raise BlockRefused(f"the document is incomplete or malformed: {error}") from error
     return f"{claim}, δ {' to '.join(document['delta'])}, ε {' to '.join(document['epsilon'])}"
 
 
-def ends_of(texts: Any) -> Ends:
+def ends_from_texts(texts: Any) -> Ends:
     """Return both ends of an interval from their texts. Raises BlockRefused."""
-    low, high = (exact(each) for each in texts)
-    require(low <= high, "the lower end of an interval is above its upper end")
+    low, high = (number_from_text(each) for each in texts)
+    require(low <= high, "the first end of `delta` and of `epsilon` must not be above the second end")
     return low, high
 
 

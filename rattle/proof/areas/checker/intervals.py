@@ -1,6 +1,7 @@
-"""Interval arithmetic of the checker, and numbers with their derivatives with respect to s and δ.
+"""Interval arithmetic of the checker, and numbers with their derivatives with respect to the time s and the damping δ.
 
-The operations + − × ÷ and roots are mpmath's. Its values of pi, sin and cos are widened by 2⁻⁶⁰, of exp by 2⁻⁶⁰ exp.
+The operations + − × ÷ and roots are mpmath's. Its values of pi, sin and cos are widened by 2⁻⁶⁰, and those of exp by
+the relative amount 2⁻⁶⁰.
 """
 
 import re
@@ -27,7 +28,7 @@ def require(ok: Any, why: str) -> None:
         raise BlockRefused(why)
 
 
-def exact(text: str) -> Fraction:
+def number_from_text(text: str) -> Fraction:
     """Return the number ≥ 0 that a text states exactly, as a decimal or a ratio. Raises BlockRefused."""
     require(bool(NUMBER.fullmatch(text)), f"{text[:40]!r} must be a decimal or a ratio of integers, and not negative")
     return Fraction(text)
@@ -39,7 +40,7 @@ def interval_between(low: Fraction, high: Fraction) -> Interval:
     return IV.mpf([first.a, last.b])
 
 
-def less(x: Any, y: Any) -> bool:
+def is_less(x: Any, y: Any) -> bool:
     """Return whether every number of x is below every number of y; False if an end is not a number."""
     try:
         return bool((x - y).b < 0)
@@ -47,18 +48,18 @@ def less(x: Any, y: Any) -> bool:
         return False
 
 
-def times(x: Interval, y: Interval) -> Interval:
-    """Return the product of two enclosures; nothing is computed if one of them is ZERO, as most derivatives are."""
+def multiply_enclosures(x: Interval, y: Interval) -> Interval:
+    """Return the product of two enclosures. It is not computed if one of them is the constant ZERO."""
     return ZERO if x is ZERO or y is ZERO else x * y
 
 
-def plus(x: Interval, y: Interval) -> Interval:
-    """Return the sum of two enclosures; nothing is computed if one of them is ZERO."""
+def add_enclosures(x: Interval, y: Interval) -> Interval:
+    """Return the sum of two enclosures. It is not computed if one of them is the constant ZERO."""
     return y if x is ZERO else x if y is ZERO else x + y
 
 
 class Jet:
-    """A number x with its derivatives by the time s, in `s`, and by the damping δ, in `d`, all as intervals."""
+    """A number x with its derivatives with respect to the time s (`s`) and to the damping δ (`d`), all as intervals."""
 
     __slots__ = ("d", "s", "x")
 
@@ -69,13 +70,16 @@ class Jet:
         """Return the sum."""
         if not isinstance(y, Jet):
             return Jet(self.x + y, self.s, self.d)
-        return Jet(self.x + y.x, plus(self.s, y.s), plus(self.d, y.d))
+        return Jet(self.x + y.x, add_enclosures(self.s, y.s), add_enclosures(self.d, y.d))
 
     def __mul__(self, y: Any) -> "Jet":
         """Return the product."""
         if not isinstance(y, Jet):
-            return Jet(self.x * y, times(self.s, y), times(self.d, y))
-        s, d = (plus(times(a, y.x), times(self.x, b)) for a, b in ((self.s, y.s), (self.d, y.d)))
+            return Jet(self.x * y, multiply_enclosures(self.s, y), multiply_enclosures(self.d, y))
+        s, d = (
+            add_enclosures(multiply_enclosures(a, y.x), multiply_enclosures(self.x, b))
+            for a, b in ((self.s, y.s), (self.d, y.d))
+        )
         return Jet(self.x * y.x, s, d)
 
     def __neg__(self) -> "Jet":
@@ -95,25 +99,25 @@ class Jet:
     def __truediv__(self, y: "Jet") -> "Jet":
         """Return the quotient."""
         x = self.x / y.x
-        s, d = (plus(a, -times(x, b)) for a, b in ((self.s, y.s), (self.d, y.d)))
+        s, d = (add_enclosures(a, -multiply_enclosures(x, b)) for a, b in ((self.s, y.s), (self.d, y.d)))
         return Jet(x, ZERO if s is ZERO else s / y.x, ZERO if d is ZERO else d / y.x)
 
-    def chained(self, x: Interval, slope: Interval) -> "Jet":
-        """Return f(self) by the chain rule, where x is the value of f and slope its derivative."""
-        return Jet(x, times(slope, self.s), times(slope, self.d))
+    def apply_chain_rule(self, x: Interval, slope: Interval) -> "Jet":
+        """Return f(self) with its derivatives, by the chain rule; x is the value of f here and slope is f'."""
+        return Jet(x, multiply_enclosures(slope, self.s), multiply_enclosures(slope, self.d))
 
-    def decay(self) -> "Jet":
-        """Return e^(−x) for this number x."""
-        x = decayed(self.x)
-        return self.chained(x, -x)
+    def exp_minus(self) -> "Jet":
+        """Return e^(−x), for this number x."""
+        x = exp_minus(self.x)
+        return self.apply_chain_rule(x, -x)
 
     def sine_and_cosine(self, factor: int) -> "tuple[Jet, Jet]":
-        """Return the sine and the cosine of factor · π x."""
+        """Return the sine and the cosine of factor · πx, for this number x."""
         sine, cosine = sine_and_cosine_of(factor * PI * self.x)
-        return self.chained(sine, factor * PI * cosine), self.chained(cosine, -factor * PI * sine)
+        return self.apply_chain_rule(sine, factor * PI * cosine), self.apply_chain_rule(cosine, -factor * PI * sine)
 
 
-def middle(x: Interval) -> Interval:
+def midpoint(x: Interval) -> Interval:
     """Return the middle of an interval, as an interval of width 0."""
     return IV.mpf(x.mid)
 
@@ -123,14 +127,23 @@ def sine_and_cosine_of(angle: Interval) -> tuple[Interval, Interval]:
     return IV.sin(angle) + SLACK, IV.cos(angle) + SLACK
 
 
-def decayed(x: Interval) -> Interval:
-    """Return e^(−x)."""
+def exp_minus(x: Interval) -> Interval:
+    """Return an enclosure of e^(−x)."""
     return IV.exp(-x) * (1 + SLACK)
 
 
 def force_of_phase(d: Any, cosine: Any, sine: Any) -> Any:
     """Return the contact force g at damping d and a time t, from cosine = ε cos 2πt and sine = ε sin 2πt."""
     return d * (4 * PI) - cosine * (4 * PI**2) - d * sine * (2 * PI)
+
+
+class EquationTerms:
+    """Terms of (16.10) to (16.13), docs/proofs.md: s, δ, a = e^(−δs), b = e^(−δ(1−s)), E = e^(−δ), sin πs, cos πs."""
+
+    def __init__(self, s: Jet, d: Jet) -> None:
+        self.s, self.d = s, d
+        self.a, self.b, self.end = (d * s).exp_minus(), (d * (1 - s)).exp_minus(), d.exp_minus()
+        self.sine, self.cosine = s.sine_and_cosine(1)
 
 
 class ParameterBox:
@@ -141,8 +154,8 @@ class ParameterBox:
 
     def __init__(self, s: Interval, d: Interval) -> None:
         self.s, self.d = s, d
-        self.ds, self.dd = s - middle(s), d - middle(d)
-        self.jets, self.centre = (Jet(s, s=ONE), Jet(d, d=ONE)), (Jet(middle(s)), Jet(middle(d)))
+        self.ds, self.dd = s - midpoint(s), d - midpoint(d)
+        self.jets, self.centre = (Jet(s, s=ONE), Jet(d, d=ONE)), (Jet(midpoint(s)), Jet(midpoint(d)))
 
     def mean_value(self, centre: Interval, over: Jet) -> Interval:
         """Return an enclosure of a function, from its value at the centre and its derivatives over the rectangle."""

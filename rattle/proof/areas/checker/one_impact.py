@@ -3,7 +3,7 @@
 With τ the phase of the impact, X = ε cos 2πτ, which is negative for A and positive for C, and Y = ε sin 2πτ.
 """
 
-from .intervals import IV, ONE, PI, ZERO, Interval, Jet, ParameterBox, less, middle, require
+from .intervals import IV, ONE, PI, ZERO, Interval, Jet, ParameterBox, is_less, midpoint, require
 
 #: Shortest part of a flight that is bisected, in forcing periods.
 SHORTEST = 2.0**-18
@@ -11,47 +11,48 @@ SHORTEST = 2.0**-18
 PLACES = 32
 
 
-def sine_of(d: Jet) -> Jet:
-    """Return Y = ε sin 2πτ (15.1)."""
-    end = d.decay()
+def y_of_damping(d: Jet) -> Jet:
+    """Return Y = ε sin 2πτ = 2 − δ coth(δ/2), (15.1) of docs/proofs.md, for the damping d."""
+    end = d.exp_minus()
     return 2 - d * (1 + end) / (1 - end)
 
 
 def height_at(t: Jet, d: Jet, x: Interval) -> Jet:
-    """Return the displacement Φ − β at a time t after the impact (15.3), for x = X and the initial speed 2πδ."""
+    """Return the displacement Φ − β at a time t after the impact, (15.3) of docs/proofs.md, for δ = d and X = x."""
     sine, cosine = t.sine_and_cosine(2)
-    y = sine_of(d)
+    y = y_of_damping(d)
     rest = ((2 - y + d) * (2 * PI)) / d
-    return t * (4 * PI) - rest * (1 - (d * t).decay()) - (1 - cosine) * x - y * sine
+    return t * (4 * PI) - rest * (1 - (d * t).exp_minus()) - (1 - cosine) * x - y * sine
 
 
 class OneImpact:
     """The motion A or C over a block: all δ of the interval d, and low ≤ ε² ≤ high.
 
-    born: the closure equations have a solution at all points of the block; unborn: at none.
+    born: True if (15.1) and (15.2) are proved to have a solution at all points of the block. unborn: True if they are
+    proved to have a solution at none. x: an enclosure of X over the block.
     """
 
     def __init__(self, letter: str, d: Interval, beta: Interval, low: Interval, high: Interval) -> None:
         box = ParameterBox(ZERO, d)
-        y = box.mean_value(sine_of(box.centre[1]).x, sine_of(box.jets[1]))
+        y = box.mean_value(y_of_damping(box.centre[1]).x, y_of_damping(box.jets[1]))
         self.d, self.beta, self.letter = d, beta, letter
-        self.born, self.unborn = less(y**2, low), less(high, y**2)
+        self.born, self.unborn = is_less(y**2, low), is_less(high, y**2)
         if not self.unborn:
             least = (low - y**2).a if self.born else ZERO
             x = IV.sqrt(IV.mpf([least.a, (high - y**2).b]))
             self.x = x if letter == "C" else -x
 
     def exists(self) -> bool:
-        """Return whether the motion exists: True at all points of the block, or False at all of them."""
+        """Return True if the motion exists at all points of the block, False if at none. Raises BlockRefused."""
         if self.unborn:
             return False
-        if self.born and self.stays():
+        if self.born and self.stays_between_walls():
             return True
-        require(self.touches(), f"it is undecided whether {self.letter} exists")
+        require(self.passes_sigma_minus(), f"it is undecided whether {self.letter} exists on the whole block")
         return False
 
-    def stays(self) -> bool:
-        """Return whether −2β < Φ − β < 0 is proved at all times between two impacts."""
+    def stays_between_walls(self) -> bool:
+        """Return whether −2β < Φ − β < 0 is proved at all times between two impacts, for all points of the block."""
         parts = [(ZERO, ONE)]
         while parts:
             low, high = parts.pop()
@@ -59,36 +60,38 @@ class OneImpact:
             over = height_at(*box.jets, self.x)
             y = box.mean_value(height_at(*box.centre, self.x).x, over)
             # Φ − β is 0 at both impacts, so next to them its derivative decides
-            leaves = less(over.s, ZERO) if low == 0 else less(ZERO, over.s) if high == 1 else less(y, ZERO)
-            if not (leaves and less(-2 * self.beta, y)):
-                if less(high - low, SHORTEST):
+            leaves = is_less(over.s, ZERO) if low == 0 else is_less(ZERO, over.s) if high == 1 else is_less(y, ZERO)
+            if not (leaves and is_less(-2 * self.beta, y)):
+                if is_less(high - low, SHORTEST):
                     return False
-                half = middle(box.s)
+                half = midpoint(box.s)
                 parts += [(low, half), (half, high)]
         return True
 
-    def touches(self) -> bool:
-        """Return whether the flight is proved to be beyond Σ⁻ at one time t, the same at all points of the block."""
-        t, step, d = ONE / 2, ONE / 2, Jet(middle(self.d))
+    def passes_sigma_minus(self) -> bool:
+        """Return whether the flight is proved to be beyond Σ⁻ at one time t, for all points of the block."""
+        t, step, d = ONE / 2, ONE / 2, Jet(midpoint(self.d))
         for _ in range(3):
-            places = [middle(t + step * i / PLACES) for i in range(1 - PLACES, PLACES)]
+            places = [midpoint(t + step * i / PLACES) for i in range(1 - PLACES, PLACES)]
             t = min(places, key=lambda each: float(height_at(Jet(each), d, self.x.a).x.mid.a))
             step = step / PLACES
-        require(less(ZERO, t) and less(t, ONE), "the lowest point of the flight was not found between its ends")
+        require(is_less(ZERO, t) and is_less(t, ONE), "the lowest point of the flight was not found between its ends")
         box = ParameterBox(t, self.d)
-        return less(box.mean_value(height_at(*box.centre, self.x.a).x, height_at(*box.jets, self.x.a)), -2 * self.beta)
+        return is_less(
+            box.mean_value(height_at(*box.centre, self.x.a).x, height_at(*box.jets, self.x.a)), -2 * self.beta
+        )
 
     def attracts(self) -> bool:
-        """Return whether the motion attracts: True at all points of the block, or False at all of them."""
+        """Return True if the motion attracts at all points of the block, False if at none. Raises BlockRefused."""
         box = ParameterBox(ZERO, self.d)
 
-        def flip_of(d: Jet) -> Jet:
-            """Return the X at which C flips (15.4); the motion attracts if its X is between 0 and this value."""
-            end = d.decay()
+        def flip_x(d: Jet) -> Jet:
+            """Return the X at which C flips, (15.4) of docs/proofs.md; a motion with 0 < X < this value attracts."""
+            end = d.exp_minus()
             return d * d * (1 + end) / (1 - end) * (1 / (2 * PI))
 
-        flip = box.mean_value(flip_of(box.centre[1]).x, flip_of(box.jets[1]))
-        inside = less(ZERO, self.x) and less(self.x, flip)
-        outside = less(self.x, ZERO) or less(flip, self.x)
-        require(inside or outside, f"it is undecided whether {self.letter} attracts")
+        flip = box.mean_value(flip_x(box.centre[1]).x, flip_x(box.jets[1]))
+        inside = is_less(ZERO, self.x) and is_less(self.x, flip)
+        outside = is_less(self.x, ZERO) or is_less(flip, self.x)
+        require(inside or outside, f"it is undecided whether {self.letter} attracts on the whole block")
         return inside

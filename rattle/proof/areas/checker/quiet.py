@@ -1,72 +1,79 @@
-"""Quiet motion: whether it is possible (20.1), and the speed below which it captures every motion (Lemma 21)."""
+"""Quiet motion: whether it is possible (20.1), and below which speed every motion becomes quiet (Lemma 21).
+
+The equations and the lemma are in docs/proofs.md.
+"""
 
 from fractions import Fraction
 
-from .intervals import IV, PI, ZERO, Interval, decayed, interval_between, less, require, sine_and_cosine_of
+from .intervals import IV, PI, ZERO, Interval, exp_minus, interval_between, is_less, require, sine_and_cosine_of
 
 #: Number of parts of a forcing period; the bounds are computed over each part.
 PARTS = 192
-#: Largest allowed ratio of h²Q to 2δ; the rest of the damping makes v³/g decay.
-UNDONE = IV.mpf(96) / 100
-#: Relative widening of a logarithm, and of a root that is computed from it.
+#: Largest allowed ratio of h²Q to 2δ, (20.5) of docs/proofs.md. v³/g decays from impact to impact if it is below 1.
+GROWTH_SHARE = IV.mpf(96) / 100
+#: Factor that widens a logarithm, or a root that is computed as e^(logarithm/3), by the relative amount 2⁻⁵⁰.
 UP = IV.mpf([1 - 2.0**-50, 1 + 2.0**-50])
 
 
 def require_possible(d: Interval, e: Interval, possible: bool) -> None:
-    """Raise BlockRefused unless quiet motion is proved possible (impossible), by (20.1) at the block's worst corner."""
+    """Raise BlockRefused unless (20.1) of docs/proofs.md proves quiet motion possible, or impossible, on the block."""
     low, high = e.b * IV.sqrt(4 * PI**2 + d.a**2), 2 * d.a
     if not possible:
         low, high = 2 * d.b, e.a * IV.sqrt(4 * PI**2 + d.b**2)
-    require(less(low, high), "the block is not proved to be on one side of the quiet limit")
+    require(is_less(low, high), "the block is not proved to be on the claimed side of the quiet limit")
 
 
 class Capture:
-    """Bounces on Σ⁺ over a block below the quiet limit, in units in which the mean of g is 1: g = 1 − r cos θ > 0.
+    """Bounds of bounces on Σ⁺ over a block below the quiet limit, by Lemmas 20 and 21 of docs/proofs.md.
 
-    r: ε divided by the quiet limit. weakest: a lower bound of g.
+    Speeds and the contact force g are in units in which the mean of g is 1: g = 1 − r cos θ > 0, where θ is 2π times
+    the time after a minimum of g. r: ε divided by the quiet limit. weakest: a lower bound of g.
     """
 
     def __init__(self, d: Interval, e: Interval, beta: Interval) -> None:
         self.d, self.beta = d, beta
         self.r = e * IV.sqrt(4 * PI**2 + d**2) / (2 * d)
         self.weakest = 1 - self.r.b
-        require(less(ZERO, self.weakest), "the block is not proved to be below the quiet limit")
+        require(is_less(ZERO, self.weakest), "the block is not proved to be below the quiet limit")
 
-    def require_below(self, speed: Interval) -> None:
+    def require_captures_below(self, speed: Interval) -> None:
         """Raise BlockRefused unless v³/g falls at each impact of every motion that leaves Σ⁺ slower than `speed`."""
         places = [interval_between(Fraction(i, PARTS), Fraction(i + 1, PARTS)) for i in range(PARTS)]
         longest = ZERO
         for part in places:  # v³/g is largest for a departure with `speed` where g is least
-            v = speed / (4 * PI * self.d) * IV.exp(IV.ln(self.force(part)[0].b / self.weakest) / 3) * UP
-            half = self.half_duration(part, v.b)
-            longest = half if less(longest, half) else longest
+            v = speed / (4 * PI * self.d) * IV.exp(IV.ln(self.force_terms(part)[0].b / self.weakest) / 3) * UP
+            half = self.half_duration_bound(part, v.b)
+            longest = half if is_less(longest, half) else longest
         h = (longest / (1 - self.d * longest)).b
         for part in places:
-            require(less(h**2 * self.growth(part, h), 2 * UNDONE * self.d), "v³/g may grow from one impact to the next")
+            require(
+                is_less(h**2 * self.growth_coefficient(part, h), 2 * GROWTH_SHARE * self.d),
+                "v³/g may grow from one impact to the next",
+            )
 
-    def force(self, t: Interval) -> tuple[Interval, Interval, Interval]:
-        """Return g = 1 − r cos θ, r sin θ and r cos θ for θ = 2πt, at a time t after the minimum of g."""
+    def force_terms(self, t: Interval) -> tuple[Interval, Interval, Interval]:
+        """Return the contact force g = 1 − r cos θ, and r sin θ and r cos θ, for θ = 2πt; g is least at t = 0."""
         sine, cosine = sine_and_cosine_of(2 * PI * t)
         return 1 - self.r * cosine, self.r * sine, self.r * cosine
 
-    def half_duration(self, t: Interval, v: Interval) -> Interval:
-        """Return a bound of half the duration, in the time of (20.2), of bounces that start at t with speed ≤ v."""
+    def half_duration_bound(self, t: Interval, v: Interval) -> Interval:
+        """Return a bound of half the duration of bounces that start at t with speeds ≤ v, in the time x of (20.2)."""
         half = found = (v / self.weakest).b * 1.001
         for _ in range(4):
-            require(less(2 * half * self.d, 1), "the duration of a bounce is not bounded")
+            require(is_less(2 * half * self.d, 1), "the duration of a bounce is not bounded")
             time = (IV.ln(1 / (1 - 2 * half * self.d)) * UP).b
-            least = self.force(IV.mpf([t.a, (t + time / self.d).b]))[0].a
-            require(less(v, half * least), "the duration of a bounce is not bounded")
-            require(less(v**2 * PI * self.d, self.beta * least), "a bounce may reach Σ⁻")
+            least = self.force_terms(IV.mpf([t.a, (t + time / self.d).b]))[0].a
+            require(is_less(v, half * least), "the duration of a bounce is not bounded")
+            require(is_less(v**2 * PI * self.d, self.beta * least), "a bounce may reach Σ⁻")
             found, half = half, (v / least).b * 1.001
         return found
 
-    def growth(self, t: Interval, h: Interval) -> Interval:
-        """Return Q (20.4) for all bounces whose middle is in t and whose half duration is at most h."""
+    def growth_coefficient(self, t: Interval, h: Interval) -> Interval:
+        """Return Q, (20.4) of docs/proofs.md, for bounces with the middle in t that last at most 2h in the time x."""
         late, early = (IV.ln(1 / (1 - self.d * h)) * UP).b, (IV.ln(1 + self.d * h) * UP).b
         span = IV.mpf([-early, late])
-        one, _, _, centre = self.logarithm(t, ZERO)
-        p1, p2, p3, size = self.logarithm(t + span / self.d, span)
+        one, _, _, centre = self.log_derivatives(t, ZERO)
+        p1, p2, p3, size = self.log_derivatives(t + span / self.d, span)
         second, third = size * (p2 + p1**2) / centre, size * (p3 + 3 * p1 * p2 + p1**3) / centre
         part = IV.mpf([0, (h**2).b])
         below = 1 + part * second / 6
@@ -74,11 +81,11 @@ class Capture:
         more = 1 / (1 - part * ratio**2)
         return (third / 5 - one * second / 3) / below + 2 * ratio**3 * IV.mpf([1, more.b]) - p3 / 3
 
-    def logarithm(self, t: Interval, x: Interval) -> tuple[Interval, Interval, Interval, Interval]:
-        """Return three derivatives of ln a with respect to the time of (20.2), and a = e^(2x) g, for x = δ(t − t₀)."""
-        w, (g, sine, cosine) = decayed(-x), self.force(t)
+    def log_derivatives(self, t: Interval, z: Interval) -> tuple[Interval, Interval, Interval, Interval]:
+        """Return three derivatives of ln a by the time x of (20.2), docs/proofs.md, and a = e^(2z) g; z = δ(t − t₀)."""
+        w, (g, sine, cosine) = exp_minus(-z), self.force_terms(t)
         k, d = 2 * PI, self.d
-        f1, b, c = k * sine / g, k**2 * cosine / g, -(k**3) * sine / g  # g', g'', g''' over g
+        f1, b, c = k * sine / g, k**2 * cosine / g, -(k**3) * sine / g  # g'/g, g''/g and g'''/g
         f2, f3 = b - f1**2, c - 3 * f1 * b + 2 * f1**3
         first = 2 * d + f1
         return w * first, w**2 * (d * first + f2), w**3 * (2 * d**2 * first + 3 * d * f2 + f3), w**2 * g

@@ -13,35 +13,28 @@ from .intervals import (
     ONE,
     PI,
     ZERO,
+    EquationTerms,
     Interval,
     Jet,
     ParameterBox,
-    decayed,
+    exp_minus,
     force_of_phase,
     interval_between,
-    less,
-    middle,
+    is_less,
+    midpoint,
     require,
     sine_and_cosine_of,
 )
 
-#: Width in s of the narrowest cell, as a share of the width of the block in δ.
+#: Ratio of the width in s of the narrowest cell to the width in δ of the block.
 SHARE = Fraction(1, 64)
 #: Shortest part of a flight that is bisected, in forcing periods.
 SHORTEST = 2.0**-13
 Part = tuple[Fraction, Fraction]
 
 
-class Terms:
-    """The terms of all equations: s, δ, a = e^(−δs), b = e^(−δ(1−s)), E = e^(−δ), sin πs and cos πs."""
-
-    def __init__(self, s: Jet, d: Jet) -> None:
-        self.s, self.d, self.a, self.b, self.end = s, d, (d * s).decay(), (d * (1 - s)).decay(), d.decay()
-        self.sine, self.cosine = s.sine_and_cosine(1)
-
-
-def half_way_equations(t: Terms, beta: Interval) -> list[Jet]:
-    """Return the equations (16.10) and (16.11), each as the factor of Z₁, the factor of Z₂ and the right side."""
+def half_way_equations(t: EquationTerms, beta: Interval) -> list[Jet]:
+    """Return (16.10) and (16.11) of docs/proofs.md, each as the factor of Z₁, the factor of Z₂ and the right side."""
     late, lost = 1 - t.b, 1 - t.end
     both, k = (1 - t.a) * late, (1 - t.a) / (t.d * lost) * (4 * PI)
     first = both * t.cosine * -2, (t.b - t.a) * t.sine * 2, t.d * lost - both * 4
@@ -49,8 +42,8 @@ def half_way_equations(t: Terms, beta: Interval) -> list[Jet]:
     return [*first, *second]
 
 
-def speeds_and_square(t: Terms, z: list[Jet]) -> list[Jet]:
-    """Return the speed v after Σ⁺ (16.12), the speed u after Σ⁻ (16.13) and ε² = Z₁² + Z₂²."""
+def speeds_and_square(t: EquationTerms, z: list[Jet]) -> list[Jet]:
+    """Return the speeds v after Σ⁺ and u after Σ⁻, (16.12) and (16.13) of docs/proofs.md, and ε² = Z₁² + Z₂²."""
     mean, apart, lost = t.cosine * z[0], t.sine * z[1], 1 - t.end
     p = ((1 - t.b) * (2 - mean) + (1 + t.b) * apart) / lost
     q = ((1 - t.a) * (2 - mean) - (1 + t.a) * apart) / lost
@@ -59,11 +52,11 @@ def speeds_and_square(t: Terms, z: list[Jet]) -> list[Jet]:
     return [v, u, z[0] * z[0] + z[1] * z[1]]
 
 
-def margins(t: Terms, z: list[Jet]) -> list[Jet]:
-    """Return the stability margins (1 + E − T) uv and (1 + E + T) uv, where T is the trace of the tangent map.
+def stability_margins(t: EquationTerms, z: list[Jet]) -> list[Jet]:
+    """Return the stability margins (1 + E − T) uv and (1 + E + T) uv, where E = e^(−δ), v and u are the speeds.
 
-    T is the trace of a product of matrices: [[1, S], [0, 1 − δS]] of each flight, S = (1 − e^(−δt))/δ for its duration
-    t, and [[−1, 0], [2g/w, −1]] of each impact that is reached with velocity w.
+    T is the trace of the tangent map, a product of matrices: [[1, S], [0, 1 − δS]] of each flight of duration t, with
+    S = (1 − e^(−δt))/δ, and [[−1, 0], [2g/w, −1]] of each impact that is reached with velocity w.
 
     Returns
     -------
@@ -74,28 +67,29 @@ def margins(t: Terms, z: list[Jet]) -> list[Jet]:
     c0, s0, c1, s1 = t.cosine * z[1], t.sine * z[0], t.cosine * z[0], t.sine * z[1]
     top, bottom = force_of_phase(t.d, c0 + s0, c1 - s1) * 2, force_of_phase(t.d, c0 - s0, c1 + s1) * 2
     first, second = (1 - t.a) / t.d, (1 - t.b) / t.d
-    down = first * top - v, -(first * v), t.a * top, -(t.a * v)  # v times: impact on Σ⁺, then the flight to Σ⁻
-    up = -(second * bottom) - u, -(second * u), -(t.b * bottom), -(t.b * u)  # u times: impact on Σ⁻, then the flight
+    # v times the map of the impact on Σ⁺ and the flight to Σ⁻; u times the map of the impact on Σ⁻ and the flight back
+    down = first * top - v, -(first * v), t.a * top, -(t.a * v)
+    up = -(second * bottom) - u, -(second * u), -(t.b * bottom), -(t.b * u)
     trace, one = up[0] * down[0] + up[1] * down[2] + up[2] * down[1] + up[3] * down[3], (1 + t.end) * u * v
     return [one - trace, one + trace]
 
 
 class Cell(ParameterBox):
-    """The solutions of the closure equations with s in an interval, at all δ of another interval."""
+    """The solutions of (16.10) and (16.11), docs/proofs.md, with s in an interval, at all δ of another interval."""
 
     def __init__(self, s: Interval, d: Interval, beta: Interval) -> None:
         super().__init__(s, d)
         self.known: dict[Callable[..., list[Jet]], list[Jet]] = {}
-        self.over, self.mid = Terms(*self.jets), Terms(*self.centre)
+        self.over, self.mid = EquationTerms(*self.jets), EquationTerms(*self.centre)
         over, centre = (half_way_equations(terms, beta) for terms in (self.over, self.mid))
-        # a Z₁ + c Z₂ = b and e Z₁ + g Z₂ = h
+        # the equations are a Z₁ + c Z₂ = b and e Z₁ + g Z₂ = h
         a, c, b, e, g, h = (self.mean_value(m.x, o) for m, o in zip(centre, over, strict=True))
-        self.least_squares = [b**2 / (a**2 + c**2), h**2 / (e**2 + g**2)]  # lower bounds of ε², as in (16.8)
-        self.solvable = less(ZERO, a * g - c * e) or less(a * g - c * e, ZERO)
+        self.least_squares = [b**2 / (a**2 + c**2), h**2 / (e**2 + g**2)]  # lower bounds of ε²: (16.8)
+        self.solvable = is_less(ZERO, a * g - c * e) or is_less(a * g - c * e, ZERO)
         if self.solvable:
 
             def solve(right: Interval, other: Interval) -> tuple[Interval, Interval]:
-                """Return Z₁ and Z₂ by Cramer's rule, for these right sides."""
+                """Return Z₁ and Z₂ for the right sides `right` and `other` of the two equations, by Cramer's rule."""
                 return (right * g - c * other) / (a * g - c * e), (a * other - e * right) / (a * g - c * e)
 
             z = solve(b, h)
@@ -108,11 +102,11 @@ class Cell(ParameterBox):
             self.z = [
                 Jet(self.mean_value(m.x, Jet(x, p, q)), p, q) for m, x, p, q in zip(self.z0, z, by_s, by_d, strict=True)
             ]
-            self.v, self.u, self.square = self.enclosed(speeds_and_square)
+            self.v, self.u, self.square = self.enclose(speeds_and_square)
             self.middle = [each.x for each in speeds_and_square(self.mid, self.z0)]
 
-    def enclosed(self, of: Callable[..., list[Jet]]) -> list[Jet]:
-        """Return values and derivatives over the cell of several functions, which `of` computes from terms and Z."""
+    def enclose(self, of: Callable[..., list[Jet]]) -> list[Jet]:
+        """Return values and derivatives over the cell of the functions that `of` computes from the terms and Z₁, Z₂."""
         if of not in self.known:
             centre, over = of(self.mid, self.z0), of(self.over, self.z)
             self.known[of] = [Jet(self.mean_value(m.x, o), o.s, o.d) for m, o in zip(centre, over, strict=True)]
@@ -120,15 +114,17 @@ class Cell(ParameterBox):
 
     def has_no_motion(self, low: Interval, high: Interval) -> bool:
         """Return whether no solution of the cell has speeds v > 0 and u > 0 and low ≤ ε² ≤ high."""
-        if any(less(high, bound) for bound in self.least_squares):
+        if any(is_less(high, bound) for bound in self.least_squares):
             return True
         if not self.solvable:
             return False
-        if less(self.v.x, ZERO) or less(self.u.x, ZERO) or less(self.square.x, low) or less(high, self.square.x):
+        if is_less(self.v.x, ZERO) or is_less(self.u.x, ZERO):
             return True
-        return less(self.combination(1), low) or less(self.combination(-1), -high)
+        if is_less(self.square.x, low) or is_less(high, self.square.x):
+            return True
+        return is_less(self.square_plus_speed(1), low) or is_less(self.square_plus_speed(-1), -high)
 
-    def all_are(self, slope: int, low: Interval, high: Interval) -> bool | None:
+    def all_solutions_are(self, slope: int, low: Interval, high: Interval) -> bool | None:
         """Return whether all solutions with low ≤ ε² ≤ high are admissible and dε/ds has the sign `slope`.
 
         Returns
@@ -136,22 +132,25 @@ class Cell(ParameterBox):
         bool | None
             True if all are, False if none is, None if undecided.
         """
-        if self.has_no_motion(low, high) or (self.solvable and less(slope * self.square.s, ZERO)):
+        if self.has_no_motion(low, high) or (self.solvable and is_less(slope * self.square.s, ZERO)):
             return False
-        if not (self.solvable and less(ZERO, slope * self.square.s) and less(ZERO, self.v.x)):
+        if not (self.solvable and is_less(ZERO, slope * self.square.s) and is_less(ZERO, self.v.x)):
             return None
-        # u > 0, at least wherever low ≤ ε² ≤ high
-        reaches = less(ZERO, self.u.x) or less(high, self.combination(1)) or less(-low, self.combination(-1))
-        return True if reaches and self.is_monotone(-1, ZERO, self.s) and self.is_monotone(1, self.s, ONE) else None
+        # the motion reaches Σ⁻ if u > 0, at least wherever low ≤ ε² ≤ high
+        reaches = is_less(ZERO, self.u.x) or is_less(high, self.square_plus_speed(1))
+        if not (reaches or is_less(-low, self.square_plus_speed(-1))):
+            return None
+        return True if self.is_monotone(-1, ZERO, self.s) and self.is_monotone(1, self.s, ONE) else None
 
-    def combination(self, sign: int) -> Interval:
-        """Return sign · ε² + λu over the cell, for a λ ≥ 0 with which this sum hardly changes with s (Lemma 17)."""
+    def square_plus_speed(self, sign: int) -> Interval:
+        """Return bounds of sign · ε² + λu over the cell, u the speed after Σ⁻, for a λ ≥ 0 that makes them narrow."""
+        # with this λ the derivative of the sum by s is nearly 0 (Lemma 17 of docs/proofs.md)
         factor = max(0.0, -sign * float(self.square.s.mid.a) / float(self.u.s.mid.a))
         _, u, square = self.middle
         return self.mean_value(sign * square + factor * u, self.square * sign + self.u * factor)
 
     def is_monotone(self, sign: int, start: Interval, end: Interval) -> bool:
-        """Return whether Φ' is proved to keep, from `start` to `end` of a flight, its sign `sign` at both impacts."""
+        """Return whether Φ is proved to be monotone on a flight from time `start` to `end`, with Φ' of this sign."""
         parts = [(start.b, end.a)]
         while parts:
             low, high = parts.pop()
@@ -159,11 +158,11 @@ class Cell(ParameterBox):
             t = IV.mpf([start.a if first else low, end.b if last else high])
             push = sign * self.force_at(t)
             # sign · e^(δt) Φ' grows if push > 0, and falls if push < 0: its sign at one end of the part is enough
-            at, known = (low, first) if less(ZERO, push) else (high, last) if less(push, ZERO) else (t, False)
-            if not (known or less(ZERO, sign * self.velocity(sign, at))):
-                if less(high - low, SHORTEST):
+            at, known = (low, first) if is_less(ZERO, push) else (high, last) if is_less(push, ZERO) else (t, False)
+            if not (known or is_less(ZERO, sign * self.velocity(sign, at))):
+                if is_less(high - low, SHORTEST):
                     return False
-                parts += [(low, middle(t).a), (middle(t).a, high)]
+                parts += [(low, midpoint(t).a), (midpoint(t).a, high)]
         return True
 
     def force_at(self, t: Interval) -> Interval:
@@ -177,16 +176,16 @@ class Cell(ParameterBox):
         departure, w = (ZERO, -self.v.x) if sign < 0 else (self.s, self.u.x)
         z1, z2 = (z.x for z in self.z)
 
-        def driven(at: Interval) -> Interval:
+        def forced_velocity(at: Interval) -> Interval:
             """Return the velocity of the particular solution 4πt + ε cos 2πt of the flight's equation."""
             sine, cosine = sine_and_cosine_of(2 * PI * at - PI * self.s)
             return 4 * PI - 2 * PI * (z1 * cosine + z2 * sine)
 
-        return driven(t) + (w - driven(departure)) * decayed(self.d * (t - departure))
+        return forced_velocity(t) + (w - forced_velocity(departure)) * exp_minus(self.d * (t - departure))
 
 
 class Column:
-    """The cells in s over an interval of δ. Cells are kept, because all claims with this interval use them."""
+    """The cells with 0 ≤ s ≤ 1 over an interval of δ. They are kept: all claims about this interval use them."""
 
     def __init__(self, delta: Part, beta: Fraction) -> None:
         self.d, self.beta = interval_between(*delta), interval_between(beta, beta)
@@ -199,46 +198,51 @@ class Column:
             self.cells[low, high] = Cell(interval_between(low, high), self.d, self.beta)
         return self.cells[low, high]
 
-    def motions(self, slope: int, low: Interval, high: Interval) -> list[list[Part]]:
-        """Return a run of parts of 0 ≤ s ≤ 1 for each motion D (slope 1) or B (slope −1) with low ≤ ε² ≤ high."""
+    def parts_of_motions(self, slope: int, low: Interval, high: Interval) -> list[list[Part]]:
+        """Return for each motion D (slope 1) or B (slope −1) with low ≤ ε² ≤ high the parts of 0 ≤ s ≤ 1 with it."""
         decided, parts = [], [(Fraction(0), Fraction(1))]
         while parts:
             first, last = parts.pop()
-            answer = self.cell(first, last).all_are(slope, low, high)
+            answer = self.cell(first, last).all_solutions_are(slope, low, high)
             if answer is None:
                 wide = last - first > self.narrowest
                 require(wide, f"near s = {float(first):.4f} it is undecided whether B or D exists")
                 parts += [((first + last) / 2, last), (first, (first + last) / 2)]
             else:
                 decided.append((answer, (first, last)))
-        require(not decided[0][0] and not decided[-1][0], "B or D is not excluded at s = 0 and s = 1")
+        require(
+            not decided[0][0] and not decided[-1][0],
+            "it is not proved that no motion B or D has its impacts at s = 0 or s = 1",
+        )
         runs = [[part for _, part in group] for answer, group in groupby(decided, lambda each: each[0]) if answer]
-        return [run for run in runs if self.crosses(run, slope, low, high)]
+        return [run for run in runs if self.crosses_block(run, slope, low, high)]
 
-    def crosses(self, run: list[Part], slope: int, low: Interval, high: Interval) -> bool:
-        """Return whether ε²(s) takes each value from low to high exactly once along a run of parts, or none of them."""
-        # at each end of the run ε² is outside low … high, by continuity on the same side at every δ: one δ decides it
+    def crosses_block(self, run: list[Part], slope: int, low: Interval, high: Interval) -> bool:
+        """Return True if ε²(s) takes each value from low to high once along a run of parts, False if it takes none."""
+        # at each end of the run ε² is outside low … high, and by continuity on one side at every δ: one δ decides which
         sides = []
         for s in (run[0][0], run[-1][1]):
-            square = Cell(interval_between(s, s), middle(self.d), self.beta).square.x
-            require(less(square, low) or less(high, square), "it is undecided where the solutions leave the block")
-            sides.append(1 if less(high, square) else -1)
+            square = Cell(interval_between(s, s), midpoint(self.d), self.beta).square.x
+            require(
+                is_less(square, low) or is_less(high, square), "it is undecided where the solutions leave the block"
+            )
+            sides.append(1 if is_less(high, square) else -1)
         return sides == [-slope, slope]
 
     def attracts(self, run: list[Part], low: Interval, high: Interval) -> bool:
-        """Return whether the motion of a run attracts: True at all points of the block, or False at all of them."""
+        """Return True if the motion in a run of parts attracts at all points of the block, False if at none."""
         verdicts, parts = set(), list(run)
         while parts:
             first, last = parts.pop()
             cell = self.cell(first, last)
             if cell.has_no_motion(low, high):
                 continue
-            above, below = (each.x for each in cell.enclosed(margins))
-            inside = less(ZERO, above) and less(ZERO, below)
-            if inside or less(above, ZERO) or less(below, ZERO):
+            above, below = (each.x for each in cell.enclose(stability_margins))
+            inside = is_less(ZERO, above) and is_less(ZERO, below)
+            if inside or is_less(above, ZERO) or is_less(below, ZERO):
                 verdicts.add(inside)
-                require(len(verdicts) == 1, "a motion attracts at some points of the block and not at others")
+                require(len(verdicts) == 1, "B or D attracts at some points of the block and not at others")
             else:
-                require(last - first > self.narrowest, "it is undecided whether a motion attracts")
+                require(last - first > self.narrowest, "it is undecided whether B or D attracts on the whole block")
                 parts += [(first, (first + last) / 2), ((first + last) / 2, last)]
         return True in verdicts
