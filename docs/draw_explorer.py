@@ -31,6 +31,8 @@ HEADING = "## On every screen\n"
 LEAD = "1920, 1280, 768 and 390 pixels wide, light and dark. `make screenshots` takes them.\n"
 THEMES = ("light", "dark")
 WIDE, LAPTOP, TABLET, PHONE = SCREENS = ((1920, 1080), (1280, 800), (768, 1024), (390, 844))
+#: Screens of a sheet: in each row the sizes, and how many screens of a page at most.
+ROWS = (((WIDE, 1),), ((LAPTOP, 1),), ((TABLET, 1), (PHONE, 2)))
 GAP = 16
 PATIENCE_MS, STEADY_MS, POLL_SECONDS = 300_000, 1500, 1.0
 LINES_MS = 8000  # without another line, after which there are no more: those of teeth that give way take a while
@@ -284,21 +286,23 @@ def steady_screenshot(page: Page, is_whole: bool = False) -> bytes:
 
 
 def sheet_of(screens: Mapping[tuple[str, int], Image.Image]) -> Image.Image:
-    """All screens of a view: a row for each size, light on the left and dark on the right; half as large."""
-    width = WIDE[0]
-    sheet = Image.new("RGB", (2 * width + GAP, sum(height + GAP for _, height in SCREENS) - GAP), "#808080")
-    top = 0
-    for size in SCREENS:
-        for left, theme in zip((0, width + GAP), THEMES, strict=True):
-            for number, part in enumerate(screens_of(screens[theme, size[0]], size)):
-                sheet.paste(part, (left + number * (size[0] + GAP), top))
-        top += size[1] + GAP
+    """Return all screens of a view in ROWS, light on the left and dark on the right, half as large."""
+    width, heights = WIDE[0], [max(size[1] for size, _ in row) for row in ROWS]
+    sheet = Image.new("RGB", (2 * width + GAP, sum(heights) + GAP * (len(ROWS) - 1)), "#808080")
+    for theme, begin in zip(THEMES, (0, width + GAP), strict=True):
+        top = 0
+        for row, height in zip(ROWS, heights, strict=True):
+            left = begin
+            for size, most in row:
+                for screen in screens_of(screens[theme, size[0]], size, most):
+                    sheet.paste(screen, (left, top))
+                    left += size[0] + GAP
+            top += height + GAP
     return sheet.resize((sheet.width // 2, sheet.height // 2), Image.Resampling.LANCZOS)
 
 
-def screens_of(picture: Image.Image, size: tuple[int, int]) -> Iterator[Image.Image]:
-    """Yield the first screens of a page: as many as fit side by side in the width of the widest screen."""
-    most = (WIDE[0] + GAP) // (size[0] + GAP)
+def screens_of(picture: Image.Image, size: tuple[int, int], most: int) -> Iterator[Image.Image]:
+    """Yield the screens of a page that may be higher than one, from its top."""
     for number in range(min(most, -(-picture.height // size[1]))):
         yield picture.crop((0, number * size[1], size[0], min((number + 1) * size[1], picture.height)))
 
@@ -308,7 +312,7 @@ def write(name: str, screens: Mapping[tuple[str, int], Image.Image]) -> None:
     single, sheet = IMAGES / f"explorer-{name}.png", IMAGES / f"explorer-{name}-screens.webp"
     if shown := single.name in PAGE.read_text():
         screens["light", LAPTOP[0]].quantize(256, dither=Image.Dither.NONE).save(single, optimize=True)
-    for quality in (85, 75, 65, 55):
+    for quality in (85, 75, 65, 55, 45):
         sheet_of(screens).save(sheet, quality=quality, method=6)
         if sheet.stat().st_size <= LARGEST:
             break
