@@ -90,7 +90,7 @@ def test_a_profile_has_the_axis_of_the_diagram_and_further_maps_the_window_of_th
     expect(page.get_by_text("small less small, the same cells")).to_be_visible()
     page.get_by_role("button", name="Remove map 4").click()
     assert_accessible(page)
-    for width in (390, 1024, 1280, 1920):
+    for width in (390, 1024, 1920):
         page.set_viewport_size({"width": width, "height": 900})
         assert page.evaluate("() => document.documentElement.scrollWidth") <= width
         wait_for(page, "() => Bokeh.documents.every((each) => each.is_idle)")
