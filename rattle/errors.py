@@ -18,7 +18,7 @@ AT_MOST = {"restitution": (1.0, "1 is an elastic impact")}
 
 
 class RattleError(Exception):
-    """Base of every exception that this project raises.
+    """Base class of the errors that this project defines.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ def require_one_of(what: str, name: object, known: Iterable[str]) -> None:
 
 
 def real_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
-    """Return value as a float64 array; raise ParameterError unless it holds real numbers (no text, no bool)."""
+    """Return value as a float64 array; raise ParameterError unless it holds real numbers (no text, bool or mask)."""
     if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
         raise ParameterError(f"{name} has masked elements: leave them out, or fill them")
     try:

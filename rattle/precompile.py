@@ -19,7 +19,7 @@ from rattle.numerics.compile import compile_apart
 DELTA, EPSILON = 0.6, 0.1
 HIGHEST = 0.25  # largest ε of the example curve
 COUNT = 16  # number of samples of an example cell
-SURVEY, OPTIONAL_QUANTITIES = f"{__name__}:survey", f"{__name__}:optional_quantities"
+SURVEY, OPTIONAL_QUANTITIES = f"{__name__}:survey_steps", f"{__name__}:optional_steps"
 Steps = dict[str, Callable[[], object]]
 
 
@@ -47,7 +47,7 @@ def precompile(*, preload: bool = False, optional: bool = False, **added: float 
     model = model_adding(name for name, value in added.items() if value is not None).name
     compile_apart(model, SURVEY, *([OPTIONAL_QUANTITIES] if optional else []))
     if preload:
-        survey(model)["attractors"]()
+        survey_steps(model)["attractors"]()
 
 
 def example_of(name: str) -> Model:
@@ -55,8 +55,8 @@ def example_of(name: str) -> Model:
     return MODELS[name](BETA.example, **{each.name: each.example for each in MODELS[name].added})
 
 
-def survey(name: str) -> Steps:
-    """Return functions, by name, that run the kernels that every survey of this model needs, and so compile them."""
+def survey_steps(name: str) -> Steps:
+    """Return {step: function} for the model `name`: the functions run, and so compile, the kernels of every survey."""
     model, delta, epsilon, few = _example_cells(name)
 
     def compile_orbits() -> None:
@@ -85,8 +85,8 @@ def survey(name: str) -> Steps:
     return first | {"attractors": compile_attractors, "rare cases": compile_rare_cases}
 
 
-def optional_quantities(name: str) -> Steps:
-    """Return functions, by name, that run the kernels of optional quantities of a survey, and so compile them."""
+def optional_steps(name: str) -> Steps:
+    """Return {quantity: function} for the model `name`: each function runs, and so compiles, the quantity's kernels."""
     model, delta, epsilon, few = _example_cells(name)
 
     def compile_families() -> None:

@@ -109,7 +109,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         app.add_route("/help", lambda _: RedirectResponse(public_path("/help/")), include_in_schema=False)
         app.mount("/help", documents, name="help")
     app.state.explorer = Explorer(app, settings) if settings.explorer else None
-    app.state.on_start = lambda: None  # `run_server` sets another function
+    app.state.on_start = lambda: None  # `run_server` replaces this by the function to call when the service has started
     return app
 
 

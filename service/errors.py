@@ -19,12 +19,12 @@ class ServiceError(RattleError):
 
 
 class UnknownSurveyError(ServiceError):
-    """No survey has this id."""
+    """No survey, or no population, has this id. kind: "survey" or "population"."""
 
     code = "unknown_survey"
 
-    def __init__(self, survey_id: str) -> None:
-        super().__init__(f"There is no survey {survey_id!r}. GET /v1/surveys lists the surveys of this service.")
+    def __init__(self, survey_id: str, kind: str = "survey") -> None:
+        super().__init__(f"There is no {kind} {survey_id!r}. GET /v1/{kind}s lists the {kind}s of this service.")
 
 
 class UnknownKeyError(ServiceError):
@@ -37,7 +37,7 @@ class UnknownKeyError(ServiceError):
 
 
 class UnauthorizedError(ServiceError):
-    """The service requires a key, and the request has no key or an unknown key."""
+    """The service requires a key, and the request has none, an unknown or revoked one, or a session that has ended."""
 
     code = "unauthorized"
 
@@ -49,20 +49,20 @@ class ForbiddenError(ServiceError):
 
 
 class QuotaError(ForbiddenError):
-    """The quota of the key is used up."""
+    """With the request, the surveys and populations of an API key would have more cells than its quota."""
 
     code = "quota_exceeded"
 
 
 class WaitTimeoutError(ServiceError, TimeoutError):
-    """A survey has not ended in the given time."""
+    """A survey or population has not ended in the given time."""
 
     __module__ = "gear_rattle"
     code = "wait_timeout"
 
 
 class MissingError(ServiceError):
-    """The survey exists, but the requested part of it does not."""
+    """A survey or population exists, but the requested part of it does not."""
 
     code = "not_in_survey"
 
@@ -80,7 +80,7 @@ class AddressError(ServiceError):
 
 
 class ConflictError(ServiceError):
-    """The request contradicts the present state of the service."""
+    """The request contradicts the state of a survey or population, or an earlier request with its idempotency key."""
 
     code = "conflict"
 
@@ -96,7 +96,7 @@ class LimitError(ServiceError):
 
 
 class QueueFullError(ServiceError):
-    """Too many surveys are waiting or running."""
+    """Too many surveys and populations of the service, or of an API key, are waiting or running."""
 
     code = "queue_full"
 
@@ -120,7 +120,7 @@ class DirectoryAwayError(UnavailableError):
 
 
 class KernelsError(UnavailableError):
-    """The request needs kernels that are still being compiled."""
+    """The request needs compiled kernels, and their compilation has not ended."""
 
     code = "compiling_kernels"
 

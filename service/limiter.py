@@ -44,7 +44,7 @@ class PriorityLimiter:
             self._limiter.release_on_behalf_of(slot)
 
     async def run_in_background(self, compute: Callable[[], Awaitable[Result]]) -> Result:
-        """Return the result of `compute`. It runs when no foreground one waits, and again after each pre-emption."""
+        """Return the result of `compute`, which begins when no foreground one waits, and again after a pre-emption."""
         while True:
             await self._nobody_waits.wait()
             async with self._limiter:

@@ -23,7 +23,7 @@ class AddedParameter(NamedTuple):
 
     @property
     def described(self) -> str:
-        """The label together with the part of the gear that has the parameter, capitalized."""
+        """The label and, if one is declared, the part that has the parameter, such as "Restitution of impacts"."""
         words = f"{self.label} of {self.of}" if self.of else self.label
         return words[0].upper() + words[1:]
 

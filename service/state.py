@@ -81,7 +81,7 @@ class Front:
         UnknownSurveyError, DirectoryAwayError
             See `job_and_store`.
         MissingError
-            The survey has no numbers yet, or its store is gone.
+            The survey has no stored values, or its store is gone.
         """
         job, place = self.job_and_store(survey_id)
         if place.exists():
@@ -91,11 +91,15 @@ class Front:
                 f"The store of survey {survey_id} is gone: it was moved or deleted. Restore it, or compute it "
                 f"again with POST /v1/surveys/{survey_id}/verify."
             )
-        raise MissingError(f"Survey {survey_id} is {job.state} and has no numbers yet. Try again once it runs.")
+        if State(job.state).is_final:
+            raise MissingError(f"Survey {survey_id} is {job.state} and has no stored values. Submit it again.")
+        raise MissingError(
+            f"Survey {survey_id} is {job.state} and has no stored values yet. Try again when its first tile is done."
+        )
 
     @cached_property
     def window_limiter(self) -> CapacityLimiter:
-        """The limiter of windows of maps that are computed at the same time."""
+        """The limiter of the number of windows of maps that are computed at the same time."""
         return CapacityLimiter(self.settings.max_windows)
 
     @cached_property

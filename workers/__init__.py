@@ -27,14 +27,14 @@ from gear_rattle.workers.survey.values.schema import Group, Quantity
 
 if TYPE_CHECKING:
     from gear_rattle.workers.cluster.cluster import connect, embedded_cluster
-    from gear_rattle.workers.cluster.costs import Begun
+    from gear_rattle.workers.cluster.costs import RunState
     from gear_rattle.workers.cluster.refinement import refined_frames
     from gear_rattle.workers.cluster.runner import complete_on, run_tiles, template_on
 
 #: {name: module from which it is imported at its first use}. These modules import dask's cluster, which takes a quarter
 #: of a second, and a survey in one process does not need it.
 _ON_CLUSTERS = {
-    "Begun": "gear_rattle.workers.cluster.costs",
+    "RunState": "gear_rattle.workers.cluster.costs",
     "complete_on": "gear_rattle.workers.cluster.runner",
     "connect": "gear_rattle.workers.cluster.cluster",
     "embedded_cluster": "gear_rattle.workers.cluster.cluster",
@@ -47,7 +47,6 @@ __all__ = [
     "QUANTITIES",
     "AnyRequest",
     "Axis",
-    "Begun",
     "Bucket",
     "ClusterLostError",
     "Directory",
@@ -58,6 +57,7 @@ __all__ = [
     "Place",
     "PopulationRequest",
     "Quantity",
+    "RunState",
     "StoppedError",
     "StorageError",
     "SurveyError",

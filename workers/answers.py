@@ -84,7 +84,7 @@ def _complete_population(request: PopulationRequest, column: Callable[[str], np.
         )
     found = gears_of(request, column)
     failed = status == FAILED
-    if failed.any():  # the store has fill values for failed gears, so their numbers and parts come from the plan
+    if failed.any():  # the store has fill values for failed gears, so their values are taken from the plan
         rows = np.flatnonzero(failed)
         found.part[rows], found.values[rows] = request.plan.parts(rows), request.plan.values(rows)
     return Population(request.plan, found)

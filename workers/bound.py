@@ -93,7 +93,13 @@ def meet_bound(
 
 
 def audit_counts_of_tile(_request: SurveyRequest, path: str, tile: Tile) -> AuditCounts | None:
-    """Read a tile's audit counts of its last round from the store; None if the stored tile has other rounds."""
+    """Read a tile's audit counts of its last round from the store.
+
+    Returns
+    -------
+    AuditCounts | None
+        None if the stored tile was computed with other rounds of audits than `tile.rounds`.
+    """
     place = place_of(path)
     with report_damage(f"the audit of {place}"):
         stored = {
@@ -119,7 +125,7 @@ def recompute_tile(request: SurveyRequest, path: str, tile: Tile) -> tuple[Audit
 
 
 def _audit_counts(tile: Tile, values: Mapping[str, np.ndarray]) -> AuditCounts | None:
-    """Return a tile's audit counts of its last round; None if `values` were computed with other rounds."""
+    """Return a tile's audit counts of its last round; None if `values` come from other rounds than `tile.rounds`."""
     source, audit, leaf = (values[name] for name in COUNTED_VARIABLES)
     now = (leaf > 0) & (leaf // KINDS == len(tile.rounds))
     filled = source > 0
@@ -136,9 +142,9 @@ def _add_counts(one: AuditCounts, other: AuditCounts) -> AuditCounts:
     return AuditCounts(*(a + b for a, b in zip(one, other, strict=True)))
 
 
-def _write_attributes(place: Place, told: Mapping[str, str | int | float]) -> None:
+def _write_attributes(place: Place, attributes: Mapping[str, str | int | float]) -> None:
     try:
-        set_attributes(place, told)
+        set_attributes(place, attributes)
     except OSError as error:
         refusal = storage_error(f"{place} cannot be written", error)
         raise refusal from error

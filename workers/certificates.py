@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 #: Files with a document in each line: the certificates of proved attractors, and the reasons why others are not proved.
 CERTIFICATES, REFUSED = "certificates.jsonl", "refused.jsonl"
 #: File with the checksums of all other files. It is written when the proof of every attractor has been attempted.
-SEAL = "checksums.json"
+CHECKSUMS_FILE = "checksums.json"
 MEANINGS = ("none", "orbit")  # meanings of the codes 0 and 1 of the variable `attractor_certificate`
 ORBIT = MEANINGS.index("orbit")
 SLOT = ("attractor", *CELL)
@@ -196,7 +196,9 @@ def certify_survey(
                 for path in _files_below(out / str(name))
             ]
             files = _checksums(out, sorted(path.relative_to(out).as_posix() for path in ours))
-            (out / SEAL).write_text(json.dumps({IDENTITY_ATTRIBUTE: _survey_identity(survey), "files": files}))
+            (out / CHECKSUMS_FILE).write_text(
+                json.dumps({IDENTITY_ATTRIBUTE: _survey_identity(survey), "files": files})
+            )
         return found
     except OSError as error:
         refusal = storage_error(f"{out} cannot be written", error)
@@ -218,10 +220,10 @@ def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
     SurveyError
         The directory has other contents.
     """
-    import xarray as xr  # here, because it takes half a second to load
+    import xarray as xr  # imported here, because it takes half a second to load
 
-    sealed, files = _read_seal(out)
-    is_damaged = sealed == _survey_identity(survey) and files != _checksums(out, files)
+    identity, files = _read_checksums_file(out)
+    is_damaged = identity == _survey_identity(survey) and files != _checksums(out, files)
     if is_damaged:  # it is not known which documents are damaged, so all attractors are proved again
         for key in files:
             (out / key).unlink(missing_ok=True)
@@ -234,8 +236,8 @@ def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
     except (FileNotFoundError, ValueError):
         known = None
     if known != _survey_identity(survey):
-        raise SurveyError(f"{out} holds other things than certificates of this survey: choose another path")
-    (out / SEAL).unlink(missing_ok=True)
+        raise SurveyError(f"{out} holds no readable certificates of this survey: choose another path")
+    (out / CHECKSUMS_FILE).unlink(missing_ok=True)
     certificates = out / CERTIFICATES
     lines = certificates.read_bytes().splitlines(keepends=True) if certificates.exists() else []
     radii: dict[Place, float] = {}
@@ -263,7 +265,7 @@ def lacks_certificates(request: SurveyRequest, where: str | Path | Location) -> 
     if not request.certify:
         return False
     out = certificates_path(where)
-    known, files = _read_seal(out)
+    known, files = _read_checksums_file(out)
     return known != request.content_hash() or files != _checksums(out, files)
 
 
@@ -316,7 +318,7 @@ def holds_certificates(where: str | Path | Location) -> bool:
     place = place_of(where)
     return isinstance(place, Directory) and (
         IDENTITY_ATTRIBUTE in unchecked_attributes(place)
-        or any((place.path / name).is_file() for name in (SEAL, CERTIFICATES))
+        or any((place.path / name).is_file() for name in (CHECKSUMS_FILE, CERTIFICATES))
     )
 
 
@@ -335,11 +337,11 @@ def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrit
     CertificatesIntegrity
         Number of compared files, and lost or damaged files.
     """
-    known, files = _read_seal(out)
-    complete = ended or (out / SEAL).exists()
+    known, files = _read_checksums_file(out)
+    complete = ended or (out / CHECKSUMS_FILE).exists()
     if not known:
         known = str(unchecked_attributes(Directory(out)).get(IDENTITY_ATTRIBUTE, ""))
-        return CertificatesIntegrity(out, known, 0, (SEAL,) if complete else (), complete)
+        return CertificatesIntegrity(out, known, 0, (CHECKSUMS_FILE,) if complete else (), complete)
     found = _checksums(out, files)
     lost = tuple(key for key, of in files.items() if found.get(key) != of)
     return CertificatesIntegrity(out, known, len(files), lost, complete)
@@ -363,11 +365,11 @@ def examine_certificates_beside(where: str | Path | Location) -> list[Certificat
     return [examine_certificates(each, is_due and each == due) for each in sorted(there | ({due} if is_due else set()))]
 
 
-def _read_seal(out: Path) -> tuple[str, dict[str, str]]:
-    """Return the identity of the survey and the checksums of a finished store; both empty if it is not finished."""
+def _read_checksums_file(out: Path) -> tuple[str, dict[str, str]]:
+    """Return the survey's identity and the checksums from the file CHECKSUMS_FILE; empty ones if it cannot be read."""
     try:
-        seal = json.loads((out / SEAL).read_bytes())
-        return str(seal[IDENTITY_ATTRIBUTE]), dict(seal["files"])
+        content = json.loads((out / CHECKSUMS_FILE).read_bytes())
+        return str(content[IDENTITY_ATTRIBUTE]), dict(content["files"])
     except (OSError, ValueError, KeyError, TypeError):
         return "", {}
 

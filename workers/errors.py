@@ -11,35 +11,35 @@ LONGEST_NAME = 80  # a message quotes at most this many characters of a name
 
 
 class SurveyError(RattleError):
-    """A survey cannot be requested, stored, run, opened or drawn; the message says what to do."""
+    """A survey or population cannot be requested, stored, run, opened or drawn; the message says what to do."""
 
     __module__ = "gear_rattle"
     code = "survey_error"
 
 
 class StoppedError(SurveyError):
-    """The operation was stopped on request. The survey is undamaged."""
+    """An operation was stopped on request. The store is undamaged."""
 
     __module__ = "gear_rattle"
     code = "stopped"
 
 
 class ClusterLostError(SurveyError):
-    """The cluster was lost during a run. The survey is undamaged, and the same run on another cluster continues it."""
+    """The cluster was lost during a run. The store is undamaged, and the same run on another cluster continues it."""
 
     __module__ = "gear_rattle"
     code = "cluster_lost"
 
 
 class StorageError(SurveyError):
-    """The disk is full, read-only or missing. The survey is undamaged, and continues once its store is writable."""
+    """A disk is full, read-only or missing, or a bucket does not answer. The store is undamaged and can be resumed."""
 
     __module__ = "gear_rattle"
     code = "storage_unavailable"
 
 
 class DamageError(SurveyError):
-    """A computed part of a survey is damaged and cannot be read. It can be computed again."""
+    """A computed part of a store cannot be read, because it is damaged or gone. It can be computed again."""
 
     __module__ = "gear_rattle"
     code = "store_damaged"
@@ -54,7 +54,7 @@ def missing_map_message(variable: str, maps: Iterable[str]) -> str:
 
 @contextmanager
 def report_damage(what: str) -> Iterator[None]:
-    """Turn errors of file systems, object stores and codecs during a read into DamageError. what: the read data."""
+    """Turn errors of file systems, object stores and codecs into DamageError. what: name of the data that are read."""
     try:
         yield
     except (RattleError, MemoryError):
@@ -62,12 +62,13 @@ def report_damage(what: str) -> Iterator[None]:
     except FileNotFoundError as error:
         raise DamageError(
             f"{what} cannot be read because its store is gone ({error}): restore the store, or compute it again with "
-            "the command that made it or with POST /v1/surveys/ID/verify"
+            "the command that made it or, in a service, with POST /v1/surveys/ID/verify or /v1/populations/ID/verify"
         ) from error
     except Exception as error:
         raise DamageError(
             f"{what} cannot be read ({str(error) or type(error).__name__}): if the store is damaged, repair the store "
-            "with the command that made it or with POST /v1/surveys/ID/verify"
+            "with the command that made it or, in a service, with POST /v1/surveys/ID/verify or "
+            "/v1/populations/ID/verify"
         ) from error
 
 
@@ -88,5 +89,5 @@ def storage_error(what: str, error: OSError) -> SurveyError:
         Its message says what to do.
     """
     if error.errno in _TRANSIENT_ERRORS:
-        return StorageError(f"{what} ({error}): free space or make the store writable, and the same survey continues")
+        return StorageError(f"{what} ({error}): free space or make the store writable, and try again")
     return SurveyError(f"{what} ({error}): make the path writable, or choose another path")

@@ -39,7 +39,7 @@ def tiles_of(request: AnyRequest) -> list[Any]:
 
 
 def compile_for(request: AnyRequest) -> None:
-    """Compile the kernels that tiles need, unless the cache has them, because only cached kernels compute tiles."""
+    """Compile the kernels that the tiles of a request need, unless the cache already has these kernels."""
     if SAMPLED & set(request.quantities) or isinstance(request, PopulationRequest):
         by_request = bool(OPTIONAL.intersection(request.quantities))
         rattle.precompile(preload=False, optional=by_request, **request.added_numbers)

@@ -92,7 +92,7 @@ def _read_values(place: Place, block: LevelBlock, quantity: Quantity) -> np.ndar
 def _chunks_of_levels(
     request: SurveyRequest, block: LevelBlock, quantity: Quantity, values: np.ndarray, known: np.ndarray
 ) -> Iterator[tuple[str, bytes]]:
-    """Yield (key, content) of the block's chunks in each level. known: flags of the cells that have a value."""
+    """Yield (key, content) of a variable's chunks for a block in each level. known: flags of cells with a value."""
     levels = levels_of(request.shape)
     arrays = level_arrays(quantity)
     beside = values.shape[:-2]

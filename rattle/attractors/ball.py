@@ -28,7 +28,7 @@ LARGEST, SMALLEST = 0.25, 1e-5
 # The squared distance of states is (Δτ)² + (Δv)²/16, with v in units of `speed_unit`, because phases are of order 1 and
 # speeds of order 4 units.
 SPEED_WEIGHT = 1.0 / 16.0
-DIRECTIONS = 8  # directions that are checked on each of the two ellipses
+DIRECTIONS = 8  # number of directions in which the conditions are checked on each of the two ellipses
 COSINES, SINES = (np.array([f(math.pi * i / DIRECTIONS) for i in range(2 * DIRECTIONS)]) for f in (math.cos, math.sin))
 BALLS_PER_ORBIT = 4  # an orbit has capture regions around at most this many of its points
 
@@ -93,14 +93,14 @@ def contracting_norm(a, b, c, d, q):
 
 @inline
 def is_contraction(a, b, c, d, m00, m01, m11):
-    """Return whether the matrix [[a, b], [c, d]] contracts in the norm zᵀMz, M = [[m00, m01], [m01, m11]]."""
+    """Return whether the matrix J = [[a, b], [c, d]] contracts in the norm zᵀMz, M = [[m00, m01], [m01, m11]]."""
     n00 = a * (m00 * a + m01 * c) + c * (m01 * a + m11 * c)
     n01 = a * (m00 * b + m01 * d) + c * (m01 * b + m11 * d)
     n11 = b * (m00 * b + m01 * d) + d * (m01 * b + m11 * d)
     whole = m00 * m11 - m01 * m01
     trace = (m11 * n00 - 2.0 * m01 * n01 + m00 * n11) / whole
     determinant = (n00 * n11 - n01 * n01) / whole
-    return trace < 2.0 and trace < 1.0 + determinant  # both eigenvalues of M⁻¹ DᵀMD below 1
+    return trace < 2.0 and trace < 1.0 + determinant  # both eigenvalues of M⁻¹ JᵀMJ are below 1
 
 
 @inline
@@ -144,7 +144,7 @@ def is_contracting_at(tau, v, i, centres, point):
 
 @kernel
 def find_radii_one_by_one(centres, cells):
-    """Write the radii of capture regions to `centres`, one flight at a time, for gears without vector lanes."""
+    """Write the radii of capture regions to `centres`; for gears whose flights are computed one by one."""
     for i in range(centres.radius.size):
         point = point_of(centres.cell[i], cells)
         direction = 0
@@ -163,7 +163,7 @@ def next_radius(radius):
 
 @inline
 def impacts_between_centres(n_plus):
-    """Return the number of impacts from one centre to the next, on an orbit with n_plus impacts on Σ⁺."""
+    """Return the number of impacts on Σ⁺ from one centre to the next, on an orbit with n_plus of them a period."""
     return (n_plus + BALLS_PER_ORBIT - 1) // BALLS_PER_ORBIT
 
 

@@ -38,14 +38,14 @@ METHODS = ("cells", "direct", "refined")
 FINEST = 4096  # most cells along each axis; 4096² cells need 16 million trajectories and some gigabytes of memory
 SAMPLE = 256  # number of initial conditions that are followed besides the cells, to find all attractors
 LATTICE = 8  # method "refined": one cell in 8 along τ and v is followed exactly, whatever the map of cells says
-RETURNS = 8  # a state above v_max is followed exactly if it does not return to the box in this many steps of the map
-MOST_IMPACTS = 1000  # in one step of the cell map
+RETURNS = 8  # a state outside the box is followed exactly if it does not return within this many steps of the map
+MOST_IMPACTS = 1000  # largest allowed number of impacts on Σ⁺ in one step of the cell map
 # at weak damping all states together may make MOST_IN_ALL impacts, but each state at least LEAST_BUDGET
 MOST_IN_ALL, LEAST_BUDGET = 1 << 33, 1 << 13
 
 
 def budget_of(delta: float, states: int) -> int:
-    """Return the largest number of impacts of each state: a survey's budget, or less for many weakly damped states."""
+    """Return the impacts that each of `states` states may make: as in a survey, or fewer at weak damping."""
     return BUDGET if delta >= WEAK else int(np.clip(MOST_IN_ALL // max(states, 1), LEAST_BUDGET, BUDGET))
 
 
@@ -185,15 +185,15 @@ def boundary_cells(labels: NDArray[np.int64], all_phases: bool = True) -> NDArra
 
 
 def _cell_images(plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impacts: int) -> NDArray[np.int64]:
-    """Return the map of cells (n² + 1,). Its last cell is the sink of states that become quiet.
+    """Return the map of cells (n² + 1,), induced by Π^impacts. The last cell is the sink of states that become quiet.
 
-    A cell whose trajectory does not return to the box maps to itself. Such a cell is a group of its own, which is
-    followed exactly.
+    A cell maps to itself if the trajectory from its centre does not return to the box within RETURNS steps of the map.
+    Such a cell is a group of its own, which is followed exactly.
 
     Returns
     -------
     NDArray[np.int64]
-        Number of the cell to which the centre of each cell is mapped.
+        For each cell the number of the cell to which its centre is mapped.
     """
     sink = tau.size
     t, speed, rests = plane.states_after(tau, v, impacts)
@@ -218,9 +218,9 @@ class GrowingClassification:
         self.tau, self.v = np.zeros((2, 0))
 
     def follow(self, tau: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Classify states, and return the row of each state in the common table, and its impacts.
+        """Classify states, and return for each state the row of its attractor in the common table, and its impacts.
 
-        Attractors that are in the table already keep their rows.
+        Attractors that are in the table already keep their rows; new ones are appended.
 
         Returns
         -------
@@ -240,7 +240,8 @@ class GrowingClassification:
     def _rows_in_common_table(self, table: AttractorTable, reached: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return for each row of `table` the row of the same attractor in the common table, −1 if it is new.
 
-        reached: the row of `table` that the kept state of each attractor of the common table goes to.
+        The common table has stored one state for each of its attractors. reached: for each of these states the row of
+        `table` that has its attractor.
 
         Returns
         -------
@@ -265,8 +266,8 @@ def _classify_by_cell_map(
 ) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
     """Classify the centres of all cells by simple cell mapping.
 
-    With `refine`, a lattice of cells and then every cell at a basin boundary are followed exactly, until all cells at
-    boundaries have been.
+    With `refine`, a lattice of cells is then followed exactly, and after it the cells at basin boundaries, until every
+    cell at a boundary has been followed exactly.
 
     Returns
     -------
@@ -278,7 +279,7 @@ def _classify_by_cell_map(
     image = _cell_images(plane, tau, v, n, box, impacts)
     group, steps, members = groups_of_map(image)
     sink, on_sink = tau.size, np.flatnonzero(image[:-1] == tau.size)[:1]
-    chosen = np.concatenate([members[:-1], on_sink])  # the last group is the sink's, which may have no members
+    chosen = np.concatenate([members[:-1], on_sink])  # without the last group, the sink of quiet states
     if refine:
         each = np.arange(min(LATTICE, n) // 2, n, LATTICE)
         chosen = np.concatenate([chosen, np.setdiff1d(n * each[:, None] + each, chosen)])

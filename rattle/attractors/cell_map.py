@@ -12,7 +12,8 @@ from rattle.flight.contact_phase import is_captured
 from rattle.flight.forcing import DRIFT, contact_force, phase_at
 from rattle.numerics.compile import kernel
 
-UNSEEN, ON_THE_WAY = -1, -2  # instead of a group: no chain has met the cell yet, and the cell is in the present chain
+# Values in place of a group: no chain has met the cell yet; the cell is in the chain that is being followed.
+UNSEEN, ON_THE_WAY = -1, -2
 
 
 class Box(NamedTuple):
@@ -29,7 +30,7 @@ def cell_of(tau, v, n, box, delta, epsilon, capture, cell):
     """Write the number of the cell that holds each state to `cell`.
 
     The number is row-major (v, τ) among the n × n cells of the box, n² if the state is certain to become quiet, −1
-    outside the box.
+    outside the box. capture: the largest v³/g (speed v, contact force g) at which it is certain.
     """
     for i in range(tau.size):
         sine, cosine = phase_at(tau[i])

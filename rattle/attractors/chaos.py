@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from rattle.attractors.samples import Outcome
 from rattle.numerics.compile import inline, kernel
 
-SAME_FOOTPRINT = 0.2  # two trajectories are on one attractor if they share over this part of the fewer visited cells
+SAME_FOOTPRINT = 0.2  # trajectories are on one attractor if they share over this part of the smaller bitmap's cells
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 BATCHES = 32
-LEAKS_MISSED = 3.0  # if 3 samples are expected to leave a chaotic set, none of them leaves it with probability e^(−3)
+LEAKS_MISSED = 3.0  # where 3 samples are expected to leave a chaotic set, the probability that none leaves is e^(−3)
 LEAST_GROWTH = 8.0  # least growth of ln stretch over the second half of the batches, in chaotic motion
 T_95 = 2.0395  # 97.5 % point of Student's t with 31 degrees of freedom
 PAIRS, FOURS, EIGHTS, SUM = (np.uint64(int(x * 8, 16)) for x in ("55", "33", "0f", "01"))
@@ -52,9 +52,9 @@ def is_same_attractor(boxes, i, j):
 def write_group_numbers(boxes, size, group):
     """Write the number of the attractor of each visited-cell bitmap to group (k,).
 
-    Two bitmaps of one cell of the plane are joined if they share more than the part SAME_FOOTPRINT of the smaller one,
-    until no two can be joined. The number of an attractor is the place of its first bitmap among the bitmaps of its
-    cell. Cell i has size[i] consecutive rows of `boxes` (k, GRID), which holds the bitmaps and is overwritten.
+    `boxes` (k, GRID) holds the bitmaps and is overwritten; parameter cell i has size[i] consecutive bitmaps. Two
+    bitmaps of one parameter cell are joined if they share more than the part SAME_FOOTPRINT of the smaller one, until
+    no two can be joined. The number of an attractor is the index of its first bitmap among those of its cell.
     """
     begin = 0
     for cell in range(size.size):
@@ -105,10 +105,11 @@ def exponents(sums):
 
 @kernel
 def is_chaotic(sums):
-    """Return whether λ₁ exceeds its error bar and the tangent grows faster than by shear.
+    """Return whether a trajectory is chaotic: λ₁ exceeds its error bar, and tangents grow faster than by shear.
 
-    In regular motion the logarithm of a tangent vector's length grows as ln t, by ln 2 over the second half of the
-    batches. In chaotic motion it must grow by more than LEAST_GROWTH over that half.
+    sums: a row of time, ln stretch and ln|det| for each batch of flights. In regular motion the logarithm of a tangent
+    vector's length grows as ln t, by ln 2 over the second half of the batches. In chaotic motion it must grow by more
+    than LEAST_GROWTH over that half.
 
     Returns
     -------
@@ -124,13 +125,13 @@ def is_chaotic(sums):
 
 @kernel
 def fill_chaos_flags(sums, found):
-    """Write to found (k,) whether each of several trajectories is chaotic, from sums (k, BATCHES, 3)."""
+    """Write to found (k,) whether each trajectory is chaotic. sums (k, BATCHES, 3): as in `are_chaotic`."""
     for k in range(found.size):
         found[k] = is_chaotic(sums[k])
 
 
 def are_chaotic(sums: Array) -> NDArray[np.bool_]:
-    """Return flags (k,) of chaotic trajectories, from sums (k, BATCHES, 3)."""
+    """Return flags (k,) of chaotic trajectories. sums (k, BATCHES, 3): time, ln stretch and ln|det| of each batch."""
     found = np.zeros(len(sums), np.bool_)
     fill_chaos_flags(sums, found)
     return found
@@ -138,7 +139,10 @@ def are_chaotic(sums: Array) -> NDArray[np.bool_]:
 
 @kernel
 def fill_exponents(sums, size, found):
-    """Write λ₁, λ₂ and the 95 % half-width of λ₁ to found (3, n), for n sets of size[i] consecutive rows."""
+    """Write λ₁, λ₂ and the 95 % half-width of λ₁ of n attractors to found (3, n).
+
+    Attractor i has size[i] consecutive rows of the batch sums `sums`.
+    """
     begin = 0
     for i in range(size.size):
         found[0, i], found[1, i], found[2, i] = exponents(sums[begin : begin + size[i]])

@@ -24,8 +24,8 @@ from rattle.attractors.samples import GRID, Outcome, SampleSets, Trajectories, e
 from rattle.numerics.compile import compile_apart
 from rattle.parameters import Parameters
 
-PILOT = 8  # this many samples of a cell are followed first, and the other samples use the orbits that these find
-FIRST, SECOND = 64, 512  # a sample may make this many impacts until the end of the first and of the second stage
+PILOT = 8  # this many samples of a cell are followed first; orbits that they find can capture the other samples
+FIRST, SECOND = 64, 512  # impacts that a sample may make in all by the end of the first, and of the second, stage
 GROWTH = 4  # each further stage lasts this many times as long as the previous one
 STAGES = 4  # number of stages at strong damping; weak damping has as many as the budget allows
 FEW = 8  # a cell gets one more stage if at most one in 8 of its samples is unresolved
@@ -33,15 +33,18 @@ MEASURED, PERIODS = 2000, 1000.0  # a probe is followed for at least this many i
 CHATTERING = 0.5  # a sample whose impacts take less than this share of the expected time may be chattering
 # a probe is followed for at least this many relaxation times 1/δ; where this exceeds PERIODS, all stages are longer
 WATCH = 100.0
-# The neighbour test follows CROWDS of states at dampings below WEAK. Neighbours of a sample have its phase, and speeds
-# larger by multiples of NEIGHBOUR_STEP times its speed.
+# Damping below which the neighbour test has two rounds. Neighbours of a sample have the sample's phase, and speeds that
+# are larger by multiples of NEIGHBOUR_STEP times the sample's speed.
 WEAK, NEIGHBOUR_STEP = 0.3, 1e-9
-CROWDS = (256, 1024)  # samples and neighbours of a cell after the first and after the second round of the test
+# Numbers of states of a cell (unresolved samples and their neighbours) after the first and after the second round.
+CROWDS = (256, 1024)
 BUDGET = 1_000_000  # default budget of impacts of a sample; a sample that is still unresolved then is undecided
 MOST_MEASURED = 20_000  # a probe stops after this many impacts, even if PERIODS forcing periods are not over
-MANY = 64  # in a cell with fewer samples, their neighbours are followed too, so that "chaotic" is as reliable there
-CROWD_OF_FEW = 256  # samples and neighbours of a cell with fewer than MANY samples, if it has a quiet motion
-MOST_PROBES = 12  # in a cell; if a chaotic set loses one sample in 3000 periods, 98 % of the cells show the loss
+MANY = 64  # in cells with fewer samples, neighbours of the samples are followed too, to make "chaotic" as reliable
+CROWD_OF_FEW = 256  # number of states of the neighbour test in a cell with fewer than MANY samples and a quiet motion
+# Largest number of probes of a cell. If samples leave a chaotic set after 3000 periods on average, so many probes show
+# this in 98 % of cells.
+MOST_PROBES = 12
 TRACED = 1000  # number of impacts during which every state is marked in a visited-cell bitmap
 LONGER = 4  # probes that seem to lie on several attractors are followed this many times as long
 EXTENSIONS = 3  # an unclear exponent is measured again at most this often, each time over twice as many impacts
@@ -58,7 +61,7 @@ class ChaoticSet(NamedTuple):
     sums : ndarray, (k, BATCHES, 3)
         Time, ln stretch and ln|det| of each batch of flights, for the k samples whose exponents were measured.
     watched : float
-        Forcing periods for which the measured samples were followed.
+        Least number of forcing periods for which one of the samples that show the chaos was followed.
     """
 
     samples: NDArray[np.int64]
@@ -147,7 +150,7 @@ class Classifier(ABC):
         Self
             The classifier, which holds the outcomes.
         """
-        compile_apart(cls.model, "rattle.precompile:survey")
+        compile_apart(cls.model, "rattle.precompile:survey_steps")
         found = cls(cls.cells_of(parameters), tau, v, budget)
         found.run()
         return found
@@ -159,7 +162,7 @@ class Classifier(ABC):
 
     @abstractmethod
     def enter_known_orbits(self) -> None:
-        """Add the orbits that closed forms give to the tables of the cells."""
+        """Add the orbits that are known in closed form to the tables of the cells."""
 
     @abstractmethod
     def find_radii(self, centres: Centres) -> None:
@@ -274,7 +277,7 @@ class Classifier(ABC):
                 self.make_room(2 * room)
 
     def grow_balls(self) -> None:
-        """Grow capture regions around the points of orbits that have none yet."""
+        """Grow capture regions around points of the orbits that have no capture regions yet."""
         if (self.orbits.n == self.grown).all():
             return
         centres = centres_of(self.grown, self.orbits, self.cells)
@@ -322,11 +325,20 @@ class Classifier(ABC):
         return decided
 
     def may_leak(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags (k,) of cells where chaotic sets often lose samples so slowly that the probes show no loss."""
+        """Return flags (k,) of cells where a chaotic set may lose samples so slowly that the probes show no loss.
+
+        Such losses are frequent at weak damping and in cells with a quiet motion. Cells with fewer than MANY samples
+        are flagged too, because few samples may not show a loss.
+
+        Returns
+        -------
+        NDArray[np.bool_]
+            True for cells whose unresolved samples must all be followed (`samples_outlast_probes`).
+        """
         return np.asarray(self.weak[cells] | self.has_quiet[cells] | (self.count < MANY))
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags (k,) of cells whose probes are measured only when no more of their samples settle."""
+        """Return flags (k,) of cells whose probes are measured only when no more samples settle; by default all."""
         return np.ones(cells.size, np.bool_)
 
     def samples_outlast_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -369,9 +381,9 @@ class Classifier(ABC):
     def neighbours_stay_unresolved(self, cells: NDArray[np.int64], first: int, last: int) -> NDArray[np.bool_]:
         """Return flags of the cells where neighbours of the unresolved samples stay unresolved too (neighbour test).
 
-        first, last: the followed states have the numbers from `first` to `last` − 1 of `neighbouring_trajectories`.
-        Each neighbour is followed for as many impacts as the unresolved sample of its cell with the most impacts. In
-        chaos, neighbours soon become independent.
+        first, last: the range of numbers, as `neighbouring_trajectories` gives them, of the tested neighbours; `last`
+        itself is excluded. Each neighbour is followed for as many impacts as the unresolved sample of its cell with the
+        most impacts. In chaos, neighbours soon become independent.
 
         Returns
         -------
@@ -463,7 +475,8 @@ class Classifier(ABC):
             seen.sums[todo], seen.prints[todo] = part
             left, time = samples.status[now] == Outcome.UNRESOLVED, samples.time[now] - before
             chattering = self.may_be_chattering(samples.cell[now], time, PERIODS * longer)
-            stopped = chattering | (time < PERIODS * longer) & (room < most)  # stopped by the budget
+            # the exponent is not judged if the sample may be chattering, or if its budget ended before its time
+            stopped = chattering | (time < PERIODS * longer) & (room < most)
             chaotic[todo] = left & ~stopped & are_chaotic(part.sums)
             todo = todo[left & ~chaotic[todo] & ~stopped & (samples.impacts[now] < self.budget)]
         return seen, chaotic
@@ -472,7 +485,7 @@ class Classifier(ABC):
         """Declare the unresolved samples of these cells to be on the chaotic attractor on which their probes are.
 
         If the probes of a cell seem to lie on several attractors, the probes are followed for longer, and if they still
-        do, all unresolved samples of the cell are followed.
+        do, all unresolved samples of the cell are followed. witnesses: the probes; seen: their observations.
 
         Returns
         -------
@@ -504,7 +517,9 @@ class Classifier(ABC):
         return declared
 
     def declare_several_sets(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Declare the unresolved samples of these cells to be on several chaotic attractors.
+        """Follow all unresolved samples of these cells for longer, and declare on which chaotic attractor each one is.
+
+        Samples whose visited-cell bitmaps overlap are on the same attractor; there may be one or several in a cell.
 
         Returns
         -------
@@ -545,7 +560,7 @@ class Classifier(ABC):
 
 
 def stage_impact_limit(stage: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the largest number of impacts that a sample may have at the end of each stage, at strong damping."""
+    """Return the largest number of impacts of a sample until the end of each of these stages, at strong damping."""
     return np.where(stage == 0, float(FIRST), SECOND * float(GROWTH) ** (stage - 1))
 
 

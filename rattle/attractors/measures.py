@@ -11,8 +11,8 @@ from rattle.attractors.table import KINDS
 from rattle.errors import require, require_integer, require_number
 from rattle.numerics.sampling import Z_95, wilson_interval
 
-LARGEST_SIZE, SIZES = 2.0**-6, 8  # largest distance of a pair of states, and number of distances, each half the last
-FEWEST = 5  # the fit leaves out a distance with fewer uncertain pairs
+LARGEST_SIZE, SIZES = 2.0**-6, 8  # largest distance of a pair of states; number of distances, successively halved
+FEWEST = 5  # the fit leaves out each distance that has fewer than this many uncertain pairs
 MOST_PAIRS = 1 << 20
 LONGEST_BOX = 4096
 
@@ -58,8 +58,8 @@ class Uncertainty(NamedTuple):
 def differing(a: Basins, b: Basins) -> NDArray[np.bool_]:
     """Return the cells (n, n) that two results on the same grid give to different attractors.
 
-    Attractors are identified by kind and label P(m, n₊, n₋). Where several match, they are paired so that the fewest
-    cells differ.
+    Attractors of both results are paired if they have the same kind and label P(m, n₊, n₋). Where several attractors
+    have the same kind and label, the pairs are those with which the fewest cells differ.
 
     Returns
     -------
@@ -69,11 +69,14 @@ def differing(a: Basins, b: Basins) -> NDArray[np.bool_]:
     Raises
     ------
     ParameterError
-        If the grids differ.
+        If the grids differ in their numbers of cells or in their speeds.
     """
     same_grid = a.labels.shape == b.labels.shape and np.array_equal(a.v, b.v)
     grids = " and ".join(f"{each.v.size} × {each.tau.size} cells up to v = {each.v_max:g}" for each in (a, b))
-    require(same_grid, f"the basins have different grids, {grids}: compute both with one resolution and one v_max")
+    require(
+        same_grid,
+        f"the basins have different grids, {grids}: compute both with the same resolution and range of speeds",
+    )
     from scipy.optimize import linear_sum_assignment  # imported here because it is slow to load
 
     shape = (len(a.attractors), len(b.attractors))

@@ -58,7 +58,7 @@ def is_approaching(tau, v, star_tau, star_v, k, most, point):
 
 @kernel
 def impacts_until_return(tau, v, gap, point):
-    """Return the number of impacts on Σ⁺ until the first return to (τ, v). A return after `gap` impacts is known."""
+    """Return the number of impacts on Σ⁺ until (τ, v) first returns close to itself; a return after `gap` is known."""
     t, speed, unit = tau, v, speed_unit_at(point)
     for j in range(1, gap):
         status, t, speed, _time, _below = step(t, speed, point)
@@ -71,7 +71,9 @@ def impacts_until_return(tau, v, gap, point):
 
 @kernel
 def stable_orbit(tau, v, gap, most, point):
-    """Return the stable orbit that attracts a trajectory that is at (τ, v) and again close to it after `gap` impacts.
+    """Return the stable orbit that attracts a trajectory which returns close to (τ, v) after `gap` impacts on Σ⁺.
+
+    most: the number of impacts within which the trajectory must be observed to approach the orbit.
 
     Returns
     -------
@@ -121,7 +123,15 @@ def index_of_orbit(m, n_plus, n_minus, tau, v, cell, orbits, point):
 
 @inline
 def append_orbit(m, n_plus, n_minus, tau, v, first, second, cell, orbits):
-    """Append an orbit to the table of the cell, which must have room, and return its index there."""
+    """Append an orbit to the table of its cell, which must have room, and return its index in this table.
+
+    first, second: ln|multiplier|/m of both multipliers.
+
+    Returns
+    -------
+    int
+        Index in the cell's row of `orbits`.
+    """
     j = orbits.n[cell]
     orbits.m[cell, j], orbits.n_plus[cell, j], orbits.n_minus[cell, j] = m, n_plus, n_minus
     orbits.tau[cell, j], orbits.v[cell, j] = tau, v
@@ -132,7 +142,7 @@ def append_orbit(m, n_plus, n_minus, tau, v, first, second, cell, orbits):
 
 @kernel
 def fill_footprints(which, impacts, cells, samples, footprints):
-    """Fill the bitmaps of `mark_footprints` in a compiled loop over its samples."""
+    """Do the work of `mark_footprints` in a compiled loop over the samples."""
     for j in range(which.size):
         k = which[j]
         point = point_of(samples.cell[k], cells)
@@ -149,9 +159,9 @@ def mark_footprints(
 ) -> None:
     """Mark every state of the next `impacts` impacts on Σ⁺ of these samples in their visited-cell bitmaps.
 
-    While exponents are measured, a bitmap receives only the state after every few flights. If a chaotic set has several
-    bands that are visited in turn, these states may lie in some of the bands only. Therefore every state is marked
-    here.
+    While exponents are measured, a bitmap receives only the state after every few flights. If a chaotic set consists of
+    several parts that a trajectory visits in turn, these states may miss some of the parts. Therefore this function
+    marks every state.
     """
     fill_footprints(which, impacts, cells, samples.for_kernels(), footprints)
 

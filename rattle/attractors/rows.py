@@ -50,9 +50,10 @@ def place_of_attractor(kind, which, orbits):
 
 @kernel
 def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, row):
-    """Fill the columns of `rows_of`, which must be zero before.
+    """Fill the columns of `Rows`: `whole` (6, n) with the integer columns in order, `watched` (n,) with the last one.
 
-    A cell has at most `orbits` orbits. `room` (2, places) is scratch memory for the attractors of one cell.
+    The function also writes the row of each sample to `row`. `whole` must be zero before. A cell has at most `orbits`
+    orbits. `room` (2, places) is scratch memory for the attractors of one cell.
 
     Returns
     -------

@@ -15,7 +15,7 @@ from rattle.numerics.compile import inline
 from rattle.numerics.struct_of_arrays import StructOfArrays, kernel_columns
 
 GRID = 32  # boxes along each side of the visited-cell bitmap of a chaotic trajectory
-HIGHEST = 14.0  # largest upper end of a visited-cell bitmap, in units of speed (`speed_unit`)
+HIGHEST = 14.0  # largest speed at which a visited-cell bitmap may end, in units of `speed_unit`
 RECURRENCE = 1e-6  # a return to within this distance of an earlier state starts Newton's method
 Known = TypeVar("Known", bound=StructOfArrays)
 CONTACT = -1  # marks, in the field `pause`, a sample that has entered a contact phase
@@ -118,8 +118,8 @@ class Orbits(StructOfArrays):
     """Stable orbits known in each cell: arrays (n_cells, room), of which the first n entries of a row are used.
 
     An orbit has its label (m, n₊, n₋), its fastest point (τ, v) and ln|multiplier|/m of both multipliers. `contacts` is
-    the number of contact phases in a period. A label counts a run of impacts that ends in contact once; `merged` is the
-    number of impacts on Σ⁺ that the label leaves out for this reason. Both are 0 for elastic impacts.
+    the number of contact phases in a period. A label counts a run of impacts that ends in contact as one impact;
+    `merged` is the number of impacts on Σ⁺ that the label leaves out for this reason. Both are 0 for elastic impacts.
     """
 
     n: Any
@@ -225,6 +225,8 @@ def first_reference(tau, v):
 @inline
 def check_sample(tau, v, n, k, reference, samples, balls, unit):
     """Check after n returns whether sample k is captured, or has returned close to the reference state.
+
+    If it has returned, the number of returns since the reference state is written to `samples.gap`.
 
     Returns
     -------

@@ -43,7 +43,7 @@ class Attractor:
         A point of the attractor on Σ⁺; the fastest impact if periodic.
     contacts : int
         Contact phases in m periods of a gear with restitution. There n₊ and n₋ count a run of impacts that ends in
-        contact once, and both exponents are −∞ because contact forgets the earlier state.
+        contact as one impact, and both exponents are −∞ because contact forgets the earlier state.
     """
 
     kind: str

@@ -1,7 +1,7 @@
 """Compare measured impacts, of an experiment or another simulation, with the attractors of a gear."""
 
-from rattle.comparison.compare import Comparison, Near, compare
+from rattle.comparison.compare import ComparedAttractor, Comparison, compare
 from rattle.comparison.measured import MeasuredImpacts, measured, read_csv
 from rattle.comparison.walls import POOR
 
-__all__ = ["POOR", "Comparison", "MeasuredImpacts", "Near", "compare", "measured", "read_csv"]
+__all__ = ["POOR", "ComparedAttractor", "Comparison", "MeasuredImpacts", "compare", "measured", "read_csv"]

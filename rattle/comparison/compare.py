@@ -29,7 +29,7 @@ GRID = 720
 Array = NDArray[np.float64]
 
 
-class Near(NamedTuple):
+class ComparedAttractor(NamedTuple):
     """An attractor of the gear, compared with the measured impacts.
 
     Attributes
@@ -79,7 +79,7 @@ class Comparison:
         motions of this gear and near 1/2 for random times; near 1/2, walls, label and offset mean nothing.
     histogram : ndarray, (2, bins)
         Impacts per forcing period on Σ⁺ and Σ⁻ in equal intervals of the phase.
-    near : tuple of Near
+    near : tuple of ComparedAttractor
         The attractors of the gear, the nearest first.
     """
 
@@ -93,7 +93,7 @@ class Comparison:
     is_sure: NDArray[np.bool_]
     misfit: float
     histogram: Array
-    near: tuple[Near, ...]
+    near: tuple[ComparedAttractor, ...]
 
 
 def compare(
@@ -210,7 +210,7 @@ def _compare_fit(
     impacts = (number - 1) / float(time[-1] - time[0]) if label is None else (label[1] + label[2]) / label[0]
     here, rate = _phases_by_wall(time - fit.offset, wall), impacts / number
     near = [
-        Near(
+        ComparedAttractor(
             each.attractor,
             each.intensity,
             each.histogram,

@@ -83,7 +83,7 @@ def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | 
     require(times.size >= LEAST, f"there are {times.size} impacts: give at least {LEAST}")
     require(
         bool(np.isfinite(times).all() and (np.diff(times) > 0).all()),
-        "times must be finite and increase: sort the impacts by time",
+        "times must be finite and increase: leave out impacts without a time, and sort the others by time",
     )
     require(
         times[-1] - times[0] > SHORTEST,

@@ -3,8 +3,9 @@
 A flight from wall a at t₀ to wall b at t₁ has velocities w₀ and w₁ in closed form (`rattle.flight.between`). For the
 right walls w₀ points away from a and w₁ points towards b, and an elastic impact gives the next flight w₀ = −w₁. The
 walls that fit best are found by dynamic programming (Viterbi), for many offsets at once. An offset is the time of phase
-0. The cost of walls is the sum of the squared errors of w₀ + w₁, in units of the speed tolerance, of the measured
-speeds, and of penalties. Up to MOST_FALSE impacts in a row may be false: they do not belong to the motion.
+0. Up to MOST_FALSE impacts in a row may be false: they do not belong to the motion. The cost of a choice of walls is
+the sum of squared errors, in units of the speed tolerance, and of penalties. The errors are w₀ + w₁ at each impact, and
+the difference between |w₁| and the measured speed; penalties are for false impacts and for velocities of wrong sign.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ PHASES = 96
 FEW = 8
 #: A second search has FINER_PHASES offsets and a speed tolerance smaller by the factor FINER.
 FINER, FINER_PHASES = 16.0, 384
-#: Number of offsets at which the walls of the MOST_TWINNED best fits are tried again, because A and C have the same
-#: walls.
+#: Number of offsets that are tried with the walls of each of the MOST_TWINNED best fits, because the same walls may fit
+#: at several offsets: impacts of A and C, for example, meet the walls in the same order.
 TWINS, MOST_TWINNED = 1024, 3
 #: Misfit above which the impacts are not impacts of this gear.
 POOR = 0.25
@@ -56,7 +57,7 @@ WORST = 4.0
 FALSE, MOST_FALSE = 6.0, 2
 #: Misfit of a false impact.
 AT_RANDOM = 0.5
-#: Largest distance from an offset in which its interval is searched, in forcing periods, and the number of steps.
+#: Largest distance from an offset within which its interval is searched, in forcing periods, and the number of steps.
 FARTHEST, STEPS = 0.25, 128
 #: Number of successive impacts whose errors are correlated, because an error of one time changes the misfits of others.
 TOGETHER = 4

@@ -45,14 +45,14 @@ SMALL_DAMPING = 0.25
 
 
 def plane_scale(delta: float) -> float:
-    """Return the scale relative to which differences of δ and ε count near this damping.
+    """Return the unit in which differences of δ and of ε are measured near this damping.
 
-    At small damping motions depend on differences relative to the damping.
+    The unit shrinks with the damping, because at small damping motions depend on differences relative to the damping.
 
     Returns
     -------
     float
-        The scale: in proportion to the damping, and at most 1.
+        The unit: in proportion to the damping, and at most 1.
     """
     return min(max(abs(float(delta)) / SMALL_DAMPING, 1e-300), 1.0)
 
@@ -180,7 +180,7 @@ def _has_converged(size: Any, last: Any) -> Any:
 
 
 def solutions_with_values(problem: ContinuationProblem, guesses: Array, index: int) -> Array:
-    """Return the solutions near guesses (k, N + 1), where component `index` of each keeps its guessed value.
+    """Return the solutions near guesses (k, N + 1), in which unknown number `index` keeps its guessed value.
 
     Returns
     -------
@@ -221,7 +221,7 @@ def _solve_each(matrix: Array, right: Array) -> Array:
 
 
 def solution_with_value(problem: ContinuationProblem, x: Array, index: int, value: float) -> Array | None:
-    """Return the solution near x in which component `index` has this value; None if Newton's method fails."""
+    """Return the solution near x in which unknown number `index` has this value; None if Newton's method fails."""
     guess, fixed = x.copy(), np.zeros(x.size)
     guess[index], fixed[index] = value, 1.0
     found = newton_on_curve(problem, guess, fixed)
@@ -393,7 +393,7 @@ class Follower:
         return Path(np.array(points), np.array(tangents), None)
 
     def follow_both_ways(self, start: Array, index: int, most: int = MOST_POINTS) -> FollowedCurve:
-        """Follow the curve in both directions from a solution inside. Forward is where component `index` rises."""
+        """Follow the curve in both directions from a solution inside. Unknown number `index` rises forward."""
         rising = np.zeros(start.size)
         rising[index] = 1.0
         tangent = tangent_at(self.problem, start, rising)

@@ -24,7 +24,7 @@ MULTIPLIER = {Kind.SADDLE_NODE: 1.0, Kind.FLIP: -1.0}
 
 
 def scale_at(x: Array) -> Array:
-    """Return the sizes (N,) relative to which corrections of unknowns are measured; δ and ε are the last two."""
+    """Return the sizes (N,) relative to which corrections of the unknowns x are measured; x ends with δ and ε."""
     scale = np.ones(x.size)
     scale[-2:] = plane_scale(x[-2])
     return scale
@@ -55,7 +55,7 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Co
     borders: list[Array] = []
 
     def prepare(x: Array) -> None:
-        """Border the Jacobian with its null vectors at x."""
+        """Set `borders` to the left and the right null vector of the Jacobian at x, for the test whether det J is 0."""
         left, _, right = np.linalg.svd(itinerary.jacobian(x, multiplier))
         side = np.sign(np.linalg.det(left @ right))  # orients the null vectors so that the determinant keeps its sign
         borders[:] = (side[..., None] * left[..., -1])[..., None, :], right[..., None, -1, :]

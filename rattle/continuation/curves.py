@@ -67,7 +67,7 @@ class CurvePiece(NamedTuple):
 class CurveDescription(NamedTuple):
     """The motion that bifurcates at a point of a curve.
 
-    tau, v: the phase of its impact on Σ⁺, and the speed after this impact. multipliers (2,): its Floquet multipliers.
+    tau, v: the phase of the motion's impact on Σ⁺, and the speed after this impact. multipliers (2,): the motion's.
     """
 
     tau: float
@@ -136,7 +136,7 @@ class Curve(TabularResult):
             Unless exactly one of `delta` and `epsilon` is given.
         """
         given = [(name, x) for name, x in (("delta", delta), ("epsilon", epsilon)) if x is not None]
-        require(len(given) == 1, "give either delta or epsilon")
+        require(len(given) == 1, "exactly one of delta and epsilon must be given")
         name, value = given[0][0], require_number(*given[0])
         index = -2 if name == "delta" else -1
         found = (crossings(self._problem, points, index, value) for points in self._points)
@@ -319,7 +319,7 @@ def _lie_on_piece(
 def _follow_piece(follower: Follower, x: Array, why: Test) -> CurvePiece:
     """Return the piece that contains a solution, with the end at smaller δ first.
 
-    Its points include all folds. why: a function of a point that returns the reason why the piece ends there.
+    The points of the piece include all folds. why: a function of a point that returns why the piece ends there.
 
     Returns
     -------
@@ -398,7 +398,7 @@ def window_range(name: str, value: tuple[float, float], positive: bool = False) 
     """Return the range (low, high) of a window after a check. Raises ParameterError if the range is not allowed."""
     low, high = (require_number(name, number, positive=positive) for number in require_pair(name, value))
     require(low < high, f"{name} must be a pair (low, high) with low < high, got {value!r}")
-    require(max(-low, high) <= FARTHEST, f"{name} must be within {FARTHEST:g}, got {value!r}")
+    require(max(-low, high) <= FARTHEST, f"{name} must be within ±{FARTHEST:g}, got {value!r}")
     return low, high
 
 

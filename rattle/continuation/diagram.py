@@ -23,7 +23,7 @@ from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import PAPER_SPEED, SampleSpec
 from rattle.attractors.table import KINDS, AttractorTable
 from rattle.continuation.arclength import plane_scale
-from rattle.continuation.motions import Motion, Motions, Segment, runs
+from rattle.continuation.motions import Motion, Motions, Segment, split_into_runs
 from rattle.continuation.search import Search
 from rattle.continuation.sweeps import KnownAttractor, SweepPoints, Sweeps
 from rattle.errors import require, require_integer, require_number, require_pair
@@ -328,7 +328,7 @@ def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[BranchPiec
     for i, found in enumerate(search.branches):
         upper, at = np.flatnonzero(np.array(found.itinerary.walls) > 0), search.paths[i][:, -1]
         events = {event.after: float(search.model.segment.position(event.parameters)) for event in found.events}
-        for run in runs(np.flatnonzero(found.stable)):
+        for run in split_into_runs(np.flatnonzero(found.stable)):
             low, high = sorted((events.get(int(run[0]) - 1, float(at[run[0]])), events.get(int(run[-1]), at[run[-1]])))
             inside = np.flatnonzero((position >= low) & (position <= high))
             order = np.argsort(at[run])

@@ -65,7 +65,7 @@ class Motions(ABC):
 
     @abstractmethod
     def steps(self, position: Array) -> Parameters:
-        """Return the parameters of the steps at these positions (n,)."""
+        """Return the parameters of n steps, given by their positions (n,) along the segment."""
 
     def sample_attractors(self, steps: Parameters, sample: SampleSpec) -> AttractorTable:
         """Return the attractors that samples of initial conditions reach; cell i of the table is step i."""
@@ -89,19 +89,19 @@ class Motions(ABC):
 
     @abstractmethod
     def problem(self, itinerary: Any) -> ContinuationProblem:
-        """Return the equations of the motions with an itinerary along the segment; y = (unknowns (n,), position)."""
+        """Return the equations of motions with an itinerary, in y = (unknowns (n,), position along the segment)."""
 
     @abstractmethod
     def solve_motion(self, itinerary: Any, y: Array) -> Periodic | None:
-        """Return the motion near a guess y = (unknowns (n,), position) at this position; None if none is found."""
+        """Return the motion at the position of a guess y = (unknowns (n,), position along the segment), or None."""
 
     @abstractmethod
     def follow_branch(self, motion: Motion, span: tuple[float, float]) -> Any:
-        """Return the branch that contains a motion. span: range of positions, relative to that of the motion."""
+        """Return the branch that contains a motion. span: range of positions, relative to the motion's position."""
 
     @abstractmethod
     def follow_doubled_branch(self, event: Any, span: tuple[float, float]) -> Any:
-        """Return the branch of doubled period that starts at a flip. span: range of positions, relative to the flip."""
+        """Return the branch of doubled period from a flip on. span: range of positions, relative to the flip's."""
 
     @abstractmethod
     def events_of(self, found: Any) -> tuple[Any, ...]:
@@ -112,6 +112,6 @@ class Motions(ABC):
         """Yield one motion of each branch that passes through an event, also of branches with another itinerary."""
 
 
-def runs(steps: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+def split_into_runs(steps: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     """Split an array of rising integers into runs of consecutive integers."""
     return np.split(steps, np.flatnonzero(np.diff(steps) > 1) + 1) if steps.size else []

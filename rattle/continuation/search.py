@@ -42,7 +42,7 @@ def is_same_motion(one: Motion, other: Motion) -> bool:
 
 
 def _twins(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
-    """Yield all unknowns that describe a motion, in the order of walls of the itinerary `like`, begun near `phase`."""
+    """Yield all unknowns of a motion whose walls have the order of `like` and whose first time is near `phase`."""
     impacts = len(motion[0].walls)
     for first in range(impacts):
         itinerary, x = motion_from_impact(motion, first)
@@ -83,7 +83,7 @@ class Search:
         return next((i for i in range(len(self.branches)) if self._is_on_branch(i, motion)), None)
 
     def stable_orbit(self, i: int, position: float) -> Periodic | None:
-        """Return the stable motion of branch number i at a position; None if the branch has none there."""
+        """Return the stable motion of branch number i at a position along the segment; None if there is none."""
         path, stable = self.paths[i], self.branches[i].stable
         d = path[:, -1] - position
         for k in np.flatnonzero((stable[:-1] | stable[1:]) & (d[:-1] * d[1:] <= 0.0)):

@@ -145,7 +145,10 @@ class Sweeps:
             self._runs.append(_Run(direction, step, known.tau, known.v, back or {}, stops_at_known))
 
     def _finish_runs(self) -> None:
-        """Advance all runs, and the runs that they start, until they end; of several runs at a step only the first."""
+        """Advance all runs, and the runs that they start, until all have ended.
+
+        Of the runs that arrive at one step next, only one advances at a time.
+        """
         while self._runs:
             now: dict[int, _Run] = {}
             for run in self._runs:
@@ -153,7 +156,7 @@ class Sweeps:
             self._advance_runs(list(now.values()))
 
     def _advance_runs(self, runs: list[_Run]) -> None:
-        """Follow each run's state, and the known attractors of its step, to the attractors that they reach there."""
+        """Advance runs by a step: find which attractor the state of each run reaches, and whether it is known."""
         states = [[(run.tau, run.v), *((known.tau, known.v) for known in self.known[run.step])] for run in runs]
         count = max(map(len, states))
         tau, v = (np.array([[s[i] for s in (here * count)[:count]] for here in states]) for i in (0, 1))

@@ -127,10 +127,12 @@ def components(
         The attractors, whose chaotic rows are in the order of their cells.
     row : NDArray[np.int64]
         The row of each orbit in the table.
-    orbits : Linked
+    orbits : LinkedOrbits
         The periodic orbits with their continuations.
     shape : tuple[int, int]
         The numbers of rows and columns of the grid.
+    cells : NamedTuple of ndarray
+        The cells of the grid as kernels take them.
 
     Returns
     -------
@@ -169,7 +171,7 @@ def continue_orbits(
 
     Returns
     -------
-    tuple[Linked, int]
+    tuple[LinkedOrbits, int]
         The periodic orbits of the table, followed by the new orbits that were found; and the number of all.
     """
     periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
@@ -186,7 +188,7 @@ def continue_orbits(
 def spread_all(
     done: int, n: int, columns: int, inside: Rectangle, cells: Any, orbits: LinkedOrbits
 ) -> tuple[LinkedOrbits, int]:
-    """Continue the orbits with numbers from `done` to n as `spread_orbits` does, and enlarge arrays that are full."""
+    """Continue the orbits with numbers `done` to n − 1 as `spread_orbits` does, and enlarge arrays that are full."""
     while done < n:
         done, n = spread_orbits(done, n, columns, inside, cells, orbits)
         if done < n:
@@ -271,7 +273,7 @@ def with_more_room(orbits: LinkedOrbits) -> LinkedOrbits:
 
 
 def table_of_continued(orbits: LinkedOrbits, n_known: int, n: int) -> AttractorTable:
-    """Return a table of the orbits with numbers n_known to n, which were found by continuation; they have 0 samples."""
+    """Return a table of the orbits n_known to n − 1, which were found by continuation and have 0 samples."""
     new = slice(n_known, n)
     many = n - n_known
     zeros = np.zeros(many, np.int64)

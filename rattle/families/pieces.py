@@ -24,8 +24,9 @@ no_attractors = AttractorTable.empty
 
 
 class GridPiece:
-    """A grid whose attractors become known some cells at a time. Known orbits are continued into all of its cells.
+    """A piece of a larger grid, whose attractors become known some cells at a time.
 
+    Known orbits are continued into all cells of the piece.
     orbits: the orbits found so far, in the arrays that `spread_orbits` fills. n: their number.
     samples (n,): the number of samples that reach an orbit in its cell, −1 for an orbit that continuation found.
     """

@@ -80,7 +80,15 @@ def have_same_label(i, k, orbits):
 
 @kernel
 def orbit_at_point(tau, v, cell, k, near, orbits):
-    """Return the number of the orbit in `cell` with orbit k's label and fastest point (tau, v ± near), or NOWHERE."""
+    """Return the number of the orbit in `cell` that has the label of orbit k and its fastest point at (tau, v).
+
+    near: the tolerance of v; the tolerance of τ is SAME_POINT.
+
+    Returns
+    -------
+    int
+        The number, NOWHERE if the cell has no such orbit.
+    """
     i = orbits.last[cell]
     while i != NOWHERE:
         same = abs(wrapped(tau - orbits.tau[i])) < SAME_POINT and abs(v - orbits.v[i]) < near
@@ -156,7 +164,7 @@ def follow_orbit(k, here, there, orbits):
 
 @kernel
 def continue_orbit(k, cell, n, orbits, cells):
-    """Continue orbit k into a neighbouring cell.
+    """Continue orbit k into the neighbouring cell `cell`. n: the number of orbits that are known so far.
 
     Returns
     -------
@@ -219,7 +227,7 @@ def add_orbits(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits
 
 @kernel
 def spread_orbits(done, n, columns, inside, cells, orbits):
-    """Continue the orbits with numbers from `done` to n into the neighbouring cells, then the new orbits found there.
+    """Continue the orbits `done` to n − 1 into the neighbouring cells, then the new orbits that are found there.
 
     Only cells in the rectangle `inside` of a grid with `columns` columns are entered.
 

@@ -53,9 +53,10 @@ class Sums(NamedTuple):
 
 
 def sums_of(table: AttractorTable, component: Integers, columns: int) -> Sums:
-    """Return the sums over each component of a table of attractors, whose rows are in the order of their cells.
+    """Return the sums over each component, a set of connected attractors, of a table of attractors.
 
-    component (rows,): the component of each row, or NO_FAMILY. columns: the number of columns of the grid.
+    table: the attractors, in the order of their cells. component (rows,): the component of each row, or NO_FAMILY.
+    columns: the number of columns of the grid.
 
     Returns
     -------

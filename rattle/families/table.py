@@ -16,7 +16,7 @@ class FamilyTable(NamedTuple):
 
     Family 0 is quiet motion; the others are in order of falling number of cells.
     kind: the number in KINDS. m, n_plus, n_minus: the label, 0 unless periodic.
-    cells: the number of its cells. unsampled: the number of its cells in which no sample reaches it.
+    cells: the number of its cells. unsampled: the number of its attractors that no sample reaches.
     delta_low, delta_high, epsilon_low, epsilon_high: the box of its cells.
     largest_fraction: its largest basin fraction in a cell, at (delta_at, epsilon_at). mean_fraction: the mean over its
     cells. exponent: its largest λ₁.
@@ -84,7 +84,7 @@ def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], 
     n = int(family.max(initial=QUIET_FAMILY)) + 1
 
     def by_family(values: NDArray[Any], default: float = 0) -> NDArray[Any]:
-        """Return values of components as a column of families, with `default` for a family without a component."""
+        """Return, for each family, the value that its component has in `values`; `default` if it has no component."""
         column = np.full(n, default, values.dtype)
         column[family] = values
         return column
@@ -92,7 +92,7 @@ def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], 
     def axis_range(
         axis: NDArray[np.float64], one: NDArray[np.int64], other: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the smaller and the larger of the axis values with the indices `one` and `other`, by family."""
+        """Return, for each family, the smaller and the larger of axis[one] and axis[other] of its component."""
         low, high = np.minimum(axis[one], axis[other]), np.maximum(axis[one], axis[other])
         return by_family(low, np.nan), by_family(high, np.nan)
 

@@ -18,7 +18,10 @@ LAG = (-1 / 2, -1 / 12, 1 / 720, -1 / 30240, 1 / 1209600, -1 / 47900160, 691 / 1
 
 
 class Flights(NamedTuple):
-    """The flights of one motion, or of a batch: arrays (…, n), flight i from impact i to impact i + 1."""
+    """The flights of one motion, or of a batch: arrays (…, n), flight i from impact i to impact i + 1.
+
+    Times t and velocities w have index 0 at the departure and index 1 at the arrival; s = t₁ − t₀.
+    """
 
     w0: NDArray  # velocity of departure
     w1: NDArray  # velocity of arrival

@@ -33,7 +33,7 @@ from rattle.flight.proof import arc_in_single, clears_the_gap, has_single_turn, 
 from rattle.numerics.compile import inline, kernel
 
 OK = 0
-# These are np.int64, because for plain 1 and −1 the compiler would make variants of every kernel below.
+# The walls are np.int64, because for the Python integers 1 and −1 numba would compile variants of every kernel below.
 SIGMA_PLUS, SIGMA_MINUS = np.int64(1), np.int64(-1)
 # Status of a flight that has no impact within LONGEST forcing periods: backwards in time, at tiny damping, or if a
 # number is not finite.
@@ -207,7 +207,7 @@ def extremum_in(lo, hi, guess, convex, flight):
 def impact_on_piece(s0, s1, start, end, guess, lower, upper, flight):
     """Return (wall, time) of the crossing of F = lower or F = upper on a piece on which F is monotone.
 
-    F goes from `start` at time s0 to `end` at time s1. A guess of the time may be nan.
+    F goes from `start` at time s0 to `end` at time s1. guess: an estimate of the time of the crossing, or nan.
 
     Returns
     -------
@@ -225,7 +225,15 @@ def impact_on_piece(s0, s1, start, end, guess, lower, upper, flight):
 
 @inline
 def end_of_piece(s, longest, tau, arc):
-    """Return the end of the piece of a flight that begins at s: after `longest`, or where the contact force is 0."""
+    """Return the end of a piece of a flight that begins at s: s + longest, or an earlier zero of the contact force.
+
+    tau: the phase of the flight's departure. arc: the arc of negative contact force.
+
+    Returns
+    -------
+    float
+        Time since the departure, in forcing periods.
+    """
     e = s + longest
     if arc.exists:
         to_exit = arc.leave - tau - s

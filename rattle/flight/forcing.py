@@ -250,9 +250,9 @@ def has_swing_beyond(share, delta, epsilon):
 
 @inline
 def relative_force(swing, share):
-    """Return the contact force over its mean, `share` of half a period away from the phase of its minimum.
+    """Return the contact force over its mean, at a phase that is share/2 away from the phase of the least force.
 
-    `swing` is the force's `relative_swing`.
+    swing: the amplitude of the contact force over its mean, as `relative_swing` returns it.
 
     Returns
     -------
@@ -344,7 +344,7 @@ def minus_fifth_derivative32(sine, cosine, epsilon):
 
 @inline
 def change_scale32(s):
-    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε, e the forcing, to which its float32 error is relative."""
+    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε, e the forcing, which bounds its float32 error."""
     y = W1 * s
     return min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
 
@@ -495,5 +495,5 @@ def least_damping(epsilon: float) -> float:
 
 
 def phase_of_entry(delta: float, share: float) -> float:
-    """Return the phase at which the contact force becomes negative; share ≤ 1 is the quiet limit over ε."""
+    """Return the phase at which the contact force becomes negative. share: the quiet limit divided by ε, at most 1."""
     return float((np.arctan2(delta, 2 * np.pi) - np.arccos(share)) / (2 * np.pi))

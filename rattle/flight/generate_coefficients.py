@@ -2,8 +2,8 @@
 
 Each polynomial interpolates its function at Chebyshev nodes in 60 digits (mpmath), which is within a few per cent of
 the best approximation. Its coefficients are then rounded to the precision in which they are used. The stated bound is
-the largest relative error of the rounded polynomial, evaluated exactly on a fine grid. Evaluation in that precision
-adds a few rounding errors.
+the largest error of the rounded polynomial, evaluated exactly on a fine grid: the absolute error of polynomials whose
+name begins with MEAN, the relative error of all others. Evaluation in that precision adds a few rounding errors.
 """
 
 from collections.abc import Callable
@@ -73,7 +73,7 @@ def coefficients(p: Polynomial) -> list[np.floating]:
 
 
 def largest_error(p: Polynomial, found: list[np.floating]) -> Any:
-    """Return the largest relative error of a polynomial on the grid; of the means, the largest absolute error."""
+    """Return the largest error of a polynomial on the grid: absolute if its name begins with MEAN, else relative."""
     worst, powers = mp.mpf(0), [mp.mpf(float(c)) for c in reversed(found)]
     for i in range(GRID + 1):
         x = p.low + (p.high - p.low) * mp.mpf(i) / GRID

@@ -39,7 +39,7 @@ FARTHEST = f32(0.1)  # longest Taylor step to the minimum; a longer step is unre
 NEAREST = f32(3e-6)  # shortest step whose sixth power is not a denormal number, which processors handle slowly
 TOO_FAR = f32(LONGEST_DECAY)  # largest δs for which the polynomials hold
 UNBOUNDED = f32(-1e30)  # a lower bound so low that it proves nothing
-SCAN_STEP = f32(1 / 8)  # forcing periods
+SCAN_STEP = f32(1 / 8)  # time between two points of a scan, in forcing periods
 SCAN_STEPS = 16
 PER_DRIFT = f32(1.0 / DRIFT)
 
@@ -109,7 +109,15 @@ def better_guess(s, wall, gap, flight):
 
 @inline
 def wall_level(wall, falls, gap):
-    """Return the height F of a flight above its departure, at the next wall: 0 or −gap from Σ⁺, gap from Σ⁻."""
+    """Return the height F at which a flight meets the next wall: −gap if it falls from Σ⁺ to Σ⁻, 0 or gap on Σ⁺.
+
+    F is measured from the departure, so F is 0 on Σ⁺ after a departure from Σ⁺, and `gap` after one from Σ⁻.
+
+    Returns
+    -------
+    float
+        The height, in the unit of Φ.
+    """
     level = f32(0.0) if wall > f32(0.0) else gap
     return -gap if falls else level
 
@@ -128,7 +136,7 @@ def taylor_coefficients(s, flight):
 
 @inline
 def height_scale(s, flight):
-    """Return the sum of the sizes of the terms of a flight's height F at s. Its rounding error is relative to this."""
+    """Return the sum of the sizes of the terms of F at s; the rounding error of F is below ERROR times this sum."""
     w, a, _sin0, _cos0, delta, epsilon = flight
     forced = change_scale32(s)
     return s * (abs(w) + abs(a) * min(f32(0.5) * delta * s, f32(1.0))) + epsilon * forced
@@ -136,7 +144,7 @@ def height_scale(s, flight):
 
 @inline
 def speed_scale(flight):
-    """Return the sum of the sizes of the terms of a flight's speed F', to which its rounding error is relative."""
+    """Return the sum of the sizes of the terms of F'; the rounding error of F' is below ERROR times this sum."""
     return abs(flight.w) + abs(flight.a) + slope_range32(flight.epsilon)
 
 
@@ -155,10 +163,11 @@ def taylor_value(u, c0, c1, c2, c3, c4, c5):
 
 @inline
 def estimated_minimum(s, series, flight):
-    """Return the estimated minimum near s of a flight's height F, from its Taylor series at s, and bounds there.
+    """Return the estimated minimum near s of a flight's height F, from its Taylor series at s, with bounds there.
 
-    The bounds include the remainder and rounding, and hold for δs < 2. The bound of F is UNBOUNDED where the Taylor
-    polynomial is unreliable.
+    The bounds are a lower bound of F and an upper bound of |F'|. They allow for the remainder of the series and for
+    rounding, and hold for δs < 2. The lower bound of F is UNBOUNDED, which proves nothing, where the series is
+    unreliable.
 
     Returns
     -------
@@ -189,7 +198,7 @@ def estimated_minimum(s, series, flight):
 
 @inline
 def step_to_level(rising, level, series):
-    """Return the step to F = level: a root of the parabola of three terms, and one Newton step with all terms."""
+    """Return the step to F = level: the root of a parabola (three terms), improved by a Newton step with all terms."""
     f0, c1, c2, c3, c4, c5 = series
     c0 = f0 - level
     root = sqrt(abs(c1 * c1 - f32(4.0) * c0 * c2))
@@ -204,7 +213,7 @@ def step_to_level(rising, level, series):
 
 @inline
 def refine_time(s, level, flight):
-    """Return the time s after a step of fourth order to F = level, the step, and an estimate of F' after it."""
+    """Return the time after a step of fourth order from s to F = level, the step, and an estimate of F' after it."""
     c0, c1, c2, c3, c4, _c5 = taylor_coefficients(s, flight)
     inverse = f32(1.0) / c1
     u, p, q, r = (level - c0) * inverse, c2 * inverse, c3 * inverse, c4 * inverse

@@ -34,7 +34,7 @@ LONGEST_DECAY = 2.0  # largest δs for which the polynomials hold
 
 
 class Flight(NamedTuple):
-    """The numbers that determine one flight, in double or in single precision. The module has the equation."""
+    """The numbers that determine one flight by the equation of this module, in double or in single precision."""
 
     w: Real  # velocity of departure
     a: Real  # A = q − 2πε sin θ − w
@@ -75,7 +75,7 @@ def natural_speed(delta, epsilon, beta):
 
 @inline
 def speed_unit(delta, epsilon, beta):
-    """Return the speed that compares with a phase difference of 1; about 1 at (δ, ε, β) = (0.6, 0.1, 0.6)."""
+    """Return the speed difference that counts as a phase difference of 1; about 1 at (δ, ε, β) = (0.6, 0.1, 0.6)."""
     return natural_speed(delta, epsilon, beta) / 7.0
 
 

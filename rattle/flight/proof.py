@@ -60,8 +60,8 @@ def times_to_arc(tau, arc):
 def is_off_arc_ends(to_exit, arc_length, delta):
     """Return whether it is certain, despite rounding, on which side of the arc's ends a flight departs.
 
-    It is certain if the departure is far from both ends of the arc, and the damping so small that the rounding of these
-    times, 1e-7, changes F' by less than ERROR allows.
+    It is certain if the departure is far from both ends of the arc, and the damping so small that a rounding of 1e-7 of
+    the times to the ends changes F' by less than ERROR allows.
 
     Returns
     -------

@@ -18,7 +18,8 @@ def flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
 def flight_tangent(w1, lost, sin1, cos1, flight):
     """Return ∂(t₁, w₁ after reflection)/∂(t₀, w₀) of one flight, row by row.
 
-    The height F of the wall is fixed, so ds = −(∂F/∂t₀ dt₀ + ∂F/∂w₀ dw₀)/w₁. The impact law reflects the change of w₁.
+    With the duration s = t₁ − t₀ and F fixed at the wall, ds = −(∂F/∂t₀ dt₀ + ∂F/∂w₀ dw₀)/w₁, with derivatives at fixed
+    s, and dt₁ = dt₀ + ds. The impact law reflects the change of w₁.
 
     Returns
     -------
@@ -36,6 +37,8 @@ def flight_tangent(w1, lost, sin1, cos1, flight):
 @inline
 def carried_tangent(t, w, w1, bend, lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
     """Return a tangent vector (dt, dw) carried over one flight and its impact, and the flight's determinant.
+
+    t, w: dt and dw at the departure. w1, bend, lost: the velocity w₁ = F', F'' and 1 − e^(−δs) at the arrival.
 
     The determinant is e^(−δs) w₀/w₁ in absolute value:
 

@@ -46,7 +46,10 @@ class FirstImpact(NamedTuple):
 def _raise_for_status(status: int) -> None:
     """Raise RattleError if a kernel's status code says that no next impact was found."""
     if status in (contact_phase.IN_CONTACT, contact_phase.ENDLESS):
-        raise RattleError("the motion comes to rest on a wall, so it has no next impact")
+        raise RattleError(
+            f"the motion comes to rest on a wall, or makes more than {contact_phase.MOST_BOUNCES:,} impacts on Σ⁻, "
+            "before it meets Σ⁺ again"
+        )
     if status == first_impact.NO_IMPACT:
         raise RattleError(
             f"the flight has no impact within {first_impact.LONGEST:g} forcing periods, or is beyond double precision"
@@ -285,11 +288,11 @@ class Gear(SampledGear, Rattling):
         return periodic_orbit(self.delta, self.epsilon, tau, v, n_plus, self.beta)
 
     def saddle(self, orbit: Orbit) -> Periodic:
-        """Return an orbit from `orbits` as the saddle of a manifold. Raises RattleError if it does not exist."""
+        """Return an orbit of `orbits` as a motion for `manifold`. Raises RattleError if the orbit does not exist."""
         return period_one_saddle(orbit.name, self.delta, self.epsilon, self.beta)
 
     def region(self) -> int:
-        """Return the region's number, 1 to 5 for I to V of the paper's Figure 7. `rattle.REGIONS` has all names."""
+        """Return the region's number, an index in `rattle.REGIONS`; 1 to 5 are I to V of the paper's Figure 7."""
         return int(regions(self.delta, self.epsilon, self.beta))
 
     def boundary_distance(self, v_max: SpeedLimit = None) -> BoundaryDistance:

@@ -1,4 +1,4 @@
-"""Functions that the package of each gear provides, for the inelastic gear. It has no diagrams: `diagram` raises."""
+"""Functions that the package of each gear provides, for the inelastic gear. `diagram` raises an error."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rattle.errors import RattleError
 from rattle.intensity.table import follow_one_by_one
 
-stretch = follow_one_by_one  # follows chaotic motions longer, for the sums of their impacts
+stretch = follow_one_by_one  # function that follows the chaotic motions of a table longer, to sum over their impacts
 
 
 def rests_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.bool_]:
@@ -19,7 +19,7 @@ def rests_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.boo
 
 
 def _raise_not_computed(what: str) -> NoReturn:
-    """Raise RattleError, because results of this kind (a plural noun) are not computed for the inelastic gear."""
+    """Raise RattleError, because `what`, such as "bifurcation diagrams", is not computed for the inelastic gear."""
     raise RattleError(f"{what} are not computed for the inelastic gear: use the impacting or the stiff gear")
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.reached import SampledGear
 from rattle.errors import RattleError, require, require_finite, require_number
-from rattle.flight.contact_phase import IN_CONTACT
+from rattle.flight.contact_phase import IN_CONTACT, MOST_BOUNCES
 from rattle.flight.first_impact import LONGEST, OK
 from rattle.flight.forcing import DRIFT
 from rattle.flight.law import folded
@@ -132,7 +132,7 @@ class InelasticGear(SampledGear, Rattling):
         ParameterError
             If the wall is not ±1, or the velocity is zero or points out of the gap.
         RattleError
-            If there is no impact within 1000 forcing periods.
+            If there is no impact within 1000 forcing periods, or a number leaves double precision.
         """
         require(require_finite("wall", wall) in (1, -1), f"wall must be +1 or -1, got {wall!r}")
         speed = -wall * require_finite("velocity", velocity)
@@ -160,7 +160,7 @@ class InelasticGear(SampledGear, Rattling):
         ParameterError
             If the state is outside its domain.
         RattleError
-            If the motion becomes quiet.
+            If the motion becomes quiet, or its next impact on Σ⁺ cannot be computed; the message names possible causes.
         """
         v = require_number("v", v, positive=True)
         step = step_tangent(_folded_phase(tau), v, self._point)
@@ -255,5 +255,6 @@ def _raise_for_status(status: int) -> None:
         raise RattleError("the motion becomes quiet: contact with Σ⁺ never ends, and there is no next impact")
     if status != OK:
         raise RattleError(
-            f"the motion has no impact within {LONGEST:g} forcing periods, or its numbers are beyond double precision"
+            f"the motion has no impact within {LONGEST:g} forcing periods, makes more than {MOST_BOUNCES:,} impacts on "
+            "Σ⁻ between two on Σ⁺, or its numbers are beyond double precision"
         )

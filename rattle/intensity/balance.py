@@ -47,9 +47,9 @@ def write_impulse_imbalances(cell, returns, periods, tau, v, cells, sums, found)
 def impulse_balance_errors(table: AttractorTable, cells: Any) -> NDArray[np.float64]:
     """Return the relative error |(Σv₊ − Σv₋)/(2πδT) − 1| of the impulse balance of every attractor of a table (n,).
 
-    v₊ and v₋ are the speeds of the impacts on Σ⁺ and Σ⁻ during T forcing periods. With a load 2πδ is 2πδ(1 + load). A
-    periodic attractor is followed over one period, so its error is rounding only. A chaotic attractor is followed for
-    64 forcing periods, or 8/δ if this is more.
+    v₊ and v₋ are the speeds of the impacts on Σ⁺ and Σ⁻ during T forcing periods. With a load 2πδ is replaced by 2πδ(1
+    + load). A periodic attractor is followed over one period, so its error is rounding only. A chaotic attractor is
+    followed for 64 forcing periods, or 8/δ if this is more.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from rattle.intensity.motions import (
     kind_of,
     period_limits_of,
     require_closed,
-    require_lasting,
+    require_followed,
 )
 from rattle.intensity.visit import Impacts, list_impacts
 from rattle.orbits.iterates import MOST_IMPACTS
@@ -25,7 +25,7 @@ ROOM, GROWTH = 1024, 8  # first length of the arrays, and factor by which they g
 
 
 def impact_arrays(count: int) -> Impacts:
-    """Return empty arrays for `count` impacts."""
+    """Return arrays of zeros with room for `count` impacts."""
     return Impacts(np.zeros(count), np.zeros(count, np.int64), *(np.zeros(count) for _ in range(4)))
 
 
@@ -43,7 +43,7 @@ def impacts_of(motion: Motion, point: Any, periods: float | None) -> Impacts:
         return _repeat_period(_impacts_of_period(motion, point), motion, periods)
     status, _tau, _v, found = collect_impacts(motion.tau, motion.v, ENDLESS, periods, partial(_list_at_point, point))
     time = float(found.time[-1]) - motion.tau if found.time.size else 0.0
-    require_lasting(status, time if status != OK or found.time.size == MOST_IMPACTS else periods, periods)
+    require_followed(status, time if status != OK or found.time.size == MOST_IMPACTS else periods, periods)
     return Impacts(*(column[found.time <= motion.tau + periods] for column in found))
 
 

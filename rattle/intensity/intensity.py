@@ -18,7 +18,7 @@ from rattle.intensity.motions import (
     contacts_of,
     kind_of,
     require_closed,
-    require_lasting,
+    require_followed,
     watched_periods,
 )
 from rattle.intensity.runs import sums_with_contacts
@@ -141,7 +141,7 @@ def intensity(motion: Motion, point: Any, periods: float | None) -> Intensity:
     periods = watched_periods(point.delta, periods)
     sums = np.zeros((BATCHES, COLUMNS))
     status, _tau, _v, time = sum_impacts(motion.tau, motion.v, ENDLESS, periods, MOST_IMPACTS, point, sums)
-    require_lasting(status, time, periods)
+    require_followed(status, time, periods)
     return _intensity_from_sums(sums, Errors(*map(float, half_widths(sums))))
 
 

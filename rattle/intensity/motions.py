@@ -15,7 +15,7 @@ from rattle.orbits.iterates import MOST_IMPACTS
 CLOSED = 1e-6
 BATCH, RELAXATIONS = 1000.0, 10.0  # a batch lasts BATCH forcing periods, or RELAXATIONS/δ if this is more
 ENDLESS = 1 << 62  # number of returns that stands for no limit
-ROUNDING = 1e-9  # rounding error, in forcing periods, of the impact that ends a period
+ROUNDING = 1e-9  # rounding error, in forcing periods, of the time of the impact that ends a period
 
 
 class Motion(Protocol):
@@ -43,16 +43,25 @@ class Motion(Protocol):
 
 
 def kind_of(motion: Motion) -> str:
-    """Return the kind of a motion: quiet, periodic, chaotic or undecided. Raises ParameterError if it is virtual."""
+    """Return the kind of a motion: quiet, periodic, chaotic or undecided.
+
+    Returns
+    -------
+    str
+        The attribute `kind` of the motion, "periodic" if the motion has none.
+
+    Raises
+    ------
+    ParameterError
+        If the kind is another one, or a motion that is not quiet leaves Σ⁺ with a speed v ≤ 0, as virtual motions do.
+    """
     kind = getattr(motion, "kind", "periodic")
     require(
         kind in ("quiet", "periodic", "chaotic", "undecided"),
         f"a motion must be quiet, periodic, chaotic or undecided, got {kind!r}",
     )
     if kind != "quiet":
-        require(
-            motion.v > 0.0, f"the motion must leave Σ⁺ with a speed above 0, got {motion.v}: this motion is virtual"
-        )
+        require(motion.v > 0.0, f"the motion must leave Σ⁺ with a speed above 0, got {motion.v}: it may be virtual")
     return str(kind)
 
 
@@ -61,8 +70,9 @@ def period_limits(m: Any, n_plus: Any, contacts: Any) -> tuple[Any, Any]:
 
     A motion without contact phases has completed its period after n_plus impacts on Σ⁺. With contact phases this number
     is of no use, because a label counts a run of impacts that ends in contact as one impact. Such a motion has
-    completed its period after m forcing periods, less ROUNDING. This limit does not end it one impact too early: its
-    state is its fastest impact on Σ⁺, and the impact before that one comes earlier by more than ROUNDING.
+    completed its period after m forcing periods, less ROUNDING. The limit does not end the motion one impact too early:
+    the motion starts after its fastest impact on Σ⁺, and the impact before the fastest one comes earlier by more than
+    ROUNDING.
 
     Parameters
     ----------
@@ -108,12 +118,13 @@ def require_closed(motion: Motion, status: int, tau: float, v: float, fastest: f
     closed = abs(wrapped(tau - motion.tau)) <= CLOSED and abs(v - motion.v) <= CLOSED * fastest
     if status != OK or not closed:
         raise RattleError(
-            f"the motion does not return to tau = {motion.tau}, v = {motion.v} after {motion.n_plus} impacts on Σ⁺: "
+            f"the motion does not return to tau = {motion.tau}, v = {motion.v} after a period, "
+            f"m = {motion.m} with {motion.n_plus} impacts on Σ⁺: "
             "give a periodic motion of this very gear, with all its digits"
         )
 
 
-def require_lasting(status: int, time: float, periods: float) -> None:
+def require_followed(status: int, time: float, periods: float) -> None:
     """Check that a motion was followed for `periods` forcing periods.
 
     status: the status with which `sum_impacts` or `list_impacts` ended. time: the forcing periods until then.
@@ -121,7 +132,7 @@ def require_lasting(status: int, time: float, periods: float) -> None:
     Raises
     ------
     RattleError
-        If the motion came to rest before, or made too many impacts.
+        If the motion came to rest before, could not be followed so long, or made too many impacts.
     """
     if status != OK:
         raise RattleError(

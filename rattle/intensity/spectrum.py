@@ -85,7 +85,15 @@ def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resol
 
 
 def response(order: ArrayLike, delta: float, stiffness: float) -> NDArray[np.complex128]:
-    """Return T = 2k/(2k − ω² + iδω) at orders ω/2π of any shape, k being the stiffness; 1 for infinite stiffness."""
+    """Return T = 2k/(2k − ω² + iδω), by which walls of stiffness k change the force spectrum of an impact.
+
+    order: ω/2π, of any shape.
+
+    Returns
+    -------
+    NDArray[np.complex128]
+        T, of the shape of `order`; 1 if the stiffness is infinite.
+    """
     omega = TWO_PI * np.asarray(order, np.float64)
     return np.asarray(1.0 / (1.0 + (1j * delta * omega - omega * omega) / (2.0 * stiffness)))
 
@@ -140,7 +148,7 @@ def _force_line_amplitudes(order: Array, point: Any) -> NDArray[np.complex128]:
 def _welch_density(
     impacts: Impacts, order: Array, start: float, length: float, point: Any, stiffness: float
 ) -> Density:
-    """Return Welch's estimate over half-overlapping segments with Hann's window.
+    """Return Welch's estimate of the force's spectral density, from half-overlapping segments with Hann's window.
 
     The exact train of impulses is transformed, so nothing is sampled and no order is aliased. The formula for the
     degrees of freedom, from which the interval follows, is from Percival and Walden, Spectral Analysis for Physical
@@ -188,8 +196,9 @@ def summed_periodograms(
 ) -> Array:
     """Return |∫ window e^(−2πikt/length) df|²/∫ window² dt, summed over all segments, for k = 0 … count − 1.
 
-    f are impulses of the sizes `weight` at the times `time`; the window is Hann's. Segment q begins at the time
-    begin[q], lasts `length`, and has the impulses from number first[q] to number last[q] − 1.
+    The integral over df is the sum over impulses of the sizes `weight` at the times `time`; the window is Hann's.
+    Segment q begins at the time begin[q], lasts `length`, and has the impulses from number first[q] to number
+    last[q] − 1.
 
     Returns
     -------

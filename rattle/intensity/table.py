@@ -98,7 +98,15 @@ def write_batch_sums(cell, tau, v, periods, cells, sums):
 
 
 def follow_one_by_one(cell: NDArray[np.int64], tau: Array, v: Array, longer: Array, cells: Any) -> Array:
-    """Return the sums of a `Stretch`, by following one motion after another instead of many in vector lanes."""
+    """Follow chaotic motions (n,) one after another, and sum over their impacts. This function is a `Stretch`.
+
+    longer (n,): the duration for which each motion is followed, in units of STRETCH forcing periods.
+
+    Returns
+    -------
+    Array
+        Sums (n, BATCHES, COLUMNS); NaN for a motion that becomes quiet.
+    """
     sums = np.zeros((cell.size, BATCHES, COLUMNS))
     write_batch_sums(cell, tau, v, STRETCH * longer, cells, sums)
     return sums

@@ -141,9 +141,10 @@ def _float_or_array(number: Any) -> Any:
 def rate_error(pair: Reduced, backlash: Any, forcing: Any, load: Any) -> Any:
     """Return a bound of the share of the driving force that the single damping rate of `reduce_pair` neglects.
 
-    The bound holds after transients. The common motion has the speed u with m₁u₁ + m₂u₂ = (m₁ + m₂)u, which impacts do
-    not change, so y = u − V obeys y' = −Γy − kx' with a rate Γ > 0 and k = (γ₁ − γ₂)m₁m₂/(m₁ + m₂)². Then y + kx stays
-    below |k| max|x|, so |y| ≤ 2|k| max|x|, and |x| ≤ j/2 + max|e|.
+    The bound holds after transients; m, γ and V are those of `reduce_pair`, and u₁, u₂ the speeds of the base circles.
+    The common motion has the speed u with m₁u₁ + m₂u₂ = (m₁ + m₂)u, which impacts do not change, so y = u − V obeys
+    y' = −Γy − kx' with a rate Γ > 0 and k = (γ₁ − γ₂)m₁m₂/(m₁ + m₂)². Then y + kx stays below |k| max|x|, so
+    |y| ≤ 2|k| max|x|, and |x| ≤ j/2 + max|e|.
 
     Parameters
     ----------

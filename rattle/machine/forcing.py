@@ -81,8 +81,9 @@ def checked_components(name: str, given: Iterable[Any]) -> tuple[tuple[int, floa
         require(order == int(order) and order >= 1, f"an order of {name} must be an integer from 1 on, got {order:g}")
         require(order not in seen, f"{name} has order {order:g} twice: add both to one component")
         seen.add(order)
-        size = require_finite(f"order {order:g} of {name}", row[1])
-        require(size >= 0.0, f"order {order:g} of {name} must not be negative: add half a turn to its phase")
+        amplitude = f"the amplitude of order {order:g} of {name}"
+        size = require_finite(amplitude, row[1])
+        require(size >= 0.0, f"{amplitude} must not be negative: add half a turn to its phase")
         found.append((int(order), size, require_finite(f"the phase of order {order:g} of {name}", row[2]) % 1.0))
     return tuple(found)
 

@@ -65,7 +65,7 @@ def si_number(name: str, value: Any) -> float:
             raise ParameterError(f"speed must be an angle over time, such as 3000 rpm or 314 rad/s, got {value}")
         try:
             value = value.to(UNITS[name]).magnitude
-        except TypeError as error:  # pint's DimensionalityError is one
+        except TypeError as error:  # pint's DimensionalityError is a TypeError
             raise ParameterError(f"{name} must be in {UNITS[name]} or another unit of that kind: {error}") from None
     return require_number(name, value, positive=name not in MAY_BE_ZERO)
 

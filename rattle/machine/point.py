@@ -73,7 +73,7 @@ def machine_point(
     Raises
     ------
     ParameterError
-        If numbers of the two gears disagree, or are too far apart for double precision.
+        If numbers of the two gears disagree, or exceed the range of double precision.
     """
     from rattle.models import ADDED  # imported here, because it loads all gears
 
@@ -89,7 +89,8 @@ def machine_point(
     for number in (pair.inertia, pair.drag, pair.scale, pair.speed):
         require(
             bool(np.all(np.isfinite(number) & (np.asarray(number) > 0.0))),
-            "the numbers of the two gears differ too much for double precision: check inertias, drags and base radii",
+            "the numbers of the two gears are too large, too small or too different for double precision: check "
+            "inertias, drags, base radii and the speed",
         )
     added = {
         name: each.of_machine(given[each.machine_number], pair)

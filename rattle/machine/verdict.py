@@ -97,8 +97,8 @@ def machine_verdict(machine: MachineLike, count: int, seed: int) -> MachineVerdi
 def least_knock(machine: MachineLike, hardest: float) -> float:
     """Return the speed of the weakest knock that makes resting teeth rattle, in the model's unit.
 
-    PHASES × SPEEDS knocks up to the speed `hardest` are followed, then ROUNDS times as many knocks up to the weakest
-    effective knock so far. Narrow ranges of effective speeds may be missed.
+    In each round PHASES × SPEEDS knocks are followed: in the first round with speeds up to `hardest`, in each of the
+    ROUNDS further rounds up to the weakest effective speed so far. Narrow ranges of effective speeds may be missed.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def least_knock(machine: MachineLike, hardest: float) -> float:
 
 
 def _is_rattling(attractor: Attractor) -> bool:
-    """Return whether an attractor is a rattling motion."""
+    """Return whether the teeth rattle on an attractor, because it is periodic or chaotic."""
     return attractor.kind in ("periodic", "chaotic")
 
 

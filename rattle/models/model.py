@@ -320,7 +320,15 @@ class Model(ABC):
         return self.classifier.cells_of(self.grid(delta, epsilon))
 
     def cells_of_orbits(self, delta: Array, epsilon: Array) -> Any:
-        """Return `cells` for kernels that follow only periodic orbits; some models compute these cells faster."""
+        """Return the constants of `cells` for kernels that follow only periodic orbits.
+
+        Some models compute these constants faster, because they leave out the test for quiet motion.
+
+        Returns
+        -------
+        Any
+            The cells epsilon (m,) × delta (n,), row by row.
+        """
         return self.classifier.cells_of_orbits(self.grid(delta, epsilon))
 
     def impulse_balance_errors(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> Array:
@@ -375,5 +383,5 @@ class Model(ABC):
 
     @classmethod
     def joined_rows(cls, parameters: Parameters, table: Attractors) -> Rows:
-        """Join the attractors of cells in one row of a grid to families, as `rattle.families.join.join_rows` does."""
+        """Take the cells with these parameters (n,) as one row of a grid, and join their attractors by `join_rows`."""
         return join_rows(table, (1, parameters.size), cls.classifier.cells_of(parameters))

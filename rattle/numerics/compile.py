@@ -40,7 +40,7 @@ from rattle.numerics.processes import environment
 if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
     raise RattleError("NUMBA_DISABLE_JIT is set, and without the compiler nothing can be computed: unset it")
 
-log = logging.getLogger(__name__)  # INFO: kernels that are being compiled
+log = logging.getLogger(__name__)  # its messages of level INFO name the step of a compilation that begins
 
 #: Parts of the library that compute no number of a survey.
 COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience", "notebook.py", "precompile.py"}
@@ -187,7 +187,8 @@ class Kernel(Inline):
         """Run the compiled function. Before its first run, a separate process compiles it for these argument types."""
         if self._entry is None and self.__module__.startswith("rattle."):
             wanted = self.__module__, self.name, *map(numba.typeof, arguments)
-            name = hashlib.sha256(repr(wanted).encode()).hexdigest()[:24]  # pickles of equal types may differ
+            # a hash of the text, because pickles of equal types may differ
+            name = hashlib.sha256(repr(wanted).encode()).hexdigest()[:24]
             compile_apart(f"{name} {base64.b64encode(pickle.dumps(wanted)).decode()}", f"{__name__}:compile_one")
         return (self._entry or self.entry)(*arguments)
 
@@ -233,7 +234,7 @@ def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[...
 
 
 def note_of(about: str, work: str) -> Path:
-    """Return the file that exists if the kernels of the job `work`, with the argument `about`, are in the cache."""
+    """Return the path of the file that marks that the kernels of the job `work` for `about` are in the cache."""
     return cache_directory() / f"{work.rpartition(':')[2]}-{about.split()[0]}.note"
 
 
@@ -293,7 +294,8 @@ def _compile(*work: str) -> None:
             process.kill()
             raise
     if process.returncode:
-        raise RattleError(f"kernels cannot be compiled: {''.join(said[-20:]).strip() or process.returncode}")
+        code = f"the compiling process ended with code {process.returncode}"
+        raise RattleError(f"kernels cannot be compiled: {''.join(said[-20:]).strip() or code}")
 
 
 def compile_here(about: str, *works: str) -> None:

@@ -53,8 +53,8 @@ def reshape_like(x: NDArray, found: NDArray, axis: int = 0) -> NDArray:
 def singularity_function(matrix: NDArray, column: Array, row: Array) -> NDArray:
     """Return a smooth function (…,) that vanishes together with the determinant of a matrix (…, n, n).
 
-    The matrix is bordered by a column and a row (…, n), or by the same column and row (n,) for all matrices. The
-    function is the last unknown of the bordered system. Borders near the null vectors keep it well scaled for any n.
+    With a column b and a row c (…, n), or (n,) for all matrices, the function is the last unknown g of the bordered
+    system M x + b g = 0, c x = 1. If b and c are close to the null vectors of M, g is well scaled for any n.
     Source: W. Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria (SIAM 2000).
 
     Returns

@@ -17,7 +17,7 @@ Z_95 = 1.959963984540054  # 97.5 % point of the normal distribution
 
 @lru_cache(maxsize=8)
 def sobol_points(count: int) -> NDArray[np.float64]:
-    """Return the first points of the unscrambled Sobol sequence in the unit square, in Gray code order.
+    """Return the first `count` points of the unscrambled Sobol sequence in the unit square, in Gray code order.
 
     The points equal those of `scipy.stats.qmc.Sobol`, which takes a quarter of a second to load in every computing
     process. The direction numbers of the first two coordinates follow from the polynomials 1 and x + 1 (Joe and Kuo
@@ -26,7 +26,7 @@ def sobol_points(count: int) -> NDArray[np.float64]:
     Returns
     -------
     NDArray[np.float64]
-        Points (n, 2).
+        Points (count, 2).
     """
     index = np.arange(count, dtype=np.uint64)
     gray = index ^ (index >> np.uint64(1))
@@ -73,7 +73,7 @@ def _words_of_seed(seed: int) -> list[NDArray[np.uint64]]:
 
 
 def _random_shifts(seed: int, *parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return two numbers in [0, 1) for each element, (n, 2), from the seed and the element's parameters."""
+    """Return two numbers in [0, 1) for each of n cells, (n, 2), from the seed and the cell's parameters (n,) alone."""
     state = np.zeros(parameters[0].size, np.uint64)
     words: list[NDArray[np.uint64]] = [*_words_of_seed(seed), *((p + 0.0).view(np.uint64) for p in parameters)]
     for word in words:

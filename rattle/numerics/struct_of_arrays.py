@@ -50,7 +50,7 @@ _FOR_KERNELS: dict[type, Any] = {}
 
 
 def kernel_columns(name: str, table: type, module: str) -> Any:
-    """Return a new named-tuple class in which kernels take the columns of `table`; `module` is where it is defined."""
+    """Return a new named-tuple class in which kernels take the columns of `table`; `module` is to define the class."""
     columns: Any = namedtuple(name, [field.name for field in fields(table)], module=module)  # type: ignore[misc]
     _FOR_KERNELS[table] = columns
     return columns

@@ -25,8 +25,8 @@ def read_columns(path: str | Path, names: Iterable[str], needed: str | None = No
     Raises
     ------
     ParameterError
-        If a cell is not a number, a column appears twice, or the column `needed` (any column, if none is named) is
-        missing.
+        If a cell of these columns is not a number, one of the columns appears twice, or the column `needed` is missing;
+        without `needed`, if all of the columns are missing.
     RattleError
         If the file cannot be read.
     """

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 class Iterates(NamedTuple):
-    """Final states of many trajectories and numbers of impacts on each wall; all arrays have the broadcast shape."""
+    """Final states and numbers of impacts of trajectories, arrays of the shape to which the arguments broadcast."""
 
     tau: NDArray[np.float64]
     v: NDArray[np.float64]
@@ -57,7 +57,7 @@ class Stretched(NamedTuple):
     def from_growth(
         cls, flat: Sequence[NDArray[Any]], growth: NDArray[np.float64], shape: tuple[int, ...]
     ) -> Stretched:
-        """Return trajectories from flat (τ, v, n₊, n₋) and growth (3, k): time, ln stretch and ln|det| of each."""
+        """Return the record from flat (τ, v, n₊, n₋) and growth (3, k): time, ln stretch of tangent vector, ln|det|."""
         time = growth[0]
         with np.errstate(divide="ignore", invalid="ignore"):
             first = growth[1] / time
@@ -160,8 +160,10 @@ def sampled_motion(
 
     Raises
     ------
+    ParameterError
+        If v, periods or points is outside its domain.
     RattleError
-        If the motion makes too many impacts.
+        If the motion makes too many impacts, or cannot be followed.
     """
     v, periods = require_number("v", v, positive=True), require_number("periods", periods, positive=True)
     require(periods <= LONGEST, f"periods must be at most {LONGEST:g}, got {periods:g}")
@@ -173,7 +175,10 @@ def sampled_motion(
         at, wall, speed = np.empty(room), np.empty(room, np.int64), np.empty(room)
         status, count, rest = sampled(tau, v, *parameters, time, phi, velocity, at, wall, speed)
         if status != OK:
-            raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
+            raise RattleError(
+                "the motion cannot be followed: a flight is too long, or its parameters or state are beyond double "
+                "precision"
+            )
         if count > MOST_IMPACTS:
             raise RattleError(f"the motion makes more than {MOST_IMPACTS} impacts: give fewer periods")
         if count <= room:

@@ -35,9 +35,9 @@ class Manifold:
     tau, v : ndarray, (n,)
         Phase, not folded but continuous along the manifold, and speed after the impact on Σ⁺.
     parameter : ndarray, (n,)
-        Position t of the j-th preimage of each point on the local manifold; near the saddle t is the arclength.
+        The position t, on the local manifold, of the j-th preimage of each point; near the saddle t is the arclength.
     images : ndarray of int, (n,)
-        The number j of the image of the fundamental domain that each point is on.
+        For each point the number j of the image of the fundamental domain that contains the point.
     pieces : ndarray of int, (p + 1,)
         Piece i has the points pieces[i] to pieces[i + 1]. Neighbouring pieces share their corner, which is stored
         twice.
@@ -62,7 +62,7 @@ class Manifold:
 class _Image:
     """The j-th image of the fundamental domain of a local manifold, as points in order away from the saddle.
 
-    t: positions of the points' preimages in the domain. ok, x, word, bounces: the results of `LocalManifold.map`.
+    t: positions of the points' j-th preimages in the domain. ok, x, word, bounces: the results of `LocalManifold.map`.
     """
 
     def __init__(self, local: LocalManifold, j: int, t: Array) -> None:
@@ -161,7 +161,7 @@ def manifold(
     ParameterError
         If the orbit is not a saddle.
     RattleError
-        If the saddle is too close to grazing, or too many points are needed.
+        If no local manifold is found, mostly because the saddle is close to grazing, or too many points are needed.
     """
     require(kind in ("stable", "unstable"), f"kind must be stable or unstable, got {kind!r}")
     require(side in (1, -1), f"side must be +1 or -1, got {side!r}")
@@ -192,9 +192,11 @@ def _differences(x: Array, unit: float) -> Array:
 
 
 def _rows_of_image(level: _Image, end: int) -> Array:
-    """Return the points of an image as rows (6, n): τ, v, t, j, whether a piece begins, number of impacts on Σ⁻.
+    """Return the points of the j-th image of the fundamental domain as rows (6, n).
 
-    Points from number `end` on have no image. The first point is left out if it belongs to the image before.
+    The rows are: τ, v, position t of the point's j-th preimage in the domain, j, whether a piece begins, and number of
+    impacts on Σ⁻. The points from number `end` on, the first that has no image, are left out. So is the first point
+    if j > 0, because it is the last point of image j − 1.
 
     Returns
     -------
@@ -211,7 +213,8 @@ def _assemble(
 ) -> Manifold:
     """Return the manifold from the rows of all its images, cut to the arclength, with each corner in both its pieces.
 
-    The point of a corner is taken from the piece with fewer impacts on Σ⁻, on which it is exact.
+    The point of a corner is taken from the piece with fewer impacts on Σ⁻, on which it is exact. joined: largest
+    distance between the ends of two pieces that share a corner.
 
     Returns
     -------

@@ -181,7 +181,7 @@ def region_in_words(region: int) -> str:
 
 
 class HasOrbits(Protocol):
-    """A gear at a parameter point that has period-one orbits."""
+    """The interface of a gear at one parameter point: its quiet limit, its region and its period-one orbits."""
 
     @property
     def quiet_limit(self) -> float:

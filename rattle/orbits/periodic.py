@@ -57,7 +57,7 @@ class Equations(ABC):
         return self.m, self.walls.count(1), self.walls.count(-1)
 
     def with_walls(self, walls: tuple[int, ...], m: int | None = None) -> Self:
-        """Return the itinerary of a motion of this gear with other walls, in m forcing periods (None: as many)."""
+        """Return the itinerary of a motion of this gear with other walls, in m forcing periods (None: the same m)."""
         return replace(self, walls=walls, m=self.m if m is None else m)
 
     def with_first_impact(self, first: int) -> Self:
@@ -85,7 +85,7 @@ Itinerary = TypeVar("Itinerary", bound=Equations)
 
 
 def unknowns_from_impact(itinerary: Equations, x: Array, first: int) -> Array:
-    """Return x (N,), the unknowns and then the parameters, of the same motion begun with impact number `first`."""
+    """Return the unknowns and parameters (N,) of the motion x, with its impacts counted from impact number `first`."""
     each = x[: itinerary.n].reshape(-1, len(itinerary.walls))
     turned = np.concatenate([each[:, first:], each[:, :first]], axis=1)
     turned[0, len(itinerary.walls) - first :] += itinerary.m
@@ -153,7 +153,7 @@ class Periodic(ABC):
     times : (n,)
         Times at which the impacts or contacts begin, in forcing periods, the first in [0, 1).
     speeds : (n,)
-        Speed after each impact or contact; positive into the gap, negative where the motion is virtual.
+        Speed after each impact or contact; positive away from the wall, negative where the motion is virtual.
     multipliers
         Both Floquet multipliers over m forcing periods, the larger modulus first. Their product is e^(−δm) if impacts
         are elastic. At a graze of the impacting model they are infinite and 0.

@@ -41,17 +41,17 @@ def step_tangent(tau, v, point):
 
 def inverse_step(tau, v, point):
     """Apply Π⁻¹ to (τ, v), and return (status, τ', v', elapsed time, number of contacts with Σ⁻)."""
-    raise NotImplementedError("this function exists inside kernels only: from Python use Gear.iterate")
+    raise NotImplementedError("this function exists inside kernels only: from Python use Gear.inverse_impact")
 
 
 def point_of(cell, cells):
     """Return the parameter point of cell number `cell` of a record of cells."""
-    raise NotImplementedError("this function exists inside kernels only: from Python use Gear.iterate")
+    raise NotImplementedError("point_of exists inside kernels only")
 
 
 def point_between(share, one, other):
     """Return the parameter point at `share` of the way from the point `one` to the point `other`."""
-    raise NotImplementedError("this function exists inside kernels only: from Python use Gear.iterate")
+    raise NotImplementedError("point_between exists inside kernels only")
 
 
 @kernel
@@ -122,7 +122,7 @@ def shortest_return(tau, v, k, point):
 
 @kernel
 def fastest_point(tau, v, k, point):
-    """Return the state (τ, v) after the fastest of the k impacts on Σ⁺ of a periodic orbit; it identifies the orbit."""
+    """Return (τ, v) after the fastest of the k impacts on Σ⁺ of a periodic orbit; this state identifies the orbit."""
     best_tau, best_v = tau, v
     for _ in range(k):
         _status, tau, v, _time, _below = step(tau, v, point)

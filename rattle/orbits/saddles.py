@@ -24,7 +24,8 @@ from rattle.orbits.return_map import power_map
 Array = NDArray[np.float64]
 DEGREE, NODES = 10, 25  # degree of the series; number of points at which its residual is evaluated
 LARGEST, SMALLEST = 0.1, 1e-9  # largest and smallest size |s| of a series that is tried
-# largest residual F(W(s)) − W(λs) of a series, relative to its size; least such limit relative to v, for Π and for Π⁻¹
+# largest residual F(W(s)) − W(λs) of a series, relative to its size; rounding error of the residual, relative to the
+# speed, for Π and for Π⁻¹: the limit is never smaller
 RESIDUAL, ROUNDING = 1e-12, (4e-15, 8e-15)
 MOST_ITERATIONS = 60
 
@@ -121,7 +122,7 @@ def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> LocalMan
     ParameterError
         If the orbit is not a saddle.
     RattleError
-        If the saddle is too close to grazing.
+        If no series converges, mostly because the saddle is close to grazing.
     """
     large, small = orbit.multipliers
     saddle = orbit.admissible and np.isfinite(large) and abs(large) > 1.0 > abs(small) > 0.0
@@ -147,7 +148,10 @@ def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> LocalMan
         if found is not None and found.residual < max(rounding, RESIDUAL * size * max(1.0, multiplier / 10.0)):
             return found
         size /= 2.0
-    raise RattleError(f"the saddle at tau = {orbit.tau}, v = {orbit.v} is too close to grazing for a local manifold")
+    raise RattleError(
+        f"no series of the local manifold of the saddle at tau = {orbit.tau}, v = {orbit.v} converges: "
+        "the saddle may be too close to grazing"
+    )
 
 
 def _solve_series(start: LocalManifold, size: float, derivative: Array) -> LocalManifold | None:
@@ -176,7 +180,7 @@ def _solve_series(start: LocalManifold, size: float, derivative: Array) -> Local
             return None
         off = states - local.states_at(size * x)
         local = replace(local, residual=float((np.abs(off) / [[1.0], [local.unit]]).max()))
-        new = local.powers.copy()  # coefficient k of `off` is that of F(W(s)) − W(λs) over λ^k
+        new = local.powers.copy()  # coefficient k of `off` is coefficient k of F(W(s)) − W(λs), divided by λ^k
         new[2:] += np.einsum("kij,kj->ki", inverse * rates[:, None, None], solve @ off.T)
         change = float((np.abs(new - local.powers) / [1.0, local.unit]).max())
         if change < 1e-16 or (

@@ -38,7 +38,7 @@ def states_on_chaos(delta: float, epsilon: float, count: int) -> States:
 
 
 def has_settled(delta: float, epsilon: float, tau: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return for each state whether its motion repeats within RETURNS impacts, or whether its speed is below 0.1."""
+    """Return for each state whether its motion repeats within RETURNS impacts, or its speed v is below 0.1."""
     later = rattle.iterate(delta, epsilon, tau[:, None], v[:, None], np.arange(1, RETURNS + 1))
     moved = np.hypot(wrapped(later.tau - tau[:, None]), later.v - v[:, None])
     return (moved < CLOSED).any(axis=1) | (v < 0.1)

@@ -67,7 +67,16 @@ class Orders(NamedTuple):
 
 
 def measure_orders() -> Orders:
-    """Measure the orders of the errors at (DELTA, EPSILON), from two times of flights and two speeds of bounces."""
+    """Measure the orders of the errors of the paper's formulas at (DELTA, EPSILON).
+
+    Each order follows from two errors: of (3.6) and (3.7) at two times since the departure, of the other formulas at
+    two speeds of departure.
+
+    Returns
+    -------
+    Orders
+        The order of each formula's error.
+    """
     expansions = np.array([_expansion_residuals(h) for h in STEPS])
     bounces = np.array([_bounce_residuals(v) for v in SPEEDS])
     return Orders(*np.log2(expansions[0] / expansions[1]), *np.log2(bounces[0] / bounces[1]))

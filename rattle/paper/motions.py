@@ -116,9 +116,9 @@ def cod23_finding() -> Finding:
 
 
 def _exponents_beside_c(delta: float, below: float) -> Array:
-    """Return the largest exponents of trajectories that start near the orbit that grazes on G1, and do not settle.
+    """Return the largest Lyapunov exponent of each unsettled trajectory from near the orbit that grazes on G1.
 
-    below: by how much ε is less than on G1.
+    below: by how much ε is less than on G1. A trajectory is unsettled if it neither repeats nor becomes quiet.
 
     Returns
     -------

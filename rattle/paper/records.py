@@ -139,7 +139,7 @@ class Report:
 
     @property
     def summary(self) -> str:
-        """One line with the counts of numbers that agree, statements that hold, and findings whose evidence holds."""
+        """One line: how many numbers agree or are off as findings say, and how many statements and findings hold."""
         counts = (
             (sum(x.verdict == AGREES for x in self.numbers), self.numbers, "numbers agree"),
             (sum(x.finding != "" and x.is_as_expected for x in self.numbers), self.numbers, "are off as findings say"),
@@ -150,7 +150,7 @@ class Report:
 
     @property
     def deviations(self) -> tuple[str, ...]:
-        """The numbers and statements that deviate without a finding, and the findings whose evidence fails."""
+        """Texts of the numbers, statements and findings that are not as expected, such as an unexplained deviation."""
         numbers = (x.what for x in self.numbers if not x.is_as_expected)
         statements = (x.says for x in self.statements if not x.is_as_expected)
         numbered = enumerate(self.findings, self.first)

@@ -57,7 +57,7 @@ def _draw_claims(axes: Axes, blocks: Sequence[ProvedBlock], inks: dict[str, str]
 
 
 def _draw_capture_speeds(axes: Axes, blocks: Sequence[ProvedBlock]) -> None:
-    """Draw blocks as rectangles coloured by their capture speed, with a colour bar."""
+    """Draw blocks as rectangles coloured by the proved impact speed below which every motion becomes quiet."""
     if not blocks:
         return
     speeds = [float(block.speed or 0) for block in blocks]

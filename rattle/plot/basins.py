@@ -319,7 +319,15 @@ def manifold_line(
 
 
 def _connected_ranges(pieces: NDArray[np.int64], gap: Array) -> list[tuple[int, int]]:
-    """Return for each connected part of a manifold the range (start, end) of its points; gap > 0 separates parts."""
+    """Return for each connected part of a manifold the range (start, end) of its points.
+
+    pieces, gap: fields of `Manifold`. Neighbouring pieces are connected if the distance `gap` between their ends is 0.
+
+    Returns
+    -------
+    list[tuple[int, int]]
+        The ranges, in the order of the points.
+    """
     cuts = [0, *pieces[1:-1][gap > 0].tolist(), int(pieces[-1])]
     return list(pairwise(cuts))
 

@@ -1,9 +1,11 @@
 """A colour for each type of motion, the same in every picture.
 
-The types are P(m, n₊, n₋). Colours follow the words of the paper about its Figures 4 to 6, with one exception: the
-paper calls both P(2,2,2) and P(8,8,6) dark orange, and here P(8,8,6) is dark brown. The colours of Figure 4 are as
-different as the paper's words allow, for deuteranopes too. At weak damping a picture may have so many types that two of
-them would look alike; then the type that is drawn later gets another colour in this picture (`Palette`).
+The types are P(m, n₊, n₋). Quiet motion has the bright yellow that means quiet on maps of the quiet fraction, and no
+other motion has a colour near it. Colours of other motions follow the words of the paper about its Figures 4 to 6, with
+two exceptions: P(4,4,2), yellow in the paper, has the paper's dark blue of quiet motion; and P(8,8,6), which the paper
+calls dark orange like P(2,2,2), is dark brown. The colours of Figure 4 are as different as these words allow, for
+deuteranopes too. At weak damping a picture may have so many types that two of them would look alike; then the type that
+is drawn later gets another colour in this picture (`Palette`).
 """
 
 import colorsys
@@ -19,14 +21,15 @@ from rattle.errors import require, require_integer
 
 Label = tuple[int, int, int]
 
-KIND_COLOURS = {"quiet": "#17386e", "chaotic": "#d7191c", "undecided": "#9a9a9a"}
+#: The colour of quiet motion is the upper end of matplotlib's viridis, in which the quiet fraction is drawn.
+KIND_COLOURS = {"quiet": "#fde725", "chaotic": "#d7191c", "undecided": "#9a9a9a"}
 #: The types with a fixed colour. All other types have a colour by rule.
 NAMED: dict[Label, str] = {
     (1, 1, 0): "#8ec7ea",  # light blue
     (1, 1, 1): "#fbd4b1",  # light orange
     (2, 2, 2): "#ff6a00",  # dark orange
     (3, 3, 3): "#267359",
-    (4, 4, 2): "#f7e34a",  # yellow
+    (4, 4, 2): "#17386e",  # dark blue
     (5, 5, 2): "#6677cc",
     (8, 8, 6): "#39240e",
 }
@@ -47,6 +50,8 @@ HUE_STEPS, LIGHTNESS_STEPS = (0.753, 0.439, 0.588), (0.127, 0.726, 0.28)
 MOST = 10**9
 #: Distance in CIELAB below which two colours look alike.
 ALIKE = 15.0
+#: Least distance in CIELAB of a spare colour from the colour of quiet motion.
+FROM_QUIET = 75.0
 #: Spare colours (hue, lightness, saturation), for types whose own colour looks like another colour in the picture.
 SPARE = tuple(product(np.arange(0.0, 360.0, 12.0), (0.28, 0.42, 0.56, 0.7, 0.82), (0.35, 0.6, 0.9)))
 
@@ -96,7 +101,7 @@ def legend_name(motion: Motion, contacts: int | None = None) -> str:
     Raises
     ------
     ParameterError
-        If `motion` is not an attractor, a kind or three numbers.
+        If `motion` is not an attractor, a kind or a valid label (m, n_plus, n_minus).
     """
     label = _type_of(motion)
     if isinstance(label, str):
@@ -106,7 +111,7 @@ def legend_name(motion: Motion, contacts: int | None = None) -> str:
 
 
 def legend_order(motion: Motion) -> tuple[int, tuple[int, ...]]:
-    """Return the sort key of a motion in a legend: quiet, periodic by m, n₊, n₋, chaotic, undecided."""
+    """Return the sort key of a motion: quiet first, then periodic by (m, n₊, n₋), then chaotic, then undecided."""
     label = _type_of(motion)
     return (KINDS.index(label), ()) if isinstance(label, str) else (KINDS.index("periodic"), label)
 
@@ -127,7 +132,7 @@ def colour(motion: Motion) -> str:
     Raises
     ------
     ParameterError
-        If `motion` is not an attractor, a kind or three numbers.
+        If `motion` is not an attractor, a kind or a valid label (m, n_plus, n_minus).
     """
     label = _type_of(motion)
     if isinstance(label, str):
@@ -176,7 +181,7 @@ class Palette:
         Raises
         ------
         ParameterError
-            If `motion` is not an attractor, a kind or three numbers.
+            If `motion` is not an attractor, a kind or a valid label (m, n_plus, n_minus).
         """
         label = _type_of(motion)
         self._times[label] += 1
@@ -185,7 +190,7 @@ class Palette:
         return self._taken.setdefault((label, self._times[label]), self._farthest_spare())
 
     def _farthest_spare(self) -> str:
-        """Return the spare colour that differs most from all colours in the picture."""
+        """Return the spare colour that differs most from all colours in the picture and from those of all kinds."""
         taken = np.array([_cielab(each) for each in self._taken.values()])
         away = [float(np.hypot.reduce(taken - each, axis=1).min()) for _, each in _spare_colours()]
         return _spare_colours()[int(np.argmax(away))][0]
@@ -193,9 +198,10 @@ class Palette:
 
 @cache
 def _spare_colours() -> tuple[tuple[str, NDArray[np.float64]], ...]:
-    """Return all spare colours, as "#rrggbb" and in CIELAB."""
+    """Return the spare colours that differ from the colour of quiet motion, as "#rrggbb" and in CIELAB."""
     found = (_hex(hue, lightness, saturation) for hue, lightness, saturation in SPARE)
-    return tuple((each, _cielab(each)) for each in found)
+    every, quiet = [(each, _cielab(each)) for each in found], _cielab(KIND_COLOURS["quiet"])
+    return tuple((each, lab) for each, lab in every if np.hypot.reduce(lab - quiet) >= FROM_QUIET)
 
 
 def _cielab(shade: str) -> NDArray[np.float64]:

@@ -81,7 +81,13 @@ def _draw_gap_at_end(axes: Axes, curve: CrisisCurve) -> None:
 
 
 def _draw_manifolds(axes: Axes, crisis: Crisis) -> tuple[tuple[float, float], list[Array]]:
-    """Draw W^s(A) and W^u(A) in axes that frame W^u(A), and return the state (τ, v) of A and the lines."""
+    """Draw the stable manifold W^s(A) and one side of the unstable manifold W^u(A), in axes that show all of this side.
+
+    Returns
+    -------
+    tuple[tuple[float, float], list[Array]]
+        The state (τ, v) of A, and the drawn lines.
+    """
     saddle = period_one_saddle("A", crisis.delta, crisis.epsilon, crisis.beta)
     unstable = manifold(saddle, "unstable", 1, UNSTABLE_LENGTH)
     lines = []

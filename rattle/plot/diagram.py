@@ -250,7 +250,7 @@ def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: 
 
 
 def strokes(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
-    """Yield each admissible part of a curve as (is it stable, slice of its points); a jump of τ by 1 ends a part."""
+    """Yield (stable, slice of points) for each admissible part of one stability; a jump of τ by 1 also ends a part."""
     parts = zip(curve.admissible[:-1], curve.stable[:-1], np.abs(np.diff(curve.tau)) > 0.5, strict=True)
     kinds = [None if jumps or not is_admissible else bool(stable) for is_admissible, stable, jumps in parts]
     first = 0
@@ -272,7 +272,10 @@ def _draw_impact_curve(panel: Axes, curve: ImpactCurve, y: Array, named: bool) -
 
 
 def _draw_sweep_points(panel: Axes, diagram: Diagram[Any, Any], which: str, x: Array) -> None:
-    """Draw the points of both sweeps; points of the backward sweep are smaller and on top."""
+    """Draw the attractors found while the parameter rises, and those found while it falls, smaller and on top.
+
+    which: "v" or "tau", the quantity of the panel. x: the values of the points on the parameter axis.
+    """
     points = diagram.points
     y, chaotic = getattr(points, which), points.kind == KINDS.index("chaotic")
     for forward, colour, size in ((True, FORWARD, 2.4), (False, BACKWARD, 1.0)):
@@ -284,7 +287,10 @@ def _draw_sweep_points(panel: Axes, diagram: Diagram[Any, Any], which: str, x: A
 def _mark_events(
     panel: Axes, labels: Labels, diagram: Diagram[Any, Any], which: str, scale: float, offset: float
 ) -> None:
-    """Mark the events of a diagram. Events on a named bifurcation curve have larger marks and the curve's name."""
+    """Mark the events of a diagram in the panel of `which`, "v" or "tau".
+
+    Events on a named bifurcation curve have larger marks and the curve's name. scale, offset: from `parameter_axis`.
+    """
     for event in diagram.events:
         phases, speeds = impacts_at(event)
         y = speeds if which == "v" else phases
@@ -301,7 +307,10 @@ def _mark_events(
 def _write_orbit_names(
     panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve]]], which: str, *, one: bool
 ) -> None:
-    """Write the names A to D beside their curves. one: A and C share one curve, so write the one name "A, C" there."""
+    """Write the names A to D beside their curves in the panel of `which`, "v" or "tau".
+
+    one: A and C share one curve, which gets the one name "A, C".
+    """
     places: dict[str, list[tuple[float, float]]] = {}
     for _, parts in curves:
         for curve in parts:
@@ -338,7 +347,7 @@ def _speed_limits(diagram: Diagram[Any, Any]) -> tuple[float, float]:
 
 
 def _add_diagram_legend(figure: Figure, followed: bool) -> None:
-    """Add the legend of lines and marks. followed: the diagram has sweeps, so explain their points too."""
+    """Add the legend of lines and marks. followed: explain also the points of attractors that the diagram follows."""
     (width, colour), (thin, dark), (thinnest, grey) = NAMED, OTHER[True], OTHER[False]
     entries = [
         Line2D([], [], color=colour, lw=width, label="A to D, stable"),

@@ -25,7 +25,7 @@ ANCHORS = 24
 CANDIDATES = 400
 #: If other lines are at least this far from a label along a line, in pixels, it is clear which line the label names.
 CLEAR = 45.0
-#: Cost of covering a label or a marker, and cost of leaving the frame.
+#: Cost of covering a label or a marker, and cost of leaving the axes.
 WRONG, OUTSIDE = 1000.0, 1e5
 #: Largest cost of covering lines. It is below WRONG, so a label covers lines rather than a label or a marker.
 MOST_HIDDEN = 800.0
@@ -169,7 +169,9 @@ class Labels:
         return False
 
     def widest_place(self, inside: NDArray[np.bool_]) -> tuple[Point, float]:
-        """Return the centre of the cell of a part that is farthest from lines, labels and the frame.
+        """Return the place in a part of the axes that is farthest from lines, labels and the edges of the axes.
+
+        inside: the cells of the part, as in `add_within`. The place is the centre of one of these cells.
 
         Returns
         -------
@@ -182,7 +184,7 @@ class Labels:
         return (float(x), float(y)), float(room[best])
 
     def _free_space(self, inside: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Return the centres (n, 2) of a part's cells in pixels, and their distances from lines, labels and frame."""
+        """Return the centres (n, 2) of a part's cells in pixels, and their distances from lines, labels and edges."""
         rows, columns = inside.shape
         i, j = np.nonzero(inside)
         share = np.column_stack([(j + 0.5) / columns, (i + 0.5) / rows])
@@ -206,12 +208,12 @@ class Labels:
     def _cost(self, origin: Array, centre: Array, half: Array, most: float) -> float:
         """Return the cost of a label at `centre` for a point at `origin`.
 
-        half: half of the label's width and height.
+        half: half of the label's width and height. most: the cost at which the computation stops.
 
         Returns
         -------
         float
-            The cost. A result of `most` or more may be too low.
+            The cost if it is below `most`, else a number from `most` up to the cost.
         """
         cost = float(np.hypot(*(centre - origin)))
         if cost >= most:
@@ -244,7 +246,7 @@ class Labels:
         return float(cost + 30 * middle) + self._misplacement_cost(_turned_box(centre, half, angle))
 
     def _misplacement_cost(self, box: Bbox) -> float:
-        """Return the cost of covering other labels and of leaving the frame."""
+        """Return the cost of covering other labels and of leaving the axes."""
         outside = not (self.frame.contains(*box.min) and self.frame.contains(*box.max))
         return WRONG * sum(box.overlaps(other) for other in self.boxes) + OUTSIDE * outside
 
@@ -257,8 +259,8 @@ def _places_beside(stretch: Array, height: float) -> list[tuple[Array, float, fl
     Returns
     -------
     list[tuple[Array, float, float]]
-        The centre and direction of the label, and how far the part deviates from a straight line; empty if the part has
-        a gap.
+        The centre and direction of the label, and how far the part deviates from a straight line; empty if the part
+        contains a row of NaN.
     """
     if np.isnan(stretch).any():
         return []

@@ -250,7 +250,7 @@ def parse(option: str, texts: Sequence[str]) -> Given | None:
 
 
 def _check_form(number: int | str, name: str, takes: ParameterForm, given: Given, *, positive: bool = False) -> Any:
-    """Return δ or ε in the form that a figure takes. Raises ParameterError if it was given in another form."""
+    """Return δ or ε in the form that a figure takes. Raises ParameterError for another form or a value out of range."""
     values = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
     fits = {NUMBER: len(values) == 1, NUMBERS: len(values) >= 1, RANGE: len(values) == 2}[takes]
     fits = fits and (takes is RANGE or not isinstance(given, Range))

@@ -185,7 +185,7 @@ def _explain_widths(axes: Axes, lines: Mapping[str, Array]) -> None:
 def _draw_inset(
     axes: Axes, curves: Mapping[str, Curve], lines: Mapping[str, Array], points: Mapping[str, CodimensionTwo]
 ) -> Box | None:
-    """Draw an inset in a corner without curves: the distances of PD1 and G1 from SN2, below the δ where all three meet.
+    """Draw an inset in a corner without curves: the distances of PD1 and G1 from SN2, at δ below COD23, where all meet.
 
     Returns
     -------

@@ -86,9 +86,9 @@ class RestitutionPlane:
 
     @property
     def dominant_types(self) -> NDArray[np.int64]:
-        """The type of each cell's attractor with the most samples, except quiet running: an index of SHOWN or CHAOTIC.
+        """The type (m, n) of the attractor with the most samples of each cell, quiet running left out.
 
-        Shape (m, n). QUIET_ALONE where quiet running is the only attractor.
+        The type is an index of SHOWN, or CHAOTIC; it is QUIET_ALONE where quiet running is the only attractor.
         """
         found = np.full(self.epsilon.size * self.delta.size, QUIET_ALONE)
         most = np.zeros(found.size, np.int64)
@@ -139,7 +139,8 @@ def restitution_plane(
 def restitution_figure(planes: Sequence[RestitutionPlane]) -> Drawing:
     """Draw planes side by side, with the bifurcation curves.
 
-    The colour of a cell shows the attractor with the most samples, except quiet running, or for chaos its exponent.
+    The colour of a cell shows the attractor with the most samples among those that are not quiet running. If it is
+    chaotic, the colour shows its largest Lyapunov exponent.
 
     Returns
     -------

@@ -27,7 +27,7 @@ REACH = 0.003
 def stiff_figure(delta: float = DELTA, epsilon: float = EPSILON, beta: float = 0.6) -> Drawing:
     """Draw the distances between the stiff gear and the impacting model against the stiffness κ.
 
-    One panel each shows the distances of the motions A to D, of their multipliers, and of bifurcations and the quiet
+    Three panels show the distances: those of the motions A to D; of their multipliers; of bifurcations and the quiet
     limit. The fourth panel shows the speed after one return for speeds on both sides of Γ: the impacting model has a
     square root there, the stiff gear a steep but smooth curve.
 

@@ -223,7 +223,8 @@ def mean_of_shares(shares: Array) -> Estimate:
 def quantile_estimate(values: Array, q: float) -> Estimate:
     """Estimate the quantile q of values (n, count), whose rows are independent; values that are NaN are ignored.
 
-    The interval takes account of the correlation between the values of one row.
+    The interval takes account of the correlation between the values of one row. An end of the interval is infinite if
+    there are too few rows to bound the quantile on that side.
 
     Returns
     -------
@@ -264,7 +265,7 @@ def covariance_ratio(base: Array, other: Array, again: Array) -> Estimate:
     if known.sum() < FEWEST:
         raise RattleError(f"Sobol indices need {FEWEST} gears with decided samples: make `pairs` or `budget` larger")
     x, y, z = (each[known] - each[known].mean() for each in (base, other, again))
-    same, shared = x * z, 0.5 * (x + z) * y  # x and z are two outputs of the same gears, so their mean is used
+    same, shared = x * z, 0.5 * (x + z) * y  # base and again belong to the same gears: use their mean
     whole, error = float(same.mean()), 1.0 / np.sqrt(same.size)
     if whole <= Z_95 * float(same.std()) * error:
         raise RattleError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,15 +29,17 @@ class Copula:
     """
 
     matrix: Array
+    _root: Array = field(init=False, repr=False)  # Cholesky factor of the matrix
+    _inverse: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Check and convert the fields."""
+        """Compute the Cholesky factor and the inverse of the matrix."""
         object.__setattr__(self, "_root", np.linalg.cholesky(self.matrix))
         object.__setattr__(self, "_inverse", np.linalg.inv(self.matrix))
 
     def draws(self, seed: int, stream: int, rows: NDArray[np.int64]) -> Array:
         """Return the numbers (n, d) of these rows of a random stream. The numbers of a row depend on its index only."""
-        root: Array = self._root  # type: ignore[attr-defined]
+        root = self._root
         free = ndtri(uniforms(seed, stream, rows, len(self.matrix)))
         # explicit sums, because the last bit of a matrix product may depend on the number of rows
         return np.stack([weighted_sum(root[i, : i + 1], free[:, : i + 1]) for i in range(len(root))], axis=1)
@@ -72,7 +74,7 @@ class Copula:
 
     def _conditional_mean(self, i: int, z: Array) -> Array:
         """Return the conditional mean (n,) of the i-th column of z (n, d), given the other columns."""
-        inverse: Array = self._inverse[i]  # type: ignore[attr-defined]
+        inverse = self._inverse[i]
         others = [j for j in range(len(inverse)) if j != i]
         return -weighted_sum(inverse[others], z[:, others]) / inverse[i]
 

@@ -59,7 +59,7 @@ class Normal(Distribution):
             end = real_array(name, getattr(self, name))
             require(end.ndim == 0 and not np.isnan(end), f"{name} must be a number, got {getattr(self, name)!r}")
             object.__setattr__(self, name, float(end))
-        require(self.low < self.high, f"low must be below high, got {self.low:g} and {self.high:g}")
+        require(self.low < self.high, f"low must be below high, got low {self.low:g} and high {self.high:g}")
         below, above = self._end_probabilities()
         require(
             above - below > LEAST_PROBABILITY,
@@ -112,7 +112,7 @@ class Triangular(Distribution):
         _require_spread(self.low, self.high, "a triangular distribution")
         require(
             self.low <= self.mode <= self.high,
-            f"the mode must be from low to high, got {self.mode:g}, {self.low:g} and {self.high:g}",
+            f"the mode must be from low to high, got mode {self.mode:g}, low {self.low:g} and high {self.high:g}",
         )
 
     def quantile(self, u: Array) -> Array:
@@ -222,5 +222,5 @@ def _convert_finite(of: Any, *names: str) -> None:
 
 def _require_spread(low: float, high: float, what: str) -> None:
     """Raise ParameterError unless low < high; what: the kind of distribution, for the message."""
-    require(low <= high, f"low must be below high, got {low:g} and {high:g}")
+    require(low <= high, f"low must be below high, got low {low:g} and high {high:g}")
     require(low < high, f"{what} has no spread: for a number that does not vary give the number itself, {low:g}")

@@ -369,7 +369,7 @@ class _Solver:
         return self.scanned.size
 
     def _bracket_of_crossing(self, which: str, near: int) -> tuple[float, float]:
-        """Return two values, ACCURACY steps of the scan apart, between which a field of `Excess` falls below 0.
+        """Return two values, at most ACCURACY steps of the scan apart, between which a field of `Excess` falls below 0.
 
         which: the name of the field. near: the index in the scan at which the search starts. Both values are NaN if the
         field does not fall below 0 within the scan.

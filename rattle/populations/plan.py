@@ -31,7 +31,7 @@ LARGEST_SEED = 2**64 - 1
 MOST_SHARE = 0.9999
 #: Distribution of a phase that is random.
 ANY_PHASE = Uniform(0.0, 1.0)
-#: Index of the random stream from which numbers are drawn again.
+#: Index of the random stream of the second sample, from which Sobol indices take the numbers that are drawn again.
 REDRAWN_STREAM = 1
 
 Array = NDArray[np.float64]
@@ -113,7 +113,7 @@ class Plan:
 
     @cached_property
     def n_sharing(self) -> int:
-        """The number of gears for which gears with some equal numbers are computed; 0 if only one number varies."""
+        """The number of rows of each part but the first, which are for Sobol indices; 0 if only one number varies."""
         return min(self.pairs, self.gears) if len(self.tolerances.names) > 1 else 0
 
     @cached_property

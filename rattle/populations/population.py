@@ -57,7 +57,8 @@ def population(
     judged : int
         The number of gears that are tested for the requirement.
     pairs : int
-        The number of gears for which Sobol indices compute further gears that have some of the same numbers.
+        The number of gears on which Sobol indices are based. Each of them needs additional gears that have some numbers
+        in common with it.
     seed : int
         The seed of all random numbers.
     budget : int

@@ -120,14 +120,14 @@ class Tolerances:
             machine_of({**ends, "drive": self.given.get("drive", "torque")})
 
     def _below_zero_message(self, name: str, least: float) -> str:
-        """Return the message for a number whose distribution reaches down to `least`, which is below 0."""
-        limit = "0" if may_be_zero(name) else "a number above 0"
+        """Return the message for a number whose distribution reaches down to `least`, below the allowed values."""
+        limit, allowed = ("0", "must not be below 0") if may_be_zero(name) else ("a number above 0", "must be above 0")
         advice = (
             f"cut it off (low={limit}), make its deviation smaller, or give a log-normal one"
             if isinstance(self.given[name], Normal)
-            else "begin it above"
+            else f"let it begin at {limit}"
         )
-        return f"{name} must not be below 0, but its distribution reaches down to {least:.3g}: {advice}"
+        return f"{name} {allowed}, but its distribution reaches down to {least:.3g}: {advice}"
 
     @cached_property
     def _ranges(self) -> dict[str, tuple[float, float]]:
@@ -224,7 +224,7 @@ def is_machine(given: Mapping[str, Any]) -> bool:
 
 
 def require_known_names(given: Mapping[str, Any]) -> None:
-    """Raise ParameterError unless the names are known and describe one gear: a dimensionless one or a machine."""
+    """Raise ParameterError unless the names describe one gear, and the numbers that cannot vary have valid values."""
     require("speed" not in given, "a gear has no number speed: give the mean speed as rpm, in revolutions per minute")
     own = [name for name in given if name in DIMENSIONLESS or HARMONIC.fullmatch(name)]
     of_machine = [name for name in given if name in (*OF_MACHINE, "drive") or ERROR.fullmatch(name)]

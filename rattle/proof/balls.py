@@ -40,7 +40,7 @@ def precision(bits: int = BITS) -> Iterator[None]:
 
 
 def tight_radius() -> float:
-    """Return 2^(−0.7 p) at a precision of p bits: balls of smaller radius are narrow enough for all later steps."""
+    """Return 2^(−0.7 p) at a precision of p bits: balls of smaller radius need not be made narrower."""
     return float(2.0 ** (-0.7 * ctx.prec))
 
 

@@ -7,7 +7,7 @@ from rattle.orbits.periodic import Periodic
 from rattle.proof.certificate import Certificate, Exact, exact_number
 
 #: Largest relative difference between an exact parameter and the double with which the motion was computed.
-SAME = 1e-14
+SAME_PARAMETER = 1e-14
 
 
 def certify(
@@ -61,7 +61,7 @@ def certify(
             require(given is None, f"this gear has no {name}: leave it out")
             continue
         parameters[name] = exact_number(name, has if given is None else given)
-        if abs(float(parameters[name]) - has) > SAME * abs(has):
+        if abs(float(parameters[name]) - has) > SAME_PARAMETER * abs(has):
             raise ParameterError(f"{name} must equal that of the motion, {has!r}, up to rounding, got {given}")
     from rattle.proof.finder import prove_motion  # imports python-flint, which only proofs need
 

@@ -144,7 +144,7 @@ class CertifiedMotion:
         return [a + b for a, b in zip(x, spread, strict=True)]
 
     def require_admissible(self, x: Sequence[Interval]) -> None:
-        """Raise Refused unless each piece lasts from its event to the next, and all speeds at events are not 0."""
+        """Raise Refused unless each piece lasts from its event to the next, and the speed at each event is not 0."""
         for i, p in enumerate(self.pieces(x), 1):
             side = p.wall if p.k != 0 else -p.wall  # sign of the velocity at the start: a contact moves into its wall
             speeds = side * p.w, (-p.wall if p.k != 0 else p.target) * self.turns * p.next
@@ -236,9 +236,8 @@ class MotionPiece:
             return is_positive(self.wall * y) if self.k != 0 else is_positive(*free)
 
         parts = [(ZERO, self.duration.b)]
-        for _ in range(
-            MOST_PARTS
-        ):  # at both ends of a part y is clear or on a wall, so if y' has one sign y is clear between
+        # at both ends of a part y is clear (`is_clear`) or on a wall; so if y' has one sign, y is clear within the part
+        for _ in range(MOST_PARTS):
             low, high = parts.pop()
             part, middle = IV.mpf([low, high]), (low + high).mid / 2
             slope = self.state_after(part)[1]

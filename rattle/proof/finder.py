@@ -30,7 +30,7 @@ from rattle.proof.flights import ModelPlane
 from rattle.proof.krawczyk import MOST_MOVED, EvaluatedEquations, enclose_zero
 
 #: A published enclosure is wider than its ball by this multiple of the ball's width: other programs round differently.
-ROOM = 10**4
+WIDENING = 10**4
 #: Unit to which the ends of a published enclosure are rounded, for numbers of order 1.
 FINEST = Fraction(1, 10**12)
 #: Decimals of published speeds.
@@ -38,11 +38,11 @@ PLACES = 25
 #: Largest relative difference between the stated and the proved trace that rounding can explain.
 SAME_TRACE = 1e-6
 #: Most impacts of a motion that is proved with the precision BITS; longer motions are proved with twice as many bits.
-LONG = 16
+MOST_IMPACTS_AT_BITS = 16
 
 
 class MotionSystem(EvaluatedEquations, Protocol):
-    """The pieces of a periodic motion between given times, which are balls."""
+    """The flights, and the contacts of a stiff gear, of a periodic motion whose events have given times, in balls."""
 
     @property
     def speeds(self) -> list[arb]:
@@ -58,7 +58,7 @@ class MotionSystem(EvaluatedEquations, Protocol):
 
 def prove_motion(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
     """Return the certificate of a computed motion at exact parameters. Raises NotProvedError."""
-    with precision(BITS if len(orbit.walls) <= LONG else 2 * BITS):
+    with precision(BITS if len(orbit.walls) <= MOST_IMPACTS_AT_BITS else 2 * BITS):
         motions, start = equations_and_guess(orbit, parameters)
         found = enclose_zero(motions, start)
         motion = motions(found.zero)
@@ -165,14 +165,14 @@ def widened_ends(x: arb) -> Ends:
             "the multipliers are not enclosed: the motion is too long or too unstable for the precision"
         )
     low, high = ends(x)
-    least, unit = max(ROOM * (high - low), FINEST * abs(high)), FINEST
+    least, unit = max(WIDENING * (high - low), FINEST * abs(high)), FINEST
     while unit < least:
         unit *= 10
     return (low // unit - 1) * unit, (-(-high // unit) + 1) * unit
 
 
 def radius_upper_bound(box: Sequence[arb], centres: Sequence[Fraction]) -> Fraction:
-    """Return an upper bound, in two digits, of the distance of every number of the balls in `box` from its centre."""
+    """Return a bound, rounded up to two digits, of how far the ball box[i] reaches from centres[i], for all i."""
     apart = (abs(each - ball(centre)) for each, centre in zip(box, centres, strict=True))
     widest = exact_midpoint(reduce(arb.max, apart).upper())
     unit = Fraction(1, 10**30)

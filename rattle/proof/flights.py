@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb
 
-#: Signs of a velocity. UP also marks a minimum of Φ, after which Φ grows, and DOWN a maximum.
+#: Signs of a velocity. UP also marks a minimum of Φ, after which Φ grows, and DOWN a maximum, after which Φ falls.
 UP, DOWN = 1, -1
 
 
@@ -50,7 +50,7 @@ class ModelPlane:
 
     @cached_property
     def force_zero_phases(self) -> tuple[arb, ...]:
-        """The two phases at which the contact force is 0; none below the quiet limit. Raises NotProvedError at it."""
+        """The two phases at which the contact force is 0; none below the quiet limit. NotProvedError if undecided."""
         share = 2 * self.delta / (self.epsilon * (4 * PI() ** 2 + self.delta**2).sqrt())
         if share > 1:
             return ()
@@ -174,7 +174,8 @@ def extrema(flight: FlightEnclosure, name: str) -> Iterator[tuple[int, arb]]:
     Yields
     ------
     tuple[int, arb]
-        UP for a minimum or DOWN for a maximum, and a ball that contains Φ − Φ(t0) there.
+        The sign of Φ' after the extremum (UP after a minimum, DOWN after a maximum), and a ball that contains
+        Φ − Φ(t0) at the extremum.
 
     Raises
     ------
@@ -196,7 +197,13 @@ def extrema(flight: FlightEnclosure, name: str) -> Iterator[tuple[int, arb]]:
 
 
 def force_zero_times(flight: FlightEnclosure) -> list[arb]:
-    """Return the times during a flight at which the contact force vanishes, in order, and perhaps times at its ends."""
+    """Return the times, in order, at which the contact force vanishes during a flight.
+
+    Returns
+    -------
+    list[arb]
+        The times. A time close to an end of the flight is included unless it is proved to be outside.
+    """
     found = []
     for edge in flight.plane.force_zero_phases:
         number = math.floor(float((flight.t0 - edge).mid())) - 1

@@ -18,7 +18,7 @@ RADII = tuple(Fraction(1, 10**k) for k in (11, 13, 15, 17, 20))
 #: Decimals to which the centre of a box is rounded.
 PLACES = 28
 #: Most times that the operator is applied to its own result, which makes the enclosure narrower.
-MOST_REPEATED = 12
+MOST_REPETITIONS = 12
 #: Largest distance between a computed motion and the proved zero that rounding can explain.
 MOST_MOVED = 1e-9
 
@@ -77,14 +77,17 @@ def enclose_zero(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
         limit = ball(radius)
         moved = _krawczyk_image(equations, x, step, about, [interval_ball(Fraction(0), radius)] * len(x))
         if all(abs(each) < limit for each in moved):
-            for _ in range(MOST_REPEATED):
+            for _ in range(MOST_REPETITIONS):
                 if all(each.rad() < small for each in moved):
                     break
                 moved = _krawczyk_image(
                     equations, x, step, about, moved
                 )  # the image contains the zero, because the box does
             return Enclosure(centre, radius, [a + b for a, b in zip(x, moved, strict=True)])
-    raise NotProvedError("no box around the motion is mapped into itself: the motion is too close to a bifurcation")
+    raise NotProvedError(
+        "no box around the computed solution is proved to contain exactly one solution: its equations are almost "
+        "singular (for a motion, next to a bifurcation), or its numbers are not exact enough"
+    )
 
 
 def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_mat, list[Fraction]]:
@@ -124,9 +127,7 @@ def approximate_inverse(matrix: arb_mat) -> arb_mat:
     except np.linalg.LinAlgError:
         found = np.full(middle.shape, np.nan)
     if not np.isfinite(found).all():
-        raise NotProvedError(
-            "the Jacobian of the motion's equations is singular: the motion is too close to a bifurcation"
-        )
+        raise NotProvedError("the Jacobian of the equations is singular or not finite (for a motion, at a bifurcation)")
     return arb_mat(found.tolist())
 
 

@@ -76,7 +76,7 @@ class StiffParameters:
 
 @dataclass(frozen=True)
 class ContactEnclosure:
-    """A contact that begins at time t0 with y = 0 and the velocity w, and ends at time t1."""
+    """A contact that begins at time t0 with penetration y = 0 and the velocity w, and ends at time t1."""
 
     walls: StiffParameters
     t0: arb
@@ -85,7 +85,7 @@ class ContactEnclosure:
 
     @cached_property
     def initial_deviation(self) -> tuple[arb, arb]:
-        """The state (y, y') at t0 minus the state of the steady motion, the permanent contact."""
+        """The state (y, y'), y the penetration, at t0 minus the state of the steady motion, the permanent contact."""
         y, v = self.walls.steady_motion(self.t0)
         return -y, self.w - v
 
@@ -104,7 +104,7 @@ class ContactEnclosure:
         return self._state_from_tangent(t, self.walls.tangent(t - self.t0))
 
     def _state_from_tangent(self, t: arb, tangent: tuple[arb, arb, arb, arb]) -> tuple[arb, arb]:
-        """Return y and y' at time t, from the tangent map between t0 and t."""
+        """Return the penetration y, and y', at time t, from the tangent map between t0 and t."""
         (moved, pushed), (y, v), (c, s, c1, s1) = self.initial_deviation, self.walls.steady_motion(t), tangent
         return y + c * moved + s * pushed, v + c1 * moved + s1 * pushed
 
@@ -123,7 +123,7 @@ class Contacts:
 
     @property
     def residual(self) -> list[arb]:
-        """R (2c,): y at the end of each contact, and its final velocity minus the next flight's initial velocity."""
+        """R (2c,): penetration y at the end of each contact, and y' there minus the next flight's initial velocity."""
         pairs = zip(self.contacts, self.flights, strict=True)
         return [
             each for contact, after in pairs for each in (contact.final_state[0], contact.final_state[1] - after.w0)
@@ -197,6 +197,8 @@ class StiffSystem:
 
 def require_contact_lasts(contact: ContactEnclosure, wall: int, name: str) -> None:
     """Prove that wall · y > 0 between the beginning and the end of a contact (Lemma 6 of docs/proofs.md).
+
+    y = Φ ∓ β is the penetration of Σ±, and `wall` is 1 for Σ⁺ and −1 for Σ⁻.
 
     The time of the contact is bisected. At both ends of each part wall · y > 0 is proved, or y = 0 because the contact
     begins or ends there. So wall · y > 0 within the part if y' has one sign there; if not, the mean value theorem

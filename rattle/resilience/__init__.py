@@ -1,1 +1,1 @@
-"""Resilience: attractors along a path of parameters, and the smallest shocks that make a motion leave its attractor."""
+"""Resilience: attractors along a path of parameters, fatal shocks, edge states, tipping, and times of convergence."""

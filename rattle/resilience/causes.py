@@ -124,15 +124,16 @@ def _orbit_near(gear: AnyGear, near: TrackedOrbit) -> Any:
 
 
 def distance_after_part(gear: AnyGear, label: TrackedOrbit, found: Any) -> float:
-    """Return the least distance between the start of a motion and its state after a part of its period.
+    """Return the least distance between the start of a motion and its states after 1/2, 1/3, … of its period.
 
-    A motion that closes after a part of its period is a shorter motion, run through several times.
+    The fractions are 1/k for all k ≥ 2 that divide m, n₊ and n₋ of the motion. A motion that closes after 1/k of its
+    period is a shorter motion, run through k times. label: its label; found: the motion.
 
     Returns
     -------
     float
-        The distance, with speeds in units of `speed_unit_of`; 0 for a motion that closes after a part of its period,
-        inf if its period has no parts.
+        The distance, with speeds in units of `speed_unit_of`; 0 for a motion that closes after 1/k of its period,
+        inf if no k divides m, n₊ and n₋.
     """
     m, n_plus, n_minus = label.label
     parts = [n for n in range(2, m + 1) if not (m % n or n_plus % n or n_minus % n)]

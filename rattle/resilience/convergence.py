@@ -73,7 +73,7 @@ class Convergence:
 
 
 class _ArrivalAccumulator:
-    """An `Accumulator` of the first time at which each sample is near its attractor.
+    """An `Accumulator` of the time of arrival of each sample: the first time at which it is near its attractor.
 
     which: the index of each sample's attractor. points: for each attractor its departures (τ, v) from Σ⁺ (k, 2); no
     rows for quiet motion, and None for chaotic and undecided motion, at which samples never arrive. near: the distance

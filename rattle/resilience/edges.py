@@ -20,8 +20,8 @@ from rattle.orbits.iterates import fold
 from rattle.resilience.gears import speed_unit_of
 
 Array = NDArray[np.float64]
-#: A bisection ends when the two states are closer than TOGETHER. They are then followed until they are APART. Both are
-#: distances with speeds in units of `speed_unit_of`.
+#: A bisection ends when the two states are closer than TOGETHER. They are then followed until their distance exceeds
+#: APART. Speeds in distances are in units of `speed_unit_of`.
 TOGETHER, APART = 1e-12, 1e-6
 #: Number of parts into which each step of a bisection divides the line between the states.
 PARTS = 64
@@ -120,7 +120,7 @@ def _bisect(gear: AnyGear, pair: Array, unit: float) -> Array:
         line = pair[0] + share[:, None] * step
         line[:, 0] = fold(line[:, 0])
         which = gear.reached(line[:, 0], line[:, 1]).which
-        require(which[0] != which[-1], "both states go to the same attractor: choose one of each basin")
+        require(which[0] != which[-1], "both states go to the same attractor: choose states of two basins")
         last = int(np.argmax(which != which[0]))
         pair = line[last - 1 : last + 1]
         distance = _distance(pair, unit)

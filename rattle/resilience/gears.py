@@ -49,7 +49,7 @@ def speed_unit_of(gear: AnyGear) -> float:
 
 
 def is_same_attractor(one: Attractor, other: Attractor, unit: float) -> bool:
-    """Return whether two attractors of a gear have the same label and, if periodic, the same state."""
+    """Return whether two attractors of a gear have the same kind and label and, if periodic, nearly the same state."""
     if (one.kind, one.m, one.n_plus, one.n_minus) != (other.kind, other.m, other.n_plus, other.n_minus):
         return False
     near = abs(wrapped(one.tau - other.tau)) < SAME_POINT and abs(one.v - other.v) < SAME_POINT * unit

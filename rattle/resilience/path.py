@@ -116,7 +116,7 @@ class GlobalContinuation:
         -------
         tuple[Array, Array]
             Means and standard errors; NaN at steps where no sample of the family has a known value. A standard error is
-            also NaN where only one sample has.
+            also NaN where only one sample has a known value.
         """
         mine = np.isin(self.which, self._rows_of_family(number))
         values = np.where(mine, self.quantities[name], 0.0)
@@ -241,12 +241,12 @@ class _ChangeFinder:
         explained: dict[tuple[int, int, bool], Change] = {}
         for chaotic in (False, True):  # changes of chaotic families are last, because they may follow from others
             for each in found:
-                if (self.rows.kind[self._row_where_it_exists(*each)] == Outcome.CHAOTIC) == chaotic:
+                if (self.rows.kind[self._existing_row(*each)] == Outcome.CHAOTIC) == chaotic:
                     explained[each] = self._explain(*each, explained)
         return sorted(explained.values(), key=lambda change: (change.step, change.low, change.family))
 
-    def _row_where_it_exists(self, family: int, step: int, begins: bool) -> int:
-        """Return the row of a family that begins or ends between `step` and `step` + 1, where the family exists."""
+    def _existing_row(self, family: int, step: int, begins: bool) -> int:
+        """Return the row of a family at `step` + 1 if it `begins` there, otherwise at `step`, after which it ends."""
         return self.here[step + begins][family]
 
     def _explain(self, family: int, step: int, begins: bool, others: dict[tuple[int, int, bool], Change]) -> Change:
@@ -259,12 +259,14 @@ class _ChangeFinder:
         Change
             The change.
         """
-        row, where, away = self._row_where_it_exists(family, step, begins), step + begins, step + 1 - begins
+        row, where, away = self._existing_row(family, step, begins), step + begins, step + 1 - begins
         kind, gears = self.rows.kind[row], (gear_at(self.points, where), gear_at(self.points, away))
         end = OrbitEnd(UNKNOWN, 0.0, 1.0)
         if kind == Outcome.QUIET:
             limited = gears[1].epsilon >= gears[1].quiet_limit
-            return self._as_change(family, step, begins, OrbitEnd(QUIET_LIMIT if limited else SAMPLING, 0.0, 1.0), -1)
+            return self._change_from_end(
+                family, step, begins, OrbitEnd(QUIET_LIMIT if limited else SAMPLING, 0.0, 1.0), -1
+            )
         other = self._family_reached(row, away, *gears)
         if kind == Outcome.PERIODIC:
             orbit = TrackedOrbit(self.rows.label(row), float(self.rows.tau[row]), float(self.rows.v[row]))
@@ -279,10 +281,10 @@ class _ChangeFinder:
             end = OrbitEnd(CRISIS, 0.0, 1.0)  # the chaotic motion goes to a chaotic attractor that visits other states
         elif other == CHAOS_THERE:
             end, other = OrbitEnd(SAMPLING, 0.0, 1.0), -1
-        return self._as_change(family, step, begins, end, other)
+        return self._change_from_end(family, step, begins, end, other)
 
-    def _as_change(self, family: int, step: int, begins: bool, end: OrbitEnd, other: int) -> Change:
-        """Return the record of a change that has this end.
+    def _change_from_end(self, family: int, step: int, begins: bool, end: OrbitEnd, other: int) -> Change:
+        """Return the beginning or the end of a family as a `Change`, from the end of the orbit that was followed.
 
         `end.low` and `end.high` are shares of the way from the step where the family exists to the neighbouring step.
 

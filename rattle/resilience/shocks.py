@@ -119,7 +119,7 @@ def _departure_from_wall(state: _StateBeforeShock, change: float) -> tuple[float
 
 
 def _states_at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple[list[_StateBeforeShock], Departure]:
-    """Return the states of an attractor at a phase, and a function that returns the departure after a shock to one."""
+    """Return the states of an attractor at a phase, and a function that maps state and shock to the next departure."""
     if attractor.kind == "quiet":
         return [_StateBeforeShock(phase, gear.beta, 0.0)], _departure_from_wall
     require(
@@ -161,7 +161,7 @@ class _ShockSearch:
         self.to: Attractor | None = None
 
     def run(self) -> None:
-        """Scan all states ROUNDS times, then the state with the smallest fatal shock HALVINGS times more finely."""
+        """Scan all states ROUNDS times; then narrow the smallest fatal shock by HALVINGS scans of its state."""
         every, both = np.arange(len(self.states)), np.array([-1.0, 1.0])
         for _ in range(ROUNDS):
             limit = min(self.high, self.highest)
@@ -181,7 +181,7 @@ class _ShockSearch:
     def _scan(self, states: NDArray[np.int64], ways: Array, low: float, high: float) -> None:
         """Try shocks with SCANNED sizes from low to high and the signs `ways` from these states.
 
-        The smallest shock after which the motion goes to another attractor becomes the best one.
+        If shocks take the motion to another attractor, the smallest of them becomes the smallest known fatal shock.
 
         Raises
         ------

@@ -18,7 +18,7 @@ from rattle.orbits.iterates import Impact, Iterates, Trajectory
 from rattle.orbits.period_one import Orbit
 from rattle.stiff.attractors.classifier import StiffClassifier
 from rattle.stiff.map import quiet, return_map
-from rattle.stiff.map.departure import departure
+from rattle.stiff.map.departure import CANNOT_FOLLOW, departure
 from rattle.stiff.map.flow import GAP, QUIET, flow
 from rattle.stiff.map.iterate import iterate
 from rattle.stiff.map.trajectory import trajectory
@@ -99,7 +99,7 @@ class StiffGear(SampledGear, Rattling):
         ParameterError
             If an argument is outside its domain.
         RattleError
-            If a number leaves double precision.
+            If the motion cannot be followed; the message names possible causes.
         """
         position, velocity = require_finite("position", position), require_finite("velocity", velocity)
         time, tau = require_number("time", time), _folded_phase(phase)
@@ -112,7 +112,7 @@ class StiffGear(SampledGear, Rattling):
             wall, tau, start, velocity, time, self.delta, self.epsilon, self.beta, self.kappa
         )
         if status != OK or not (math.isfinite(x) and math.isfinite(w)):
-            raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
+            raise RattleError(CANNOT_FOLLOW)
         whole = x if end == GAP else end * (self.beta + x)
         return MotionState(float(whole), float(w), n_plus, n_minus, np.array(tangent).reshape(2, 2))
 
@@ -131,14 +131,14 @@ class StiffGear(SampledGear, Rattling):
         ParameterError
             If an argument is outside its domain.
         RattleError
-            If contact with Σ⁺ never ends (quiet motion).
+            If contact with Σ⁺ never ends (quiet motion), or the motion cannot be followed.
         """
         v = require_number("v", v, positive=True)
         status, tau1, v1, time, n_minus, *tangent, _ = return_map.step_tangent(_folded_phase(tau), v, self._point)
         if status == QUIET:
             raise RattleError("the motion becomes quiet: its contact with Σ⁺ never ends")
         if status != OK or not math.isfinite(time):
-            raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
+            raise RattleError(CANNOT_FOLLOW)
         return Impact(tau1, v1, n_minus, np.array(tangent).reshape(2, 2), time)
 
     def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]:
@@ -156,7 +156,7 @@ class StiffGear(SampledGear, Rattling):
         ParameterError
             If an argument is outside its domain.
         RattleError
-            If a number leaves double precision.
+            If the motion cannot be followed; the message names possible causes.
         """
         position, velocity = require_finite("position", position), require_finite("velocity", velocity)
         return departure(*self._point, _folded_phase(phase), position, velocity)
@@ -180,7 +180,7 @@ class StiffGear(SampledGear, Rattling):
         ParameterError
             If an argument is outside its domain.
         RattleError
-            If a number leaves double precision.
+            If the motion cannot be followed; the message names possible causes.
         """
         return trajectory(*self._point, _folded_phase(tau), v, periods, points)
 

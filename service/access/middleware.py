@@ -178,7 +178,8 @@ class AccessMiddleware:
             raise HTTPException(414, problems.ADVICE[414])
         if size > self._settings.max_header_bytes or len(headers) > self._settings.max_headers:
             raise HTTPException(431, problems.ADVICE[431])
-        if b"transfer-encoding" in names and b"content-length" in names:  # a proxy may use either as the length
+        # With both headers, a proxy and this server could disagree about where the body ends (request smuggling).
+        if b"transfer-encoding" in names and b"content-length" in names:
             raise HTTPException(400, problems.ADVICE[400], {"Connection": "close"})
         if not scope["path"].isprintable():  # the router would ignore a line break at the end of a path
             raise HTTPException(404, problems.ADVICE[404])

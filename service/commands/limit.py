@@ -87,7 +87,8 @@ def _limit_text(of: str, share: float, found: Limit, at: str = "") -> str:
     unit, scale = UNITS.get(of, MICROMETRES if of.startswith("error_") else ("", 1.0))
     if math.isnan(found.value):
         return f"no limit of {of} was found in the searched range: give another range with --between"
-    way = "up to" if SAFE_IF_SMALL.get(of, True) else "down to"  # amplitudes of orders are not in SAFE_IF_SMALL
+    # SAFE_IF_SMALL does not list the amplitudes of orders, such as error_12, which are safe if small.
+    way = "up to" if SAFE_IF_SMALL.get(of, True) else "down to"
     value, low, high = (f"{scale * x:.4g}" for x in found)
     return f"{of} {way} {value}{unit} [{low}, {high}]{at} for P(quiet) of {share:g} at least"
 

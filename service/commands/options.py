@@ -186,7 +186,7 @@ Budget = Annotated[
     typer.Option(help="Number of impacts after which a sample is undecided.", show_default="1000000"),
 ]
 Seed = Annotated[int, typer.Option(help="Random seed of the initial conditions.")]
-Name = Annotated[str, typer.Option(help="Name of the survey, shown in lists.")]
+Name = Annotated[str, typer.Option(help="Name of the survey or population, shown in lists.")]
 Url = Annotated[str, typer.Option(envvar="RATTLE_URL", help="Address of the service.")]
 Workers = Annotated[
     int | None,

@@ -17,7 +17,7 @@ PLAIN_SECONDS = 10.0  # least number of seconds between two printed lines
 
 
 class Reporter(Protocol):
-    """A display of the number of computed cells, and of the time left by the run's estimate or by the speed so far."""
+    """A display of the number of computed cells and of the time left, estimated by the run or from the speed so far."""
 
     def __enter__(self) -> Self:
         """Begin the display."""
@@ -62,8 +62,8 @@ def compilation_messages() -> Iterator[None]:
 def reporter(cells: int, cells_done: int = 0, what: str = "cells") -> Reporter:
     """Return a reporter that draws a progress bar if stderr is a terminal, and otherwise prints a line now and then.
 
-    cells: the number of all cells. cells_done: the number of cells that were computed before. what: their name in the
-    display.
+    cells: the number of all cells. cells_done: the number of cells that were computed before. what: name of the
+    cells in the display.
 
     Returns
     -------

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 NOT_FOUND = 404  # HTTP status of the answer to an unknown id
 
 Key = Annotated[
-    str | None, typer.Option(help="Idempotency key: submitting again with the same key creates no second survey.")
+    str | None, typer.Option(help="Idempotency key: submitting again with the same key computes nothing again.")
 ]
-Force = Annotated[bool, typer.Option("--force", help="Compute the survey although an identical one exists.")]
-Watch = Annotated[bool, typer.Option("--watch", help="Wait until the survey ends.")]
+Force = Annotated[bool, typer.Option("--force", help="Compute it although an identical survey or population exists.")]
+Watch = Annotated[bool, typer.Option("--watch", help="Wait until the survey or population ends.")]
 
 
 @with_survey

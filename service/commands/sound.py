@@ -42,7 +42,7 @@ def sound(
     v_max: SpeedLimit = None,
     seed: Seed = 0,
 ) -> None:
-    """Write the impacts of a motion to a sound file. Each impact rings as loud as its impulse; --rpm is the speed."""
+    """Write the impacts of a motion to a sound file. Each is as loud as its impulse; --rpm is the speed of rotation."""
     if point.rpm is None:
         raise typer.BadParameter("a sound needs the speed of rotation: give --rpm", param_hint="--rpm")
     chosen = _chosen_attractor(point, attractors_of_point(point, count, v_max, seed), attractor)

@@ -1,4 +1,4 @@
-"""The job database: the record of all surveys, which lasts when the service or the cluster is replaced."""
+"""The job database: the record of all surveys and populations, which outlasts the service and the cluster."""
 
 from __future__ import annotations
 
@@ -20,14 +20,16 @@ __all__ = ["Database", "DoneTile", "NewJob"]
 
 
 class Database(Surveys, Keys):
-    """The surveys, their tiles and events, and the API keys. Every method is one transaction, callable from any thread.
+    """The surveys and populations, their tiles and events, and the API keys.
+
+    Every method is one transaction, and may be called from any thread.
 
     Parameters
     ----------
     url
         SQLAlchemy URL of a SQLite file or of a PostgreSQL database.
     on_change
-        Called with the id of a survey after each commit that added an event to it.
+        Called with the id of a survey or population after each commit that added an event to it or changed its texts.
     exclusive
         Lock the database against other services until it is closed. A short-lived command beside a running service
         passes False; then the database is locked only while its schema is upgraded.

@@ -1,4 +1,4 @@
-"""Find the existing survey that a submission repeats, by its idempotency key or by its content."""
+"""Find the existing survey or population that a submission repeats, by its idempotency key or by its content."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class NewJob:
 
 
 def find_by_key(session: Session, new: NewJob) -> JobRow | None:
-    """Return the survey with the same idempotency key, or None. Raises ConflictError if its request body differs."""
+    """Return the job with the same idempotency key, or None. Raises ConflictError if its request body differs."""
     if new.stored_key is None:
         return None
     job = session.scalars(select(JobRow).where(JobRow.idempotency_key == new.stored_key)).one_or_none()
@@ -52,22 +52,22 @@ def find_by_key(session: Session, new: NewJob) -> JobRow | None:
         job, body_hash = session.get_one(JobRow, answered.job), answered.body_hash
     if job is not None and body_hash != new.body_hash:
         raise ConflictError(
-            f"Idempotency-Key {new.idempotency_key!r} was sent before, for survey {job.id}, with another request body. "
-            "Send that body again, or use a new key."
+            f"Idempotency-Key {new.idempotency_key!r} was sent before, for {job.kind} {job.id}, with another request "
+            "body. Send that body again, or use a new key."
         )
     return job
 
 
 def find_identical(session: Session, new: NewJob, has_results: Callable[[str], bool]) -> JobRow | None:
-    """Return a survey with the same content: a successful survey of any owner, or an active one of the same owner.
+    """Return a job with the same content: a successful job of any owner, or an active one of the same owner.
 
-    Active surveys of other owners do not count, because their owners could dismiss them. If a survey is found, the
+    Active jobs of other owners do not count, because their owners could dismiss them. If a job is found, the
     idempotency key of the submission is stored for it.
 
     Returns
     -------
     JobRow | None
-        The survey; None if there is none. Successful surveys whose results are gone do not count.
+        The job; None if there is none. Successful jobs whose results are gone do not count.
     """
     own = JobRow.owner.is_(None) if new.owner is None else JobRow.owner == new.owner
     same = select(JobRow).where(JobRow.content_hash == new.content_hash).order_by(JobRow.number.desc())

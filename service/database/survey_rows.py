@@ -1,4 +1,4 @@
-"""The transactions on surveys, their tiles and their events."""
+"""The transactions on surveys and populations, their tiles and their events."""
 
 from __future__ import annotations
 
@@ -54,10 +54,10 @@ class DoneTile:
 
 
 class Surveys(Transactions):
-    """The surveys in a job database. Every method is one transaction."""
+    """The surveys and populations in a job database. Every method is one transaction; `survey_id` names either."""
 
     def accept(self, new: NewJob, max_jobs: int, has_results: Callable[[str], bool] | None = None) -> JobRow:
-        """Add a survey, or return the survey with the same idempotency key, or an identical survey.
+        """Add a survey or population, or return the one with the same idempotency key, or an identical one.
 
         Parameters
         ----------
@@ -113,9 +113,9 @@ class Surveys(Transactions):
             There is no job with this id, or it is not a job of this kind.
         """
         with self._read() as session:
-            job = _find_job(session, survey_id)
+            job = _find_job(session, survey_id, kind)
         if kind not in (None, job.kind):
-            raise UnknownSurveyError(survey_id)
+            raise UnknownSurveyError(survey_id, str(kind))
         return job
 
     def jobs(
@@ -161,7 +161,7 @@ class Surveys(Transactions):
             return [ActiveSurvey(*row) for row in found]
 
     def set_turn_messages(self, survey_id: str) -> None:
-        """When a survey's turn begins, write into the messages of all other active surveys that they wait for it."""
+        """Write into the messages of the other active surveys that they wait for this survey, whose turn begins now."""
         with self._write() as (session, _):
             if (job := _find_active(session, survey_id)) is None:
                 return
@@ -222,7 +222,7 @@ class Surveys(Transactions):
         return job
 
     def reopen(self, survey_id: str, owner: str | None, max_jobs: int) -> JobRow:
-        """Queue an ended survey again; its recorded tiles are kept.
+        """Queue an ended survey or population again; its recorded tiles are kept.
 
         Parameters
         ----------
@@ -244,9 +244,10 @@ class Surveys(Transactions):
         with self._write() as (session, _):
             job = _find_job(session, survey_id)
             if job.message == BEING_DELETED:
-                raise ConflictError(f"Survey {survey_id} is {BEING_DELETED}. Submit the survey again.")
+                raise ConflictError(f"{job.kind.capitalize()} {survey_id} is {BEING_DELETED}. Submit it again.")
             if not State(job.state).is_final:
-                raise ConflictError(f"Survey {survey_id} is {job.state}: wait until it has ended, and try again.")
+                which = f"{job.kind.capitalize()} {survey_id}"
+                raise ConflictError(f"{which} is {job.state}: wait until it has ended, and try again.")
             _require_quota(session, owner, 0, max_jobs)
             job.state, job.message, job.finished = State.ACCEPTED, "", None
             _add_state_event(session, job)
@@ -370,17 +371,17 @@ def _change_count(service: ServiceRow, job: JobRow, more: int) -> None:
         service.populations += more
 
 
-def _find_job(session: Session, survey_id: str) -> JobRow:
+def _find_job(session: Session, survey_id: str, kind: JobKind | None = None) -> JobRow:
     job = session.scalars(select(JobRow).where(JobRow.id == _replace_unstorable(survey_id))).one_or_none()
     if job is None:
-        raise UnknownSurveyError(survey_id)
+        raise UnknownSurveyError(survey_id, kind or JobKind.SURVEY)
     return job
 
 
 def _find_ended(session: Session, survey_id: str) -> JobRow:
     job = _find_job(session, survey_id)
     if not State(job.state).is_final:
-        raise ConflictError(f"Survey {survey_id} is {job.state}; dismiss it first.")
+        raise ConflictError(f"{job.kind.capitalize()} {survey_id} is {job.state}; dismiss it first.")
     return job
 
 
@@ -399,7 +400,9 @@ def _find_active(session: Session, survey_id: str) -> JobRow | None:
 def _require_quota(session: Session, owner: str | None, n_cells: int, max_jobs: int) -> None:
     active = select(func.count()).select_from(JobRow).where(IS_ACTIVE)
     if (session.scalar(active) or 0) >= max_jobs:
-        raise QueueFullError(f"{max_jobs} surveys are waiting or running. Wait for one to end, or DELETE one of them.")
+        raise QueueFullError(
+            f"{max_jobs} surveys and populations are waiting or running. Wait for one to end, or DELETE one of them."
+        )
     key = session.get(KeyRow, owner) if owner is not None else None
     if key is None:
         return
@@ -408,14 +411,14 @@ def _require_quota(session: Session, owner: str | None, n_cells: int, max_jobs: 
     running = session.scalar(active.where(JobRow.owner == key.id)) or 0
     if key.max_running is not None and running >= key.max_running:
         raise QueueFullError(
-            f"{running} surveys of your key are waiting or running, and {key.max_running} is its quota. "
-            "Wait for one to end, or DELETE one of them."
+            f"{running} surveys and populations of your key are waiting or running, and {key.max_running} is its quota."
+            " Wait for one to end, or DELETE one of them."
         )
     kept = session.scalar(select(func.sum(JobRow.n_cells)).where(JobRow.owner == key.id)) or 0
     if key.max_cells is not None and kept + n_cells > key.max_cells:
         raise QuotaError(
-            f"{n_cells:,} cells and the {kept:,} cells of your other surveys exceed the quota of your key, "
-            f"{key.max_cells:,} cells. Request fewer cells, or DELETE surveys that you no longer need."
+            f"With this request your surveys and populations would have {kept + n_cells:,} cells, more than the quota "
+            f"of your key, {key.max_cells:,} cells. Request fewer cells, or DELETE results that you no longer need."
         )
 
 

@@ -11,7 +11,7 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 
 class State(StrEnum):
-    """The state of a survey. The last three states are final."""
+    """The state of a survey or population. The last three states are final."""
 
     ACCEPTED = "accepted"
     RUNNING = "running"
@@ -34,7 +34,8 @@ class JobKind(StrEnum):
 
 ACTIVE = (State.ACCEPTED, State.RUNNING)
 UNREADABLE = (
-    "The request of this survey cannot be read: its row in the job database is damaged. DELETE it, and submit it again."
+    "The request of this survey or population cannot be read: its row in the job database is damaged. DELETE it, and "
+    "submit it again."
 )
 ACTIVE_SQL = "state IN ('accepted', 'running')"
 
@@ -91,17 +92,17 @@ class JobRow(Table):
 
     @property
     def display_name(self) -> str:
-        """The name of the survey, or the beginning of its id if it has no name."""
-        return self.name or f"survey {self.id[:6]}"
+        """The name of the survey or population; without a name, its kind and the beginning of its id."""
+        return self.name or f"{self.kind} {self.id[:6]}"
 
     @property
     def shown_status(self) -> tuple[State, str]:
-        """The state and message to show to people. A survey with a damaged row counts as failed."""
+        """The state and message to show to people. A job with a damaged row counts as failed."""
         return (State(self.state), self.message) if self.is_readable else (State.FAILED, UNREADABLE)
 
     @property
     def progress(self) -> int:
-        """The finished share of the tiles in per cent; 100 only when the survey is successful."""
+        """The finished share of the tiles in per cent; 100 only when the job is successful."""
         if self.state == State.SUCCESSFUL:
             return 100
         return min(99, 100 * self.tiles_done // self.n_tiles)
@@ -129,7 +130,7 @@ class TileRow(Table):
 
 
 class EventRow(Table):
-    """An event of a survey. The events of a survey are numbered from 1 by `id`."""
+    """An event of a job. The events of a job are numbered from 1 by `id`."""
 
     __tablename__ = "events"
 

@@ -27,7 +27,7 @@ class Transactions:
     engine
         The open database.
     on_change
-        Called with the id of a survey after each commit that added an event to it.
+        Called with the id of a survey or population after each commit that added an event to it or changed its texts.
     require
         Called before each transaction; its exceptions are passed on.
     """

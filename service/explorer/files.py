@@ -1,5 +1,6 @@
 """The scripts, styles and template of the page, and its help, each read once."""
 
+import re
 from functools import cache
 from pathlib import Path
 
@@ -19,3 +20,11 @@ def asset(name: str) -> str:
 def tour_html() -> str:
     """Return the help of the page as HTML."""
     return document_body(TOUR)
+
+
+@cache
+def tour_rows(heading: str) -> dict[str, str]:
+    """Return the table below a heading of the help: {first cell of a row: second cell}, without the table's head."""
+    section = TOUR.read_text(encoding="utf-8").partition(f"## {heading}\n")[2].partition("\n## ")[0]
+    _head, *rows = re.findall(r"^\| (.+?) \| (.+?) \|$", section, re.MULTILINE)
+    return dict(rows)

@@ -1,1 +1,1 @@
-"""Run surveys in a thread, and locate their stores."""
+"""Run surveys and populations in a thread, and locate their stores."""

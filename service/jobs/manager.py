@@ -1,4 +1,4 @@
-"""The job manager: a thread that computes the surveys in the database, in turns, on a cluster that may be lost."""
+"""The job manager: a thread that computes surveys and populations in turns, on a cluster that may be lost."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from gear_rattle.service.jobs.directory import DataDirectory
 from gear_rattle.service.jobs.turns import Turns
 from gear_rattle.service.observability.logs import survey_in_logs
 from gear_rattle.workers import (
-    Begun,
     ClusterLostError,
+    RunState,
     StoppedError,
     StorageError,
     complete_on,
@@ -58,12 +58,12 @@ log = logging.getLogger(__name__)
 
 
 class JobManager:
-    """Computes accepted surveys, one at a time and in turns, and resumes surveys that an earlier process did not end.
+    """Computes accepted surveys and populations in turns, one at a time, and resumes those of an earlier process.
 
     Parameters
     ----------
     database
-        The record of all surveys.
+        The record of all surveys and populations.
     directory
         The data directory, which locates the stores.
     cluster
@@ -87,7 +87,8 @@ class JobManager:
         self._turns = turns or Turns()
         # For each survey that waits for its next turn, by id: its missing tiles, by index.
         self._left: dict[str, dict[int, AnyTile]] = {}
-        self._begun: dict[str, Begun] = {}  # states of the runs of the waiting surveys and the running one, by id
+        # For each survey that waits for its next turn, and for the running one, by id: the state of its run.
+        self._run_states: dict[str, RunState] = {}
         self._ends: dict[str, float] = {}  # predicted `time.monotonic` at which the running survey's tiles end, by id
         self._client: Client | None = None
         self._database = database
@@ -137,7 +138,7 @@ class JobManager:
         DirectoryAwayError
             The data directory is missing, so nothing can be deleted.
         """
-        self._database.job(survey_id)
+        which = f"{self._database.job(survey_id).kind.capitalize()} {survey_id}"
         if self._database.set_state(survey_id, State.DISMISSED, "dismissed by request"):
             with self._lock:
                 if self._current == survey_id:
@@ -146,9 +147,9 @@ class JobManager:
             return self._database.job(survey_id)
         with self._lock:
             if not self._lock.wait_for(lambda: self._current != survey_id, LAST_TILES_SECONDS):
-                raise ConflictError(f"Survey {survey_id} has ended, but its last tiles still run. Try again soon.")
+                raise ConflictError(f"{which} has ended, but its last tiles still run. Try again soon.")
             if not State((job := self._database.job(survey_id)).state).is_final:
-                raise ConflictError(f"Survey {survey_id} is {job.state} again; dismiss it first.")
+                raise ConflictError(f"{which} is {job.state} again; dismiss it first.")
             self._directory.require_present()
             self._database.begin_deletion(survey_id)  # after a crash, the next service completes the deletion
             self._directory.remove_store(survey_id)
@@ -177,8 +178,8 @@ class JobManager:
             raise ConflictError(UNREADABLE)
         if job.state == State.SUCCESSFUL and not _is_of_this_version(job):  # a run of this version would fail
             raise ConflictError(
-                f"Survey {survey_id} was computed by another version, and only that version can verify it. Submit the "
-                "survey again."
+                f"{job.kind.capitalize()} {survey_id} was computed by another version, and only that version can "
+                "verify it. Submit it again."
             )
         with self._lock:  # so that no deletion comes between the check of the state and the new run
             job = self._database.reopen(survey_id, owner, max_jobs)
@@ -236,7 +237,7 @@ class JobManager:
             return False
         self._turns.begin_turn(job)
         self._left = {each.id: self._left[each.id] for each in active if each.id in self._left}
-        self._begun = {each: begun for each, begun in self._begun.items() if each in self._left}
+        self._run_states = {each: run_state for each, run_state in self._run_states.items() if each in self._left}
         self._database.set_turn_messages(job.id)
         with self._lock:
             self._current = job.id
@@ -293,12 +294,12 @@ class JobManager:
         if State(job.state).is_final or (
             job.state == State.ACCEPTED and not self._database.set_state(survey_id, State.RUNNING)
         ):
-            return  # the survey has been dismissed
+            return  # the survey has ended or been dismissed
         request = _request_of(job)
         path = self._directory.store(survey_id)
         left = self._left.pop(survey_id, None)
-        has_message = bool(job.message)  # for example, a message from before a restart that the survey waits
-        if left is None or job.state == State.ACCEPTED:  # a verification (ACCEPTED) checks all tiles
+        has_message = bool(job.message)  # for example "waits for its store", from before a restart
+        if left is None or job.state == State.ACCEPTED:  # a survey is ACCEPTED again to verify all its tiles
             left, has_lost = self._prepare_tiles(job, request, path, client)
             has_message |= has_lost
 
@@ -307,7 +308,7 @@ class JobManager:
             self._record_tile(survey_id, request, tile)
             left.pop(tile.index, None)
             if has_message:
-                self._database.set_state(survey_id, State.RUNNING)  # removes the message
+                self._database.set_state(survey_id, State.RUNNING)  # removes the survey's old message
                 has_message = False
             self.storage_state = OK
 
@@ -321,9 +322,9 @@ class JobManager:
         def on_forecast(seconds: float) -> None:
             self._ends = {survey_id: time.monotonic() + seconds}
 
-        begun = self._begun.setdefault(survey_id, Begun())
+        run_state = self._run_states.setdefault(survey_id, RunState())
         tiles, asked = list(left.values()), (self._is_interrupted, self._dismissed.is_set, is_over)
-        run_tiles(request, path, tiles, client, on_tile, *asked, begun, on_forecast)
+        run_tiles(request, path, tiles, client, on_tile, *asked, run_state, on_forecast)
         self._ends = {}
         if self._is_interrupted():
             return
@@ -385,7 +386,7 @@ class JobManager:
         return write_progress
 
     def seconds_left(self, survey_id: str) -> float | None:
-        """Return the predicted seconds until a survey's tiles end; None if it does not run or no time is predicted."""
+        """Return the predicted seconds until a survey's tiles end; None if it does not run or has no prediction."""
         ends = self._ends.get(survey_id)
         return None if ends is None else max(ends - time.monotonic(), 0.0)
 
@@ -447,6 +448,6 @@ def _request_of(job: JobRow) -> AnyRequest:
         return request_of(job.request)
     except ValidationError as error:
         raise ServiceError(
-            f"The request of this survey is no longer valid in this version ({field_and_message(error)}). Submit a "
+            f"The request of this {job.kind} is no longer valid in this version ({field_and_message(error)}). Submit a "
             "corrected request."
         ) from error

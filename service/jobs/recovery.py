@@ -13,7 +13,7 @@ log = logging.getLogger(__name__)
 
 
 def recover(database: Database, directory: DataDirectory) -> None:
-    """Complete deletions, remove partial files of killed writers, and log entries that belong to no survey.
+    """Complete deletions, remove partial files of killed writers, and log entries without a survey or population.
 
     The job manager checks running surveys against their stores when it resumes them.
     """

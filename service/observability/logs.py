@@ -88,16 +88,16 @@ def _traceback_lines(
 
 
 class TextFormatter(PrintableFormatter):
-    """Formatter of text records: the message, followed by survey, request and seconds."""
+    """Formatter of text records: the message, followed by survey, request and duration, if the record has them."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Return the record as text. The traceback is formatted here, even if another handler has formatted it."""
         alone = copy(record)
-        alone.exc_text = None  # drops the traceback as another handler has formatted it
+        alone.exc_text = None  # drops the traceback in the form that another handler has given it
         return super().format(alone)
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802
-        """Return the message with the survey, the request and the seconds."""
+        """Return the message, followed by survey, request and duration in seconds, as far as the record has them."""
         names = ("survey", "request", "seconds")
         about = "".join(f" {n}={getattr(record, n)}" for n in names if hasattr(record, n))
         return escape_unprintable(super().formatMessage(record).rstrip() + about)

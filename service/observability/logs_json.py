@@ -1,4 +1,4 @@
-"""Format log records as JSON. This is a module of its own, because only services with JSON logs need the library."""
+"""Format log records as JSON, by pythonjsonlogger, which is imported only by a service with JSON logs."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ def _crisis_points(beta: float) -> np.ndarray:
 
 
 class Crises:
-    """The crisis curves of the half-backlashes that pages request. Each curve is computed once for all pages."""
+    """The crisis curves that pages and pictures request, by half-backlash. Each curve is computed once for all."""
 
     def __init__(self, front: Front) -> None:
         self._front = front
@@ -54,5 +54,6 @@ class Crises:
                 return await to_process.run_sync(work, cancellable=True, limiter=self._limiter)
         except BrokenWorkerProcess as error:
             raise UnavailableError(
-                "The process that computed the boundary crisis has died. Switch the crisis line off and on again."
+                "The process that computed the boundary crisis has died. Try again; on the page, switch its line off "
+                "and on."
             ) from error

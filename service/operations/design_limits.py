@@ -39,7 +39,7 @@ def limit_at(model: Model, delta: float, share: float) -> Limit:
 
 
 class DesignLimits:
-    """The design limits that pages request. Each is computed once for all pages, one damping after the other."""
+    """The design limits that pages and pictures request. Each is computed once for all, one damping after the other."""
 
     def __init__(self, front: Front) -> None:
         self._front = front
@@ -83,7 +83,7 @@ class DesignLimits:
 
 
 def dampings_coarse_first(delta: Pair) -> list[float]:
-    """Return evenly spaced dampings across a window, ordered such that each further damping halves a gap."""
+    """Return evenly spaced dampings across a window: both ends first, then the middles between earlier dampings."""
     values = np.linspace(*delta, DAMPINGS)
     order = [0, DAMPINGS - 1]
     step = DAMPINGS - 1

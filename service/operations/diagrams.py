@@ -1,4 +1,4 @@
-"""The default ends and the default resolution of the diagram through a point."""
+"""The default ends and the default resolution of the bifurcation diagram through a point."""
 
 from __future__ import annotations
 
@@ -14,7 +14,15 @@ STEPS, COUNT = 160, 32  # points of the parameter along a diagram, and initial c
 
 
 def diagram_span(gear: AnyGear, direction: str, either_way: float | None = None) -> Pair:
-    """Return a range of δ or ε around a point, inside the plane. either_way: extent on each side; None: as in SPANS."""
+    """Return a range of δ or ε around a point, cut off at the border of the plane.
+
+    direction: "epsilon" or "delta". either_way: the extent on each side; None: the default extent.
+
+    Returns
+    -------
+    Pair
+        Low and high end.
+    """
     either_way = either_way or SPANS[direction] * plane_scale(gear.delta)
     if direction == "epsilon":
         return max(gear.epsilon - either_way, 0.0), gear.epsilon + either_way
@@ -27,7 +35,7 @@ def diagram_ends(
     """Return the points (δ, ε) where a diagram begins and ends.
 
     The diagram passes through the gear's point along `direction`, "epsilon" or "delta", and extends `either_way` to
-    each side; None extends as far as SPANS says. If `to` is given, the diagram goes from the gear's point to `to`.
+    each side; None means the default extent. If `to` is given, the diagram goes from the gear's point to `to`.
 
     Returns
     -------

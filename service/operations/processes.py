@@ -45,7 +45,7 @@ async def compute_in_process(
     with front.interruptible_work():
         await front.kernels.wait_until_compiled(model)
     if front.point_limiter.statistics().tasks_waiting >= limits.max_points_waiting:
-        raise UnavailableError("Too many parameter points wait to be computed. Try again in a few seconds.")
+        raise UnavailableError("Too many requests wait to be computed. Try again in a few seconds.")
     try:
         with front.interruptible_work(), anyio.fail_after(limits.max_point_seconds):
             return await to_process.run_sync(compute, *arguments, cancellable=True, limiter=front.point_limiter)

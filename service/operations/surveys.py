@@ -1,4 +1,4 @@
-"""Submit, find, remove, describe and verify surveys, for the routes and the explorer."""
+"""Submit, find, remove and verify surveys and populations, and rename surveys, for the routes and the explorer."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def written_tiles(front: Front, survey_id: str) -> set[int]:
 
 
 def remove_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> JobRow | None:
-    """Dismiss a survey that waits or runs, or delete a survey that has ended.
+    """Dismiss a survey or population that waits or runs, or delete one that has ended.
 
     Returns
     -------
@@ -159,7 +159,7 @@ def describe_survey(front: Front, caller: Caller, survey_id: str, given: Descrip
 
 
 def verify_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> JobRow:
-    """Queue an ended survey again, to check all its tiles and compute damaged or missing ones.
+    """Queue an ended survey or population again, to check all its tiles and compute damaged or missing ones.
 
     Returns
     -------
@@ -180,9 +180,10 @@ def verify_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = 
 
 
 def require_owner(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> None:
-    """Raise ForbiddenError if the survey was submitted with another key than the caller's."""
+    """Raise ForbiddenError if a survey or population was submitted with another key than the caller's."""
     if not caller.is_owner_of(front.database.job(survey_id, kind)):
-        raise ForbiddenError(f"Survey {survey_id} was not submitted with this API key. Use the key that submitted it.")
+        which = f"{kind.capitalize()} {survey_id}"
+        raise ForbiddenError(f"{which} was not submitted with this API key. Use the key that submitted it.")
 
 
 def current_caller(front: Front, caller: Caller) -> Caller | None:

@@ -80,7 +80,7 @@ async def look_of_query(
     if unknown := set(chosen or ()) - set(LINES):
         raise LimitError("query.lines", f"there is no line {min(unknown)!r}: choose from {', '.join(LINES)}.")
     if log and low is not None and 0 < low < 1 / FARTHEST:
-        raise LimitError("query.low", f"low must be at least {1 / FARTHEST:g} for logarithmic colours.")
+        raise LimitError("query.low", f"low must be at least {1 / FARTHEST:g}, or 0, for logarithmic colours.")
     return Look(
         _range("delta", delta_min, delta_max),
         _range("epsilon", epsilon_min, epsilon_max),
@@ -163,7 +163,7 @@ def _picture_responses(media: str, schema: dict[str, str]) -> dict[int | str, di
     responses=_picture_responses(PNG, {"type": "string", "format": "binary"}),
 )
 async def picture(request: Request, front: FrontState, survey_id: SurveyId, asked: PictureQuery) -> Response:
-    """Draw a map. Failed cells, and cells that are not computed yet, have colours of their own."""
+    """Draw a map as PNG. Failed cells, and cells that are not computed yet, have colours of their own."""
     return await _picture_response(request, front, survey_id, asked, "png", PNG)
 
 
@@ -174,7 +174,7 @@ async def picture(request: Request, front: FrontState, survey_id: SurveyId, aske
     responses=_picture_responses(SVG, {"type": "string"}),
 )
 async def drawing(request: Request, front: FrontState, survey_id: SurveyId, asked: PictureQuery) -> Response:
-    """Draw a map with lines and letters as vectors, and cells as pixels."""
+    """Draw a map as SVG, with lines and letters as vectors, and cells as pixels."""
     return await _picture_response(request, front, survey_id, asked, "svg", SVG)
 
 
@@ -185,7 +185,7 @@ async def drawing(request: Request, front: FrontState, survey_id: SurveyId, aske
     responses=_picture_responses(PDF, {"type": "string", "format": "binary"}),
 )
 async def sheet(request: Request, front: FrontState, survey_id: SurveyId, asked: PictureQuery) -> Response:
-    """Draw a map with lines and letters as vectors, and cells as pixels."""
+    """Draw a map as PDF, with lines and letters as vectors, and cells as pixels."""
     return await _picture_response(request, front, survey_id, asked, "pdf", PDF)
 
 

@@ -22,7 +22,7 @@ class PopulationLinks(BaseModel):
 
 
 class PopulationDocument(JobDocument):
-    """A population: its status, request and results. Its cells are gears."""
+    """A population: its status, request and results. Fields about cells count gears."""
 
     links: PopulationLinks
 
@@ -61,7 +61,10 @@ class EstimateDocument(BaseModel):
 
 
 class Interval(BaseModel):
-    """A number with its 95 % interval. A field is null if no gear reaches this value."""
+    """A number with its 95 % interval.
+
+    An end is null if the gears are too few to bound the number there; any field is null beyond double precision.
+    """
 
     value: float | None
     low: float | None

@@ -32,7 +32,7 @@ from gear_rattle.service.routes.surveys import (
     IdempotencyKey,
     page_of,
     require_json,
-    tell_of_acceptance,
+    set_job_headers,
 )
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web import examples
@@ -74,7 +74,7 @@ def submit_population(
     `POST /v1/surveys` describes the answers to identical requests and to idempotency keys.
     """
     job = submit_survey(front, caller, body, idempotency_key, force)
-    tell_of_acceptance(response, job, KIND)
+    set_job_headers(response, job, KIND)
     return _detail(front, job)
 
 

@@ -39,8 +39,8 @@ Cursor = Annotated[
 ]
 
 
-def tell_of_acceptance(response: Response, job: JobRow, kind: JobKind) -> None:
-    """Set the header Location of a submitted job, and status 200 if the job has ended, else the header Retry-After."""
+def set_job_headers(response: Response, job: JobRow, kind: JobKind) -> None:
+    """Set the header Location to a job, and the status 200 if the job has ended, else the header Retry-After."""
     response.headers["Location"] = path_of(job.id, kind)
     if State(job.state).is_final:
         response.status_code = 200
@@ -96,7 +96,7 @@ def submit(
     other keys.
     """
     job = submit_survey(front, caller, body, idempotency_key, force)
-    tell_of_acceptance(response, job, JobKind.SURVEY)
+    set_job_headers(response, job, JobKind.SURVEY)
     return _detail(front, job)
 
 

@@ -56,17 +56,21 @@ def _markdown_app(directory: Path) -> Router:
 
 def document_page(document: Path) -> str:
     """Convert a Markdown document to an HTML page."""
-    text = document.read_text(encoding="utf-8")
-    title = next(iter(re.findall(r"^# (.+)$", text, re.MULTILINE)), "gear-rattle")
-    return PAGE.format(title=escape(title), root=public_path(""), body=document_body(document))
+    return PAGE.format(title=escape(_title(document)), root=public_path(""), body=document_body(document))
+
+
+def _title(document: Path) -> str:
+    """Return the title of a Markdown document: its first heading."""
+    return next(iter(re.findall(r"^# (.+)$", document.read_text(encoding="utf-8"), re.MULTILINE)), "gear-rattle")
 
 
 def document_body(document: Path) -> str:
     """Convert a Markdown document to HTML for the body of a page."""
 
     def list_pages(tree: re.Match[str]) -> str:
-        names = (name for name in tree[2].split() if (document.parent / f"{name}.md").is_file())
-        return f"## {tree[1]}\n\n" + "".join(f"- [{name}]({name}.md)\n" for name in names)
+        pages = {f"{name}.md": document.parent / f"{name}.md" for name in tree[2].split()}
+        links = (f"- [{_title(page)}]({name})\n" for name, page in pages.items() if page.is_file())
+        return f"## {tree[1]}\n\n" + "".join(links)
 
     text = TOCTREE.sub(list_pages, document.read_text(encoding="utf-8"))
     markdown = MarkdownIt("commonmark").enable("table").use(front_matter_plugin).use(anchors_plugin, max_level=4)

@@ -280,7 +280,7 @@ def _links(parameters: dict[str, str], *names: str) -> dict[str, Any]:
 
 
 def _point_links(*names: str, **parts: str) -> dict[str, Any]:
-    """Return OpenAPI links to operations at a point. parts: paths of numbers whose path is not their name, by name."""
+    """Return OpenAPI links to operations at a point. parts: {number: its path in the answer} if not its name."""
     return _links({name: parts.get(name, name) for name in ("delta", "epsilon", *OTHERS)}, *names)
 
 

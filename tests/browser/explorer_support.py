@@ -17,13 +17,10 @@ BESIDE = either(100, 300)  # of another one on the way of its diagram
 WINDOW = 80  # cells a side of a window that is computed finer
 #: What a point and a window show, with fewer cells and steps.
 COARSE = f"""
-    @patch("gear_rattle.service.explorer.point.view")
-    def coarse(point):
-        point.RESOLUTIONS = (50, {CELLS})
-
-    @patch("gear_rattle.service.explorer.point.along")
-    def coarse_too(along):
-        along.FINENESS = ((50, "cells"), ({BESIDE}, "refined"))
+    @patch("gear_rattle.service.explorer.point.basins_tab")
+    def coarse(basins):
+        basins.RESOLUTIONS = ((100, "cells"), (50, "refined"), ({CELLS}, "refined"))
+        basins.PLACE_RESOLUTIONS = ((50, "cells"), ({BESIDE}, "refined"))
 
     @patch("gear_rattle.service.operations.diagrams")
     def few(diagrams):

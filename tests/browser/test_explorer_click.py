@@ -69,6 +69,11 @@ def test_a_click_shows_the_point(page: Page, service: str) -> None:
         page.get_by_role("img", name=re.compile("^Shares of starts: quiet 7.*chaotic.*P\\(1,1,0\\) = C"))
     ).to_be_visible()
     expect(page.get_by_text("The loudest motion, chaotic, has")).to_be_visible()
+    ends = page.get_by_role("table", name="Where each motion begins and ends")
+    expect(ends.get_by_role("row", name=re.compile("P\\(1,1,0\\) = C"))).to_contain_text(
+        "begins by a saddle-node (SN1)"
+    )
+    expect(ends.get_by_role("row", name=re.compile("chaotic"))).to_contain_text("ends in the boundary crisis")
     expect(page.get_by_text("The margin of quiet running is an impact of speed")).to_be_visible()
     assert page.evaluate(f"() => !{FIGURE.format('basins')}")  # nobody looks at them
     open_tab(page, "Basins")
@@ -92,7 +97,9 @@ def test_the_open_tab_is_in_the_address_and_back_opens_the_one_before(page: Page
     expect(page.get_by_text("The margin of quiet running")).to_be_hidden()
     open_tab(page, "Numbers")
     expect(page.get_by_label("Motion shown")).to_be_hidden()
-    events = page.get_by_role("table", name="Events of the diagram").get_by_role("row")
+    table = page.get_by_role("table", name="Events of the diagram")
+    expect(table).to_contain_text("beginning of chaos")  # after which the table stays
+    events = table.get_by_role("row")
     expect(events).to_have_count(7)  # six, and the heads
     whole = page.get_by_text(re.compile(r"All \d+ rows")).last
     whole.click()
@@ -198,7 +205,7 @@ def test_a_slider_takes_basins_and_motion_along_the_diagram(page: Page, service:
     assert figure(page, "diagram", here) == 0.089
     open_tab(page, "Numbers")
     notebook = page.get_by_role("link", name="A notebook").get_attribute("href")
-    assert "gear(0.6, 0.089)" in httpx.get(f"{service}{notebook}", timeout=HANG).text
+    assert "gear(0.6, 0.089)" in httpx.get(f"{service}/{notebook}", timeout=HANG).text
     page.get_by_text(re.compile(r"All \d+ rows")).last.click()
     event = page.get_by_role("row", name="saddle-node").first.get_by_role("link")
     place = event.get_attribute("data-point")

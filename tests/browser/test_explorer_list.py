@@ -13,6 +13,48 @@ from waiting import HANG
 import rattle
 
 
+def test_the_example_stays_in_the_list_and_what_a_survey_lacks_is_said(
+    page: Page, service: str, survey_id: str
+) -> None:
+    open_view(page, service)
+    page.wait_for_url(f"**survey={survey_id}**")
+    loudness = page.get_by_role("button", name="Loudness")
+    expect(loudness).to_have_attribute("aria-disabled", "true")  # the survey has no intensities
+    loudness.focus()
+    expect(page.get_by_role("status").filter(has_text="Loudness: not computed in this survey")).to_be_visible()
+    loudness.click(force=True)
+    expect(page.get_by_role("button", name="Quiet")).to_have_attribute("aria-pressed", "true")
+    entries = page.locator("button.survey")
+    expect(entries.last).to_contain_text("Example: the paper's plane at β = 0.6")
+    entries.last.click()
+    page.wait_for_url("**survey=example**")
+    expect(page.get_by_text("which comes with the explorer")).to_be_visible()
+    expect(entries.last).to_have_attribute("aria-current", "true")
+    expect(page.get_by_role("link", name="NetCDF")).to_have_count(0)
+    expect(loudness).not_to_have_attribute("aria-disabled", "true")
+    assert_accessible(page)
+    loudness.click()
+    page.wait_for_url("**variable=worst_level**")
+    expect(loudness).to_have_attribute("aria-pressed", "true")
+    borders = page.get_by_role("checkbox", name="SN2", exact=True)
+    expect(borders).not_to_be_checked()
+    expect(borders).to_have_attribute("aria-description", "B and D begin as ε grows")
+    page.get_by_role("button", name="Regions").click()
+    expect(borders).to_be_checked()  # of the regions
+    page.get_by_label("Named places").select_option("Figure 8: about COD21 and COD22")
+    page.wait_for_url("**delta=**")
+    page.get_by_role("button", name="New survey from this view").click()
+    expect(page.get_by_label("δ from")).to_have_value("0.74")
+    expect(page.get_by_label("Named places").locator("option:checked")).to_have_text("Figure 8: about COD21 and COD22")
+    page.get_by_role("button", name="Use its settings").click()
+    expect(page.get_by_label("δ from")).to_have_value("0.4015")
+    first = page.locator("button.survey").first
+    first.click()
+    page.wait_for_url(f"**survey={survey_id}**")
+    sample = page.locator("pre").first
+    assert sample.evaluate("(each) => each.scrollWidth <= each.clientWidth")  # nothing is cut off
+
+
 @deep
 def test_points_are_pinned_compared_and_found_again(page: Page, service: str, survey_id: str, tmp_path: Path) -> None:
     open_view(page, service, survey=survey_id, point="0.6,0.1", pins="0.9,0.01,0.6")

@@ -41,7 +41,10 @@ def test_help_is_a_drawer_that_leads_to_all_documents(browser: Browser, service:
                 drawer.get_by_role("button", name=shut).click()
             expect(drawer).to_be_hidden()
         page.get_by_role("button", name="Help", exact=True).click()
-        drawer.get_by_role("link", name="All documents").click()
-        expect(page.get_by_role("heading", name="gear-rattle")).to_be_visible()
-        page.get_by_role("link", name="explorer").first.click()
-        expect(page.get_by_role("heading", name="The explorer")).to_be_visible()
+        with context.expect_page() as opened:
+            drawer.get_by_role("link", name="All documents").click()
+        documents = opened.value
+        expect(documents.get_by_role("heading", name="gear-rattle")).to_be_visible()
+        documents.get_by_role("link", name="The explorer", exact=True).click()
+        expect(documents.get_by_role("heading", name="The explorer", exact=True)).to_be_visible()
+        expect(drawer).to_be_visible()  # on the page, which is still there

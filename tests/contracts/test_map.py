@@ -126,7 +126,7 @@ async def shown():
     app = create_app(Settings(data=data, max_point_seconds=HANG, explorer=False), no_cluster)
     async with app.router.lifespan_context(app):
         store = Store(View(point=(0.4, 0.1)), REQUEST)
-        view = PointView(PointPanel("light"), app.state.front, store, 0.4, 0.1, model)
+        view = PointView(PointPanel("light", store.dispatch), app.state.front, store, 0.4, 0.1, model)
 
         async def here(work, *arguments, **_):
             few = {parts.basins: (40, "cells"), parts.sampled_attractors: (64,)}

@@ -112,11 +112,12 @@ def client_of(port: int, key: str | None = None) -> Iterator[Client]:
 
 def nannies_of(pid: int) -> list[psutil.Process]:
     """Return the processes that start the workers of a process (their nannies)."""
-    return [
-        each
-        for each in psutil.Process(pid).children()
-        if "gear_rattle.workers.cluster.nannies" in " ".join(each.cmdline())
-    ]
+    found = []
+    for each in psutil.Process(pid).children():
+        with suppress(psutil.ZombieProcess, psutil.NoSuchProcess):  # it has ended
+            if "gear_rattle.workers.cluster.nannies" in " ".join(each.cmdline()):
+                found.append(each)
+    return found
 
 
 def workers_of(pid: int) -> list[psutil.Process]:

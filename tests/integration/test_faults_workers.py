@@ -294,7 +294,7 @@ def test_curves_that_kill_their_processes_fail_the_survey(
     faults: Faults, client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(gear_rattle.workers.cluster.runner, "ATTEMPTS", 1)
-    with pytest.raises(SurveyError, match="the process that traces the survey's curves was killed"):
+    with pytest.raises(SurveyError, match="the process that creates the empty store was killed"):
         template_on(client, REQUEST.model_copy(update={"seed": 10**6}), None, lambda: False)
     assert faults.notes("curves").total() == 2
     wait_until(lambda: len(client.nthreads()) == 2)

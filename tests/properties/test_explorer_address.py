@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import rattle
 from gear_rattle.service.explorer.common.address import FURTHER, LIMITS, OVERLAYS, THEMES, EnteredMachine, View
+from gear_rattle.service.explorer.common.point_state import TABS, PointState, Tolerance
 from gear_rattle.service.explorer.design import axes
 from gear_rattle.workers.pictures.look import USUAL_SHARE
 
@@ -47,6 +48,18 @@ machines = st.builds(
     driven_radius=st.none(),
     driven_eccentricity=st.none() | st.floats(0.0, 1e-4),
 ).filter(is_machine)
+shares = st.floats(0.0, 1.0)
+states = st.builds(
+    PointState,
+    attractor=st.none() | st.integers(0, 999),
+    start=st.none() | st.tuples(st.floats(0.0, 1.0, exclude_max=True), st.floats(1e-6, 10.0)),
+    direction=st.sampled_from(("epsilon", "delta")),
+    span=st.none() | st.floats(1e-7, 0.5),
+    to=st.none() | st.tuples(st.floats(1e-3, 10.0), st.floats(0.0, 10.0)),
+    tolerance=st.none() | st.builds(Tolerance, shares, shares, shares),
+    at=st.none() | shares,
+    tab=st.none() | st.sampled_from(TABS),
+).map(PointState.with_changes)
 views = st.builds(
     View,
     survey=words,
@@ -55,14 +68,15 @@ views = st.builds(
     slice=st.integers(0, 64),
     limits=st.sampled_from(LIMITS) | windows,
     log=st.booleans(),
-    overlays=st.sets(st.sampled_from(OVERLAYS)).map(lambda chosen: tuple(n for n in OVERLAYS if n in chosen)),
+    overlays=st.none()
+    | st.sets(st.sampled_from(OVERLAYS)).map(lambda chosen: tuple(n for n in OVERLAYS if n in chosen)),
     delta=st.none() | windows.filter(lambda pair: pair[1] > 0),
     epsilon=st.none() | windows,
     point=st.tuples(st.floats(1e-3, 10.0), st.floats(0.0, 10.0)),
     machine=st.none() | machines,
     share=st.floats(0.01, 0.9999) | st.just(USUAL_SHARE),
     theme=st.sampled_from(("", *THEMES)),
-    point_state=st.dictionaries(words, words, max_size=4),
+    point_state=states,
 )
 
 

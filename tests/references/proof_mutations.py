@@ -125,7 +125,11 @@ MUTATIONS = {
     "one motion counted for none": ("areas/two_impacts", "return sides == [", "return sides != ["),
     "quiet beyond its limit": ("areas/quiet", "True if piece.epsilon < share", "True if piece.epsilon.lower() < share"),
     "bounces that grow, called shrinking": ("areas/capture", "ratio**3 - third / 3", "ratio**3 + third / 3"),
-    "a condition with a wrong sign": ("bifurcations/corners", "- impacts) - 4 * PI() * x", "- impacts) + 4 * PI() * x"),
+    "a condition with a wrong sign": (
+        "bifurcations/codimension_two",
+        "- impacts) - 4 * PI() * x",
+        "- impacts) + 4 * PI() * x",
+    ),
 }
 
 

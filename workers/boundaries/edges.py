@@ -99,12 +99,12 @@ def edges_of(
     for part in parts:
         np.add.at(number, family[part.component], part.number)
         np.add.at(on, family[part.component], part.on)
-    concerned = np.array([_is_concerned(table, name) for name in names]).reshape(len(names), n)
+    concerned = np.array([_has_label_of_curve(table, name) for name in names]).reshape(len(names), n)
     return FamilyEdges(tuple(names), number, np.where(concerned.T, on, 0))
 
 
-def _is_concerned(table: FamilyTable, name: str) -> np.ndarray:
-    """Return for each family whether a curve makes or ends motions of the family's label; False if it is chaotic."""
+def _has_label_of_curve(table: FamilyTable, name: str) -> np.ndarray:
+    """Return for each family whether a curve makes or ends motions of its label; False for a chaotic family."""
     known = labels_on_curve(name)
     labels = zip(*(column.tolist() for column in table[:4]), strict=True)
     return np.array([label in known for label in labels], bool) & (table.kind != CHAOTIC)

@@ -67,10 +67,11 @@ class Explanation:
 
     pairs: the n pairs of neighbouring cells that differ. known: the curves, sorted by the number of explained pairs,
     largest first. region_explained, attractors_explained (n,): whether the cells of a pair differ in their region (or
-    attractors) and a curve between them explains the difference. sampling (n,): whether the attractors of both cells
-    differ only because no sample reached one of them in one cell, since both cells have the same families. met: how
-    many pairs are explained by a single computed point of a curve between the two cells. rest: the unexplained pairs.
-    crossed (n,): whether any curve passes between the cells of a pair.
+    attractors) and a curve between them explains the difference. sampling (n,): whether the cells of a pair have the
+    same families, so that they differ only because samples of one cell missed an attractor. met: how many pairs
+    have no known curve between their cells, although a motion that was followed from one cell to the other met a
+    bifurcation. rest: the unexplained pairs. crossed (n,): whether a known curve or such a bifurcation lies between
+    the cells of a pair.
     """
 
     pairs: Pairs
@@ -179,8 +180,8 @@ class _Search:
     def unexplained_labels(self, n: int) -> list[Label]:
         """Return the labels of attractors that only one cell of the n-th pair has and that no curve explains.
 
-        If curves explain all other differences, chaos counts as explained: it replaces a motion that a curve ends, or
-        is replaced by a motion that a curve makes.
+        Chaos counts as explained if there are other differences and curves explain all of them: chaos then replaces a
+        motion that a curve ends, or is replaced by a motion that a curve makes.
 
         Returns
         -------
@@ -210,13 +211,13 @@ class _Search:
             return "the motion could not be solved for"
         found = self._follow_motion(n, start, self.grid.point(there), self.often[label] >= LEAST_PAIRS_FOR_CURVE)
         if isinstance(found, PeriodicOrbit):
-            return "the motion attracts on both sides: its basin fraction is small, and one sample missed it"
+            return "the motion attracts on both sides: its basin fraction is small, and samples missed it"
         if found is None:
             return "the motion could not be followed"
         return None if label not in self.unexplained_labels(n) else f"{found.kind} of another motion on the way"
 
     def _cell_with_motion(self, n: int, label: Label) -> tuple[np.ndarray, np.ndarray, CellAttractor]:
-        """Return the cell of the n-th pair with more attractors of a label, and the other cell.
+        """Return both cells of the n-th pair, first the cell that has more attractors with a label.
 
         Returns
         -------
@@ -253,7 +254,7 @@ class _Search:
     ) -> PeriodicOrbit | Event | None:
         """Follow a motion from its cell to the other cell of the pair, at (δ, ε) = target, or to a bifurcation.
 
-        worth: trace the curve of the bifurcation too, unless its motion has too many impacts.
+        worth: trace the curve of the bifurcation too, unless the motion has too many impacts or enough are known.
 
         Returns
         -------

@@ -24,11 +24,11 @@ def labels_on_curve(name: str) -> frozenset[Label]:
 
 
 def labels_at_bifurcation(walls: tuple[int, ...], m: int, impact: int | None, flip: bool) -> frozenset[Label]:
-    """Return the labels of the motions at a bifurcation: the motion itself, and motions that a graze or flip adds.
+    """Return the labels of a motion that bifurcates, and of the second motion that a graze or flip adds.
 
     walls: 1 or −1 for each impact of the motion, on Σ⁺ or Σ⁻. m: its period in forcing periods. impact: at a graze, the
-    index of the impact of speed 0, which the second motion does not have; None otherwise. flip: whether the bifurcation
-    is a flip, at which the second motion has twice the period.
+    index of the impact of speed 0, which the second motion lacks; None at other bifurcations. flip: whether the
+    bifurcation is a flip; then the second motion has twice the period.
 
     Returns
     -------

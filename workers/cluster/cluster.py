@@ -63,7 +63,7 @@ NOTES = {
 }
 #: Settings that leave dask's HTTP servers without pages, because every local account can reach these servers.
 NO_PAGES: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
-SPANS = "spans"  # an extension of dask's scheduler that is left out, because its records are never deleted
+SPANS = "spans"  # an extension of dask that is left out, because the records of the scheduler's one are never deleted
 
 OURS, MODULE = "gear-rattle", "gear_rattle"
 #: Packages whose versions must be equal in all processes. With different versions, processes cannot exchange messages,
@@ -182,8 +182,8 @@ class _WorkerProcesses:
             "memory_limit": MEMORY_LIMIT,
             "dashboard": False,
             "silence_logs": logging.CRITICAL,
-            "extensions": {},  # without SPANS, which is dask's only extension of workers
-            "preload": __name__,  # imported before the worker must send heartbeats
+            "extensions": {},  # dask's only extension of workers is SPANS, which is left out
+            "preload": __name__,  # a worker imports this module before it must send heartbeats
         }
         start = nannies.StartMessage(dask.config.config, cluster.scheduler_address, n_workers, nice, options)
         self._start, self._n_workers, self._should_stop = pickle.dumps(start), n_workers, should_stop
@@ -339,12 +339,13 @@ def connect(url: str) -> Iterator[Client]:
         # The client would log every lost connection with a traceback; the exception below reports it in one sentence.
         stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
         try:
-            _probe(url)
+            _require_answer(url)
             client = stack.enter_context(Client(url, timeout=CONNECT_SECONDS, set_as_default=False))
             client.wait_for_workers(1, timeout=CONNECT_SECONDS)
         except (OSError, ValueError, TypeError, RuntimeError) as error:  # the last two mean wrong settings of TLS
             raise ClusterLostError(
-                f"no dask scheduler with workers answers at {url} ({error}): start both, or correct the address"
+                f"no dask scheduler with workers answers at {url} ({error}): start both, or correct the address or the "
+                "settings of TLS"
             ) from error
         try:
             versions = require_compatible(client)
@@ -476,8 +477,8 @@ async def _end_process(dask_worker: Worker) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-def _probe(url: str) -> None:
-    """Raise an error unless something answers at the address, because a dask client that never connects hangs later."""
+def _require_answer(url: str) -> None:
+    """Raise an error unless a program answers at the address, because a dask client that never connects hangs later."""
 
     async def knock() -> None:
         answer = await comm.connect(url, timeout=CONNECT_SECONDS, **Security().get_connection_args("client"))

@@ -19,13 +19,13 @@ FEWEST, EACH = 128, 5  # at least FEWEST cells are measured in all tiles togethe
 #: they are computed again with all others, which takes less time than computing the others without them.
 KEPT = 64
 NEAREST = 5  # a tile's cost is the mean of this many measured tiles near it, because a single one may be an exception
-TRUST = 1.0  # weight of the predictions, relative to the measured seconds of finished tiles
+TRUST = 1.0  # weight of the predicted seconds of all tiles, beside the measured seconds of finished tiles
 BITS = 20  # numbers of rows and columns of tiles have at most this many bits
 
 
 @dataclass
-class Begun:
-    """State of a run, from which the run continues after a pause.
+class RunState:
+    """State of a run of tiles, from which the run continues after a pause.
 
     partial: partly computed tiles, by index. foreseen: mean seconds per measured cell of a tile, by index of the tile.
     """
@@ -47,7 +47,7 @@ class Begun:
         return spread_evenly(new, columns)[: MEASURED - len(self.foreseen)]
 
     def record_measured(self, tile: AnyTile) -> bool:
-        """Record the cost of a tile after one more of its cells was measured. Return whether to measure another."""
+        """Record the cost of a tile after one of its cells was measured. Return whether to measure another one."""
         part = self.partial[tile.index]
         self.foreseen[tile.index] = part.record.seconds / part.record.cells
         if part.record.cells < self._each:
@@ -84,7 +84,7 @@ class Begun:
             self._expected = dict(zip(wanted.tolist(), seconds.tolist(), strict=True))
         self._rest = math.fsum(self._expected.values())
 
-    def by_falling_cost(self, tiles: Sequence[AnyTile], columns: int) -> list[AnyTile]:
+    def sort_by_cost(self, tiles: Sequence[AnyTile], columns: int) -> list[AnyTile]:
         """Sort tiles: first partly computed tiles, then by falling cost; equally expensive tiles spread over the plane.
 
         Fewer than MANY tiles keep their order.
@@ -124,7 +124,7 @@ class Begun:
 
 
 def spread_evenly(tiles: Iterable[AnyTile], columns: int) -> list[AnyTile]:
-    """Sort tiles so that the first n tiles, for any n, are spread over the plane. columns: columns of tiles.
+    """Sort tiles so that the first n tiles, for any n, spread over the plane. columns: number of columns of tiles.
 
     The order is that of ordered dithering: tiles with even row and column numbers come first, then the three groups of
     other parities. Within each of these four groups the same rule holds for half the numbers, and so on.

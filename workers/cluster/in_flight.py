@@ -27,7 +27,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Task(Generic[Work]):
-    """A submitted task. work: the work that the task does. began: time.monotonic() when the task was submitted."""
+    """A submitted task. work: item that the task computes, such as a tile. began: time.monotonic() at submission."""
 
     future: Future
     work: Work
@@ -76,7 +76,10 @@ class InFlight(ABC, Generic[Work, Result]):
         return threads
 
     def put(self, work: Work, function: Callable[..., Result], *arguments: Any, **options: Any) -> None:
-        """Submit a task. options: arguments of dask's `Client.submit`."""
+        """Submit a task that calls `function(*arguments)`.
+
+        work: item that the task computes. options: arguments of dask's `Client.submit`.
+        """
         self._submitted += 1
         key = f"{self._name}-{self._submitted}"
         try:

@@ -28,7 +28,7 @@ _START = f"from {__name__} import serve_cells; serve_cells()"
 def compute_tile_isolated(request: AnyRequest, tile: AnyTile, memory: int | None) -> tuple[TileArrays, TileRecord]:
     """Compute a tile in a process that may be killed; values are equal to the bit to those of `compute_tile`.
 
-    A cell that kills the process counts as failed: it has status 3, and a message that names the signal.
+    A cell that kills the process ATTEMPTS times, or needs more than CELL_SECONDS, fails: it has status 3 and a message.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def _outcomes(request: AnyRequest, tile: AnyTile, memory: int | None) -> Iterato
 
 
 def _receive_outcomes(stream: IO[bytes]) -> Iterator[CellOutcome]:
-    """Yield the outcomes of cells until the process ends. Raises its error if it failed outside of a cell."""
+    """Yield the outcomes of cells until the process that computes them ends. Raises the error that ended it, if any."""
     try:
         pickle.load(stream)
     except (EOFError, pickle.UnpicklingError):

@@ -30,7 +30,7 @@ class _Item:
 
 
 class CompletionTasks(InFlight[_Item, Any]):
-    """Runs the tasks that complete a survey on a cluster. `complete` takes its method `run_for_each`."""
+    """Runs the tasks that complete a survey on a cluster. `complete` calls the method `run_for_each`."""
 
     def __init__(self, client: Client, should_stop: Callable[[], bool]) -> None:
         """Store the client. should_stop: returns whether to stop; it is called several times a second."""

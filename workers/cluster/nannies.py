@@ -65,7 +65,7 @@ def _end_with_parent() -> None:
 
 
 def end_processes_of(pid: int) -> None:
-    """Kill a process and all its descendants, frozen ones too. TRACKER is spared, because it ends by itself."""
+    """Kill a process and all its descendants, frozen ones too. Python's resource tracker is spared; it ends itself."""
     import psutil
 
     with suppress(psutil.NoSuchProcess):

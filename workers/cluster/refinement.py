@@ -26,7 +26,8 @@ def refined_frames(
 ) -> Generator[Frame, None, None]:
     """Compute a map of a window on a cluster, and yield frames of increasing resolution.
 
-    survey: the window's request, from `window_survey`. The generator blocks between frames, so it needs a thread of its
+    survey: the window's request, from `window_survey`. index: number of the map, if the variable has a map for each of
+    several orbits or slots. The generator blocks between frames, so it needs a thread of its
     own. When it ends or is closed, only parts that are already running, for about half a second, remain on the cluster.
 
     Parameters

@@ -25,7 +25,7 @@ from gear_rattle.workers.certificates import (
     require_proof_extra,
 )
 from gear_rattle.workers.cluster.cluster import end_tasks, end_tasks_and_wait
-from gear_rattle.workers.cluster.costs import Begun
+from gear_rattle.workers.cluster.costs import RunState
 from gear_rattle.workers.cluster.isolation import compute_tile_isolated
 from gear_rattle.workers.cluster.joining import CompletionTasks
 from gear_rattle.workers.cluster.partial import PART_SECONDS, PartialTile, compute_partly, is_divisible
@@ -90,7 +90,7 @@ def advance_tile(
 
 @lru_cache(maxsize=16)
 def _loaded_for(_request: AnyRequest) -> list[bool]:
-    """Return a list for a request, which is empty until this process has loaded the kernels that the request needs."""
+    """Return the list that belongs to a request. The caller adds an entry once this process has loaded the kernels."""
     return []
 
 
@@ -123,7 +123,7 @@ def template_on(client: Client, request: AnyRequest, created: str | None, should
     for _ in range(ATTEMPTS):
         with suppress(KilledWorker):
             return _compute_template(client, request, created, should_stop)
-    raise SurveyError("the process that traces the survey's curves was killed repeatedly: see the log of the workers")
+    raise SurveyError("the process that creates the empty store was killed repeatedly: see the log of the workers")
 
 
 def _compute_template(
@@ -139,9 +139,9 @@ def _compute_template(
                 template: Template = future.result()
                 return template
         end_tasks(client, [future])
-        raise StoppedError("stopped while the curves of the survey were traced")
+        raise StoppedError("stopped while the empty store was created")
     except (CancelledError, OSError) as error:
-        raise ClusterLostError("the dask scheduler is gone: start one and run the survey again") from error
+        raise ClusterLostError("the dask scheduler is gone: start one and compute the same request again") from error
     finally:
         future.release()
 
@@ -189,7 +189,7 @@ def run_tiles(
     should_stop: Callable[[], bool],
     unwanted: Callable[[], bool] = _always_false,
     should_pause: Callable[[], bool] = _always_false,
-    begun: Begun | None = None,
+    run_state: RunState | None = None,
     on_left: Callable[[float], None] = lambda _: None,
 ) -> None:
     """Compute tiles on a cluster and write them to an existing store, until all are written or the run must stop.
@@ -210,7 +210,7 @@ def run_tiles(
     should_pause : Callable[[], bool]
         Called several times a second. After it returns true, no more tasks begin. Running tasks end within
         PART_SECONDS, unless one cell takes longer.
-    begun : Begun | None
+    run_state : RunState | None
         State of earlier runs, before a pause; updated in place.
     on_left : Callable[[float], None]
         Called in this thread with the predicted seconds until all tiles have ended, whenever the prediction changes.
@@ -235,39 +235,39 @@ def run_tiles(
             if isinstance(request, SurveyRequest) and request.certify:
                 with suppress(StoppedError):
                     CompletionTasks(client, should_stop).map(require_proof_extra, [()])
-        begun, columns = begun or Begun(), request.tile_grid[1]
-        begun.predict_costs(tiles, columns)
-        submission = Submission(advance_tile, request, str(place), client, begun.partial)
+        run_state, columns = run_state or RunState(), request.tile_grid[1]
+        run_state.predict_costs(tiles, columns)
+        submission = Submission(advance_tile, request, str(place), client, run_state.partial)
         left = {tile.index: tile for tile in tiles}
 
         with recording_tiles(place) as note:
 
             def on_ended(record: TileRecord) -> None:
                 note({record.index: record.files})
-                begun.record_ended(record)
+                run_state.record_ended(record)
                 del left[record.index]
                 on_tile(record)
                 report_time_left()
 
             def report_time_left() -> None:
-                if (seconds := begun.seconds_left(submission.n_threads)) is not None:
+                if (seconds := run_state.seconds_left(submission.n_threads)) is not None:
                     on_left(seconds)
 
             asked = should_stop, unwanted, should_pause
             try:
                 if is_divisible(request, math.prod(request.tile_shape)):
-                    measuring = deque(begun.tiles_to_measure(tiles, columns))
+                    measuring = deque(run_state.tiles_to_measure(tiles, columns))
 
                     def on_measured(tile: AnyTile) -> None:
-                        if begun.record_measured(tile):
+                        if run_state.record_measured(tile):
                             measuring.append(tile)
 
                     submission.seconds = 0.0  # a task computes one cell
                     _run_submission(submission, measuring, on_ended, *asked, on_measured)
                     submission.seconds = PART_SECONDS
-                    begun.predict_costs(list(left.values()), columns)
+                    run_state.predict_costs(list(left.values()), columns)
                     report_time_left()
-                waiting = deque(begun.by_falling_cost(list(left.values()), columns))
+                waiting = deque(run_state.sort_by_cost(list(left.values()), columns))
 
                 def on_part(tile: AnyTile) -> None:
                     waiting.appendleft(tile)

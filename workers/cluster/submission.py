@@ -28,7 +28,7 @@ TILE_CELLS, TILE_SECONDS, MOST = 4096, 900.0, 8.0
 RESTART_SECONDS = 60.0
 #: A cluster is lost after this time without workers; shorter times pass while workers restart.
 WORKERLESS_SECONDS = 60.0
-LOST = "the dask scheduler is gone: start one and run the survey again, which resumes it"
+LOST = "the dask scheduler is gone: start one and compute the same request again, which resumes the computation"
 
 
 Found = TileRecord | PartialTile

@@ -140,7 +140,7 @@ class WindowGrid:
         return WindowPart(odd, every), WindowPart(even, odd)
 
     def parts(self, block: WindowPart, cells: int) -> Iterator[WindowPart]:
-        """Yield the parts of a block, with about `cells` cells each: bands of whole rows, or parts of a row."""
+        """Divide the cells `block` into parts of about `cells` cells each: several whole rows, or a part of one row."""
         rows, columns = range(self.epsilon.size)[block.epsilon], range(self.delta.size)[block.delta]
         band = max(1, cells // max(len(columns), 1))
         piece = len(columns) if cells >= len(columns) else max(1, cells)
@@ -206,7 +206,7 @@ def compute_part(
 def _compute_map(wanted: tuple[Quantity, ...], index: int, cells: Cells) -> np.ndarray:
     """Compute variables of cells, and return a map of the last variable.
 
-    index: which of its maps, if the variable has a further dimension.
+    index: the number of the map, if that variable has a map for each of several orbits or slots.
 
     Returns
     -------

@@ -36,8 +36,8 @@ class Block:
     """A rectangle of cells that one task joins, and that is a chunk of the array of family numbers.
 
     row, column: the position of the block among all blocks. cells: the ranges of its rows and columns of cells. side:
-    the number of cells along a side of a block; blocks at the ends of the axes may be smaller. along: the index of its
-    slice; () without a third axis.
+    the number of cells along a side of a block; blocks at the ends of the axes may be smaller. along: the index of
+    the slice that contains the block; () without a third axis.
     """
 
     row: int
@@ -52,7 +52,7 @@ class Block:
         return "/".join([FAMILY, "c", *map(str, (*self.along, 0, self.row, self.column))])
 
     def temporary_key(self, what: str) -> str:
-        """Return the key of a temporary file of the block, which exists during the join only. what: its name."""
+        """Return the key of the temporary file `what` of the block. The file exists during the join only."""
         return ".".join([f"{GROUP}/joining", *map(str, (*self.along, self.row, self.column)), what])
 
 
@@ -72,7 +72,7 @@ def blocks_of(request: SurveyRequest, along: Along = ()) -> list[Block]:
 
 
 def extended_by_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
-    """Extend a rectangle by one cell on each side, inside a grid of this shape; with before=0, only at both ends."""
+    """Extend a rectangle by one cell on each side inside a grid of this shape; with before=0, not to lower indices."""
     return Rectangle(
         max(cells.top - before, 0),
         min(cells.bottom + 1, shape[0]),
@@ -82,7 +82,7 @@ def extended_by_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -
 
 
 def is_within(cell: np.ndarray, cells: Rectangle, columns: int) -> np.ndarray:
-    """Return for each cell number in a grid of so many columns whether the cell is in a rectangle."""
+    """Return for each cell number whether the cell is in a rectangle. columns: number of columns of the whole grid."""
     row, column = np.divmod(cell, columns)
     found: np.ndarray = (cells.top <= row) & (row < cells.bottom) & (cells.left <= column) & (column < cells.right)
     return found

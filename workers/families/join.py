@@ -225,7 +225,7 @@ class _Join:
         component: Sequence[np.ndarray],
         curves: Mapping[str, Polyline],
     ) -> list[BlockSummary]:
-        """Summarize the survey's components in each block: their sums, their edges, and the pairs that share a cell."""
+        """Summarize the survey's components in each block: sums, edges, and pairs of components that share a cell."""
         delta, epsilon = self._request.delta.values(), self._request.epsilon.values()
         crossings = [crossings_of(curve, delta, epsilon) for curve in curves.values()]
         passed = [
@@ -239,17 +239,17 @@ class _Join:
             summarize_block, zip(entered, component, self._rows_after_blocks(first), passed, strict=True)
         )
 
-    def _slots_of_families(self, told: Sequence[BlockSummary], family: np.ndarray, families: int) -> np.ndarray:
+    def _slots_of_families(self, summaries: Sequence[BlockSummary], family: np.ndarray, families: int) -> np.ndarray:
         """Return the slot that each family has in all its cells, −1 for none. The last entry −1 is for "no family"."""
         if not self._request.slots_follow_families:
             return np.full(families + 1, -1, np.int8)
-        pairs = np.unique(np.sort(np.concatenate([family[each.pairs] for each in told]), axis=1), axis=0)
+        pairs = np.unique(np.sort(np.concatenate([family[each.pairs] for each in summaries]), axis=1), axis=0)
         return np.append(slots_of_families(pairs, families, self._request.n_slots), np.int8(-1))
 
     def _write_families(
         self, entered: Sequence[Attractors], family: Sequence[np.ndarray], slots: np.ndarray
     ) -> dict[str, str]:
-        """Write all family numbers, move attractors to their slots, and return the digests of the new chunks."""
+        """Write all family numbers, move attractors if slots follow families, and return the digests of the chunks."""
         found = self._run_on_blocks(
             write_families, ((orbits, of, slots[of]) for orbits, of in zip(entered, family, strict=True))
         )

@@ -89,9 +89,9 @@ def continue_into_block(
 ) -> Attractors:
     """Continue orbits into the cells of a block, from cell to cell.
 
-    entered: the orbits that were continued into the block before. beside: the orbits in the cells around the block that
-    are new since the last call; None for the first call, which continues all attractors of the block and of the cells
-    around it.
+    entered: the orbits that earlier calls continued into the block. beside: the orbits in the cells around the block
+    that are new since the last call; None for the first call, which continues all attractors of the block and of the
+    cells around it.
 
     Returns
     -------

@@ -38,7 +38,7 @@ LETTERS = {(1, 1, 0): "C", (1, 1, 1): "D"}  # motions of the impacting gear with
 def open_maps(
     opened: Callable[[str | None], xr.Dataset], variable: str, number: int | None = None, limit: int = MOST_CELLS
 ) -> xr.Dataset:
-    """Return an open survey, or a slice of it. If `variable` is LARGEST or SHARE, add the maps of its families.
+    """Return an open survey, or a slice of it, with the maps of its families if `variable` is one of these maps.
 
     Parameters
     ----------
@@ -55,7 +55,8 @@ def open_maps(
     Raises
     ------
     SurveyError
-        The survey has a third axis and no slice is given, it has no families, or it has more than `limit` cells.
+        The survey has a third axis and no slice is given. If `variable` is LARGEST or SHARE, the maps of families: the
+        survey has no families, or more than `limit` cells.
     """
     survey = slice_of(opened(None), number)
     if variable not in (LARGEST, SHARE):
@@ -78,7 +79,8 @@ def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     xr.Dataset
-        The survey with the variables LARGEST (among, epsilon, delta) and SHARE (family, epsilon, delta).
+        The survey with two more variables: LARGEST (among, epsilon, delta), the largest family of each cell, and SHARE
+        (family, epsilon, delta), the share of each family.
     """
     with report_damage("the families"):
         names, colours = family_names(survey, table), family_colours(table)
@@ -103,7 +105,7 @@ def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
 
 
 def family_names(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> list[str]:
-    """Return names of the first `most` families, such as "2: P(1,1,0) = C". Only the impacting gear has the letters."""
+    """Return names of the first `most` families, such as "2: P(1,1,0) = C"; letters only for the impacting gear."""
     of = {name: np.asarray(table[name][:most]).tolist() for name in ("kind", "m", "n_plus", "n_minus")}
     letters = LETTERS if surveyed_model(survey).in_closed_form else {}
     found = []
@@ -128,7 +130,7 @@ def _contacts_of(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
 
 
 def family_colours(table: xr.Dataset) -> list[str]:
-    """Return a colour for each of the first families: that of its motion, or a spare one if another family has it."""
+    """Return a colour for each of the first families: the colour of its label, or a spare one if that is used."""
     palette, found = Palette(APART), []
     rows = (np.asarray(table[name][: OTHERS - 1]).tolist() for name in ("kind", "m", "n_plus", "n_minus"))
     for kind, *label in zip(*rows, strict=True):
@@ -200,7 +202,10 @@ class _FamilyMaps(BackendArray):
 
 
 class _LargestFamilyMaps(_FamilyMaps):
-    """The map LARGEST. A code is the number of the family plus 1, at most OTHERS; 0 means no family."""
+    """The maps of the largest family of each cell, among all families and among all but the first.
+
+    A code is the number of the family plus 1, at most OTHERS; 0 means no family.
+    """
 
     def __init__(self, survey: xr.Dataset) -> None:
         super().__init__(survey, len(WHICH), np.int8)
@@ -210,7 +215,7 @@ class _LargestFamilyMaps(_FamilyMaps):
 
 
 class _FamilyShareMaps(_FamilyMaps):
-    """The map SHARE: the share of one family, 0 where no sample reaches it."""
+    """The maps of the families, one each: the share of a cell's samples that go to the family, 0 if none do."""
 
     def __init__(self, survey: xr.Dataset, families: int) -> None:
         super().__init__(survey, families, np.float32)

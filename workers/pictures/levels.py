@@ -230,10 +230,10 @@ def _display_codes(
 ) -> DisplayedCells:
     """Choose the displayed code of each cell of a level.
 
-    A cell with several codes displays the code that occurs in the fewest cells around it. If two codes are equally
-    rare there, it displays the one that occurs in the fewest cells of the picture. A code of more than half of the
-    survey's cells in the cell is displayed only if the cell has no other code. rows, columns: how many of the survey's
-    cells each row and each column of the level covers.
+    A cell of the level covers several cells of the survey. If these have several codes, the code that occurs in the
+    fewest cells of the level nearby is displayed, and of equally rare codes the one that occurs in the fewest cells of
+    the whole picture. A code that more than half of the covered cells have is displayed only if it is the only one.
+    rows, columns: how many of the survey's cells each row and each column of the level covers.
 
     Returns
     -------

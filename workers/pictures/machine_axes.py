@@ -44,7 +44,7 @@ def draw_machine_axes(axes: Axes, dataset: xr.Dataset) -> bool:
 
 
 def round_numbers(low: float, high: float) -> list[float]:
-    """Return about STEPS round numbers from low to high; over a wide range, 1, 2 and 5 times each power of ten."""
+    """Return about STEPS round numbers from low to high; over a wide range, 1, 2 and 5 times the powers of ten."""
     if low > 0 and high > 10 * low:
         powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
         found = [float(f"{digit}e{power}") for power in powers for digit in (1, 2, 5)]

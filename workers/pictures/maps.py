@@ -46,8 +46,9 @@ from gear_rattle.workers.survey.slices import third_axis_value
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from gear_rattle.workers.survey.values.quantities import QUANTITIES
 from gear_rattle.workers.survey.values.schema import FIXED, OF_PERIODIC, SLOT, Group, is_phase
+from rattle import KINDS
 from rattle.orbits import PAPER_REGIONS
-from rattle.plot import REGION_COLOURS, new_figure
+from rattle.plot import KIND_COLOURS, REGION_COLOURS, new_figure
 
 ONLY_QUIET, EMPTY_SLOT = "only quiet", "empty slot"
 NOT_COMPUTED, FAILURE, NOTHING, INFINITE, ZERO = "0.78", "#3b0a0a", "#eee3bd", "#f3f6f9", "#c9b2c2"
@@ -97,6 +98,11 @@ CAPTION = 110  # at most this many characters in a line of the caption
 ROOM = (512, 512)  # largest number of drawn cells along (epsilon, delta); a map has more pixels than cells
 SYMMETRIC = "symmetric"  # attribute of a map whose colours are centred at 0
 CODE_COLOURS = ("#f4efe3", "#9ecae1", "#74c476", "#e6550d", "#756bb1", "#636363")
+KIND, PERIODIC_COLOUR = "attractor_kind", "#2f6fb5"
+#: Colours of the codes of KIND: quiet, chaotic and undecided motions have the colours that they have in all pictures.
+COLOURS_OF_KINDS = tuple(
+    KIND_COLOURS.get(kind, PERIODIC_COLOUR if kind == "periodic" else CODE_COLOURS[0]) for kind in KINDS
+)
 
 
 def map_picture(
@@ -155,7 +161,7 @@ def map_figure(
     look : Look
         Window, colours and lines; by default the usual ones. If `look.family` is set, the dataset must have the maps of
         families (`with_families`).
-    over : Over
+    over : OverlayData
         Overlays that were computed beforehand.
 
     Returns
@@ -391,7 +397,9 @@ def _is_listed(plane: xr.DataArray, code: int, values: np.ndarray) -> bool:
 def colours_of_codes(plane: xr.DataArray) -> Sequence[str]:
     """Return the colour of each code of a map of codes."""
     own = str(plane.attrs.get(FLAG_COLOURS, "")).split()
-    return own or (REGION_COLOURS if plane.name == "region" else CODE_COLOURS)
+    if plane.name == LARGEST and plane.coords[AMONG] == WHICH[1]:  # its code 0 means only quiet
+        own[0] = KIND_COLOURS["quiet"]
+    return own or {"region": REGION_COLOURS, KIND: COLOURS_OF_KINDS}.get(str(plane.name), CODE_COLOURS)
 
 
 def scale_of(plane: xr.DataArray, values: np.ndarray) -> tuple[Colormap, Normalize, Sequence[float] | None, list[str]]:

@@ -54,7 +54,7 @@ def plane_of(dataset: xr.Dataset, variable: str, index: int = 0) -> xr.DataArray
 
 
 def _order_of_slots(dataset: xr.Dataset) -> str:
-    """Return the rule that orders the slots of a survey at present."""
+    """Return the rule that orders a survey's slots: BY_FRACTION, BY_FAMILY, or UNJOINED until families are joined."""
     if "family" not in dataset[SLOT].attrs.get("long_name", ""):
         return BY_FRACTION
     return BY_FAMILY if FAMILY in dataset else UNJOINED

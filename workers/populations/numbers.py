@@ -23,7 +23,7 @@ class NormalNumber(StrictRecord):
     high: Real | None = None
 
     @property
-    def in_library_form(self) -> Distribution:
+    def library_form(self) -> Distribution:
         """The distribution as an object of the library. Raises ParameterError."""
         ends = {name: value for name in ("low", "high") if (value := getattr(self, name)) is not None}
         return Normal(self.mean, self.deviation, **ends)
@@ -37,7 +37,7 @@ class UniformNumber(StrictRecord):
     high: Real
 
     @property
-    def in_library_form(self) -> Distribution:
+    def library_form(self) -> Distribution:
         """The distribution as an object of the library."""
         return Uniform(self.low, self.high)
 
@@ -51,7 +51,7 @@ class TriangularNumber(StrictRecord):
     high: Real
 
     @property
-    def in_library_form(self) -> Distribution:
+    def library_form(self) -> Distribution:
         """The distribution as an object of the library."""
         return Triangular(self.low, self.mode, self.high)
 
@@ -64,7 +64,7 @@ class LogNormalNumber(StrictRecord):
     deviation: Real
 
     @property
-    def in_library_form(self) -> Distribution:
+    def library_form(self) -> Distribution:
         """The distribution as an object of the library."""
         return LogNormal(self.median, self.deviation)
 
@@ -76,7 +76,7 @@ class MeasuredNumber(StrictRecord):
     values: Annotated[tuple[Real, ...], Field(min_length=2, max_length=MOST_MEASURED)]
 
     @property
-    def in_library_form(self) -> Distribution:
+    def library_form(self) -> Distribution:
         """The distribution as an object of the library."""
         return Measured(self.values)
 
@@ -120,15 +120,15 @@ class GearNumbers(_Numbers):
     drive: Literal["torque", "speed"] | None = None
 
     @property
-    def in_library_form(self) -> dict[str, Any]:
+    def library_form(self) -> dict[str, Any]:
         """The given numbers by name; a distribution is an object of the library. Raises ParameterError."""
         given = {name: getattr(self, name) for name in type(self).model_fields}
-        return {name: in_library_form(value) for name, value in given.items() if value is not None}
+        return {name: to_library_form(value) for name, value in given.items() if value is not None}
 
 
-def in_library_form(value: Any) -> Any:
+def to_library_form(value: Any) -> Any:
     """Return a number unchanged, or a distribution as an object of the library. Raises ParameterError."""
-    return getattr(value, "in_library_form", value)
+    return getattr(value, "library_form", value)
 
 
 def request_field_of(value: Any) -> Any:

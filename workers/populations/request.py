@@ -8,7 +8,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from gear_rattle.workers.populations.numbers import AnyDistribution, GearNumbers, in_library_form
+from gear_rattle.workers.populations.numbers import AnyDistribution, GearNumbers, to_library_form
 from gear_rattle.workers.survey.axes import Name, Real, StrictRecord
 from gear_rattle.workers.survey.request import LEAST_TILES, MAX_TILE_SAMPLES, MAX_TILES
 from gear_rattle.workers.survey.values.schema import Group
@@ -84,9 +84,9 @@ class PopulationRequest(StrictRecord):
         """The plan of the population, as an object of the library. Raises ParameterError, which is a ValueError."""
         shock = None
         if self.shock is not None:
-            phase = {} if self.shock.phase is None else {"phase": in_library_form(self.shock.phase)}
-            shock = Shock(in_library_form(self.shock.speed), **phase)
-        tolerances = Tolerances(self.gear.in_library_form, self.correlation)
+            phase = {} if self.shock.phase is None else {"phase": to_library_form(self.shock.phase)}
+            shock = Shock(to_library_form(self.shock.speed), **phase)
+        tolerances = Tolerances(self.gear.library_form, self.correlation)
         asked = self.gears, self.count, self.share, self.margin, shock, self.judged, self.pairs
         return Plan(tolerances, *asked, self.seed, self.budget)
 
@@ -114,7 +114,7 @@ class PopulationRequest(StrictRecord):
 
     @property
     def shape(self) -> tuple[int]:
-        """Shape of the table, in a tuple: its rows are the gears of all parts of the plan."""
+        """Number of rows (gears) of the population's store, including the partners for Sobol indices, in a tuple."""
         return (self.plan.rows,)
 
     @cached_property

@@ -71,11 +71,13 @@ def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
             flags=("population", "the_same_again", *alone, *but),
         ),
         *(
-            PopulationVariable(name, one, "float64", NAMES.get(name, name), _number_column(i), UNIT_OF.get(name, "1"))
+            PopulationVariable(
+                name, one, "float64", NAMES.get(name, name), _evaluate_dimension(i), UNIT_OF.get(name, "1")
+            )
             for i, name in enumerate(names)
         ),
         *(
-            PopulationVariable(name, one, "float64", NAMES[name], _field_column(name))
+            PopulationVariable(name, one, "float64", NAMES[name], _evaluate_field(name))
             for name in Gears._fields
             if name in NAMES and name not in names
         ),
@@ -102,7 +104,7 @@ def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
         ),
         *powers,
         PopulationVariable("verdict", one, "int8", "whether the gear passes", lambda _, x: x.verdict, flags=VERDICTS),
-        PopulationVariable("status", one, "int8", "what became of the gear", _gear_status, flags=STATUS),
+        PopulationVariable("status", one, "int8", "status of the gear", _gear_status, flags=STATUS),
     )
 
 
@@ -115,11 +117,13 @@ def gears_of(request: PopulationRequest, read: Callable[[str], np.ndarray]) -> G
     return Gears(part, values, delta, epsilon, beta, read("energy"), verdict)
 
 
-def _number_column(i: int) -> Evaluate:
+def _evaluate_dimension(i: int) -> Evaluate:
+    """Return the function that gives each gear's value of the i-th number that differs from gear to gear."""
     return lambda _, found: found.values[:, i]
 
 
-def _field_column(name: str) -> Evaluate:
+def _evaluate_field(name: str) -> Evaluate:
+    """Return the function that gives the field `name` of some gears."""
     return lambda _, found: getattr(found, name)
 
 

@@ -141,7 +141,7 @@ class Bucket:
             if "NoSuchBucket" in str(error):
                 raise SurveyError(f"{self}: there is no such bucket: create it, or correct the URL") from error
             raise StorageError(
-                f"{self} cannot be reached ({_first_line(error)}): the survey continues when the bucket answers"
+                f"{self} cannot be reached ({_first_line(error)}): try again when the bucket answers"
             ) from error
 
     def build(self, template: Mapping[str, bytes]) -> None:
@@ -263,7 +263,7 @@ def _connect(url: str) -> "S3Store":
         )
     except (BaseError, ValueError) as error:
         raise SurveyError(
-            f"{url} cannot be used ({_first_line(error)}): check the environment variables that begin with AWS_"
+            f"{url} cannot be used ({_first_line(error)}): check it, and the environment variables AWS_…"
         ) from error
 
 

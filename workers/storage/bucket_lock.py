@@ -11,7 +11,7 @@ import psutil
 
 
 def process_identity() -> dict[str, Any]:
-    """Return the identity of this process, by which a process on the same machine can check whether it still runs."""
+    """Return an identity of this process, from which other processes on this machine find out whether it has ended."""
     return {
         "host": socket.gethostname(),
         "boot": _boot_id(),
@@ -30,7 +30,7 @@ def _boot_id() -> str:
 
 
 def has_died(holder: dict[str, Any]) -> bool:
-    """Return whether a process has certainly ended. False if it ran on another machine or before a reboot."""
+    """Return whether a process has certainly ended. False if its host name or boot id is another one, or unknown."""
     if not _boot_id() or (holder["host"], holder["boot"]) != (socket.gethostname(), _boot_id()):
         return False
     try:

@@ -61,7 +61,7 @@ class ZipStore:
 def copy_store(
     source: str | Path | Place, target: str | Path, on_file: Callable[[int, int], None] | None = None
 ) -> CopyResult:
-    """Copy a survey, finished or not, to a directory, a bucket or a zip file.
+    """Copy a survey or population, finished or not, to a directory, a bucket or a zip file.
 
     The same call continues an interrupted copy, and keeps whole files that the target already has. The root is written
     last; until then the copy is not a store. A zip file appears only when it is complete.
@@ -78,7 +78,7 @@ def copy_store(
 
     Returns
     -------
-    Copied
+    CopyResult
         Files and bytes of the copy.
 
     Raises
@@ -95,7 +95,7 @@ def copy_store(
     place = place_of(target)
     before = _earlier_manifest(place)
     if before is not None and before.content_hash != manifest.content_hash:
-        raise SurveyError(f"{place} holds another survey: choose another location, or remove that survey")
+        raise SurveyError(f"{place} holds another survey or population: choose another location, or remove that store")
     if before is None and place.is_occupied():
         raise SurveyError(f"{place} holds something that is not a copy of {source}: choose another location")
     try:
@@ -121,7 +121,7 @@ def _read_manifest(files: FileSource) -> tuple[Manifest, bytes]:
     manifest = Manifest.from_bytes(content)
     if manifest is None:
         raise SurveyError(
-            f"{files} holds no survey with a manifest that this version can read: run rattle verify to find the damage"
+            f"{files} holds no store with a manifest that this version can read: run rattle verify to find the damage"
         )
     return manifest, content
 
@@ -158,8 +158,8 @@ def _read_whole(files: FileSource, key: str, known: Sequence[str]) -> bytes:
         content = None
     if content is None or digest(content) not in known:
         raise SurveyError(
-            f"{key} of {files} is {'lost' if content is None else 'damaged'}, so the survey cannot be copied: "
-            "rattle verify lists all such files, and the command that computed the survey computes them again"
+            f"{key} of {files} is {'lost' if content is None else 'damaged'}, so the store cannot be copied: "
+            "rattle verify lists all such files, and the command that computed the store computes them again"
         )
     return content
 

@@ -59,7 +59,7 @@ def _write_group(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: s
 
 
 def _rows_of_band(dataset: xr.Dataset) -> int:
-    """Return the number of rows of a band: the rows of a tile if the dataset has their number, else ROWS."""
+    """Return how many rows to export at a time: those of a tile if the dataset knows their number, else ROWS."""
     return int(dataset["status"].encoding.get("preferred_chunks", {}).get("epsilon", ROWS))
 
 
@@ -129,7 +129,7 @@ def _slice_bands(dataset: xr.Dataset, form: RowForm) -> Iterator[dict[str, np.nd
 
 
 def _repeat_for_cells(values: xr.DataArray, sizes: Mapping[Hashable, int]) -> np.ndarray:
-    """Repeat values along δ or ε (speeds or eccentricities of a machine), so that each cell of a band has its value."""
+    """Repeat values along δ or ε (a machine's speeds or eccentricities): one for each cell of some rows, row by row."""
     if values.dims == ("delta",):
         return np.tile(values.values, sizes["epsilon"])
     return np.repeat(values.values, sizes["delta"])
@@ -198,7 +198,7 @@ def _numbers_as_text(column: np.ndarray) -> list[str]:
     """Convert numbers to text that reads back to the same value; NaN becomes empty text."""
     if column.dtype == bool:
         column = column.astype(np.int8)
-    if column.dtype == np.float32:  # `repr` of a double would write 0.1 as 0.10000000149011612
+    if column.dtype == np.float32:  # converted to a double, 0.1 would be written as 0.10000000149011612
         return ["" if np.isnan(value) else str(value) for value in column]
     if column.dtype.kind not in "iuf":
         return [str(value) for value in column]

@@ -85,12 +85,12 @@ def examine(where: str | Path | Place, processes: int = 1) -> Integrity:
     """
     place = place_of(where)
     if not place.is_occupied():
-        raise SurveyError(f"{place} does not exist or is empty: give the path of a survey")
+        raise SurveyError(f"{place} does not exist or is empty: give the path of a store")
     manifest, attributes = manifest_of(place), unchecked_attributes(place)
     version, completed = (str(attributes.get(name, "")) for name in ("code_version", COMPLETED))
     if manifest is None and (not version or "content_hash" not in attributes):
         raise SurveyError(
-            f"{place} holds no survey that can be read: name the store of a survey, a population or certificates; if it"
+            f"{place} holds no store that can be read: name the store of a survey, a population or certificates; if it"
             f" is damaged, restore its {ROOT} and {MANIFEST} from a copy"
         )
     if manifest is None:

@@ -27,7 +27,7 @@ KNOWN = 8  # parsed manifests in the cache, because each is needed repeatedly
 #: Bytes of a large manifest. The cache keeps only the latest large manifest, because that of 10⁹ cells takes 250 MB.
 LARGE = 4 * 2**20
 
-Note = Callable[[Mapping[int, Mapping[str, str]]], None]
+RecordTiles = Callable[[Mapping[int, Mapping[str, str]]], None]
 
 
 def read_file(place: Place, key: str) -> bytes | None:
@@ -87,15 +87,15 @@ def require_manifest(place: Place) -> Manifest:
     if (manifest := manifest_of(place)) is None:
         require_store(place)
         if "content_hash" not in unchecked_attributes(place):
-            raise SurveyError(f"{place} holds something that is not a survey: choose another path")
-        raise SurveyError(f"{MANIFEST} of {place} is damaged: run the survey again to repair it")
+            raise SurveyError(f"{place} holds something that is not a survey or population: choose another path")
+        raise SurveyError(f"{MANIFEST} of {place} is damaged: compute the same request again to repair it")
     return manifest
 
 
 def require_store(place: Place) -> None:
     """Raise StorageError if a store is gone. This is not damage, because the store may come back."""
     if not place.is_occupied():
-        raise StorageError(f"{place} is gone: it was moved or deleted. Bring the store back, or run the survey again")
+        raise StorageError(f"{place} is gone: it was moved or deleted. Bring the store back, or compute it again")
 
 
 def unchecked_attributes(place: Place) -> dict[str, Any]:
@@ -132,7 +132,7 @@ def attributes_of(place: Place) -> dict[str, Any]:
 
 
 @contextmanager
-def recording_tiles(place: Place) -> Iterator[Note]:
+def recording_tiles(place: Place) -> Iterator[RecordTiles]:
     """Yield a function that records written tiles in the manifest.
 
     The caller holds the lock of the store, and changes nothing else in the manifest in this context. If the process is
@@ -140,7 +140,7 @@ def recording_tiles(place: Place) -> Iterator[Note]:
 
     Yields
     ------
-    Note
+    RecordTiles
         The function. Its argument is {index of a written tile: {key of a chunk: digest}}.
 
     Raises
@@ -229,7 +229,7 @@ def update_metadata(place: Place, added: Template, there: Mapping[str, str], is_
     files = {key: known for key, known in manifest.files.items() if not is_removed(key)}
     nodes = {key: read_file(place, key) for key in files if key.endswith(f"/{ROOT}")} | {ROOT: root}
     if any(content is None or digest(content) != files[key] for key, content in nodes.items() if key != ROOT):
-        raise SurveyError(f"the metadata of {place} is damaged: run the survey again to repair it")
+        raise SurveyError(f"the metadata of {place} is damaged: compute the same request again to repair it")
     described = nodes | {key: content for key, content in added.items() if key.endswith(f"/{ROOT}")}
     for key, content in added.items():
         place.put(key, content)
@@ -255,5 +255,5 @@ def replace_root(place: Place, before: Manifest, root: bytes, after: Manifest) -
 def _root(place: Place, manifest: Manifest) -> bytes:
     if (root := whole_root(place, manifest)) is None:
         require_store(place)
-        raise SurveyError(f"{ROOT} of {place} is damaged: run the survey again to repair it")
+        raise SurveyError(f"{ROOT} of {place} is damaged: compute the same request again to repair it")
     return root

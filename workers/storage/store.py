@@ -130,7 +130,7 @@ def _decodable_tiles(request: AnyRequest, place: Place) -> Iterator[tuple[int, d
 
 
 def _require_same_survey(request: AnyRequest, place: Place) -> Manifest | None:
-    """Require that a store belongs to this survey. Return its manifest, or None if the manifest is lost or damaged."""
+    """Require that a store belongs to a request. Return its manifest, or None if the manifest is lost or damaged."""
     manifest = manifest_of(place)
     if manifest is not None and manifest.content_hash == request.content_hash():
         return manifest
@@ -138,15 +138,15 @@ def _require_same_survey(request: AnyRequest, place: Place) -> Manifest | None:
         require_store(place)
     attributes = unchecked_attributes(place)
     if manifest is None and "content_hash" not in attributes:
-        raise SurveyError(f"{place} holds something that is not a survey: choose another path")
+        raise SurveyError(f"{place} holds something that is not a survey or population: choose another path")
     if attributes.get("code_version", code_version()) != code_version():
         raise SurveyError(
-            f"{place} holds a survey computed by version {attributes.get('code_version')}, and this is {code_version()}"
-            ": choose another path, or finish it with that version"
+            f"{place} holds a store computed by version {attributes.get('code_version')}, and this is {code_version()}"
+            ": choose another path, or finish the store with that version"
         )
     if manifest is None and attributes["content_hash"] == request.content_hash():
         return None
-    raise SurveyError(f"{place} holds another survey: choose another path, or delete that survey first")
+    raise SurveyError(f"{place} holds another survey or population: choose another path, or delete that store first")
 
 
 def tiles_done(
@@ -205,7 +205,7 @@ def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[st
     for key, content in written.items():
         if not place.exists():  # writing would recreate parts of a deleted survey
             require_store(place)
-            raise StorageError(f"{ROOT} of {place} is gone: run the survey again to repair it")
+            raise StorageError(f"{ROOT} of {place} is gone: compute the same request again to repair it")
         place.put(key, content)
     return file_digests(written)
 
@@ -297,7 +297,7 @@ def finish_store(where: str | Path | Place) -> None:
     with place.lock_for_writing():
         if missing := manifest.n_tiles - len(manifest.tiles):
             raise SurveyError(
-                f"{place} lacks {missing} of its {manifest.n_tiles} tiles: run the survey again to resume it"
+                f"{place} lacks {missing} of its {manifest.n_tiles} tiles: compute the same request again to resume it"
             )
         try:
             place.remove_leftovers()
@@ -360,7 +360,7 @@ def _is_addition(key: str) -> bool:
 
 
 def _audit_attributes(place: Place) -> dict[str, int | float]:
-    """Count filled and audited cells of a refined survey, and return the attributes for its root that TOLD names."""
+    """Count the filled, audited and wrong cells of a stored refined survey; return AUDIT_ATTRIBUTES for its root."""
     counts: dict[int, list[int]] = {}
     for i, (source, audit) in enumerate(zip(read_bands(place, SOURCE_LEVEL), read_bands(place, AUDIT), strict=True)):
         found = np.bincount(audit.ravel(), minlength=DISAGREED + 1)

@@ -24,7 +24,7 @@ LOWEST_DELTA = 0.1  # a window's δ is at least this share of the first δ of th
 #: A window extends beyond its cells by at least this share of its largest δ (or ε), because curves take minutes to
 #: trace in narrower windows.
 NARROWEST = 1e-9
-LEAST_EPSILON = 1e-6  # a window of smaller ε is widened as if its largest ε were this value, because ε may be 0
+LEAST_EPSILON = 1e-6  # least ε of which NARROWEST is a share, because a share of ε = 0 would not widen a window
 
 
 class MissingCurve(NamedTuple):
@@ -127,7 +127,7 @@ CURVE_VARIABLES: tuple[CurveVariable, ...] = (
 Points = tuple[CodimensionTwo, ...]
 
 
-def _tangent_pairs(points: Points) -> list[tuple[str, str, str, float]]:
+def _pairs_at_points(points: Points) -> list[tuple[str, str, str, float]]:
     """Return (point, first curve, second curve, measured order of contact) of each pair of curves at each point."""
     return [(point.name, *pair, order) for point in points for pair, order in point.tangency.items()]
 
@@ -168,7 +168,7 @@ POINT_VARIABLES: tuple[CurveVariable, ...] = (
 
 
 def _pair_column(points: Points, number: int) -> list[Any]:
-    return [pair[number] for pair in _tangent_pairs(points)]
+    return [pair[number] for pair in _pairs_at_points(points)]
 
 
 def window_around(delta: np.ndarray, epsilon: np.ndarray) -> Window:
@@ -188,9 +188,9 @@ def window_around(delta: np.ndarray, epsilon: np.ndarray) -> Window:
 
 
 def _widened_range(axis: np.ndarray, scale: float) -> tuple[float, float]:
-    """Return the range of an axis, widened on both sides by half a cell, but at least by the share NARROWEST.
+    """Return the range of an axis, widened on both sides by half a cell, or by a tiny share of its end if that is more.
 
-    scale: the least value of which NARROWEST is a share.
+    The share is NARROWEST of the last value of the axis, or of `scale` if `scale` is larger.
 
     Returns
     -------

@@ -115,8 +115,8 @@ class InitialConditions(StrictRecord):
 class TileShape(StrictRecord):
     """The numbers of cells along each axis of a tile.
 
-    The default is 32; it is larger in a survey of more than 100,000 cells, and smaller in a small survey or with large
-    samples.
+    The default is 32; it is larger in a survey of more than 100,000 cells, and smaller in a small survey or with many
+    initial conditions.
     """
 
     delta: Annotated[int, Field(strict=True, ge=1)] | None = None
@@ -214,7 +214,9 @@ class SurveyRequest(_ModelFields):
         if not isinstance(value, Axis):
             return value
         may_be_zero = info.field_name in ADDED and ADDED[info.field_name].may_be_zero
-        if value.start < 0 or (value.start == 0 and not may_be_zero):
+        if value.start < 0 and may_be_zero:
+            raise ValueError(f"{info.field_name} must not be negative: raise start ({value.start}) to 0 or more")
+        if value.start <= 0 and not may_be_zero:
             raise ValueError(f"{info.field_name} must be positive: raise start ({value.start}) above 0")
         most = math.inf if info.field_name not in ADDED else ADDED[info.field_name].greatest
         if value.stop > most:
@@ -371,7 +373,7 @@ class SurveyRequest(_ModelFields):
 
     @property
     def sample(self) -> SampleSpec:
-        """The specification of each cell's sample: number, box, seed and budget of the initial conditions."""
+        """The specification of the initial conditions of each cell: their number, box, seed and budget."""
         given = self.initial_conditions
         return SampleSpec(given.count, self.v_max, self.seed, given.budget, given.tau_range, given.v_min)
 

@@ -160,7 +160,7 @@ def _title(request: SurveyRequest) -> str:
 
 
 def _machine_attributes(request: SurveyRequest) -> dict[str, Any]:
-    """Return attributes for a machine's numbers, and `coordinates`, in which CF wants auxiliary coordinates named."""
+    """Return attributes with a machine's numbers, and the CF attribute `coordinates`, names of coordinates."""
     machine = {} if request.machine is None else request.machine.model_dump()
     names = [
         *(name for name in shared_parameters(request) if name != request.third_axis_name),
@@ -185,7 +185,7 @@ def shared_parameters(request: SurveyRequest) -> dict[str, tuple[float | Axis, s
 
 
 def _model_attributes(request: SurveyRequest) -> dict[str, Any]:
-    """Return attributes for the model, its numbers and its harmonics. None is empty: NetCDF cannot hold null."""
+    """Return attributes with the model's name, its numbers and harmonics. No value is None: NetCDF cannot hold null."""
     numbers = {name: value for name, value in request.other_parameters.items() if isinstance(value, float)}
     harmonics = {"harmonics": json.dumps(request.harmonics)} if request.harmonics else {}
     return {"model": str(request.model), **numbers, **harmonics}
@@ -255,9 +255,7 @@ def create_slice_group(root: zarr.Group, request: SurveyRequest, along: Along) -
     if not along:
         return root
     if SLICES not in root:
-        about = (
-            f"what the slices of the survey have beside their cells, each at its index along {request.third_axis_name}"
-        )
+        about = f"curves, points and families of each slice, by its index along {request.third_axis_name}"
         root.create_group(SLICES, attributes={"long_name": about})
     return root.create_group(group_path(along), attributes=_model_attributes(request.slice_request(along)))
 
@@ -287,7 +285,7 @@ def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
 
 
 def write_variables(group: zarr.Group, variables: Iterable[CurveVariable], item: Any) -> None:
-    """Write variables with their attributes to a group. item: the object from which they take their values."""
+    """Write variables with their attributes to a group. item: the object that has their values."""
     for variable in (part for each in variables for part in each.parts):
         write_array(group, variable.name, variable.dims, variable.stored_values(item), variable.attributes)
 

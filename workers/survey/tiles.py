@@ -73,9 +73,9 @@ class TileRecord:
     failed_cells: tuple[FailedCell, ...]
     undecided_cells: int
     seconds: float
-    impacts: int = 0  # impacts on Σ⁺ of all samples; 0 without samples, or if its cells were computed one by one
+    impacts: int = 0  # impacts on Σ⁺ of all samples; 0 without samples, or if the cells were computed one by one
     filled_cells: int = 0  # number of cells of a refined tile that were filled instead of computed
-    files: dict[str, str] = field(default_factory=dict, compare=False)  # {key: digest} of its written chunks
+    files: dict[str, str] = field(default_factory=dict, compare=False)  # {key: digest} of the tile's written chunks
 
 
 def tiles_of(request: SurveyRequest) -> list[Tile]:
@@ -158,8 +158,8 @@ def _refined_tile_cells(request: SurveyRequest, tile: Tile) -> RefinedCells:
     whole = cells_of_tile(request.slice_request(tile.along))
     # The curves of a model without closed form take minutes to trace, so its tiles are refined without curves.
     curves = traced_crossings(whole.model, request.delta, request.epsilon) if whole.model.in_closed_form else ()
-    # A bound combines the audits of all slices, so each slice audits other cells. Without a bound, a slice audits the
-    # same cells, and so has the same values, as a survey of this plane alone.
+    # A bound combines the audits of all slices, so no two slices audit the same positions of the grid. Without a bound,
+    # a slice audits the same cells, and so has the same values, as a survey of this plane alone.
     seed = request.seed + (sum(tile.along) << 32) * request.has_bound
     plan = FillingPlan((first_audit_round(request), *tile.rounds), request.quantities, curves, seed)
     return refined_cells(whole, *tile.spans, plan)

@@ -1,4 +1,7 @@
-"""A block of lanes: the data of every lane, and how trajectories are put on lanes and taken off (compiled)."""
+"""A block of lanes: the data of every lane, and how trajectories are put on lanes and taken off (compiled).
+
+The lanes of a block are divided into groups of GROUP lanes. Kernels compute only the groups in use, the first ones.
+"""
 
 import math
 from itertools import accumulate
@@ -15,7 +18,7 @@ LANES, GROUP = 192, 16  # numbers of lanes of a block, and of a group; only grou
 #: Numbers of groups: all, none, one. They are np.int64, because Python integers would compile further kernel variants.
 GROUPS, NONE, ONCE = np.array([LANES // GROUP, 0, 1])
 SMOOTH, ROUGH, ARCS = range(3)
-ROUGHNESS = 0.75  # a better first guess pays on lanes where the contact force swings by over this share of its mean
+ROUGHNESS = 0.75  # the first guess is improved on lanes where `relative_swing` exceeds this number
 HUGE = 1e100  # a tangent vector is reset when it has grown by this factor
 ZERO, ONE = f32(0.0), f32(1.0)
 
@@ -43,7 +46,7 @@ _ARC = ("arc_exit", "arc_length", "sin_entry", "sin_exit", "no_arc")
 _CARRIED_32 = ("rough", *_PARAMETERS_32, *_ARC)
 _SCANNED = (*_PARAMETERS_32[1:], *_ARC, *_STATE_32, "a_")
 _GUESSED = (*("s_", "c0", "c1", "c2", "c3", "c4", "c5"), *("step", "speed", "turn", "bound", "tilt", "falls", "proved"))
-#: Fields for the second attempt: copies of the lanes without proof at the first places, and the results for them.
+#: Fields for the second attempt: copies of the lanes without proof, compacted into the first lanes, and their results.
 _COMPACTED = tuple("z_" + name.rstrip("_") for name in _SCANNED)
 _FOUND = ("z_f", "z_g", "z_turned", "z_turn", "z_ended", "z_falls", "z_end", "z_s", "z_proved")
 
@@ -138,7 +141,7 @@ def move(b, i, j):
 
 @kernel
 def move_to_front(b):
-    """Move the trajectories to the first lanes, and return the number of groups in use."""
+    """Move the trajectories to the first lanes, and return the number of groups of GROUP lanes that hold them."""
     i, j = 0, LANES - 1
     while True:
         while i < LANES and b.who[i] >= 0:
@@ -187,7 +190,7 @@ def clear_block(b):
 
 @inline
 def has_ended(b, i):
-    """Return whether lane i has made its impacts, or cannot go on because it only bounces on Σ⁻, and then stop it."""
+    """Stop lane i if it makes too many impacts on Σ⁻; return whether it was stopped or has reached its limit on Σ⁺."""
     if b.n_minus[i] > MOST_BOUNCES * (b.n_plus[i] + 1.0):
         b.stuck[i], b.limit[i] = ENDLESS, -1.0
     return not b.n_plus[i] < b.limit[i]
@@ -202,10 +205,9 @@ def recompute_phases(b, groups):
 
 @inline
 def prepare_flights(b, groups, none_waits):
-    """Prepare the block for flights, and return the number of groups in use.
+    """Recompute the sines and cosines of the phases, and return the number of groups in use.
 
-    If no trajectory waits for a lane, the trajectories are moved to the first lanes. Then sines and cosines are
-    recomputed.
+    If no trajectory waits for a lane (`none_waits`), the trajectories are moved to the first lanes before.
 
     Returns
     -------

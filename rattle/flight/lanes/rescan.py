@@ -51,7 +51,7 @@ def second_attempt(b, groups, force, paths):
 
 @inline
 def compact(b, groups):
-    """Copy the lanes without proof to the first places, and return their number."""
+    """Copy the data of the lanes without proof to the first places of `b.compacted`, and return the number of lanes."""
     n = 0
     for i in range(GROUP * groups):
         b.todo[np.uint64(n)] = i  # written without a branch, which the processor could not predict
@@ -65,21 +65,21 @@ def compact(b, groups):
 
 @inline
 def compacted_flight(b, i):
-    """Return the flight of compacted lane i, in single precision."""
+    """Return the flight at place i of the compacted lanes, in single precision."""
     k = np.uint64(i)  # an unsigned index, as in `flight32`
     return Flight(b.z_w[k], b.z_a[k], b.z_sin0[k], b.z_cos0[k], b.z_delta[k], b.z_epsilon[k])
 
 
 @inline
 def compacted_arc(b, i):
-    """Return the arc of negative contact force of compacted lane i."""
+    """Return the arc of negative contact force at place i of the compacted lanes, those without proof."""
     k = np.uint64(i)
     return NegativeArc(not b.z_no_arc[k] > ZERO, b.z_arc_exit[k], b.z_arc_length[k], b.z_sin_entry[k], b.z_sin_exit[k])
 
 
 @inline
 def scan(b, n, padded):
-    """Evaluate the n flights at fixed steps until each has ended. The other lanes, up to `padded`, count as ended."""
+    """Evaluate the n compacted flights at fixed steps until each has ended. Places from n on count as ended."""
     for k in range(padded):
         from_bottom = b.z_wall[k] < ZERO
         b.z_f[k], b.z_g[k], b.z_turn[k], b.z_end[k] = ZERO, b.z_w[k], ZERO, ZERO

@@ -31,7 +31,7 @@ from rattle.flight.proof import clears_the_gap, has_single_turn, is_located
 from rattle.flight.tangent import carried_tangent
 from rattle.numerics.compile import inline, kernel
 
-LEAST = -np.finfo(np.float64).max  # the smallest finite number
+LEAST = -np.finfo(np.float64).max  # the most negative finite number
 
 
 @inline
@@ -90,7 +90,7 @@ def solve_locally(b, groups):
 
 @inline
 def solve_again(b, groups):
-    """Expand at the new time and solve again, because the first polynomial is poor far from the turning point."""
+    """Expand F at the new time and solve again, because the first polynomial is poor far from the turning point."""
     for i in range(GROUP * groups):
         level, flight = wall_level(b.wall_[i], b.falls[i] > ZERO, b.gap_[i]), flight32(b, i)
         b.s_[i] += step_to_level(not b.falls[i] > ZERO, level, taylor_coefficients(b.s_[i], flight))
@@ -98,7 +98,7 @@ def solve_again(b, groups):
 
 @inline
 def refine(b, groups):
-    """Refine the time by a step of fourth order towards the wall."""
+    """Refine the time of each impact by a step of fourth order, and keep the step and the speed for the proof."""
     for i in range(GROUP * groups):
         level = wall_level(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
         b.s_[i], b.step[i], b.speed[i] = refine_time(b.s_[i], level, flight32(b, i))
@@ -116,7 +116,7 @@ def prove(b, groups):
 
 @inline
 def prove_turns(b, groups):
-    """Complete the proof where the contact force of some lane changes sign."""
+    """Discard the proof of a lane whose F' may change sign twice, because the contact force changes sign."""
     for i in range(GROUP * groups):
         flight, rising = flight32(b, i), b.falls[i] == ZERO
         certain = has_single_turn(b.wall_[i], rising, b.tau_[i], b.s_[i], b.turn[i], flight, arc32(b, i))
@@ -147,8 +147,8 @@ def copy_to_double(b, groups):
 def select_number(go, new, old):
     """Return the new number if the lane goes on, else the old one.
 
-    LLVM would turn a plain choice into a masked store, which is slow without AVX-512. The maximum changes no number,
-    but hides from LLVM where the old number came from.
+    LLVM would turn a plain choice into a masked store, which is slow without AVX-512. The maximum of the
+    old number and LEAST, the most negative number, equals the old number, but hides from LLVM where it came from.
 
     Returns
     -------
@@ -159,7 +159,7 @@ def select_number(go, new, old):
 
 
 def _build_land(tangent):
-    """Build the stage that moves lanes to their impacts. `tangent` is a constant of the closure, outside the loop."""
+    """Build the stage that moves lanes to their impacts; with `tangent` it also keeps what `carry` needs."""
 
     @inline
     def land(b, groups):

@@ -46,7 +46,15 @@ WORK = np.dtype(
 
 @inline
 def direction_of(lane, few):
-    """Return the number of the direction that a lane tries, and by how many halvings its radius is smaller."""
+    """Return which direction a lane tries, and the number of halvings from the group's largest radius to its own.
+
+    few: the group tries four directions at four radii; otherwise all directions at one radius.
+
+    Returns
+    -------
+    tuple of int
+        The number of the direction, and the number of halvings.
+    """
     return (lane % FEW * (ALL // FEW), lane // FEW) if few else (lane, 0)
 
 
@@ -79,7 +87,7 @@ def load_states(b, work, group, i, level, few, centres):
 
 @inline
 def fly_once(memory, work, groups, force, paths):
-    """Advance the state on every lane by one flight, and update the tangent matrix of its flights so far."""
+    """Advance the state of every unfinished lane by one flight, and multiply its tangent matrix by the flight's."""
     b = memory[0]
     for i in range(GROUP * groups):
         work.w[i], work.sin0[i], work.cos0[i], b.time[i] = b.w[i], b.sin0[i], b.cos0[i], 0.0
@@ -103,7 +111,7 @@ def fly_once(memory, work, groups, force, paths):
 
 @inline
 def is_any_flying(b, group, most):
-    """Stop lanes with more than `most` impacts on Σ⁻, and return whether any lane of the group still has to fly."""
+    """Stop lanes with more than `most` impacts on Σ⁻, and return whether any lane of the group is not finished."""
     left = False
     for lane in range(group * GROUP, (group + 1) * GROUP):
         if b.n_minus[lane] > most:
@@ -114,7 +122,7 @@ def is_any_flying(b, group, most):
 
 @inline
 def meets_conditions(b, work, lane, i, centres):
-    """Return whether a lane's state made as many impacts as the orbit of centre i, and its tangent map contracts."""
+    """Return whether a lane made as many impacts as the orbit of centre i, and the lane's tangent map contracts."""
     arrived = b.n_plus[lane] == centres.n_plus[i] and b.n_minus[lane] == centres.n_minus[i]
     a, b_, c, d = work.a[lane], -work.b[lane], -work.c[lane], work.d[lane]  # in (τ, v), with v = −w at both ends
     return arrived and is_contraction(a, b_, c, d, centres.m00[i], centres.m01[i], centres.m11[i])
@@ -122,7 +130,15 @@ def meets_conditions(b, work, lane, i, centres):
 
 @inline
 def halvings_without_failure(b, work, group, i, level, few, centres):
-    """Return the halvings of the largest tried radius at which no direction failed; if all failed, one halving more."""
+    """Return the number of halvings from LARGEST to the largest tried radius at which no direction failed.
+
+    If a direction failed at every tried radius, the number for the smallest of these radii is increased by 1.
+
+    Returns
+    -------
+    int
+        The number of halvings.
+    """
     radii = FEW if few else 1
     for halvings in range(radii):
         good = True

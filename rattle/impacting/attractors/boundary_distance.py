@@ -2,10 +2,11 @@
 
 Quiet motion is the line v = 0 of all phases τ, so the distance is the least v of all states that do not become quiet.
 It is computed in four steps. The classifier of `rattle.attractors.table` first decides a set of states (τ, v) up to the
-largest speed, half of them over the strip of small speeds. Then preimages of the basins that this set found are
-computed, because all preimages of a basin belong to the basin, however thin they are. Further sets of states cover the
-strip below the least speed so far. Finally a pattern search starts from the slowest states found. Every state that
-counts was itself followed to its attractor. "Low" means slow, because v is the height in the (τ, v) plane.
+largest speed: half of them uniform in v, half uniform in ln v, so that slow states are well represented. Then preimages
+of the basins that this set found are computed, because all preimages of a basin belong to the basin, however thin they
+are. Further sets of states, uniform in ln v, cover the strip between the capture speed and the least speed found so
+far. Finally a pattern search starts from the slowest states found. Every state that counts was itself followed to its
+attractor.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from rattle.numerics.sampling import sobol_points
 from rattle.orbits.iterates import fold
 from rattle.parameters import Parameters
 
-# number of states of one set over the strip of small speeds or over all speeds; most further sets over the strip
+# number of states of a set that is uniform in v or in ln v; most further sets, uniform in ln v, of slower states
 SAMPLED, ROUNDS = 1024, 8
 # number of states at the edges of all capture regions of a cell; fewest and most states at the edge of one region
 EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64
@@ -39,7 +40,7 @@ PREIMAGES, CEILING = 64, 25.0 / 7.0
 # number of states of a cell whose preimages are computed; number of copies near each state, if there are few states;
 # distance of these copies, in τ and relative in v
 STATES, COPIES, NEAR = 1024, 3, 1.0 / 64.0
-TRIED = 64  # number of the slowest preimages of a cell that are followed to their attractors
+TRIED = 64  # in each cell so many preimages of states, the slowest ones, are followed to their attractors
 # number of pattern searches of a cell; least phase difference between the states at which they begin
 STARTS, APART = 4, 1.0 / 32.0
 # offsets of the states of a pattern in τ and in v, in units of its size; those in v are also small, because the
@@ -51,13 +52,13 @@ FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20
 # least speed of the cell by more than this many sizes of its pattern
 SHRINK, HOPE = 1.0 / 16.0, 8.0
 MOST_PATTERNS = 60  # most patterns of one search
-# bounds of the number of impacts for which a state after the first set is followed, at strong damping
+# least and largest limit of impacts, at strong damping, of all states but those that are classified first
 LEAST_IMPACTS, MOST_IMPACTS = 512, 4096
-# largest number of impacts of a state, divided by the largest number that a state of the first set needed to reach a
-# periodic orbit (in chaotic cells: a periodic orbit or quiet motion)
+# the limit of impacts of these states is this many times the largest number of impacts after which one of the states
+# classified first reached a periodic orbit (in chaotic cells: a periodic orbit or quiet motion)
 PATIENCE = 2
 LASTING = 8  # at the end the slowest states that seem chaotic are followed for this many times their limit of impacts
-# least lower edge of the strip of small speeds, in natural speeds; it is used if the capture speed is smaller
+# least speed of sets that are uniform in ln v, in natural speeds; it is used if the capture speed is smaller
 LOWEST = 1e-6 / 7.0
 
 Array = NDArray[np.float64]
@@ -109,7 +110,7 @@ class _Cells:
         self.longer = most_impacts_to_rest(delta) / LONGEST_REST
         self.tau, self.v = np.full((n, STARTS), np.nan), np.full((n, STARTS), np.inf)
         self.balls = np.zeros(n, np.int64)  # number of capture regions whose preimages are already computed
-        self.sampled = self.first_set(n)
+        self.sampled = self.first_states(n)
         tau, v = (each.copy() for each in self.sampled)
         at = Parameters(ImpactingClassifier.model, delta, epsilon, beta)
         self.classifier = ImpactingClassifier.classify(at, tau, v)
@@ -123,22 +124,22 @@ class _Cells:
         self.most = self.most.astype(np.int64)
         self.undecided = np.full(n, np.inf)
 
-    def first_set(self, n: int) -> tuple[Array, Array]:
-        """Return τ and v (n, 2 · SAMPLED) of the first states of n cells, half over the strip, half over all speeds."""
+    def first_states(self, n: int) -> tuple[Array, Array]:
+        """Return τ and v (n, 2 · SAMPLED) of the states to classify first: half uniform in ln v, half uniform in v."""
         (tau, v), (x, y) = self.states_in_strip(self.v_max, 0), sobol_points(SAMPLED).T
         plane = self.v_max[:, None] * (y + 0.5 / SAMPLED)
         return np.hstack([tau, np.tile(x, (n, 1))]), np.hstack([v, plane])
 
-    def keep_from_first_set(self) -> None:
-        """Keep the slowest states of the first set that leave quiet motion, and the slowest of their preimages."""
+    def keep_first_states(self) -> None:
+        """Keep the slowest states of `first_states` found to leave quiet motion, and the slowest of their preimages."""
         (tau, v), status = self.sampled, self.classifier.status
         away = (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[:, None])
         self.undecided = np.where((status != Outcome.QUIET) & ~away, v, np.inf).min(axis=1)
-        self.keep_lowest(tau, np.where(away, v, np.inf))
+        self.keep_slowest(tau, np.where(away, v, np.inf))
         self.keep_preimages(away, tau, v)
 
     def states_in_strip(self, below: Array, i: int) -> tuple[Array, Array]:
-        """Return τ and v (n, SAMPLED) of set number i of states slower than `below` (n,), uniform in τ and ln v."""
+        """Return τ and v (n, SAMPLED) of set number i of states, slower than `below` (n,), uniform in τ and ln v."""
         x, y = sobol_points((i + 1) * SAMPLED)[i * SAMPLED :].T
         low, high = np.log(self.floor)[:, None], np.log(np.maximum(below, self.floor))[:, None]
         return np.repeat(x[None], below.size, axis=0), np.exp(low + (high - low) * y)
@@ -157,8 +158,11 @@ class _Cells:
         status = self.classifier.outcomes_of(cell, tau, v, times * self.most[cell])
         return (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[cell])
 
-    def keep_lowest(self, tau: Array, v: Array) -> None:
-        """Keep the slowest of the new states (n, k) and the kept states, at different phases; v = inf is no state."""
+    def keep_slowest(self, tau: Array, v: Array) -> None:
+        """Add new states (n, k), and keep the STARTS slowest states of each cell whose phases are at least APART apart.
+
+        v = inf means no state.
+        """
         tau, v = np.append(self.tau, tau, axis=1), np.append(self.v, v, axis=1)
         for i in range(STARTS):
             each, one = np.arange(v.shape[0]), np.argmin(v, axis=1)
@@ -194,7 +198,7 @@ class _Cells:
         cell, tau, v = (np.append(x, y) for x, y in zip(states, self.new_edges(), strict=True))
         delta, epsilon, beta = (x[cell] for x in self.classifier.cells[:3])
         steps, ceiling = (PREIMAGES * self.longer[cell]).astype(np.int64), self.ceiling[cell]
-        tau, v = lowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta)
+        tau, v = slowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta)
         order = np.lexsort((tau, v, cell))
         rank = np.arange(cell.size) - np.searchsorted(cell[order], cell[order])
         order, rank = order[rank < TRIED], rank[rank < TRIED]
@@ -203,10 +207,10 @@ class _Cells:
         low[low] = self.leaves_quiet(cell[low], tau[low], v[low])
         found_tau, found = np.zeros((len(self.v), TRIED)), np.full((len(self.v), TRIED), np.inf)
         found_tau[cell, rank], found[cell, rank] = tau, np.where(low, v, np.inf)
-        self.keep_lowest(found_tau, found)
+        self.keep_slowest(found_tau, found)
 
     def search_strip(self) -> None:
-        """Classify further sets of states over the strip below the least speed so far, as long as this speed falls."""
+        """Classify sets of states below the least speed found to leave quiet motion, as long as this speed falls."""
         pending = np.arange(len(self.v))
         for i in range(1, ROUNDS + 1):
             if not pending.size:
@@ -216,12 +220,12 @@ class _Cells:
             away = np.zeros(v.shape, np.bool_)
             cell = np.repeat(pending, SAMPLED)
             away[pending] = self.leaves_quiet(cell, tau[pending].ravel(), v[pending].ravel()).reshape(-1, SAMPLED)
-            self.keep_lowest(tau, np.where(away, v, np.inf))
+            self.keep_slowest(tau, np.where(away, v, np.inf))
             self.keep_preimages(away, tau, v)
             pending = pending[self.v[pending, 0] < before[pending]]
 
     def search_patterns(self) -> None:
-        """Search for slower states in a pattern around each kept state; a pattern that holds none shrinks."""
+        """Search for slower states in a pattern around each kept state; a pattern without a slower state shrinks."""
         offset = np.concatenate([-SIDEWAYS, [0.0], SIDEWAYS[::-1]])
         sideways, down = (x.ravel() for x in np.meshgrid(offset, DOWN))
         cell = np.repeat(np.arange(len(self.v)), STARTS)
@@ -269,7 +273,8 @@ def boundary_distances(
     """
     broadcast = broadcast_parameters(delta, epsilon, beta)
     d, e, b = (np.array(x, order="C").ravel() for x in broadcast)
-    require(d.size * STATES * (1 + COPIES) <= 64 * MOST_SAMPLES, f"{d.size} cells are too many at once: give fewer")
+    most = 64 * MOST_SAMPLES // (STATES * (1 + COPIES))
+    require(d.size <= most, f"{d.size:,} cells are too many at once: give at most {most:,}")
     highest = sampled_speeds(v_max, d, e, b)
     found = BoundaryDistance(np.zeros(d.size), np.full(d.size, np.nan), np.full(d.size, np.inf))
     below = e < quiet_limit(d)
@@ -278,7 +283,7 @@ def boundary_distances(
     quiet = np.flatnonzero(below & ~late)
     if quiet.size:
         cells = _Cells(d[quiet], e[quiet], b[quiet], highest[quiet])
-        cells.keep_from_first_set()
+        cells.keep_first_states()
         cells.search_strip()
         cells.search_patterns()
         cells.confirm_chaos()
@@ -291,7 +296,7 @@ def boundary_distances(
 
 
 @kernel
-def lowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta):
+def slowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta):
     """Return the slowest of the preimages Π⁻ᵏ, 0 ≤ k ≤ steps, of each state of flat arrays.
 
     A state is followed back no further than its first preimage with a speed above `ceiling`. All arguments are arrays

@@ -25,7 +25,7 @@ from rattle.parameters import Parameters
 def elastic_cells(
     delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: NDArray[np.float64], quiet: NDArray[np.float64]
 ) -> ImpactingCells:
-    """Return the record of n cells with elastic impacts that kernels take. quiet (n,): their `quiet_invariant`."""
+    """Return the record for kernels of n cells with elastic impacts. quiet (n,): its field `quiet_invariant`."""
     return ImpactingCells(delta, epsilon, beta, quiet, np.ones_like(delta), np.zeros_like(delta))
 
 
@@ -36,7 +36,7 @@ def cells_of(parameters: Parameters) -> ImpactingCells:
 
 
 def roughness_of(cells: Any) -> NDArray[np.float64]:
-    """Return the amplitude of the contact force of each cell (n_cells,), divided by its mean."""
+    """Return, for each cell (n_cells,), the amplitude of the contact force divided by the force's mean."""
     with np.errstate(over="ignore"):  # the ratio overflows for a subnormal δ
         return np.asarray(Forcing(cells.epsilon).relative_swing(cells.delta))
 
@@ -44,12 +44,20 @@ def roughness_of(cells: Any) -> NDArray[np.float64]:
 def sorted_by_roughness(
     which: NDArray[np.int64], samples: Trajectories, roughness: NDArray[np.float64]
 ) -> NDArray[np.int64]:
-    """Return the samples `which`, roughest cells first, so that neighbouring lanes need the same stages of a flight."""
+    """Return the samples `which`, with those first in whose cells the contact force swings most relative to its mean.
+
+    So neighbouring lanes need the same stages of a flight. roughness (n_cells,): the results of `roughness_of`.
+
+    Returns
+    -------
+    NDArray[np.int64]
+        The same samples, in this order.
+    """
     return which[np.argsort(-roughness[samples.cell[which]], kind="stable")]
 
 
 def quiet_invariant(parameters: Parameters) -> float:
-    """Return the `capture_invariant` of the first of these points, the largest v³/g of bounces sure to become quiet."""
+    """Return the largest v³/g at which a bounce is certain to become quiet, at the first of the parameter points."""
     point = parameters.point()
     return capture_invariant(point["delta"], point["epsilon"], point["beta"])
 
@@ -58,7 +66,7 @@ class ImpactingClassifier(Classifier):
     """Classify the samples of a block of cells of the impacting gear."""
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
-        """Prepare the classifier. `paths` (2,) counts flights whose first impact needed a scan, and a safe search."""
+        """Prepare the classifier. `paths` (2,): numbers of flights with a scan, and with a safe search."""
         self.paths = np.zeros(2, np.int64)
         self._block = working_block()
         self._roughness = roughness_of(cells)
@@ -70,14 +78,14 @@ class ImpactingClassifier(Classifier):
 
     @classmethod
     def cells_of_orbits(cls, parameters: Parameters) -> ImpactingCells:
-        """Return cells for periodic orbits: their test for quiet motion is off, because preparing this test is slow."""
+        """Return the record of cells for periodic orbits, without the test for quiet motion: preparing it is slow."""
         return elastic_cells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
 
     @staticmethod
     def states_after(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return the result of `Classifier.states_after`. No state is flagged as quiet, because its bounces go on."""
+        """Return the result of `Classifier.states_after`. All flags are False: elastic bounces never end."""
         moved = iterate(parameters.delta, parameters.epsilon, tau, v, returns, parameters.beta)
         return moved.tau, moved.v, np.zeros(tau.size, np.bool_)
 
@@ -99,11 +107,11 @@ class ImpactingClassifier(Classifier):
         self.grow_balls()
 
     def find_radii(self, centres: Centres) -> None:
-        """Write the radii of these capture regions to `centres`, computed in lanes."""
+        """Compute in lanes the radii of the capture regions around `centres`, and write them to `centres.radius`."""
         find_radii_in_lanes(self._block, centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
-        """Follow these samples in lanes until each has an outcome or reaches its limit of impacts."""
+        """Follow samples in lanes until each has an outcome or reaches its limit. early: check lanes more often."""
         flights = CHUNK if early else LONG_CHUNK
         which, tables = (
             sorted_by_roughness(which, samples, self._roughness),

@@ -38,7 +38,7 @@ from rattle.orbits.return_map import point_between, point_of
 # periodic motion come at each of its impacts in turn
 CHUNK, LONG_CHUNK = 11, 37
 # numbers of flights between successive marks of a probe in its visited-cell bitmap, used in turn; a probe is checked
-# after all four, every 23 flights, and 23 is prime for the same reason
+# after all four, every 23 flights; 23 is prime, so that checks of a periodic motion come at each of its impacts in turn
 STRIDES = (6, 6, 6, 5)
 
 
@@ -99,9 +99,10 @@ def finish_sample(b, i, k, status, orbit, samples):
 
 @inline
 def check_recurrence(b, i, k, samples):
-    """Return whether lane i is back at its reference state; if so, write its impacts on Σ⁺ since then to `samples.gap`.
+    """Return whether lane i is back at its reference state, not before `samples.pause[k]` impacts of sample k.
 
-    If not, the reference state is replaced when its next replacement is due.
+    If so, `samples.gap[k]` becomes the number of impacts on Σ⁺ since the reference state. If not, the reference state
+    is replaced when its next replacement is due.
 
     Returns
     -------

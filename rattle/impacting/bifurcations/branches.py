@@ -26,9 +26,9 @@ from rattle.errors import RattleError, require, require_number
 from rattle.impacting.bifurcations.events import (
     Event,
     find_events,
-    is_twice,
     origin_of_doubling,
-    solutions_between_twins,
+    points_between_close_events,
+    repeats_first_half,
 )
 from rattle.impacting.bifurcations.registry import name_of
 from rattle.impacting.orbits.equations import Itinerary, equations_on_line
@@ -244,7 +244,7 @@ def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> Periodic
 
 
 def _leads_back(found: PeriodicOrbit, orbit: PeriodicOrbit) -> bool:
-    """Return whether Newton's method leads from `found` back to `orbit`, as it may not do next to a fold."""
+    """Return whether Newton's method leads from `found` back to `orbit`; next to a fold it may lead elsewhere."""
     back = solve_at_parameters(orbit.itinerary, np.append(found.times, [orbit.delta, orbit.epsilon]))
     return back is not None and bool(np.max(np.abs(back[:-2] - orbit.times)) < SAME_MOTION)
 
@@ -263,7 +263,7 @@ def _why_degenerate(itinerary: Itinerary, y: Array) -> str | None:
     """Return why a branch ends at y = (times, p): two impacts become one, or the period halves; None if neither."""
     if np.min(np.diff(np.append(y[:-1], y[0] + itinerary.m))) < SHORTEST_FLIGHT:
         return "two impacts become one"
-    return HALF_PERIOD if is_twice(itinerary, y, TWICE) else None
+    return HALF_PERIOD if repeats_first_half(itinerary, y, TWICE) else None
 
 
 def _follow_both_ways(itinerary: Itinerary, line: ParameterLine, start: Array) -> Branch:
@@ -297,9 +297,9 @@ def _is_same_event(one: Event, other: Event) -> bool:
 def _build_branch(
     itinerary: Itinerary, line: ParameterLine, points: Array, tangents: Array, start: int, ends: tuple[str, str]
 ) -> Branch:
-    """Return the branch with these points y = (times, p), with its events, and the points that their search needs."""
+    """Return the branch through points y = (times, p), with its events and a point between any two close events."""
     problem = equations_on_line(itinerary, line.origin, line.direction)
-    more = sorted(solutions_between_twins(itinerary, line, problem, points, tangents), key=lambda item: -item[0])
+    more = sorted(points_between_close_events(itinerary, line, problem, points, tangents), key=lambda item: -item[0])
     for after, y, tangent in more:
         points, tangents = np.insert(points, after + 1, y, axis=0), np.insert(tangents, after + 1, tangent, axis=0)
         start += after < start

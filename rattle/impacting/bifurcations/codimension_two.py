@@ -23,7 +23,7 @@ from rattle.continuation.arclength import ContinuationProblem, plane_scale, solu
 from rattle.continuation.conditions import condition
 from rattle.errors import RattleError, require_number
 from rattle.impacting.bifurcations.registry import CURVES
-from rattle.impacting.bifurcations.starts import members
+from rattle.impacting.bifurcations.starts import family_members
 from rattle.impacting.orbits import closed_form
 from rattle.numerics.complex_step import Array
 
@@ -33,7 +33,15 @@ Residual = Callable[[float, float], float]
 
 
 def _scaled_cosine(delta: float, beta: float) -> float:
-    """Return 1 + e^(−δ) − T at the graze at this damping, T the sum of the multipliers without the graze."""
+    """Return 1 + e^(−δ) − T for the grazing motion at this damping; it is proportional to ε cos 2πτ of the motion.
+
+    T is the sum of the multipliers of the grazing motion without the impact on Σ⁻.
+
+    Returns
+    -------
+    float
+        1 + e^(−δ) − T; NaN if there is no graze.
+    """
     cosine, _ = closed_form.grazing_cosine(delta, beta)
     return 4 * math.pi * -math.expm1(-delta) * cosine / delta**2
 
@@ -58,7 +66,7 @@ def _square_root_factor(delta: float, beta: float) -> float:
     sigma = closed_form.next_grazing(closed_form.EDGE, delta, beta)
     if not sigma < 0.5:
         return math.nan
-    at = members(np.array([sigma]), delta, beta)
+    at = family_members(np.array([sigma]), delta, beta)
     return -float(at.saddle_node[0] + at.flip[0]) / 2
 
 
@@ -155,7 +163,8 @@ def _point_on_grazing_curve(name: str, residual: Residual, beta: float) -> tuple
         raise RattleError(f"{name} needs beta of at least {LEAST_BACKLASH:g} in double precision, got {beta}")
     from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load
 
-    scan = np.geomspace(0.05, 8.0, 400) * 4 * beta / np.pi  # COD22 is near 4β/π, where speed 2πδ just crosses the gap
+    # COD22 is near δ = 4β/π, where a bounce of speed 2πδ is about as high as the distance 2β between the walls
+    scan = np.geomspace(0.05, 8.0, 400) * 4 * beta / np.pi
     values = np.array([residual(x, beta) for x in scan])
     falls = np.flatnonzero((values[:-1] > 0) & (values[1:] <= 0))
     if not falls.size:
@@ -180,7 +189,7 @@ def _tangency(curves: dict[str, int], delta: float, epsilon: float, beta: float)
     orders = {}
     for one, other in combinations(curves, 2):
         if {one, other} == {"G1", "G2"}:
-            continue  # both are parts of one smooth curve
+            continue  # G1 and G2 are parts of one smooth curve
         offsets = curves[other] * distances
         try:
             gaps = _curve_near(one, delta, epsilon, beta, offsets) - _curve_near(other, delta, epsilon, beta, offsets)

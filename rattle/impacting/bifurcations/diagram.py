@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.continuation.arclength import ContinuationProblem
 from rattle.continuation.diagram import Diagram, diagram_of, require_end
-from rattle.continuation.motions import POINTS_ACROSS, Motion, Motions, Segment, runs
+from rattle.continuation.motions import POINTS_ACROSS, Motion, Motions, Segment, split_into_runs
 from rattle.errors import RattleError, require_number
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.bifurcations.branches import Branch, branch_through, doubled
@@ -36,10 +36,10 @@ class ImpactingMotions(Motions):
         return Parameters(self.classifier.model, delta, epsilon, np.full_like(delta, self.beta))
 
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
-        """Yield one motion of A to D, at the middle step, for each range of steps on which this orbit exists."""
+        """Yield, for each range of steps on which one of A to D exists, this orbit at the middle step of the range."""
         orbits = period_one(steps.delta, steps.epsilon, steps.beta)
         for exists, tau, v in zip(orbits.exists, orbits.tau, orbits.v, strict=True):
-            for run in runs(np.flatnonzero(exists)):
+            for run in split_into_runs(np.flatnonzero(exists)):
                 k = int(run[run.size // 2])
                 found = self.motion_near(steps.point(k), float(tau[k]), float(v[k]), 1)
                 if found is not None:
@@ -59,12 +59,12 @@ class ImpactingMotions(Motions):
         return equations_on_line(itinerary, self.segment.start, self.segment.direction)
 
     def solve_motion(self, itinerary: Itinerary, y: Array) -> PeriodicOrbit | None:
-        """Return the orbit near y = (times, position) at this position, or None if Newton's method finds none."""
+        """Return the orbit at the position of the guess y = (times, position); None if Newton's method finds none."""
         found = solve_at_parameters(itinerary, np.append(y[:-1], self.segment.parameters_at(y[-1])))
         return None if found is None else orbit_of(itinerary, found)
 
     def follow_branch(self, motion: Motion, span: tuple[float, float]) -> Branch:
-        """Return the branch of a motion on this span of the segment (`Motions.follow_branch`)."""
+        """Return the branch of a motion. span: range of positions on the segment, relative to the motion's position."""
         return branch_through(*motion, self._direction, span, POINTS_ACROSS)
 
     def follow_doubled_branch(self, event: Event, span: tuple[float, float]) -> Branch:
@@ -101,7 +101,7 @@ def diagram(
 ) -> Diagram[Branch, Event]:
     """Return the bifurcation diagram along the segment from start to end, both (δ, ε) with δ > 0 and ε ≥ 0.
 
-    The result is deterministic in all arguments.
+    The result depends on the arguments only.
 
     Parameters
     ----------

@@ -38,8 +38,9 @@ SAME_PLACE = 0.5  # largest distance, as a share of a step, between a candidate 
 class Candidate(NamedTuple):
     """A possible event of a branch.
 
-    y = (times, p) is its position on the branch, `guess` (n + 2,) are guesses of its times, δ and ε, and `impact` is
-    the number of the impact that grazes (None at other events).
+    y is the point of the branch near the event: the motion's times, and p, the position on the line of parameters.
+    `guess` (n + 2,) holds guesses of the event's times, δ and ε. `impact` is the number of the impact that grazes, None
+    for a saddle-node or a flip.
     """
 
     y: Array
@@ -140,7 +141,7 @@ def find_events(
                 yield solved
 
 
-def solutions_between_twins(
+def points_between_close_events(
     itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem, points: Array, tangents: Array
 ) -> list[tuple[int, Array, Array]]:
     """Return further points of a branch, one between each two events of one kind that lie within one step.
@@ -208,7 +209,8 @@ def _touch_candidates(
 ) -> list[Candidate]:
     """Return the candidate for a graze between an admissible point and a virtual point, in a list that may be empty.
 
-    There a flight touches a wall. The touch is one more impact of the candidate's itinerary.
+    Between the points `inside` (admissible) and `outside` (virtual) a flight begins to touch a wall on its way. This
+    touch is one more impact of the candidate's itinerary.
 
     Returns
     -------
@@ -245,7 +247,7 @@ def _solve_event(line: ParameterLine, candidate: Candidate, after: int, near: fl
     return Event(kind, itinerary, found[0], impact, is_admissible(itinerary, found[0], impact), after)
 
 
-def is_twice(itinerary: Itinerary, y: Array, tolerance: float) -> bool:
+def repeats_first_half(itinerary: Itinerary, y: Array, tolerance: float) -> bool:
     """Return whether the second half of the motion y repeats its first half, up to `tolerance` in each time."""
     n, m = itinerary.n // 2, itinerary.m // 2
     if itinerary.n != 2 * n or itinerary.m != 2 * m or itinerary.walls[:n] != itinerary.walls[n:]:
@@ -259,8 +261,8 @@ def origin_of_doubling(itinerary: Itinerary, line: ParameterLine, y: Array, afte
 
 
 def _half_period_motion(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array] | None:
-    """Return itinerary and unknowns of the motion that x makes twice, nearly the same each time; None if x does not."""
-    if not is_twice(itinerary, x, SAME_HALVES):
+    """Return itinerary and unknowns of half of the motion x, if its two halves are nearly the same; otherwise None."""
+    if not repeats_first_half(itinerary, x, SAME_HALVES):
         return None
     n, m = itinerary.n // 2, itinerary.m // 2
     times = 0.5 * (x[:n] + x[n : 2 * n] - m)

@@ -72,13 +72,13 @@ def _why_not_on_g2(x: Array) -> str | None:
 
 def _first_flip(delta: float, beta: float) -> Sequence[Array]:
     """Return the flip of D next to SN2, in a list that is empty if D is not stable between SN2 and this flip."""
-    found = starts.flips(delta, beta)
+    found = starts.two_impact_flips(delta, beta)
     return found[:1] if found and starts.loses_stability(found[0], beta) else ()
 
 
 def _later_flips(delta: float, beta: float) -> Sequence[Array]:
-    """Return the flips of D after `_first_flip`, at which D becomes stable again or, beyond the fold, unstable."""
-    return starts.flips(delta, beta)[len(_first_flip(delta, beta)) :]
+    """Return the flips of D after `_first_flip`, at which D becomes stable again or, beyond PD2's fold, unstable."""
+    return starts.two_impact_flips(delta, beta)[len(_first_flip(delta, beta)) :]
 
 
 #: The curves in the order of the legend: the five of the paper, then the others.
@@ -88,14 +88,14 @@ CURVES: dict[str, Definition] = {
         Kind.SADDLE_NODE,
         "saddle-node at which A and C, P(1,1,0), are born as ε grows; ends at COD22",
         f"{PAPER}, equation (4.1)",
-        lambda delta, _: starts.one_impact(Kind.SADDLE_NODE, delta),
+        lambda delta, _: starts.single_impact_starts(Kind.SADDLE_NODE, delta),
     ),
     "SN2": Definition(
         (1, -1),
         Kind.SADDLE_NODE,
         "saddle-node at which B and D, P(1,1,1), are born as ε grows; ends at COD23",
         f"{PAPER}, section 5.2, Figure 7",
-        starts.folds,
+        starts.two_impact_folds,
     ),
     "PD1": Definition(
         (1, -1),
@@ -109,7 +109,7 @@ CURVES: dict[str, Definition] = {
         Kind.GRAZING,
         "grazing of C, P(1,1,0), on Σ⁻: there C and B (beyond COD23: D) become one; ends at COD22",
         f"{PAPER}, section 5.2, Figure 7",
-        starts.grazes,
+        starts.two_impact_grazes,
         impact=1,
         belongs=_why_not_on_g1,
     ),
@@ -118,7 +118,7 @@ CURVES: dict[str, Definition] = {
         Kind.GRAZING,
         "grazing of A, P(1,1,0), on Σ⁻: there A and D become one; begins at COD22",
         f"{PAPER}, section 5.2, Figure 7",
-        starts.grazes,
+        starts.two_impact_grazes,
         impact=1,
         belongs=_why_not_on_g2,
     ),
@@ -127,7 +127,7 @@ CURVES: dict[str, Definition] = {
         Kind.FLIP,
         "flip (period doubling) at which C, P(1,1,0), loses stability as ε grows; ends on G1 at COD20",
         "not in the paper; closed form in rattle.flip",
-        lambda delta, _: starts.one_impact(Kind.FLIP, delta),
+        lambda delta, _: starts.single_impact_starts(Kind.FLIP, delta),
     ),
     "PD2": Definition(
         (1, -1),

@@ -41,7 +41,7 @@ class StartFamily(NamedTuple):
     flip: Array
 
 
-def members(sigma: Array, delta: float, beta: float) -> StartFamily:
+def family_members(sigma: Array, delta: float, beta: float) -> StartFamily:
     """Return the P(1,1,1) motions at one damping with these rising values of σ (`StartFamily`)."""
     closed = np.array([closed_form.closure_numerators(each, delta, beta) for each in sigma]).reshape(-1, 5)
     x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
@@ -56,7 +56,7 @@ def members(sigma: Array, delta: float, beta: float) -> StartFamily:
 def two_impact_family(delta: float, beta: float) -> StartFamily:
     """Return the P(1,1,1) motions (B and D) at one damping, at the nodes σ > 0 of `closed_form.nodes`."""
     sigma, epsilon = closed_form.nodes(delta, beta)
-    return members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta)
+    return family_members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta)
 
 
 def zeros(
@@ -96,33 +96,33 @@ def zeros(
 
 def _zeros_of(values: Callable[[StartFamily], Array], delta: float, beta: float) -> list[Array]:
     """Return the unknowns at the zeros of a function along the P(1,1,1) motions at one damping."""
-    return zeros(values, two_impact_family(delta, beta), lambda sigma: members(sigma, delta, beta))
+    return zeros(values, two_impact_family(delta, beta), lambda sigma: family_members(sigma, delta, beta))
 
 
-def folds(delta: float, beta: float) -> list[Array]:
+def two_impact_folds(delta: float, beta: float) -> list[Array]:
     """Return the unknowns at the saddle-nodes of B and D, close enough to start Newton's method."""
     return _zeros_of(lambda at: at.saddle_node, delta, beta)
 
 
 @lru_cache(maxsize=256)
-def grazes(delta: float, beta: float) -> tuple[Array, ...]:
+def two_impact_grazes(delta: float, beta: float) -> tuple[Array, ...]:
     """Return the unknowns of the P(1,1,1) whose speed at Σ⁻ is 0, close enough to start Newton's method."""
     return tuple(_zeros_of(lambda at: at.u, delta, beta))
 
 
 @lru_cache(maxsize=256)
-def flips(delta: float, beta: float) -> tuple[Array, ...]:
+def two_impact_flips(delta: float, beta: float) -> tuple[Array, ...]:
     """Return the unknowns at the flips of B and D, close enough to start Newton's method."""
     return tuple(_zeros_of(lambda at: at.flip, delta, beta))
 
 
 def loses_stability(x: Array, beta: float) -> bool:
-    """Return whether the P(1,1,1) loses stability at a flip x as σ grows; on D ε grows with σ."""
+    """Return whether the P(1,1,1) motions lose stability at a flip x as σ grows; along D, ε grows with σ."""
     at = two_impact_family(float(x[-2]), beta)
     return bool(at.flip[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0)
 
 
-def one_impact(kind: Kind, delta: float) -> list[Array]:
+def single_impact_starts(kind: Kind, delta: float) -> list[Array]:
     """Return the unknowns (τ, δ, ε) of SN1 or of PDC, the flip of C; an empty list if the formula gives no ε > 0."""
     offset = float(sine_offset(delta))
     epsilon = float(sn1_formula(delta) if kind is Kind.SADDLE_NODE else flip_formula(delta))

@@ -42,8 +42,8 @@ class Crisis:
         Numbers of impacts on Σ⁻ between successive impacts on Σ⁺ along the orbit of the contact, without the zeros at
         the beginning and at the end. At a corner they are those on the side with more impacts on Σ⁻.
     parameter : float
-        Position s on W^u(A) of one point of the contact's orbit; near A, s is the arclength from A. From this point on,
-        the orbit makes one impact on Σ⁺, and before the next impact on Σ⁺ its first impact on Σ⁻.
+        Position s on W^u(A) of one point of the contact's orbit; near A, s is the arclength from A. It is the point
+        after which the orbit first meets Σ⁻ between its first and its second impact on Σ⁺.
     steps : int
         Impacts on Σ⁺ from this point to the return to W^s(A) near A.
     chaotic : bool
@@ -62,11 +62,11 @@ class Crisis:
 
     @property
     def gap(self) -> float:
-        """Distance of ε above the formula of SN1 at this damping."""
+        """ε − SN1, where SN1 is the ε of the saddle-node SN1 at this damping by its formula."""
         return self.epsilon - float(sn1_formula(self.delta))
 
 
-class ManifoldFrame:
+class SaddleManifolds:
     """The saddle A at one parameter point, with its unstable manifold W^u(A) and its stable manifold W^s(A)."""
 
     def __init__(self, delta: float, epsilon: float, beta: float) -> None:
@@ -150,7 +150,13 @@ class ManifoldFrame:
         return float(values[i]), float(s[i])
 
     def symbols(self, s: float, n: int) -> tuple[int, ...]:
-        """Return the number of impacts on Σ⁻ in each of the n returns from W(s) on, without the zeros at both ends."""
+        """Return the number of impacts on Σ⁻ in each of n returns to Σ⁺ from position s of W^u(A).
+
+        Returns
+        -------
+        tuple[int, ...]
+            The numbers in order, without the zeros at the beginning and at the end.
+        """
         start = self.manifold_points(np.array([s]))
         counts = np.array([int(self.unstable_manifold.map(start, j)[3][0]) for j in range(n + 1)])
         found = np.diff(counts)
@@ -159,9 +165,9 @@ class ManifoldFrame:
 
 
 @lru_cache(maxsize=256)
-def frame_at(delta: float, epsilon: float, beta: float) -> ManifoldFrame:
+def saddle_manifolds_at(delta: float, epsilon: float, beta: float) -> SaddleManifolds:
     """Return the manifolds of A at a parameter point, cached."""
-    return ManifoldFrame(delta, epsilon, beta)
+    return SaddleManifolds(delta, epsilon, beta)
 
 
 def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float) -> Crisis:
@@ -189,12 +195,12 @@ def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, fl
     floor = float(sn1_formula(delta))
 
     def least_distance_at(x: float) -> float:
-        return frame_at(delta, floor + x, beta).least_distance(window, n)[0]
+        return saddle_manifolds_at(delta, floor + x, beta).least_distance(window, n)[0]
 
     return _build_crisis(delta, floor + _find_root(least_distance_at, gap, bracket * gap, 0.2), beta, window, n)
 
 
-def solve_delta(
+def solve_contact_at_gap(
     delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float, most: float
 ) -> Crisis:
     """Return the contact at ε = SN1 + gap, near the damping delta. The unknown is δ.
@@ -209,7 +215,7 @@ def solve_delta(
     """
 
     def least_distance_at(x: float) -> float:
-        return frame_at(x, float(sn1_formula(x)) + gap, beta).least_distance(window, n)[0]
+        return saddle_manifolds_at(x, float(sn1_formula(x)) + gap, beta).least_distance(window, n)[0]
 
     found = _find_root(least_distance_at, delta, bracket, most / delta)
     return _build_crisis(found, float(sn1_formula(found)) + gap, beta, window, n)
@@ -238,7 +244,7 @@ def _find_root(m: Callable[[float], float], x: float, half: float, most: float) 
 
 def _build_crisis(delta: float, epsilon: float, beta: float, window: tuple[float, float], n: int) -> Crisis:
     """Return the crisis at these parameters, with the position and the shape of the contact in a window of s."""
-    here = frame_at(delta, epsilon, beta)
+    here = saddle_manifolds_at(delta, epsilon, beta)
     s = here.least_distance(window, n)[1]
     if min(s - window[0], window[1] - s) < 1e-3 * (window[1] - window[0]):
         raise RattleError(
@@ -251,7 +257,7 @@ def _build_crisis(delta: float, epsilon: float, beta: float, window: tuple[float
 
 def contact_position(crisis: Crisis) -> float:
     """Return the position of the contact along the local series of W^s(A): 0 at A, 1 at the end of the series."""
-    here = frame_at(crisis.delta, crisis.epsilon, crisis.beta)
+    here = saddle_manifolds_at(crisis.delta, crisis.epsilon, crisis.beta)
     start = here.manifold_points(np.array([crisis.parameter]))
     return abs(float(here.signed_distances(here.unstable_manifold.map(start, crisis.steps)[1])[1][0]))
 
@@ -259,9 +265,9 @@ def contact_position(crisis: Crisis) -> float:
 def square_root_coefficient(crisis: Crisis) -> float:
     """Return the coefficient b of h = b √x + c x + … at the corner of W^u(A) next to this contact.
 
-    h is the distance from W^s(A) after the returns of the crisis. x is the distance from the corner along W^u(A),
-    relative to s, on the side with the square root. If b is positive, the corner touches W^s(A); if b is negative, the
-    smooth bend beside the corner touches W^s(A).
+    h is the distance from W^s(A) after `crisis.steps` impacts on Σ⁺. x is the distance from the corner along W^u(A),
+    relative to the position of the contact, on the side of the corner on which h has a square root. If b is positive,
+    the corner touches W^s(A); if b is negative, the smooth bend beside the corner touches W^s(A).
 
     Returns
     -------
@@ -271,14 +277,14 @@ def square_root_coefficient(crisis: Crisis) -> float:
     Raises
     ------
     RattleError
-        If the coefficient cannot be fitted.
+        If W^u(A) has no corner within 5 % of the position of the contact.
     """
-    here, s, n = frame_at(crisis.delta, crisis.epsilon, crisis.beta), crisis.parameter, crisis.steps
+    here, s, n = saddle_manifolds_at(crisis.delta, crisis.epsilon, crisis.beta), crisis.parameter, crisis.steps
     around = s * (1.0 + np.concatenate([-np.geomspace(0.05, 1e-12, 60), np.geomspace(1e-12, 0.05, 60)]))
     word = here.distances_after(around, n)[1]
     edges = np.flatnonzero(word[1:] != word[:-1])
     if not edges.size:
-        raise RattleError(f"there is no corner next to the contact at delta = {crisis.delta}")
+        raise RattleError(f"W^u(A) has no corner within 5 % of the contact at delta = {crisis.delta}")
     i = int(edges[np.argmin(np.abs(around[edges] - s))])
     low, high, first = around[i], around[i + 1], word[i]
     while low < (middle := 0.5 * (low + high)) < high:

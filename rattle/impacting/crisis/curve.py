@@ -14,9 +14,9 @@ from rattle.errors import RattleError, require, require_number
 from rattle.impacting.crisis.contact import (
     Crisis,
     contact_position,
-    frame_at,
+    saddle_manifolds_at,
     solve_contact,
-    solve_delta,
+    solve_contact_at_gap,
     square_root_coefficient,
 )
 from rattle.impacting.crisis.escape import is_chaotic_below
@@ -64,27 +64,27 @@ class CrisisCurve:
 
 
 def _extrapolate(known: list[Crisis], x: Array, y: Array, at: float) -> Array:
-    """Extrapolate y (n, k), known at x (n,), to the value `at` of x. Return (k,), from the last three points."""
+    """Extrapolate y (n, k) of n known crises, as functions of x (n,), to x = `at`, from the last three; return (k,)."""
     near = slice(-3, None) if len(known) > 2 else slice(-len(known), None)
     powers = np.polyfit(x[near] - x[-1], y[near], min(2, len(known) - 1))
     return np.asarray([np.polyval(column, at - x[-1]) for column in powers.T], np.float64)
 
 
 def _window_around(known: list[Crisis], s: float) -> tuple[float, float]:
-    """Return the window of positions on W^u(A) around s in which the contact after the known points is searched."""
+    """Return the range of positions around s on W^u(A) in which the contact after the known points is searched."""
     last = known[-1]
-    rate = np.log(frame_at(last.delta, last.epsilon, last.beta).unstable_manifold.multiplier)
+    rate = np.log(saddle_manifolds_at(last.delta, last.epsilon, last.beta).unstable_manifold.multiplier)
     width = float(min(WINDOW * (4.0 if len(known) == 1 else 1.0), DOMAIN * rate))
     return s * (1.0 - width), s * (1.0 + width)
 
 
 def _returns_at_next_point(last: Crisis) -> int:
-    """Return the number of impacts on Σ⁺ to the contact at the point after `last`."""
+    """Return the number of impacts on Σ⁺ after which the piece returns to A at the crisis that follows `last`."""
     return last.steps + (1 if contact_position(last) > INSIDE else 0)
 
 
 def contact_at_delta(known: list[Crisis], delta: float) -> Crisis:
-    """Return the crisis at this damping that continues the crises `known`, the nearest last. Raises RattleError."""
+    """Return the crisis at this damping that continues the crises `known`, the nearest last; RattleError if none."""
     y = np.log([[point.gap, point.parameter] for point in known])
     gap, s = np.exp(_extrapolate(known, np.array([point.delta for point in known]), y, delta))
     return solve_contact(
@@ -107,7 +107,7 @@ def contact_at_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
     y = np.array([[point.delta - end, point.parameter] for point in known]) / root[:, None]
     offset, s = _extrapolate(known, root, y, float(np.sqrt(gap))) * np.sqrt(gap)
     bracket = BRACKET * max(abs(float(offset)), float(np.sqrt(gap)) * 0.01)
-    return solve_delta(
+    return solve_contact_at_gap(
         end + float(offset),
         last.beta,
         gap,

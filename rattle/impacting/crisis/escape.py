@@ -80,7 +80,7 @@ class Saddles(NamedTuple):
         return self._impacts_until_quiet(RETURNS)
 
     @property
-    def decidable(self) -> Flags:
+    def is_decidable(self) -> Flags:
         """Flags (n,) of the points where A and quiet motion exist and becoming quiet takes few enough impacts."""
         below, most = self.epsilon < quiet_limit(self.delta), MOST_IMPACTS * _impact_factor(self.delta)
         return self.exists & (self.multiplier > 1.0) & below & (self.impacts_at_later_return < most)
@@ -121,9 +121,9 @@ def _unstable_direction(
 
 
 class FollowedManifold:
-    """Samples of W^u(A) at n points, `count` for each, that were followed for `impacts` (n,) impacts on Σ⁺.
+    """Samples of W^u(A) at n parameter points, `count` for each, followed for `impacts` (n,) impacts on Σ⁺.
 
-    The points must be `Saddles.decidable`. The samples lie in one fundamental domain. s (n, count) holds the initial
+    The points must be `Saddles.is_decidable`. The samples lie in one fundamental domain. s (n, count) holds the initial
     distances of the samples from A, which are their positions on W^u(A).
     """
 
@@ -146,7 +146,7 @@ class FollowedManifold:
 def escapes(delta: float, epsilon: Array, beta: float) -> Flags:
     """Return flags (n,) of eccentricities at which a part of W^u(A) becomes quiet; False where it is undecided."""
     a = saddles(np.full(epsilon.size, delta), epsilon, np.full(epsilon.size, beta))
-    found = a.decidable
+    found = a.is_decidable
     if found.any():
         a = a.select(found)
         found[found] = FollowedManifold(a, SAMPLES, a.impacts_at_first_return).becomes_quiet.any(axis=1)
@@ -154,17 +154,18 @@ def escapes(delta: float, epsilon: Array, beta: float) -> Flags:
 
 
 def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
-    """Return the saddle A at one point. Raises RattleError if A is missing or the point is not `Saddles.decidable`."""
+    """Return the saddle A at one point. Raises RattleError unless the point is `Saddles.is_decidable`."""
     a = saddles(*(np.array([x]) for x in (delta, epsilon, beta)))
-    if not a.decidable[0]:
+    if not a.is_decidable[0]:
         raise RattleError(
-            f"no saddle A, or none whose W^u(A) can be followed, at delta = {delta}, epsilon = {epsilon}, beta = {beta}"
+            f"W^u(A) cannot be followed at delta = {delta}, epsilon = {epsilon}, beta = {beta}: the saddle A or quiet "
+            "motion does not exist there, or becoming quiet takes too many impacts"
         )
     return a
 
 
 def chaotic_share(delta: float, epsilon: float, beta: float, settle: int = SETTLE) -> float:
-    """Return the share of WATCHED samples of W^u(A) that are chaotic after `settle` impacts."""
+    """Follow WATCHED samples of W^u(A); return the share of them that are chaotic after `settle` impacts."""
     a = saddle_at(delta, epsilon, beta)
     found = FollowedManifold(a, WATCHED, a.impacts_at_first_return + settle)
     left = found.samples.status == Outcome.UNRESOLVED

@@ -10,7 +10,7 @@ import numpy as np
 
 from rattle.errors import RattleError, require_number
 from rattle.impacting.bifurcations.codimension_two import codimension_two
-from rattle.impacting.crisis.contact import Crisis, frame_at, solve_contact
+from rattle.impacting.crisis.contact import Crisis, saddle_manifolds_at, solve_contact
 from rattle.impacting.crisis.escape import (
     SAMPLES,
     FollowedManifold,
@@ -61,7 +61,7 @@ def _gaps_to_try(delta: float, beta: float) -> Array:
         last = min(last, HIGHEST * floor)
     if last <= first:
         raise RattleError(
-            f"at delta = {delta} the saddle A is born at the quiet limit, so no quiet motion exists to escape to"
+            f"at delta = {delta} the saddle A is born at the quiet limit or above it, where no quiet motion exists"
         )
     gaps = first * np.exp(STEP * np.arange(int(np.log(last / first) / STEP) + 1))
     return np.asarray(gaps[period_one(delta, floor + gaps, beta).exists[0]], np.float64)
@@ -79,7 +79,7 @@ def has_escaping_piece(delta: float, beta: float, gap: float, density: int) -> b
 
 
 def _narrow(delta: float, beta: float, low: float, high: float) -> tuple[float, float]:
-    """Narrow the range of ε − SN1 in which W^u(A) begins to escape, by bisection."""
+    """Bisect the range (low, high) of ε − SN1: at `high` a sample of W^u(A) becomes quiet, at `low` none does."""
     for _ in range(HALVINGS):
         middle = (low + high) / 2.0
         low, high = (low, middle) if has_escaping_piece(delta, beta, middle, DENSE) else (middle, high)
@@ -100,29 +100,32 @@ def _escaping_runs(delta: float, beta: float, gap: float) -> list[Array]:
     Raises
     ------
     RattleError
-        If no piece escapes.
+        If no sample becomes quiet.
     """
     found = _follow_manifold(delta, beta, gap, CHECKED)
     s, gone = found.s[0], found.becomes_quiet[0]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], gone, [False]]).astype(int))).reshape(-1, 2)
     if not edges.size:
         raise RattleError(
-            f"no piece of W^u(A) becomes quiet at epsilon = {sn1_formula(delta) + gap}, so no crisis has happened there"
+            f"no sample of W^u(A) becomes quiet at epsilon = {sn1_formula(delta) + gap}: no contact is searched there"
         )
     runs = sorted(edges, key=lambda ends: ends[0] - ends[1])
     return [np.asarray(s[max(first - 1, 0) : last + 1], np.float64) for first, last in runs]
 
 
 def _returns_of_orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[int]]:
-    """Follow the orbit of the point W(s) of W^u(A), at ε = SN1 + gap, until it becomes quiet.
+    """Follow the orbit of the point W(s) of W^u(A), at ε = SN1 + gap, and count its impacts on Σ⁺.
+
+    The orbit ends when it is about to become quiet, has no next impact, or has made the largest number of impacts.
 
     Returns
     -------
     tuple[int, list[int]]
-        The number of impacts on Σ⁺ until one impact before its first impact on Σ⁻ (−1 if there is none), and from there
-        the numbers of impacts until each time at which the orbit comes close to W^s(A) near A.
+        The number of impacts to the state after which the orbit meets Σ⁻ between its first and its second impact on Σ⁺,
+        −1 if it never meets Σ⁻; and the numbers of impacts, counted from this state, at which the orbit comes back to A
+        close to W^s(A).
     """
-    here = frame_at(delta, float(sn1_formula(delta)) + gap, beta)
+    here = saddle_manifolds_at(delta, float(sn1_formula(delta)) + gap, beta)
     states, met, entries, inside, farthest = here.unstable_manifold.image(np.array([s]), 0)[1], -1, [], True, 0.0
     for j in range(MOST_STEPS + int(20.0 / np.log(here.unstable_manifold.multiplier))):
         ok, states, _, bounces = here.unstable_manifold.map(states, 1)
@@ -158,10 +161,10 @@ def contact_near(delta: float, beta: float, low: float, high: float) -> Crisis:
 
 
 def _contact_of_run(delta: float, beta: float, low: float, high: float, run: Array) -> Crisis:
-    """Return the contact of the piece of W^u(A) of a run of escaping samples.
+    """Return the contact with W^s(A) of a piece of W^u(A): the piece that a run of escaping samples covers.
 
-    The orbit in the middle of the run comes back to A one or more times. Of the contacts at these times, the contact
-    with the least ε is returned.
+    The orbit in the middle of the run comes back to A one or more times. Each of these returns may give a contact; the
+    contact with the least ε is returned.
 
     Returns
     -------
@@ -176,9 +179,9 @@ def _contact_of_run(delta: float, beta: float, low: float, high: float, run: Arr
     met, entries = _returns_of_orbit(delta, beta, high, float(run[run.size // 2]))
     if not entries:
         raise RattleError(
-            f"no contact was found at epsilon = {sn1_formula(delta) + high}: the escaping orbit does not return to A"
+            f"no contact was found at epsilon = {sn1_formula(delta) + high}: no return of the escaping orbit was seen"
         )
-    here = frame_at(delta, float(sn1_formula(delta)) + high, beta)
+    here = saddle_manifolds_at(delta, float(sn1_formula(delta)) + high, beta)
     run = run * here.unstable_manifold.multiplier**met
     found, last = [], RattleError("")
     for n in entries:
@@ -221,7 +224,7 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
     Returns
     -------
     Crisis
-        With its ε, and whether a corner or a tangency touches W^s(A).
+        The crisis, with its ε and the shape of W^u(A) at the contact: a corner or a tangency.
 
     Raises
     ------

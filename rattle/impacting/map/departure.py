@@ -1,7 +1,7 @@
 """Find the next departure from Σ⁺ of a motion that is given by its phase, position and velocity."""
 
 from rattle.errors import RattleError, require
-from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
+from rattle.flight.first_impact import LONGEST, OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
 from rattle.flight.forcing import DRIFT
 from rattle.flight.impact_law import reflected_velocity
 from rattle.flight.law import evaluate, flight_from_phase, folded
@@ -28,4 +28,7 @@ def departure(
 
 def _require_found(status: int) -> None:
     if status != OK:
-        raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
+        raise RattleError(
+            f"the motion cannot be followed: a flight has no impact within {LONGEST:g} forcing periods, or parameters "
+            "or state are beyond double precision"
+        )

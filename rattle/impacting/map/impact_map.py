@@ -21,7 +21,7 @@ from rattle.orbits.return_map import inverse_step, step, step_tangent
 
 @kernel
 def impact(tau, v, delta, epsilon, beta, drift):
-    """Apply Π to (τ, v), and return (status, τ', v', elapsed time, number of impacts on Σ⁻ on the way)."""
+    """Apply Π to (τ, v), and return (status, τ', v', elapsed time, impacts on Σ⁻). drift: DRIFT, or −DRIFT for Π⁻¹."""
     status, wall, w, elapsed, n_minus = OK, SIGMA_PLUS, -v, 0.0, 0
     while True:
         if stays_in_contact(wall, w, tau, delta, epsilon, drift):

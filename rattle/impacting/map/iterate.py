@@ -137,7 +137,7 @@ def iterate_tangent(
 def flight_counts(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike = 0.6
 ) -> tuple[int, int, int]:
-    """Return the number of flights that `iterate` computes, and how many of them need a scan, and a safe search.
+    """Return how many flights `iterate` computes, how many of these need a scan, and how many need a safe search.
 
     A first impact is searched by a scan at fixed steps if the first guess is not proved, and by the slower safe search
     if the scan is not proved either.

@@ -35,7 +35,7 @@ LONGEST_REST, STRONG, MOST_REST = 2048.0, 0.3, 2.0**18
 
 @kernel
 def largest_eta(delta):
-    """Return the largest η of this module's criterion at which a motion is certain to become quiet."""
+    """Return the largest η, defined at the top of this file, at which a motion is certain to become quiet."""
     if delta >= 2.0 * KICK * math.exp(-DECAY_RATE / LARGEST_ETA):
         return LARGEST_ETA
     return DECAY_RATE / math.log(2.0 * KICK / delta)

@@ -26,10 +26,11 @@ NONE, STABLE, UNSTABLE = range(3)
 
 @kernel
 def fill_shares(work, x):
-    """Fill `work.shares` with the share of the bounces of half a period that come up to the end of each section.
+    """Fill `work.shares`: entry i is the share of the bounces of half a period that come in its first i sections.
 
-    The half period begins at the phase of least contact force. x is ε in units of the quiet limit. If all bounces have
-    the same v³/g, their rate g/2v is proportional to g^(2/3), for speed v and contact force g.
+    The half period begins at the phase of least contact force and is divided into SECTIONS equal sections. x is ε in
+    units of the quiet limit. If all bounces have the same v³/g, their rate g/2v is proportional to g^(2/3), for speed v
+    and contact force g.
     """
     shares = work.shares
     shares[0] = 0.0
@@ -64,6 +65,8 @@ def space_bounces(work, n, offset, least):
 def find_node(n, least, work, delta, epsilon, beta):
     """Search for the node P(1, n, 0), which is born stable at a saddle-node; add it to `work.found` if stable.
 
+    least: the phase of least contact force.
+
     Returns
     -------
     int
@@ -85,7 +88,7 @@ def find_node(n, least, work, delta, epsilon, beta):
 
 
 @kernel
-def find_bounces(work, delta, epsilon, beta):
+def find_bouncing_orbits(work, delta, epsilon, beta):
     """Add the stable P(1, n, 0) of a cell, 2 ≤ n ≤ MOST_IMPACTS (MOST_AT_STRONG if δ > STRONG), to `work.found`."""
     x = relative_swing(delta, epsilon)
     strong = delta > STRONG

@@ -21,7 +21,7 @@ from rattle.numerics.compile import inline, kernel
 MOST_CORRECTIONS = 6
 # longest last correction, in forcing periods; the error that remains is of the order of its square
 CORRECTED = 3e-4
-FARTHEST = 0.3  # longest first correction of a walk, in forcing periods
+FARTHEST = 0.3  # longest correction from the guess to the first point of a walk, in forcing periods
 SHORTEST = 1e-4  # shortest step of a walk; a shorter one ends the walk
 # a step over which the residual R_0 bends too much is shortened, down to this share of the longest step
 FINEST = 0.01
@@ -38,7 +38,7 @@ LOST, WOUND, CLOSED = range(3)
 
 
 @kernel
-def enter_orbit(n_plus, n_minus, tau, v, trace, work):
+def add_orbit_if_new(n_plus, n_minus, tau, v, trace, work):
     """Add an orbit to the list `work.found`, unless it is in the list already or the list is full."""
     n = work.n_found
     for j in range(n):
@@ -63,15 +63,15 @@ def keep_if_stable(work, n, delta, epsilon, beta):
             n_plus = 0.0
             for i in range(n):
                 n_plus += 1.0 if work.walls[i] > 0 else 0.0
-            enter_orbit(n_plus, n - n_plus, tau, v, 0.5 * most - at_one, work)
+            add_orbit_if_new(n_plus, n - n_plus, tau, v, 0.5 * most - at_one, work)
 
 
 @kernel
 def correct_to_curve(work, n, s, farthest, delta, epsilon, beta):
-    """Set the times in `work` to the point of the curve at the distance s along the walk's direction.
+    """Set the times in `work` to the point of a curve at the distance s from `work.point` along `work.direction`.
 
-    The curve holds the motions that satisfy all impact equations but the first, whose residual is R_0. The point is not
-    found if a correction is longer than `farthest`, in forcing periods.
+    The curve holds the motions that satisfy all impact equations but the first, whose residual is R_0; a walk follows
+    this curve in steps. The point is not found if a correction is longer than `farthest`, in forcing periods.
 
     Returns
     -------
@@ -97,15 +97,16 @@ def correct_to_curve(work, n, s, farthest, delta, epsilon, beta):
 
 
 @kernel
-def turn_of_curve(work, n):
-    """Return the cosine of the angle between the walk and the curve at the times in `work`, and the size of `response`.
+def compare_step_with_curve(work, n):
+    """Compare a step of a walk along a curve with the curve's direction at the end of the step.
 
-    `work.response` is a vector along the curve. Its size is negative if it points backwards along the walk.
+    `work.direction` is the unit vector of the step, and `work.response` a tangent vector of the curve.
 
     Returns
     -------
     tuple of float
-        The cosine and the signed size.
+        The cosine of the angle between step and curve, and the length of `work.response`, which is negative if this
+        vector points backwards.
     """
     square, along = 0.0, 0.0
     for i in range(n):
@@ -117,10 +118,12 @@ def turn_of_curve(work, n):
 
 @kernel
 def keep_zero_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, beta):
-    """Add the orbit at which R_0 changes sign between the distances lo and hi to `work.found`, if it is stable.
+    """Find the orbit between the distances lo and hi, where R_0 changes sign; add it to `work.found` if it is stable.
 
-    R_0 is the residual of the first impact equation, f_lo and f_hi at the ends. The search takes Newton steps along the
-    curve, or halves the bracket if a step leaves the bracket. Finally Newton's method solves all equations.
+    The search runs along the curve of motions that satisfy all impact equations but the first. R_0 is the residual of
+    the first equation; f_lo and f_hi are its values at lo and hi. Distances are measured from `work.point` along
+    `work.direction`. The search takes Newton steps, or halves the bracket if a step leaves it. Finally Newton's method
+    solves all equations.
     """
     s, close = lo - f_lo * (hi - lo) / (f_hi - f_lo), NEAR * (hi - lo)
     for _ in range(MOST_HALVINGS):
@@ -143,7 +146,7 @@ def find_sign_change(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon
     """Search between the distances 0 and hi for a point at which R_0 has a sign other than at both ends.
 
     R_0 is the residual of the first impact equation. It has an extremum between the ends if its slopes there differ in
-    sign.
+    sign. Distances are measured from `work.point` along `work.direction`.
 
     Returns
     -------
@@ -175,14 +178,14 @@ def find_sign_change(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon
 
 @inline
 def is_resolved(s, f0, slope0, f1, slope1):
-    """Return whether values and slopes of the residual R_0 at both ends of a step s show all its zeros in the step."""
+    """Return whether all zeros of the residual R_0 in a step of length s show in its values and slopes at both ends."""
     bend = abs(f1 - f0 - 0.5 * s * (slope0 + slope1))
     return bend < (0.2 * abs(f1 - f0) if (f0 > 0.0) != (f1 > 0.0) else min(abs(f0), abs(f1)))
 
 
 @kernel
 def has_closed(work, n, s):
-    """Return whether the next step, of length s, passes the start of the walk: then the walk has closed a circuit."""
+    """Return whether the next step of a walk, of length s, passes the walk's start: then the curve is closed."""
     ahead, square = 0.0, 0.0
     for i in range(n):
         d = work.start[i] - work.point[i]
@@ -193,12 +196,19 @@ def has_closed(work, n, s):
 
 @kernel
 def begin_walk(work, n, delta, epsilon, beta):
-    """Begin a walk at the point of the curve near the times in `work`; return (found, R_0, dR_0/ds) at this point."""
+    """Begin a walk along the curve of motions that satisfy all impact equations but one, near the times in `work`.
+
+    Returns
+    -------
+    tuple
+        (found, R_0, dR_0/ds) at the first point of the walk. R_0 is the residual of the first impact equation,
+        which the motions need not satisfy, and s the distance along the curve.
+    """
     for i in range(n):
         work.point[i], work.direction[i] = work.times[i], 0.0
     work.direction[0] = 1.0
     ok, f, slope = correct_to_curve(work, n, 0.0, FARTHEST, delta, epsilon, beta)
-    cosine, length = turn_of_curve(work, n)
+    cosine, length = compare_step_with_curve(work, n)
     for i in range(n):
         work.start[i] = work.point[i] = work.times[i]
         work.direction[i] = work.response[i] / length
@@ -209,8 +219,9 @@ def begin_walk(work, n, delta, epsilon, beta):
 def walk_circuit(work, n, span, longest, delta, epsilon, beta):
     """Walk along the circuit near the times in `work`, and add all stable orbits on it to `work.found`.
 
-    The orbits are the zeros of the residual R_0 of the first impact equation. The walk ends when the first time has
-    changed by `span`, or when the circuit closes. Steps are no longer than `longest`.
+    A circuit is a curve of motions that satisfy all impact equations but the first. The orbits are the zeros of the
+    residual R_0 of the first impact equation along the curve. The walk ends when the first time has changed by `span`,
+    or when the circuit closes. Steps are no longer than `longest`.
 
     Returns
     -------
@@ -222,7 +233,7 @@ def walk_circuit(work, n, span, longest, delta, epsilon, beta):
     s, zeros = longest, 0
     for step in range(MOST_STEPS if ok else 0):
         ok, f1, slope1 = correct_to_curve(work, n, s, s, delta, epsilon, beta)
-        cosine, length = turn_of_curve(work, n)
+        cosine, length = compare_step_with_curve(work, n)
         if not ok or cosine < LEAST_COSINE or (s > FINEST * longest and not is_resolved(s, f0, slope0, f1, slope1)):
             s *= 0.4
             if s < SHORTEST:

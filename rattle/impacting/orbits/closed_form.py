@@ -94,7 +94,7 @@ def family_eccentricity(sigma, delta, beta):
 
 @kernel
 def residual(kind, level, sigma, delta, beta):
-    """Return ε(σ) − level if kind is 0, or if kind is 1 the numerator of the speed at Σ⁻, which has no pole."""
+    """Return ε − level (kind 0) or the numerator of the speed at Σ⁻ (kind 1; it has no pole) of the P(1,1,1) at σ."""
     if kind == 0:
         return family_eccentricity(sigma, delta, beta) - level
     return closure_numerators(sigma, delta, beta)[3]
@@ -127,7 +127,7 @@ def solve_bracketed(kind, level, lo, hi, delta, beta):
 
 @kernel
 def turning_point(lo, hi, sign, delta, beta):
-    """Return the minimum (sign = 1) or maximum (−1) of ε(σ) inside (lo, hi) by golden section."""
+    """Return the σ inside (lo, hi) at which ε(σ) has its minimum (sign = 1) or maximum (−1), by golden section."""
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     x1, x2 = hi - ratio * (hi - lo), lo + ratio * (hi - lo)
     f1, f2 = sign * family_eccentricity(x1, delta, beta), sign * family_eccentricity(x2, delta, beta)
@@ -193,7 +193,7 @@ def trace_of_one_flight(delta, x):
 
 @kernel
 def single_impact_orbit(cosine, delta, epsilon, beta, offset):
-    """Return (admissible, τ, v, trace of the tangent map) of A if cosine < 0, of C if cosine > 0."""
+    """Return (admissible, τ, v, trace of tangent map) of A (cosine = −1) or C (1). offset: ε sin 2πτ of both."""
     v = TWO_PI * delta
     if epsilon < abs(offset) or epsilon == 0.0:
         return False, 0.0, v, 0.0
@@ -237,7 +237,8 @@ def double_impact_orbit(sigma, delta, epsilon, beta):
 def record_root(orbit, admissible, tau, v, trace, exists, phase, speed, traces, i):
     """Write an admissible orbit A to D of cell i, unless the cell has one of this letter already.
 
-    Orbits come by falling σ from 1/2, so those of the branch born at SN2 are written.
+    The orbits of a cell are passed in the order of falling σ, from 1/2 on. So of several orbits of one letter the one
+    with the largest σ is written, which is on the branch born at SN2.
     """
     if admissible and not exists[orbit, i]:
         exists[orbit, i] = True
@@ -268,6 +269,8 @@ def period_one_cells(
     order: NDArray[np.int64], delta: Array, epsilon: Array, beta: Array, offset: Array
 ) -> tuple[NDArray[np.bool_], Array, Array, Array]:
     """Return all admissible A–D at flat arrays of parameters, visited in `order` so that equal (δ, β) are adjacent.
+
+    offset (n,): ε sin 2πτ of A and C.
 
     Returns
     -------

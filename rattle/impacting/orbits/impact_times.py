@@ -156,7 +156,7 @@ def eliminate_times(work, n):
 
 @kernel
 def move_times(work, n, first):
-    """Move the times in `work` by `change` + `first` · `response`.
+    """Move the times in `work` by `work.change` + first · `work.response`, where first is the change of the first time.
 
     All changes are shortened by a common factor if otherwise the duration of a flight would almost vanish.
 

@@ -125,7 +125,7 @@ def sn1(delta: ArrayLike, beta: ArrayLike = 0.6, virtual: bool = False) -> NDArr
     Returns
     -------
     ndarray
-        ε, of the broadcast shape. NaN where A and C are not born in SN1: beyond COD22, A begins in grazing
+        ε, of the broadcast shape. NaN where A and C are not born in SN1: beyond COD22, A begins at the graze
         `grazing("G2", delta, beta)`, if at all, and C does not exist.
 
     Raises
@@ -154,7 +154,7 @@ def flip(delta: ArrayLike, beta: ArrayLike = 0.6, virtual: bool = False) -> NDAr
     Returns
     -------
     ndarray
-        ε, of the broadcast shape. NaN where C does not flip: beyond COD20 C ends as a stable motion in grazing
+        ε, of the broadcast shape. NaN where C does not flip: beyond COD20 C ends, still stable, at the graze
         `grazing("G1", delta, beta)`, and beyond COD22 C does not exist.
 
     Raises

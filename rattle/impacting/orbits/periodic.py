@@ -70,7 +70,7 @@ def is_admissible(itinerary: Itinerary, x: Array, grazed: int | None = None) -> 
 
 
 def first_failure(itinerary: Itinerary, x: Array, grazed: int | None = None) -> tuple[int, int, float] | None:
-    """Return the first flight of a virtual motion that is not possible.
+    """Return the first impossible flight of a virtual motion.
 
     Returns
     -------
@@ -133,7 +133,8 @@ def follow_impacts(
     Raises
     ------
     RattleError
-        If the motion comes to rest before it has made n_plus impacts on Σ⁺.
+        If the motion comes to rest, cannot be followed, or makes more than MOST_IMPACTS impacts before it has made
+        n_plus impacts on Σ⁺.
     """
     walls, times = [1], [tau]
     time, wall, w, left = tau, 1, -v, n_plus
@@ -141,7 +142,8 @@ def follow_impacts(
         status, s, wall, w1 = _first_impact(wall, time, w, delta, epsilon, beta)
         if status != first_impact.OK or len(times) > MOST_IMPACTS:
             raise RattleError(
-                f"no periodic motion near tau = {tau}, v = {v}: the motion from there comes to rest, or stays on Σ⁻"
+                f"no periodic motion near tau = {tau}, v = {v}: the motion from this state comes to rest, cannot be "
+                f"followed, or makes more than {MOST_IMPACTS} impacts before {n_plus} on Σ⁺"
             )
         time, w = time + s, impact_law.reflected_velocity(w1)
         left -= wall == 1
@@ -171,7 +173,7 @@ def periodic_orbit(
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If there is no periodic motion near the state, or the motion is virtual.
+        If no periodic motion is found near the state, or the motion found is virtual.
     """
     delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
     epsilon, v = require_number("epsilon", epsilon), require_number("v", v, positive=True)
@@ -181,7 +183,8 @@ def periodic_orbit(
     found = solve_at_parameters(itinerary, x)
     if found is None or not is_admissible(itinerary, found):
         raise RattleError(
-            f"no periodic motion with {n_plus} impacts on Σ⁺ near tau = {tau}, v = {v}: start closer to it"
+            f"no admissible periodic motion with {n_plus} impacts on Σ⁺ was found near tau = {tau}, v = {v}: "
+            "start closer"
         )
     require(bool(np.isfinite(found).all()), "the periodic motion is beyond double precision")
     return orbit_of(*with_shortest_period(itinerary, found))
@@ -198,12 +201,17 @@ def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
     Raises
     ------
     ParameterError
-        If the motion is of another type, or of the stiff gear.
+        If the motion is of another type, or of another gear.
     """
     if isinstance(orbit, PeriodicOrbit):
         return orbit
     require(isinstance(orbit, Orbit), f"orbit must be an Orbit or a PeriodicOrbit, got {type(orbit).__name__}")
-    require(not orbit.added, "orbit must be of the impacting gear, not of the stiff gear (rattle.stiff.stiff_branch)")
+    added = ", ".join(orbit.added)
+    require(
+        not added,
+        f"orbit must be of the impacting gear, got one of a gear with {added}: use the functions of that gear, such as "
+        "rattle.stiff.stiff_branch",
+    )
     return periodic_orbit(orbit.delta, orbit.epsilon, orbit.tau, orbit.v, orbit.n_plus, orbit.beta)
 
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS
 from rattle.flight.forcing import phase_of_least_force, relative_swing
 from rattle.flight.impact_law import determinant
-from rattle.impacting.orbits.bounces import find_bounces
-from rattle.impacting.orbits.circuits import CLOSED, LOST, enter_orbit, keep_if_stable, walk_circuit
+from rattle.impacting.orbits.bounces import find_bouncing_orbits
+from rattle.impacting.orbits.circuits import CLOSED, LOST, add_orbit_if_new, keep_if_stable, walk_circuit
 from rattle.impacting.orbits.closed_form import single_impact_orbit
 from rattle.impacting.orbits.impact_times import newton_on_times, workspace
 from rattle.impacting.orbits.limits import sine_offset
@@ -57,11 +57,12 @@ class StableOrbits(NamedTuple):
 
 
 @kernel
-def find_crossings(least, work, delta, epsilon, beta):
-    """Add the stable orbits with the walls (+−)^k to `work.found`, for all k.
+def find_alternating_orbits(least, work, delta, epsilon, beta):
+    """Add the stable orbits of period one with the walls (+−)^k, k ≤ MOST_CROSSINGS, to `work.found`.
 
-    `least` is the phase of least contact force. A walk ends when the first impact has moved by 1/k, to the time that
-    the third impact had at the start.
+    For each k they are searched by a walk along a circuit of motions (`circuits`). When the first impact has moved by
+    1/k, to the time that the third impact had at the start, the motions repeat and the walk ends. least: the phase of
+    least contact force, near which the walks start.
     """
     idle = 0
     for k in range(1, MOST_CROSSINGS + 1):
@@ -82,7 +83,7 @@ def find_crossings(least, work, delta, epsilon, beta):
 
 
 @kernel
-def find_with_single_impact(single, others, least, work, delta, epsilon, beta):
+def find_orbits_with_single_impact(single, others, least, work, delta, epsilon, beta):
     """Add the stable orbits with one impact on the wall `single` and `others` on the other wall to `work.found`.
 
     These orbits lie on a circuit (`circuits`) that closes around one motion. If `single` is Σ⁻, the single impact of
@@ -110,16 +111,16 @@ def find_stable(work, delta, epsilon, beta, offset):
     """Add all stable orbits of period one of a cell to `work.found`. offset: ε sin 2πτ of A and C."""
     exists, tau, v, trace = single_impact_orbit(1.0, delta, epsilon, beta, offset)
     if exists and abs(trace) < 1.0 + determinant(delta, 1.0, 1):
-        enter_orbit(1.0, 0.0, tau, v, trace, work)
+        add_orbit_if_new(1.0, 0.0, tau, v, trace, work)
     least = phase_of_least_force(delta)
-    find_crossings(least, work, delta, epsilon, beta)
+    find_alternating_orbits(least, work, delta, epsilon, beta)
     x, gap = relative_swing(delta, epsilon), beta / delta
     for others in range(2, MOST_ON_ONE_WALL + 1):
         if gap < 0.25 * math.pi / (others * others - 1) + 0.8 * x / others:
-            find_with_single_impact(SIGMA_MINUS, others, least, work, delta, epsilon, beta)
+            find_orbits_with_single_impact(SIGMA_MINUS, others, least, work, delta, epsilon, beta)
         if x > 0.6 + 0.4 * others and gap < 0.45 * x:
-            find_with_single_impact(SIGMA_PLUS, others, least, work, delta, epsilon, beta)
-    find_bounces(work, delta, epsilon, beta)
+            find_orbits_with_single_impact(SIGMA_PLUS, others, least, work, delta, epsilon, beta)
+    find_bouncing_orbits(work, delta, epsilon, beta)
 
 
 @kernel

@@ -62,7 +62,8 @@ class InelasticClassifier(Classifier):
         self, cells: InelasticCells, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET
     ) -> None:
         """Prepare the classifier as for any gear, and an empty table of states after contact."""
-        room = len(cells.delta), cells.zeros.shape[1]  # at most one state after each release, at a zero of the force
+        # each release is at a zero of the force, and has at most one state after it
+        room = len(cells.delta), cells.zeros.shape[1]
         self.states = ContactStates(
             np.zeros(room[0], np.int64), np.zeros(room), np.zeros(room), np.zeros(room, np.int64)
         )
@@ -71,7 +72,7 @@ class InelasticClassifier(Classifier):
         self.roughness = roughness_of(cells)
         self.is_lossy = cells.restitution < 1.0
         # factor of EXPOSURE in each cell; it doubles when a state leaves the chaotic set of the cell
-        self.doubts = np.ones(room[0], np.int64)
+        self.exposure_factors = np.ones(room[0], np.int64)
         self.in_lanes = (cells.load == 0.0) & np.array_equal(cells.shape, forcing_shape(()))
         super().__init__(cells, tau, v, budget)
 
@@ -93,7 +94,7 @@ class InelasticClassifier(Classifier):
 
     @staticmethod
     def quiet_invariant(parameters: Parameters) -> float:  # noqa: ARG004
-        """Return 0: the speed alone does not decide; `is_chatter_captured` decides for each impact."""
+        """Return 0: no v³/g alone counts as quiet; `is_chatter_captured` decides whether an impact leads to contact."""
         return 0.0
 
     @property
@@ -115,15 +116,15 @@ class InelasticClassifier(Classifier):
         return np.asarray(cells.delta - 2.0 * np.log(cells.restitution))
 
     def may_leak(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return for each cell whether samples may leave its chaotic sets slowly, other than into contact."""
+        """Return flags (k,) of cells whose chaotic sets may slowly lose samples other than to contact."""
         return super().may_leak(cells) & (~self.is_lossy[cells] | self.weak[cells])
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return True for cells with elastic impacts; for others, `judge_by_probes` tests if samples leave chaos."""
+        """Return flags (k,) of cells with elastic impacts, whose probes wait until no more samples settle."""
         return ~self.is_lossy[cells]
 
     def judge_by_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Decide unresolved samples as for any gear; if impacts lose energy, also test whether they reach contact."""
+        """Return flags (k,) of decided cells, as for any gear; if impacts lose energy, also test for contact."""
         decided = super().judge_by_probes(cells)
         lossy = self.is_lossy[cells] & (self.status[cells] == Outcome.UNRESOLVED).any(axis=1)
         decided[lossy] = self.watch_for_contact(cells[lossy], decided[lossy])
@@ -132,20 +133,22 @@ class InelasticClassifier(Classifier):
     def watch_for_contact(self, cells: NDArray[np.int64], decided: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Follow states close to the unresolved samples of these cells (k,), to see whether they leave the chaotic set.
 
-        If some states reach quiet motion or an orbit, the unresolved samples are assigned to these attractors in the
-        same proportions. decided (k,): flags of the cells that are decided already.
+        If some states reach quiet motion or an orbit, the cell is not chaotic: its unresolved samples are assigned to
+        these attractors in the same proportions. If a state reaches an orbit without contact, this is done in the last
+        stage only; before it, the samples are followed further. decided (k,): flags of the cells that are decided
+        already.
 
         Returns
         -------
         ndarray of bool, (k,)
-            True for cells that are decided now.
+            `decided` after this test.
         """
         if not cells.size:
             return decided
         left, samples = self.unresolved_in(cells), self.samples
         number, most = (
             left.size[:, None] + np.arange(PROBES),
-            self.impact_limit(EXPOSURE // PROBES * self.doubts[cells], cells),
+            self.impact_limit(EXPOSURE // PROBES * self.exposure_factors[cells], cells),
         )
         others = self.neighbouring_trajectories(left, number, most)
         self.settle(np.arange(others.cell.size), others)
@@ -160,7 +163,7 @@ class InelasticClassifier(Classifier):
             if decided[i]:
                 one = np.resize(np.flatnonzero(ended[i]), each.size)
                 samples.status[each], samples.orbit[each] = status[i, one], orbit[i, one]
-            self.doubts[cells[i]] *= 2
+            self.exposure_factors[cells[i]] *= 2
         return decided
 
     def enter_known_orbits(self) -> None:
@@ -172,7 +175,7 @@ class InelasticClassifier(Classifier):
         super().grow_balls()
 
     def resolve(self, which: NDArray[np.int64], samples: Trajectories) -> None:
-        """Find the orbits of recurrent samples: exactly if samples recur after contact, else by Newton's method."""
+        """Find the orbits of recurrent samples: exactly for samples after a contact phase, else by Newton's method."""
         exact = samples.pause[which] == CONTACT
         waiting = which[exact]
         while waiting.size:
@@ -236,7 +239,7 @@ def attractors_of(
     harmonics : sequence of (int, float, float)
         The harmonics besides the first, the same for all cells: see `rattle.Gear`.
     count, v_max, seed, budget, tau, v_min
-        The sample of each cell, as in `rattle.attractors_of`.
+        The samples of each cell, as in `rattle.attractors_of`.
 
     Returns
     -------

@@ -32,7 +32,7 @@ from rattle.flight.first_impact import OK
 from rattle.flight.law import speed_unit, wrapped
 from rattle.inelastic.map.cells import point_at
 from rattle.inelastic.map.impact_map import next_impact_on_plus, step, step_tangent
-from rattle.inelastic.map.runs import merged_runs
+from rattle.inelastic.map.runs import contacts_and_merged_impacts
 from rattle.numerics.compile import inline, kernel
 
 #: Codes in place of the number of the orbit to which a state after contact leads. NO_ORBIT: the motion does not repeat
@@ -57,7 +57,7 @@ class ContactStates(NamedTuple):
 
 @inline
 def orbit_after_contact(tau, v, cell, states):
-    """Return the number of the orbit to which a state after a contact phase leads; NO_ORBIT if none, or UNKNOWN."""
+    """Return the orbit number that is recorded for a state after contact: NO_ORBIT if it leads to none, or UNKNOWN."""
     for i in range(states.n[cell]):
         if tau == states.tau[cell, i] and v == states.v[cell, i]:
             return states.orbit[cell, i]
@@ -66,7 +66,14 @@ def orbit_after_contact(tau, v, cell, states):
 
 @inline
 def outcome_after_contact(tau, v, k, samples, states):
-    """Return status and orbit of sample k, which has just come out of a contact phase; −1 if its orbit is not known."""
+    """Return the status of sample k, which has just come out of a contact phase, and the number of its orbit.
+
+    Returns
+    -------
+    tuple
+        (PERIODIC, orbit) if the state (τ, v) is recorded with an orbit, (UNRESOLVED, −1) if it is recorded with
+        NO_ORBIT, and (RECURRENT, −1) if it is not recorded.
+    """
     orbit = orbit_after_contact(tau, v, samples.cell[k], states)
     if orbit == NO_ORBIT:
         return Outcome.UNRESOLVED, -1
@@ -76,7 +83,7 @@ def outcome_after_contact(tau, v, k, samples, states):
 
 @inline
 def inelastic_outcome(code):
-    """Return the outcome of a sample that does not return to Σ⁺: QUIET or FAILED, by the status `code` of `step`."""
+    """Return the outcome of a sample that does not return to Σ⁺, QUIET or FAILED, from the status `code` of `step`."""
     return Outcome.QUIET if code == IN_CONTACT else Outcome.FAILED
 
 
@@ -108,9 +115,9 @@ def measure(which, least, periods, cells, samples, balls, states, sums, footprin
     """Follow samples `which` with a tangent vector, to measure their Lyapunov exponents.
 
     A sample is followed for at least `least` returns and `periods` forcing periods (k,), or to its limit of returns.
-    sums[j, batch] must be 0; time, ln stretch and ln|det| of sample which[j] after ALIGNMENT returns are added to it.
-    footprints[j] collects the boxes of the (τ, v) plane that this sample visits. Contact makes ln stretch −∞, which
-    excludes chaos.
+    sums (k, BATCHES, 3) must be 0; sums[j] becomes the sums of time, ln stretch and ln|det| over the returns of sample
+    which[j] after the first ALIGNMENT ones, in BATCHES successive batches. A contact phase makes ln stretch −∞, which
+    excludes chaos. footprints[j] collects the boxes of the (τ, v) plane that this sample visits.
     """
     for j in range(which.size):
         k = which[j]
@@ -159,7 +166,8 @@ def follow_release(tau, v, cell, point, balls, states):
     -------
     orbit : int
         The number of the known orbit to which the state leads; UNKNOWN if the orbit is new, NO_ORBIT if no state
-        repeats within MOST_RETURNS returns, NOT_YET if a state that is not after contact almost repeats first.
+        repeats within MOST_RETURNS returns or the motion makes no further return, NOT_YET if a state that is not after
+        contact almost repeats first.
     gap, tau, v
         The number of returns in a period of the new orbit, and a state on this orbit.
     """
@@ -200,9 +208,9 @@ def record_contact_state(tau, v, orbit, cell, states):
 def resolve_contacts(which, cells, samples, orbits, balls, states, waiting):
     """Find the orbits of samples with contact phases, and record new orbits and their states after contact.
 
-    The field `gap` of a sample is the wall with which the sample is in contact, 0 if the contact phase is over. A
-    sample whose cell has no room for another orbit is written to `waiting`. Any other sample becomes PERIODIC if its
-    orbit is found, or QUIET if its contact never ends; otherwise it is UNRESOLVED and is followed further.
+    samples.gap[k] is the wall with which sample k is in contact, 0 if its contact phase is over. A sample whose cell
+    has no room for another orbit is written to `waiting`. Any other sample becomes PERIODIC if its orbit is found,
+    QUIET if its contact never ends, or FAILED if it cannot be followed; otherwise it is UNRESOLVED.
 
     Returns
     -------
@@ -213,7 +221,7 @@ def resolve_contacts(which, cells, samples, orbits, balls, states, waiting):
     for k in which:
         cell = samples.cell[k]
         point = point_at(cell, cells)
-        if samples.gap[k] != 0 and not follow_out_of_contact(k, samples, point):
+        if samples.gap[k] != 0 and not follow_to_sigma_plus(k, samples, point):
             continue
         orbit = orbit_after_contact(samples.tau[k], samples.v[k], cell, states)
         if orbit == UNKNOWN:
@@ -234,13 +242,14 @@ def resolve_contacts(which, cells, samples, orbits, balls, states, waiting):
 
 
 @kernel
-def follow_out_of_contact(k, samples, point):
-    """Follow sample k, whose `gap` is the wall of its last impact, to its next impact on Σ⁺.
+def follow_to_sigma_plus(k, samples, point):
+    """Follow sample k from its last impact, which is on the wall `samples.gap[k]`, to its next impact on Σ⁺.
 
     Returns
     -------
     bool
-        Whether the sample came out of a contact phase on the way, and still has no outcome.
+        True if the sample reached Σ⁺ after a contact phase. False if it became QUIET or FAILED on the way, or reached
+        Σ⁺ without contact, after which it is UNRESOLVED.
     """
     wall = samples.gap[k]
     code, tau, v, time, _below, on_plus, on_minus = next_impact_on_plus(
@@ -294,5 +303,7 @@ def count_contact_phases(grown, cells, orbits):
         for j in range(grown[cell], orbits.n[cell]):
             if orbits.first[cell, j] == -math.inf:
                 point = point_at(cell, cells)
-                found = merged_runs(orbits.tau[cell, j], orbits.v[cell, j], orbits.n_plus[cell, j], point)
+                found = contacts_and_merged_impacts(
+                    orbits.tau[cell, j], orbits.v[cell, j], orbits.n_plus[cell, j], point
+                )
                 orbits.contacts[cell, j], orbits.merged[cell, j] = found

@@ -118,7 +118,7 @@ class CodimensionTwoCurve(TabularResult):
         }
 
     def at(self, restitution: float) -> tuple[float, float]:
-        """Return (δ, ε) at this restitution, to rounding.
+        """Return the point (δ, ε) of the curve at this restitution, exact to rounding.
 
         Returns
         -------

@@ -26,7 +26,7 @@ from rattle.inelastic.bifurcations.codimension_two import points_at
 from rattle.inelastic.bifurcations.registry import INELASTIC_CURVES, NAMES
 from rattle.inelastic.given import Harmonics, checked_harmonics
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE, forcing_shape
-from rattle.inelastic.map.quiet import least_force
+from rattle.inelastic.map.quiet import quiet_limit_with_phase
 from rattle.inelastic.orbits.equations import problem_with_load, unknowns_without_load
 from rattle.numerics.complex_step import Array
 
@@ -87,7 +87,7 @@ def trace(
 
 
 def _dampings_to_search(window: PlaneWindow, beta: float) -> Array:
-    """Return the dampings at which a curve is searched for: values spread over the window, and its two edges."""
+    """Return the dampings at which a curve is searched for: values spread over the window, and its edges in δ."""
     low, high = window.delta
     spread = interior_points(low, high)
     if low < REACH * beta < high - low:  # in a wide window equal spacing would miss the curves
@@ -145,11 +145,11 @@ def _quiet_limit_curve(
 
     guesses = []
     for d in dampings:
-        tau, epsilon = least_force(float(d), drift, shape)
+        tau, epsilon = quiet_limit_with_phase(float(d), drift, shape)
         guesses.append(np.array([tau, d, epsilon]))
 
     def reason_to_leave(x: Array) -> str | None:
-        first = least_force(float(x[-2]), drift, shape)[1]
+        first = quiet_limit_with_phase(float(x[-2]), drift, shape)[1]
         return None if x[-1] <= first * (1.0 + SAME) else "the contact force reaches 0 at another phase first"
 
     nothing = np.full(2, complex(np.nan, np.nan))

@@ -57,7 +57,16 @@ def nearest_release(tau, zeros):
 
 @kernel
 def flight_and_impact(wall, tau, w, point):
-    """Return the tuple of `rattle.intensity.visit.bounce` for the next flight and impact; w is 0 after contact."""
+    """Return the tuple of `rattle.intensity.visit.bounce` for the flight that leaves `wall` with w, and its impact.
+
+    w = 0 means that a contact phase ends at the phase tau. If the impact completes a chatter, it includes the remaining
+    bounces and the contact phase, and the speed of departure is 0.
+
+    Returns
+    -------
+    tuple
+        (status, time of flight, wall, speed of arrival, duration of the contact, impulse, speed of departure).
+    """
     delta, harmonics, zeros = point.delta, point.harmonics, point.zeros
     departure = np.empty((2, harmonics.shape[1]))
     if w == 0.0:

@@ -39,7 +39,7 @@ def capture_of(delta, restitution, harmonics):
 
 @inline
 def is_chatter_captured(wall, v, force, point):
-    """Return whether an impact is certain to lead to contact. v: the speed after it, force: the contact force."""
+    """Return whether an impact is certain to lead to contact. v: speed after the impact; force: contact force then."""
     pressing = wall * force
     if not pressing > 0.0:
         return False

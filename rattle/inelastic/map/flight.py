@@ -160,7 +160,7 @@ def lower_bound_on_piece(length, g0, slope0, g1, slope1, delta):
     x = delta * length
     if not x < 0.5:
         return -math.inf
-    steep = slope1 / (1.0 - x)  # at least slope1 e^x
+    steep = slope1 / (1.0 - x)  # 1/(1 − x) ≥ e^x
     return g0 + slope0 * ((g1 - g0 - steep * length) / (slope0 - steep))
 
 
@@ -253,7 +253,16 @@ def first_forced_impact(wall, tau, flight, piece, point, departure):
 
 @inline
 def forced_tangent(w1, bend1, lost, restitution, flight):
-    """Return ∂(t₁, w₁)/∂(t₀, w₀) of a flight and its impact, row by row, where w₁ is the velocity after the impact."""
+    """Return the tangent map of a flight and the impact at its end: derivatives of (t₁, w₁') by (t₀, w₀), row by row.
+
+    w₁' is the velocity after the impact. w1, bend1: Φ' and Φ'' before the impact. lost: 1 − e^(−δs), for the flight
+    time s.
+
+    Returns
+    -------
+    tuple of float
+        ∂t₁/∂t₀, ∂t₁/∂w₀, ∂w₁'/∂t₀ and ∂w₁'/∂w₀.
+    """
     decay = 1.0 - lost
     change = w1 - flight.w - flight.a * lost  # e'(t₁) − e'(t₀)
     f_w = lost / flight.delta

@@ -18,7 +18,7 @@ from rattle.numerics.compile import inline, kernel
 
 ORDER, AMPLITUDE, PHASE = range(3)  # rows of an array of harmonics (3, K)
 CLOSEST = 1e-9  # distance in phase below which two zeros of g may be missed or count as one
-MOST_WAITING = 64  # most intervals that wait at once: a halving adds one, and 31 halvings give widths below CLOSEST
+MOST_WAITING = 64  # most undecided intervals at once: a halving adds one, and 31 halvings give widths below CLOSEST
 
 
 class ForcingBounds(NamedTuple):

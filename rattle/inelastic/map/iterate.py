@@ -43,9 +43,9 @@ def apply_inelastic_returns(tau, v, n, cell, cells, quiet, n_plus, n_minus, cont
 
 @kernel
 def apply_inelastic_returns_with_tangent(tau, v, n, cell, cells, n_plus, n_minus, growth):
-    """Replace states as `apply_inelastic_returns` does, each with a tangent vector in (t, v²/2).
+    """Replace states as `apply_inelastic_returns` does, and follow a tangent vector in (t, v²/2) from each.
 
-    Time, ln stretch and ln|det| of each state are added to the rows of growth (3, k).
+    growth (3, k): the time, ln stretch of the tangent vector and ln|det| over the returns are added to its rows.
     """
     for i in range(tau.size):
         point = point_at(cell[i], cells)

@@ -14,10 +14,10 @@ PHASES = 64  # grid points per period of the fastest harmonic at which the force
 
 def quiet_limit(delta: float, drift: float, harmonics: Any = ()) -> float:
     """Return the quiet limit: the smallest ε at which the least contact force in a period is 0."""
-    return least_force(delta, drift, forcing_shape(harmonics))[1]
+    return quiet_limit_with_phase(delta, drift, forcing_shape(harmonics))[1]
 
 
-def least_force(delta: float, drift: float, shape: Any) -> tuple[float, float]:
+def quiet_limit_with_phase(delta: float, drift: float, shape: Any) -> tuple[float, float]:
     """Return the phase at which the contact force g = δq + ε G(t) first reaches 0 as ε grows, and ε = δq/max(−G) there.
 
     q is the drift, and G the varying part of the contact force for the harmonics (3, K) at ε = 1. The maximum of −G is

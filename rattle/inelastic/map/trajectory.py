@@ -16,7 +16,7 @@ SHORT = 1e-5  # duration, in forcing periods, below which the rest of a chatter 
 
 @kernel
 def chatter_time(wall, v, force, point):
-    """Return about how long a chatter still lasts after an impact with speed v afterwards: 2v/((1 − r)|g|).
+    """Return about how long a chatter still lasts after an impact that it leaves with speed v: 2v/((1 − r)|g|).
 
     The relative error is about as large as the duration, in forcing periods. force: the contact force g.
 

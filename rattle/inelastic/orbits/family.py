@@ -31,7 +31,7 @@ A, B, C, D = range(4)
 SAME_TIME = 1e-6  # largest difference of flight times that counts as the same impact
 INNERMOST_NODE = 1e-9  # |σ| of the two nodes next to σ = 0, where the equations are singular
 NODES_PER_SIDE = 160  # number of values of σ < 0, and of σ > 0, at which ε(σ) is first computed
-MOST_NODES = 2 * NODES_PER_SIDE + 24  # these nodes, and at most 24 turning points of ε(σ)
+MOST_NODES = 2 * NODES_PER_SIDE + 24  # nodes on both sides of σ = 0, and at most 24 turning points of ε(σ)
 SMALL_DAMPING = 0.05  # value of δ times the flight time below which `excess_drift` uses a series
 MOST_STEPS = 200  # largest number of secant steps
 Array = NDArray[np.float64]
@@ -88,7 +88,7 @@ def family_amplitude(sigma, delta, beta, r):
 
 @kernel
 def root_of_amplitude(level, lo, hi, delta, beta, r):
-    """Return the σ in (lo, hi) at which ε(σ), as of `family_amplitude`, equals `level`, by secant steps."""
+    """Return the σ in (lo, hi) at which ε(σ), computed by `family_amplitude`, equals `level`, by secant steps."""
     f_lo, f_hi = family_amplitude(lo, delta, beta, r) - level, family_amplitude(hi, delta, beta, r) - level
     side, last = 0, math.nan
     for _ in range(MOST_STEPS):

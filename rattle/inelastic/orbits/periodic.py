@@ -8,7 +8,7 @@ from typing import NamedTuple
 from rattle.errors import RattleError, require_integer, require_number
 from rattle.flight.first_impact import OK
 from rattle.inelastic.map.impact_map import InelasticPoint
-from rattle.inelastic.map.runs import merged_runs, returns_of_contact_motion
+from rattle.inelastic.map.runs import contacts_and_merged_impacts, returns_of_contact_motion
 from rattle.orbits.period_one import multipliers_of
 from rattle.orbits.return_map import fastest_point, newton, power_map, shortest_return
 
@@ -54,21 +54,21 @@ def inelastic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1
     ParameterError
         If a number is outside its domain.
     RattleError
-        If Newton's method on the return map finds no such motion.
+        If Newton's method on the return map finds no such motion, or a number leaves double precision.
     """
     v, k = require_number("v", v, positive=True), require_integer("n_plus", n_plus, 1, MOST_RETURNS)
     k = returns_of_contact_motion(tau, v, MOST_RETURNS, CLOSE, point) or k
     found, tau1, v1 = newton(tau, v, k, point)
     if not found:
         raise RattleError(
-            f"no periodic motion with {n_plus} impacts on Σ⁺ was found near tau = {tau:g}, v = {v:g}: start closer"
+            f"no periodic motion with {k} impacts on Σ⁺ was found near tau = {tau:g}, v = {v:g}: start closer"
         )
     k = shortest_return(tau1, v1, k, point)
     tau1, v1 = fastest_point(tau1, v1, k, point)
     status, _t, _v, time, n_minus, a00, _a, _b, a11, log_det = power_map(tau1, v1, k, point)
     if status != OK:
-        raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
-    contacts, merged = merged_runs(tau1, v1, k, point)
+        raise RattleError("the motion that was found cannot be followed: a flight is too long, or a number too large")
+    contacts, merged = contacts_and_merged_impacts(tau1, v1, k, point)
     if log_det == -math.inf:
         multipliers = (0j, 0j)
     else:

@@ -51,7 +51,7 @@ class Inelastic(Model):
     design_gears = 256
     takes_harmonics = True
     one_cosine = frozenset({Capability.PERIOD_ONE})
-    compiled_at = (0.1, 0.25)  # quiet motion and impacts; contact phases
+    compiled_at = (0.1, 0.25)  # a cell with quiet motion and impacts, and a cell with contact phases
 
     def __post_init__(self) -> None:
         """Check and convert all parameters."""
@@ -81,7 +81,7 @@ class Inelastic(Model):
         return super().period_one(delta, epsilon)
 
     def trace(self, name: str, delta: Range, epsilon: Range) -> Curve:
-        """Return a curve in a window of δ and ε. With harmonics only quiet_limit is known; others raise RattleError."""
+        """Return a curve in a window of δ and ε. With harmonics, curves other than quiet_limit raise RattleError."""
         return inelastic.trace(name, **self.numbers, harmonics=self.harmonics, delta=delta, epsilon=epsilon)
 
     def codimension_two(self) -> Sequence[CodimensionTwo]:

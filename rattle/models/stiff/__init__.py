@@ -50,7 +50,7 @@ class Stiff(Model):
     tile_samples = 4096  # a return takes a hundred times as long as that of the impacting gear
     cell_milliseconds = 100.0
     design_gears = 256
-    compiled_at = (0.1,)  # computing further cells would take longer than it saves later
+    compiled_at = (0.1,)  # one cell only, because computing more cells would take longer than it saves later
 
     @property
     def dwell(self) -> float:

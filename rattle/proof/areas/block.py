@@ -13,7 +13,7 @@ FORMAT = 1
 
 
 class ClaimedState(StrEnum):
-    """The state that a claim gives to one of the motions A, B, C and D."""
+    """The existence and stability that a claim states for one of the motions A, B, C and D."""
 
     #: No motion with this letter exists.
     NONE = "none"

@@ -19,7 +19,7 @@ from rattle.proof.balls import PI, arb, arb_series
 
 #: Number of parts of a forcing period; the bounds are computed over each part.
 PARTS = 128
-#: Largest allowed ratio of h²Q to 2δ, (20.5) of docs/proofs.md. v³/g decays from impact to impact if it is below 1.
+#: Largest allowed ratio of h²Q to 2δ, (20.5) of docs/proofs.md. v³/g decays from impact to impact if h²Q/2δ < 1.
 GROWTH_SHARE = 0.95
 
 
@@ -42,7 +42,15 @@ def require_captures(piece: PlanePiece, speed: Fraction) -> None:
 
 
 def _scaled_force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """Return the force g/4πδ = 1 − share cos 2πt and three derivatives of it, at a time t after a minimum."""
+    """Return the contact force g/4πδ, and its first three derivatives, a time t after a minimum of g.
+
+    share: ε divided by the quiet limit.
+
+    Returns
+    -------
+    tuple[arb, arb, arb, arb]
+        g/4πδ = 1 − share cos 2πt, and the derivatives.
+    """
     sine, cosine = (2 * t).sin_cos_pi()
     turn = 2 * PI()
     return 1 - share * cosine, turn * share * sine, turn**2 * share * cosine, -(turn**3) * share * sine
@@ -51,10 +59,11 @@ def _scaled_force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
 def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
     """Return a bound H such that every bounce returns to Σ⁺ within 2H in the time x, without reaching Σ⁻.
 
-    x is the time of equation (20.2) of docs/proofs.md. invariant: an upper bound of v³/g at the impacts. Let v be the
-    speed at which a bounce starts, at x = 0, and "least" the minimum of g during 2H, both in units in which the mean of
-    g is 1. A bounce returns within 2H if v < H · least, because its height is y ≤ x (v − x least/2). It stays lower
-    than y = v²/(2 least).
+    x is the time of equation (20.2) of docs/proofs.md. share: ε divided by the quiet limit. invariant: an upper bound
+    of v³/g at the impacts, where v is the speed after the impact, at which a bounce starts at x = 0, and g the contact
+    force. Let "least" be the minimum of g during 2H, with v and g in units in which the mean of g is 1. A bounce
+    returns within 2H if v < H · least, because its height is y ≤ x (v − x least/2). The bounce stays lower than
+    v²/(2 least).
 
     Returns
     -------
@@ -85,7 +94,16 @@ def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
 
 
 def _growth_coefficient(middle: arb, h: arb, delta: arb, share: arb) -> arb:
-    """Return Q, (20.4) of docs/proofs.md, for bounces with the middle in a ball that last at most 2h in the time x."""
+    """Return Q of (20.4), docs/proofs.md: from one impact to the next ln(v³/g) changes by h³Q − δs (20.5).
+
+    The bounces are around the time `middle`, and last at most 2h in the time x of (20.2). s is the duration of a bounce
+    in forcing periods, v the speed after an impact, g the contact force. share: ε divided by the quiet limit.
+
+    Returns
+    -------
+    arb
+        Q.
+    """
     w = hull(1 / (1 + delta * h), 1 / (1 - delta * h))  # an enclosure of e^(δ(t − t₀)) along the bounce
     time = hull(-(1 + delta * h).log() / delta, -(1 - delta * h).log() / delta)
     a, a1, _, _ = _acceleration_derivatives(middle, arb(1), delta, share)
@@ -99,7 +117,16 @@ def _growth_coefficient(middle: arb, h: arb, delta: arb, share: arb) -> arb:
 
 
 def _acceleration_derivatives(t: arb, w: arb, delta: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """Return a/4πδ, a of (20.2), docs/proofs.md, and three derivatives of it by x; w = dt/dx = e^(δ(t − t₀))."""
+    """Return a/4πδ and its first three derivatives by x, the acceleration a and the time x being those of (20.2).
+
+    (20.2) is in docs/proofs.md. t is the time since a minimum of the contact force, w = dt/dx = e^(δ(t − t₀)), and
+    share is ε divided by the quiet limit.
+
+    Returns
+    -------
+    tuple[arb, arb, arb, arb]
+        a/4πδ and the derivatives.
+    """
     g, g1, g2, g3 = _scaled_force(t, share)
     first, second = 2 * delta * g + g1, 6 * delta**2 * g + 5 * delta * g1 + g2
     third = 24 * delta**3 * g + 26 * delta**2 * g1 + 9 * delta * g2 + g3

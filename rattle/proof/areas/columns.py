@@ -31,19 +31,19 @@ from rattle.proof.certificate import Ends
 BITS = 64
 #: For each kind of claim the number of narrower columns into which a column is cut. Claims about C take little time, so
 #: their columns can be narrow.
-CUT = {"region": 1, QUIET: 1, "D": 1, "C": 4}
+COLUMN_DIVISIONS = {"region": 1, QUIET: 1, "D": 1, "C": 4}
 #: Margins in ε that are left at the boundaries of a claim. The smallest margin with which a proof succeeds is used.
 MARGINS = tuple(Fraction(k, 10**6) for k in (40, 160, 640, 2560))
 #: Upper ends in ε of the blocks with the claim "quiet captures", as shares of the quiet limit.
-CAPTURED_TO = (0.3, 0.5, 0.65, 0.76, 0.84, 0.89, 0.925, 0.95, 0.965, 0.975, 0.98)
-#: The capture speed of docs/decisions/0003 is multiplied by SLOWED until the proof succeeds, at most MOST_SLOWED times.
-SLOWED, MOST_SLOWED = Fraction(3, 4), 12
+CAPTURE_SHARES = (0.3, 0.5, 0.65, 0.76, 0.84, 0.89, 0.925, 0.95, 0.965, 0.975, 0.98)
+#: Factor by which the capture speed of docs/decisions/0003 is multiplied until the proof succeeds; most steps.
+SPEED_FACTOR, MOST_SPEED_CUTS = Fraction(3, 4), 12
 #: Ratio of the published to the proved capture speed, so that programs with other rounding can confirm it.
-ROOM = Fraction(85, 100)
+PUBLISHED_SHARE = Fraction(85, 100)
 #: Number of ε at which claims are computed in doubles; number of bisections of each interval in which claims change.
-SEEN, HALVED = 301, 24
+GRID_POINTS, BISECTIONS = 301, 24
 #: Claims are also computed at this relative distance in ε on both sides of bifurcation curves.
-BESIDE = 1e-6
+CURVE_DISTANCE = 1e-6
 #: Decimals of the ends of a block in ε.
 PLACES = 6
 #: Most times that the ε range of a claim is halved.
@@ -63,7 +63,7 @@ def prove_column(beta: Fraction, delta: Ends, epsilon: Ends) -> list[ProvedBlock
     """Return all blocks that are proved in the column `delta` of a plane whose ends in ε are `epsilon`."""
     prover, found = Prover(beta), []
     with precision(BITS):
-        for kind, parts in CUT.items():
+        for kind, parts in COLUMN_DIVISIONS.items():
             for part in columns(delta, parts):
                 for claim, low, high in expected_spans(kind, float(beta), part, epsilon):
                     limits = _rounded_inwards(low, high, epsilon)
@@ -77,19 +77,19 @@ def prove_column(beta: Fraction, delta: Ends, epsilon: Ends) -> list[ProvedBlock
 def _prove_captures(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[ProvedBlock]:
     """Yield blocks with the claim "quiet captures" in a column, each with its proved capture speed."""
     low, limit = epsilon[0], float(quiet_limit(float(delta[0])))
-    for share in CAPTURED_TO:
+    for share in CAPTURE_SHARES:
         high = min(epsilon[1], round(Fraction(share * limit), PLACES))
         if not low < high:
             continue
         piece = PlanePiece(hull(*map(ball, delta)), hull(ball(low), ball(high)), ball(beta))
         speed = Fraction(capture_speed(float(delta[0]), float(high), float(beta)))
-        for _ in range(MOST_SLOWED):
-            speed = round(speed * SLOWED, PLACES)
+        for _ in range(MOST_SPEED_CUTS):
+            speed = round(speed * SPEED_FACTOR, PLACES)
             try:
                 require_captures(piece, speed)
             except NotProvedError:
                 continue
-            yield ProvedBlock(CAPTURED, beta, delta, (low, high), round(speed * ROOM, PLACES))
+            yield ProvedBlock(CAPTURED, beta, delta, (low, high), round(speed * PUBLISHED_SHARE, PLACES))
             break
         low = high
 
@@ -152,12 +152,20 @@ def expected_spans(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[S
 
 
 def _spans_at(kind: str, delta: float, beta: float, epsilon: Ends) -> list[Span]:
-    """Return the spans of ε on which each claim of a kind holds in double precision at one δ."""
+    """Return the spans of ε on which each claim of a kind holds in double precision at one δ.
+
+    kind: "region", "C", "D" or QUIET.
+
+    Returns
+    -------
+    list[Span]
+        (claim, low, high) of each span.
+    """
     grid = _epsilon_grid(delta, beta, epsilon)
     here = _claims_at(kind, delta, grid, beta)
     changes = np.flatnonzero(here[1:] != here[:-1])
     low, high = grid[changes], grid[changes + 1]
-    for _ in range(HALVED):
+    for _ in range(BISECTIONS):
         middle = (low + high) / 2
         same = _claims_at(kind, delta, middle, beta) == here[changes]
         low, high = np.where(same, middle, low), np.where(same, high, middle)
@@ -171,12 +179,20 @@ def _epsilon_grid(delta: float, beta: float, epsilon: Ends) -> NDArray[np.float6
     low, high = (float(end) for end in epsilon)
     # equal steps alone could miss a claim that holds only between two curves that are closer than a step
     known = [sn1_formula(delta), flip_formula(delta), *(grazing(curve, delta, beta).epsilon for curve in CURVES)]
-    beside = np.ravel(np.multiply.outer(np.array(known, np.float64), [1 - BESIDE, 1 + BESIDE]))
-    return np.unique([*np.linspace(low, high, SEEN), *beside[(beside > low) & (beside < high)]])
+    beside = np.ravel(np.multiply.outer(np.array(known, np.float64), [1 - CURVE_DISTANCE, 1 + CURVE_DISTANCE]))
+    return np.unique([*np.linspace(low, high, GRID_POINTS), *beside[(beside > low) & (beside < high)]])
 
 
 def _claims_at(kind: str, delta: float, epsilon: NDArray[np.float64], beta: float) -> NDArray[np.str_]:
-    """Return the claim of a kind that holds at each ε (n,) in double precision, "" where none holds."""
+    """Return the claim of a kind that holds at each ε (n,) in double precision, "" where none holds.
+
+    kind: "region", "C", "D" or QUIET.
+
+    Returns
+    -------
+    NDArray[np.str_]
+        The claims (n,).
+    """
     if kind == QUIET:
         return np.where(epsilon < quiet_limit(delta), QUIET, LOUD)
     orbits = period_one(delta, epsilon, beta)

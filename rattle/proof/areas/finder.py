@@ -65,7 +65,14 @@ class Prover:
 
 
 def _find_one_impact(piece: PlanePiece, letter: str, state: ClaimedState) -> tuple[int | None, bool | None]:
-    """Return how many motions A (or C) exist, and whether A (or C) attracts; None if undecided or not claimed."""
+    """Return how many motions A (or C) exist, and whether the motion attracts.
+
+    Returns
+    -------
+    tuple[int | None, bool | None]
+        The number, None if undecided. The stability, None if undecided, if no motion exists, or if the claimed `state`
+        says nothing about stability.
+    """
     exists = one_impact.exists(piece, letter)
     if exists and state is not ClaimedState.THERE:
         return 1, one_impact.attracts(piece, letter)

@@ -32,7 +32,7 @@ def flight_height(s: arb, delta: arb_series, x: arb) -> arb_series:
 
 
 def slope_enclosure(s: arb, delta: arb, x: arb) -> arb:
-    """Return the velocity ∂F/∂s over balls of s, δ and X, where F is (15.3) of docs/proofs.md."""
+    """Return the velocity ∂F/∂s over balls of s, δ and X; F, (15.3) of docs/proofs.md, is the displacement from Σ⁺."""
     sine, cosine = (2 * s).sin_cos_pi()
     driven = 2 - 2 * delta * (-delta * s).exp() / (1 - (-delta).exp()) - x * sine
     return 2 * PI() * (driven + minus_y(arb_series([delta]))[0] * cosine)
@@ -60,7 +60,7 @@ def attracts(piece: PlanePiece, letter: str) -> bool | None:
         None if undecided.
     """
     if letter == "A":
-        return False  # X < 0 for A, so its trace 1 + E − 4π (1 − E) X/δ² is above 1 + E
+        return False  # X < 0 for A, so the trace 1 + E − 4π (1 − E) X/δ² of A, with E = e^(−δ), is above 1 + E
     x, limit = (
         x_enclosure(piece, letter, mean_value_enclosure(minus_y, piece.delta)),
         mean_value_enclosure(x_at_flip, piece.delta),
@@ -69,7 +69,15 @@ def attracts(piece: PlanePiece, letter: str) -> bool | None:
 
 
 def x_enclosure(piece: PlanePiece, letter: str, y: arb) -> arb:
-    """Return X = ±√(ε² − Y²), (15.2) of docs/proofs.md, over the points of the piece at which ε ≥ |Y|."""
+    """Return X = ε cos 2πτ = ±√(ε² − Y²), (15.2) of docs/proofs.md, over the points of the piece at which ε ≥ |Y|.
+
+    The sign is − for A and + for C. τ is the phase of the impact, and y is Y = ε sin 2πτ.
+
+    Returns
+    -------
+    arb
+        X.
+    """
     least, most = (end * end - far * far for end, far in zip(_ends(piece.epsilon), _ends(y)[::-1], strict=True))
     x = hull(least.sqrt() if least > 0 else arb(0), most.sqrt())
     return x if letter == "C" else -x
@@ -115,7 +123,7 @@ def _stays_between_walls_during(piece: PlanePiece, start: arb, end: arb, least: 
     s, middle = hull(start, end), (start + end) / 2
 
     def height_over(x: arb) -> arb:
-        """Return an enclosure of F at X = x for start ≤ s ≤ end, by the mean value theorem."""
+        """Return an enclosure of the displacement F from Σ⁺ at X = x for start ≤ s ≤ end, by the mean value theorem."""
         return mean_value_enclosure(lambda delta: flight_height(middle, delta, x), piece.delta) + slope_enclosure(
             s, piece.delta, x
         ) * (s - middle)
@@ -128,7 +136,13 @@ def _stays_between_walls_during(piece: PlanePiece, start: arb, end: arb, least: 
 
 
 def _passes_sigma_minus(piece: PlanePiece, least: arb) -> bool:
-    """Return whether F < −2β, F of (15.3), docs/proofs.md, is proved at one s, for all δ of the piece and X ≥ least."""
+    """Return whether flights are proved to pass Σ⁻ at one time s, for all δ of the piece and all X ≥ least.
+
+    Returns
+    -------
+    bool
+        True if F < −2β is proved at this time; F, (15.3) of docs/proofs.md, is the displacement from Σ⁺.
+    """
     s = arb(_time_of_minimum(float(piece.delta.mid()), float(least.mid())))
     return bool(
         0 < s < 1 and mean_value_enclosure(lambda delta: flight_height(s, delta, least), piece.delta) < -2 * piece.beta
@@ -136,7 +150,7 @@ def _passes_sigma_minus(piece: PlanePiece, least: arb) -> bool:
 
 
 def _time_of_minimum(delta: float, x: float) -> float:
-    """Return a guess, in doubles, of the time s at which the displacement F is least. If it is bad, a proof fails."""
+    """Return a guess, in doubles, of the time s at which the displacement F is least; a bad guess makes proofs fail."""
     s, step = 0.5, 0.5
     for _ in range(4):
         near = s + np.linspace(-step, step, 101)[1:-1]

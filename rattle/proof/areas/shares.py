@@ -30,16 +30,16 @@ class Share:
 
     what: the statement.
     proved: the proved area over the area of the plane.
-    of_where: a lower bound of the proved area over the area on which the statement holds.
+    proved_where_true: a lower bound of the proved area over the area on which the statement holds.
     """
 
     what: str
     proved: float
-    of_where: float
+    proved_where_true: float
 
     def __str__(self) -> str:
         """Return the statement and its shares in per cent."""
-        return f"{self.what}: {self.proved:.2%} of the plane, at least {self.of_where:.2%} of where it holds"
+        return f"{self.what}: {self.proved:.2%} of the plane, at least {self.proved_where_true:.2%} of where it holds"
 
 
 def shares_of_claims(blocks: Iterable[ProvedBlock], area: Fraction) -> list[Share]:

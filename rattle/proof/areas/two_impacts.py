@@ -54,7 +54,7 @@ def closure_equations(s: arb_series, delta: arb_series, beta: arb) -> tuple[Equa
 
 
 def speed_series(s: arb_series, delta: arb_series, x: arb_series, y: arb_series) -> tuple[arb_series, arb_series]:
-    """Return the speeds v after the impact on Σ⁺ and u after that on Σ⁻, (16.4) to (16.7) of docs/proofs.md."""
+    """Return the speeds v after the impact on Σ⁺ and u after the impact on Σ⁻, (16.4) to (16.7) of docs/proofs.md."""
     later = y * (2 * PI() * s).cos() + x * (2 * PI() * s).sin()
     a, b, lost = (-delta * s).exp(), (-delta * (1 - s)).exp(), 1 - (-delta).exp()
     p = 4 * PI() * (2 - y - b * (2 - later)) / lost
@@ -102,7 +102,10 @@ def solve_linear(first: Sequence[arb], second: Sequence[arb]) -> list[arb]:
 
 
 class SolutionCell:
-    """The solutions of (16.2) and (16.3), docs/proofs.md, with start ≤ s ≤ end, at all δ of a ball and one β."""
+    """The solutions of (16.2) and (16.3), docs/proofs.md, with start ≤ s ≤ end, at all δ of a ball and one β.
+
+    s is the time from the impact on Σ⁺ to the impact on Σ⁻.
+    """
 
     def __init__(self, start: arb, end: arb, delta: arb, beta: arb) -> None:
         self.start, self.end, self.delta, self.beta = start, end, delta, beta
@@ -114,8 +117,8 @@ class SolutionCell:
         middle = (self.start + self.end) / 2
         if not self.end - self.start > NARROWEST:
             raise NotProvedError(
-                f"near s = {float(middle):.4f} a cell of width {NARROWEST:.0e} does not decide which motions B or D "
-                "exist: try a smaller block"
+                f"it is undecided whether a B or D takes {float(middle):.4f} forcing periods from Σ⁺ to Σ⁻: "
+                "try a smaller block"
             )
         return self.cell_between(self.start, middle), self.cell_between(middle, self.end)
 
@@ -124,7 +127,7 @@ class SolutionCell:
         return SolutionCell(start, end, self.delta, self.beta)
 
     def _mean_value(self, centre: Iterable[arb], by_s: Iterable[arb], by_delta: Iterable[arb]) -> list[arb]:
-        """Return enclosures over the cell from values at its centre and derivatives over the cell."""
+        """Return enclosures of functions over the cell, from values at its centre and derivatives over the cell."""
         ds, dd = self.s - self.s.mid(), self.delta - self.delta.mid()
         return [m + f * ds + g * dd for m, f, g in zip(centre, by_s, by_delta, strict=True)]
 
@@ -237,7 +240,7 @@ class SolutionCell:
         low, high = square_range(epsilon)
         if v < 0 or u < 0 or self.epsilon_squared < low or self.epsilon_squared > high:
             return True
-        # where u ≥ 0, ±ε² ≤ ±ε² + λu, so these bounds show that ε is outside the ball
+        # motions have u > 0, so ±ε² ≤ ±ε² + λu (λ ≥ 0): an upper bound may show that ε is outside the ball `epsilon`
         return bool(self.square_plus_speed(1) < low or self.square_plus_speed(-1) < -high)
 
     def all_solutions_are(self, letter: str, epsilon: arb) -> bool | None:
@@ -261,7 +264,8 @@ class SolutionCell:
             return None
         low, high = square_range(epsilon)
         reaches_sigma_minus = self.solution.over[3] > 0
-        # where u ≤ 0, ±ε² ≥ ±ε² + λu, so it is enough if these bounds show that ε is outside the ball there
+        # motions need u > 0. Where u ≤ 0, ±ε² ≥ ±ε² + λu (λ ≥ 0): if a lower bound of a right side shows that ε is
+        # outside the ball `epsilon` there, every solution with an ε in the ball has u > 0
         reaches_sigma_minus = (
             reaches_sigma_minus or self.square_plus_speed(1) > high or self.square_plus_speed(-1) > -low
         )
@@ -269,7 +273,7 @@ class SolutionCell:
 
     @cached_property
     def is_monotone_between_impacts(self) -> bool:
-        """True if Φ is proved to fall all the way from Σ⁺ to Σ⁻ and to rise all the way back, by Lemma 18."""
+        """True if Φ is proved to fall from Σ⁺ to Σ⁻ and to rise all the way back, by Lemma 18 of docs/proofs.md."""
         falls = self._slope_has_sign(-1, arb(0), lower(self.s))
         return falls and self._slope_has_sign(1, upper(self.s), arb(1))
 
@@ -308,7 +312,13 @@ class SolutionCell:
         return force_at_phase(self.delta, x * cosine - y * sine, y * cosine + x * sine)
 
     def slope(self, t: arb, sign: int) -> arb:
-        """Return Φ' a time t after the impact on Σ⁺, on the flight to Σ⁻ (sign −1) or back (1), by (18.1)."""
+        """Return Φ' a time t after the impact on Σ⁺, on the flight to Σ⁻ (sign −1) or back (1).
+
+        Returns
+        -------
+        arb
+            The enclosure by (18.1) of docs/proofs.md.
+        """
         x, y, v, u = self.solution.over
         departure, start = (self.s, u) if sign > 0 else (arb(0), -v)
         sine, cosine = (2 * t).sin_cos_pi()
@@ -319,7 +329,7 @@ class SolutionCell:
 
     @cached_property
     def margins(self) -> list[arb]:
-        """The stability margins (1 + E − T) uv/2 and (1 + E + T) uv/2, (19.2) and (19.3), over the cell."""
+        """The stability margins (1 + E ∓ T) uv/2 over the cell: (19.2) and (19.3) of docs/proofs.md."""
         solution, s, delta = self.solution, self.s, self.delta
         along_s = [arb_series([x, slope]) for x, slope in zip(solution.over, solution.by_s, strict=True)]
         along_delta = [arb_series([x, slope]) for x, slope in zip(solution.over, solution.by_delta, strict=True)]
@@ -357,7 +367,7 @@ def cells_of_motions(
     Parameters
     ----------
     cells : tuple[SolutionCell, SolutionCell]
-        The cells of `initial_cells`. They keep what is computed about them for other claims.
+        The cells of `initial_cells`. They keep computed enclosures for other claims.
     letter : str
         "B" or "D".
 
@@ -381,7 +391,7 @@ def cells_of_motions(
         else:
             decided.append((answer, cell))
     if decided[0][0] or decided[-1][0]:
-        raise NotProvedError(f"it is not proved that no motion {letter} has s = 0 or s = 1: try a smaller block")
+        raise NotProvedError(f"a motion {letter} may have both impacts at the same phase: try a smaller block")
     runs = [[cell for _, cell in group] for answer, group in groupby(decided, lambda each: each[0]) if answer]
     return [run for run in runs if _crosses_block(piece, run, letter)]
 
@@ -409,7 +419,9 @@ def attracts(piece: PlanePiece, run: Iterable[SolutionCell]) -> bool:
             else:
                 verdicts.add(verdict)
         if len(verdicts) > 1:
-            raise NotProvedError("a motion P(1,1,1) changes its stability within the block: try a smaller block")
+            raise NotProvedError(
+                "a motion P(1,1,1) is not proved to have the same stability on the whole block: try a smaller block"
+            )
     return True in verdicts
 
 

@@ -34,7 +34,7 @@ from rattle.proof.check import (
 #: Half-width, in times and parameters, of the box in which one zero is proved.
 RADIUS = IV.mpf(10) ** -16
 #: Half-width of this box in velocities, as a multiple of its half-width in times.
-FASTER = 1000
+VELOCITY_FACTOR = 1000
 #: Parameters that may be unknowns.
 FREE = ("delta", "epsilon")
 #: Walls and grazing impact of P(1,1,0), of P(1,1,1), and of P(1,1,1) with a graze on Σ⁻.
@@ -143,7 +143,7 @@ class Bifurcation:
         )
         require(
             len(known) + len(solved) == 3 and len(solved) == (2 if self.point else 1),
-            "`solved` must have one parameter, and two for a codimension-two point",
+            "`solved` must have one parameter, or two parameters for a codimension-two point",
         )
         self.known = {name: interval_of_text(value) for name, value in known.items()}
         self.free = [name for name in FREE if name in solved]
@@ -160,7 +160,7 @@ class Bifurcation:
         return [self.known[name] if name in self.known else next(free) for name in FREE]
 
     def box_centre(self) -> list[Interval]:
-        """Return the centre of the box of the unknowns, with the velocities of the flights between the given times."""
+        """Return the centre of the unknowns' box; velocities are those of flights between the certificate's times."""
         free = [(low + high) / 2 for low, high in self.ends]
         delta, epsilon = self.parameters([ZERO] * (2 * self.n) + free)
         found = []
@@ -199,8 +199,9 @@ class Bifurcation:
     def bifurcation_condition(self, pieces: Sequence[Any], delta: ParameterJet) -> ParameterJet:
         """Return the function of the tangent map of (Φ, Φ') that is 0 at the bifurcation point.
 
-        The map starts at the grazing impact, or for a saddle-node or flip at the first impact. pieces: for each flight
-        of duration t (1 − e^(−δt))/δ, e^(−δt), −2g at its end (None at the graze), and the velocity after its end.
+        The map starts at the grazing impact, or for a saddle-node or flip at the first impact. pieces: one
+        tuple for each flight, with (1 − e^(−δt))/δ and e^(−δt) for its duration t, −2g at its end (None if it ends at
+        the graze), and the velocity after its end.
 
         Returns
         -------
@@ -212,7 +213,7 @@ class Bifurcation:
         for i in range(self.n):
             reach, kept, push, w = pieces[(first + i) % self.n]
             a, b, c, d = a + reach * c, b + reach * d, kept * c, kept * d
-            if push is not None:  # w times the impact's map [[−1, 0], [push/w, −1]], because push/w grows as w → 0
+            if push is not None:  # w times the impact's map [[−1, 0], [push/w, −1]], push = −2g: push/w grows as w → 0
                 a, b, c, d = -a * w, -b * w, push * a - c * w, push * b - d * w
                 speeds = speeds * w
         trace, half = a + d, (delta * (-self.m / IV.mpf(2))).exp()
@@ -224,10 +225,10 @@ class Bifurcation:
         return conditions[self.point or self.kind]
 
     def enclose_point(self) -> list[Interval]:
-        """Return intervals that contain the only zero in the box (Lemma 2 of docs/proofs.md). Raises Refused."""
+        """Return intervals around the equations' only zero in the box (Lemma 2 of docs/proofs.md). Raises Refused."""
         x = self.box_centre()
         size = len(x)
-        radii = [RADIUS * (FASTER if i < 2 * self.n and i % 2 else 1) for i in range(size)]
+        radii = [RADIUS * (VELOCITY_FACTOR if i < 2 * self.n and i % 2 else 1) for i in range(size)]
         spread = [radius * UNIT for radius in radii]
         values, rows = self.equations(x)
         require(len(values) == size, "`kind` and `name` have not as many equations as there are unknowns")
@@ -278,10 +279,10 @@ class Bifurcation:
 
 
 def meets_no_wall(piece: MotionPiece, begins_grazing: bool, ends_grazing: bool) -> bool:
-    """Return whether a piece is proved to meet no wall between its ends, one of which may be a graze.
+    """Return whether the flight `piece` is proved to meet no wall between its ends, one of which may be a graze.
 
     At the graze Φ' = 0 and Φ'' points away from the wall. Φ'' is proved to keep this sign during a short time next to
-    the graze, so Φ is strictly inside the wall there. The rest of the piece is proved by `stays_between_walls_during`.
+    the graze, so Φ is strictly inside the wall there. The rest of the flight is proved by `stays_between_walls_during`.
 
     Returns
     -------
@@ -306,14 +307,14 @@ def meets_no_wall(piece: MotionPiece, begins_grazing: bool, ends_grazing: bool) 
 
 
 def is_between_walls(piece: MotionPiece, y: Interval) -> bool:
-    """Return whether a position is strictly between the walls; y is its displacement from the start of the piece."""
+    """Return whether Φ is strictly between the walls where it differs by y from its start in the flight `piece`."""
     return is_positive((1 - piece.wall) * piece.beta - y, (1 + piece.wall) * piece.beta + y)
 
 
 def stays_between_walls_during(piece: MotionPiece, low: Interval, high: Interval) -> bool:
-    """Return whether a piece is proved to be strictly between the walls from the time `low` to the time `high`.
+    """Return whether the flight `piece` is proved to be strictly between the walls between two times after its start.
 
-    At these two times after its start the piece must be between the walls or on one of them.
+    At both times, `low` and `high`, the flight must be between the walls or on one of them.
 
     Returns
     -------

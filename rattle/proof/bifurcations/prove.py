@@ -22,15 +22,15 @@ from rattle.proof.balls import BITS, VERSIONS, arb, ball, ends, precision
 from rattle.proof.bifurcations.certificate import BifurcationCertificate
 from rattle.proof.bifurcations.systems import FREE, CurveMotion, ExtendedSystem, require_admissible_at
 from rattle.proof.certificate import Ends, Exact, exact_number
-from rattle.proof.finder import LONG, require_least_period
+from rattle.proof.finder import MOST_IMPACTS_AT_BITS, require_least_period
 from rattle.proof.krawczyk import enclose_zero
 
 #: A published enclosure is wider than its ball by this multiple of the ball's width: other programs round differently.
-ROOM = 10**4
+WIDENING = 10**4
 #: Least amount by which a published enclosure is wider than its ball.
-LEAST = Fraction(1, 10**20)
+LEAST_WIDENING = Fraction(1, 10**20)
 #: Largest relative distance between a given point and the curve that rounding can explain.
-SAME_PLACE = 1e-9
+LARGEST_MISS = 1e-9
 
 
 def certify_curve_point(
@@ -82,7 +82,7 @@ def certify_curve_point(
     ]
     tau = None if motion is None else motion[0]
     near = [(_relative_distance(x, d, e, tau), i, x) for i, x in enumerate(solved) if x is not None]
-    if not near or min(near)[0] > SAME_PLACE:
+    if not near or min(near)[0] > LARGEST_MISS:
         raise NotProvedError(
             f"{name} has no point within rounding of delta = {d!r}, epsilon = {e!r}: give a point of the curve"
         )
@@ -134,7 +134,7 @@ def certify_event(event: Event, beta: Exact | None = None) -> BifurcationCertifi
     Parameters
     ----------
     event : Event
-        The event. The proof takes its damping as exact.
+        The event. The proof takes the event's damping as exact.
     beta : Exact | None
         The half-backlash as an exact number, equal to that of the event up to rounding. If None, the event's double.
 
@@ -183,7 +183,7 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
     found = []
     for point in codimension_two(half):
         solved = (solution_with_value(problem, guess, -2, point.delta) for guess in graze.starts(point.delta, half))
-        near = [x for x in solved if x is not None and abs(x[-1] - point.epsilon) < SAME_PLACE]
+        near = [x for x in solved if x is not None and abs(x[-1] - point.epsilon) < LARGEST_MISS]
         if not near:
             raise NotProvedError(
                 f"Newton's method finds no grazing motion at {point.name}, so this point is not proved"
@@ -200,7 +200,7 @@ def _prove_solution(
     n, free = motion.n, [i for i, parameter in enumerate(FREE) if parameter not in known]
     phi = _null_vector(motion, x, float(beta))
     start = np.concatenate([x[:n], x[n:][free], phi])
-    with precision(BITS if n <= LONG else 2 * BITS):
+    with precision(BITS if n <= MOST_IMPACTS_AT_BITS else 2 * BITS):
         system = ExtendedSystem(motion, ball(beta), {key: ball(value) for key, value in known.items()}, phi.tolist())
         found = enclose_zero(system, start)
         require_admissible_at(system, found.zero)
@@ -218,7 +218,7 @@ def _prove_solution(
 
 
 def _null_vector(motion: CurveMotion, x: Array, beta: float) -> Array:
-    """Return the null vector φ (n,) of the Jacobian J(μ), with length 1, μ = ±1; an empty array for a graze."""
+    """Return the unit null vector φ (n,) of J(μ), μ = 1 at a saddle-node, −1 at a flip; an empty array at a graze."""
     if motion.kind is Kind.GRAZING:
         return np.empty(0)
     itinerary = Itinerary(motion.walls, motion.m, beta)
@@ -228,6 +228,6 @@ def _null_vector(motion: CurveMotion, x: Array, beta: float) -> Array:
 def _widened_ends(x: arb) -> Ends:
     """Return the ends, in 30 decimals, of an interval wider than the ball x."""
     low, high = ends(x)
-    room = max(ROOM * (high - low), LEAST)
+    room = max(WIDENING * (high - low), LEAST_WIDENING)
     unit = Fraction(1, 10**30)
     return (low - room) // unit * unit, -(-(high + room) // unit) * unit

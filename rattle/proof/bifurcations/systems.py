@@ -6,7 +6,7 @@ The unknowns are the times (n,) of the impacts; δ, ε or both; and for a saddle
     R = 0, w₁ = 0                    for a graze, where w₁ is the velocity at which the grazing impact is reached
 
 R and J are those of `rattle.impacting.orbits.equations`. A codimension-two point is a graze with one more condition
-(`corners`). Source: G. Moore and A. Spence, SIAM J. Numer. Anal. 17 (1980) 567–576; Lemma 10 of docs/proofs.md.
+(`codimension_two`). Source: G. Moore and A. Spence, SIAM J. Numer. Anal. 17 (1980) 567–576; Lemma 10 of docs/proofs.md.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from rattle.continuation.conditions import MULTIPLIER, Kind
 from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb, arb_mat, arb_series
-from rattle.proof.bifurcations.corners import CONDITIONS
+from rattle.proof.bifurcations.codimension_two import CONDITIONS
 from rattle.proof.flights import UP, FlightEnclosure, ModelPlane, extrema, require_first_impact
 from rattle.proof.impacting import ImpactingSystem
 
@@ -114,7 +114,16 @@ class EvaluatedSystem:
         return arb_mat(columns).transpose()
 
     def _equation_values(self, at: list[Series]) -> list[Series]:
-        """Return the values of all equations: R; for a graze w₁ and a condition; otherwise J(μ) φ and ⟨l, φ⟩ − 1."""
+        """Return the values of all equations: the residuals R of the impacts, then the conditions of the bifurcation.
+
+        For a graze the conditions are w₁, the velocity at which the grazing impact is reached, and at a codimension-two
+        point one more; otherwise J(μ) φ and ⟨l, φ⟩ − 1.
+
+        Returns
+        -------
+        list[Series]
+            The values (N,).
+        """
         motion, (delta, epsilon) = self.system.motion, self.system.parameters(at)
         n, times = motion.n, at[: motion.n]
         zero = arb_series([0])
@@ -138,7 +147,7 @@ class EvaluatedSystem:
 
 
 def _entry_of_product(flights: Sequence[FlightVelocities], phi: Sequence[Series], i: int, turn: int) -> Series:
-    """Return entry i of the product J(μ) φ; turn: the multiplier μ = ±1, by which φ changes over a period."""
+    """Return entry i of J(μ) φ, J(μ) the Jacobian of the impact equations; turn: μ = ±1, φ's factor over a period."""
     n, here, before = len(flights), flights[i], flights[i - 1]
     after = phi[(i + 1) % n] * (turn if i + 1 == n else 1)
     earlier = phi[i - 1] * (turn if i == 0 else 1)

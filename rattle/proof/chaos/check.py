@@ -62,7 +62,7 @@ class CheckedBundle:
         return IV.exp(-self.plane.delta * (t - start[0])) * (1 + SLACK)
 
     def state_derivatives(self, t: Interval) -> tuple[Vector, Vector]:
-        """Return the derivatives of Φ(t) and Φ'(t) with respect to the coordinates a and b of the departures."""
+        """Return the derivatives of Φ(t) and Φ'(t) by a and by b, for departures middle + a sides[0] + b sides[1]."""
         # with c = e^(−δ(t − t₀)), s = (1 − c)/δ and w₀' = Φ'' at the departure: ∂Φ/∂t₀ = −(w₀ + s w₀'), ∂Φ/∂w₀ = s,
         # ∂Φ'/∂t₀ = −c w₀', ∂Φ'/∂w₀ = c
         c = self.decay_factor((self.hull[0], self.hull[1]), t)
@@ -146,7 +146,7 @@ class CheckedBundle:
         raise Refused("the time of an impact is not enclosed")
 
     def guess_arrival(self, target: int) -> Interval:
-        """Return a guess, in doubles, of the time at which the middle's flight reaches `target`. Raises Refused."""
+        """Return a guess, in doubles, of when the flight from the middle reaches the wall `target`. Raises Refused."""
         t0, w, d, e, b = (float(x.mid) for x in (*self.middle, self.plane.delta, self.plane.epsilon, self.plane.beta))
         turn, end = 2 * math.pi, (target - self.wall) * b
         pushed = w - 2 * turn + turn * e * math.sin(turn * t0)
@@ -244,7 +244,15 @@ class HorseshoeClaim:
     def coordinates_in(
         self, target: int, periods: int, found: tuple[Vector, tuple[Vector, Vector]]
     ) -> tuple[Vector, list[Any]]:
-        """Return ξ and η of an image in the coordinates of the set `target`, and how much each side adds to them."""
+        """Return ξ and η of an image in the set `target`, and how much each side of the image adds to them.
+
+        The target is shifted by `periods` forcing periods.
+
+        Returns
+        -------
+        tuple[Vector, list[Any]]
+            (ξ, η), and the amounts.
+        """
         (t, v, a, c, b, d), (middle, sides) = self.sets[target], found
         size = a * d - b * c
         require(is_positive(size) or is_positive(-size), "the sides of a set are parallel, so it has no area")
@@ -256,8 +264,9 @@ class HorseshoeClaim:
     def require_covers(self, source: int, target: int, word: int, periods: int) -> None:
         """Raise Refused unless the set `source` covers the set `target` (Lemma 11 of docs/proofs.md).
 
-        In the target's coordinates Π maps one edge ξ = ±1 of the source to ξ < −1 and the other to ξ > 1, and no point
-        of the source to |ξ| ≤ 1 ≤ |η|.
+        The target is shifted by `periods` forcing periods, and `word` is the number of impacts on Σ⁻ in the step from
+        source to target. In the target's coordinates Π maps one edge ξ = ±1 of the source to ξ < −1 and the other to
+        ξ > 1, and no point of the source to |ξ| ≤ 1 ≤ |η|.
         """
         went = [self.sides_of_parts(source, target, word, periods, edge, inside=False) for edge in EDGES]
         require(
@@ -267,17 +276,21 @@ class HorseshoeClaim:
         self.sides_of_parts(source, target, word, periods, WHOLE, inside=True)
 
     def sides_of_parts(self, source: int, target: int, word: int, periods: int, part: Part, inside: bool) -> set[int]:
-        """Return the sides of the set `target` to which parts of the set `source` are mapped, once all are proved.
+        """Return the sides of the set `target` to which Π maps a part of the set `source`.
+
+        The part is halved until the side is proved for each of its pieces. The target is shifted by `periods` forcing
+        periods, and `word` is the number of impacts on Σ⁻ in the step from source to target.
 
         Returns
         -------
         set[int]
-            1 if points are mapped to ξ > 1, −1 if to ξ < −1, 0 if to |η| < 1, which only `inside` allows.
+            1 if a piece is mapped to ξ > 1, −1 if one is mapped to ξ < −1, and, only if `inside`, 0 if one is mapped to
+            |η| < 1, in the coordinates (ξ, η) of the target.
 
         Raises
         ------
         Refused
-            If a side stays undecided.
+            If the side stays undecided for a piece.
         """
         parts, sides = [part], set()
         for _ in range(MOST_PARTS):
@@ -310,14 +323,22 @@ class HorseshoeClaim:
         t, v, *along = self.numbers[number]
         require(
             abs(t) + abs(along[0]) + abs(along[2]) < 1.5,
-            f"the times of set {number} must be in the first forcing period",
+            f"the times of set {number} must be within 1.5 forcing periods of 0",
         )
         signs = [(x, y) for x in (-1, 1) for y in (-1, 1)]
         return [(t + periods + x * along[0] + y * along[2], v + x * along[1] + y * along[3]) for x, y in signs]
 
 
 def halves(part: Part, added: list[float]) -> list[Part]:
-    """Return both halves of a part, cut across its more stretched side. Raises Refused if the part is too small."""
+    """Return both halves of a part, cut across its more stretched side. Raises Refused if the part is too small.
+
+    added: how much each side of the part adds to the coordinates of its image.
+
+    Returns
+    -------
+    list[Part]
+        The two halves.
+    """
     xi, eta, width, height = part
     require(max(width, height) > 2.0**-14, "a set is not proved to be stretched across the next set")
     if width and (not height or (added[0], width) >= (added[1], height)):

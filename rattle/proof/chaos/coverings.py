@@ -110,7 +110,7 @@ class MappedSet:
             pass
 
     def _side_of_edge(self, target: HSet, periods: int, edge: SetPart) -> int:
-        """Return the side of `target` to which the whole edge is mapped: 1 (ξ > 1) or −1. Raises NotProvedError."""
+        """Return the side of `target` to which an edge is mapped: 1 (ξ > 1) or −1 (ξ < −1). Raises NotProvedError."""
         sides = set(self._sides_of_parts(target, periods, edge, inside=False))
         if len(sides) != 1:
             raise NotProvedError("an edge of a set is mapped to both sides of the next set")
@@ -147,7 +147,7 @@ class MappedSet:
                     yield 0
                     continue
                 if _is_refuted(xi, eta, grown, inside):
-                    raise NotProvedError("a set is not stretched across the next set")
+                    raise NotProvedError("a set is not proved to be stretched across the next set")
             parts += _halves(here, grown)
 
 
@@ -160,17 +160,24 @@ def _coordinates_in(target: HSet, periods: int, found: Image) -> tuple[tuple[arb
 
 
 def _is_refuted(xi: arb, eta: arb, grown: Sequence[float], inside: bool) -> bool:
-    """Return whether cutting a part further cannot help, because its image is small or is where it must not be."""
+    """Return whether to give up, because a part's image is where it must not be, or is small and still undecided.
+
+    xi, eta: the image in the target's coordinates. inside: whether it may be between the edges ξ = ±1 if |η| < 1.
+    grown: how much each side of the image adds to its coordinates.
+
+    Returns
+    -------
+    bool
+        True if cutting the part further cannot help.
+    """
     return max(grown) < FINEST * 8 or bool(abs(xi) < 1 and (abs(eta) > 1 or not inside))
 
 
 def _halves(part: SetPart, grown: Sequence[float]) -> list[SetPart]:
-    """Return the two halves of a part, cut across the side that adds more to the image. Raises NotProvedError."""
+    """Return halves of a part, cut across the side that adds more to the image. Raises NotProvedError on tiny parts."""
     xi, eta, width, height = part
     if max(width, height) < FINEST:
-        raise NotProvedError(
-            "it is undecided which walls the motions from a set meet, even from its smallest parts: use a smaller set"
-        )
+        raise NotProvedError("a covering stays undecided even for the smallest parts of a set: use a smaller set")
     if (grown[0] * (width > 0), width) >= (grown[1], height):
         return [SetPart(xi + side * width / 2, eta, width / 2, height) for side in (-1, 1)]
     return [SetPart(xi, eta + side * height / 2, width, height / 2) for side in (-1, 1)]

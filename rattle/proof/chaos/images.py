@@ -18,14 +18,14 @@ from rattle.proof.balls import arb, arb_mat
 from rattle.proof.flights import FlightEnclosure, ModelPlane, require_first_impact, sign
 
 #: Factor by which the guessed interval of arrival times is widened at each trial; number of trials.
-GROWN = 1.25
-MOST_GROWN = 6
+WIDENING = 1.25
+MOST_WIDENINGS = 6
 #: Number of Newton steps for the arrival time of the flight from the middle of a set.
 MOST_NEWTON = 3
 #: Most parts into which the time of a flight is bisected.
 MOST_PARTS = 200
 #: Largest error of the arrival time of the flight from the middle of a set, in forcing periods.
-NEAR = 1e-15
+ARRIVAL_ERROR = 1e-15
 
 
 class Image(NamedTuple):
@@ -100,8 +100,8 @@ def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: in
     by_t0, by_w0 = _flight_derivatives(at_middle, time)
     guess = abs(spread_of_sides(sides, by_t0[0], by_w0[0]) / at_middle.w1) + arb(1e-25)
     missed = bundle.height(time) - distance
-    for _ in range(MOST_GROWN):
-        guess = guess.upper() * GROWN
+    for _ in range(MOST_WIDENINGS):
+        guess = guess.upper() * WIDENING
         late = arb(0, 1) * guess
         speed = bundle.enclosing_flight(time + late).w1
         if not (speed > 0 or speed < 0):
@@ -153,7 +153,7 @@ class FlightBundle:
         """Return Φ(t) − Φ(t₀) over all flights that start in the set, by the mean value theorem."""
         return self._state_component(t, 0)
 
-    def speed(self, t: arb) -> arb:
+    def velocity(self, t: arb) -> arb:
         """Return Φ'(t) over all flights that start in the set, by the mean value theorem."""
         return self._state_component(t, 1)
 
@@ -187,7 +187,7 @@ class FlightBundle:
         for _ in range(MOST_PARTS):
             start, end = parts.pop()
             part = start.union(end)
-            middle, slope = part.mid(), self.speed(part)
+            middle, slope = part.mid(), self.velocity(part)
             if not (slope > 0 or slope < 0):
                 height = self.height(middle) + slope * (part - middle)
                 if not (height < above and height > below):
@@ -220,16 +220,18 @@ def _middle_arrival_time(plane: ModelPlane, middle: tuple[arb, arb], wall: int, 
     t0, w0, delta, epsilon, beta = numbers
     status, length, met, _ = first_impact.first_impact(wall, float(law.folded(t0)), w0, delta, epsilon, beta, DRIFT)[:4]
     if status != first_impact.OK or met != target:
-        raise NotProvedError("the motion from the middle of a set meets other walls than stated")
+        raise NotProvedError("the motion from the middle of a set is not found to meet the stated walls")
     time, distance = (middle[0] + arb(float(length))).mid(), plane.beta * (target - wall)
     for _ in range(MOST_NEWTON):
         height, speed = _flight_from_start(plane, *middle, time).state_at(time)
         time = (time - (height - distance) / speed).mid()
-    late = arb(0, NEAR)
+    late = arb(0, ARRIVAL_ERROR)
     missed, speed = (
         _flight_from_start(plane, *middle, time).state_at(time)[0] - distance,
         _flight_from_start(plane, *middle, time + late).w1,
     )
-    if not (speed > 0 or speed < 0) or not abs(missed / speed) < NEAR:
-        raise NotProvedError("the motion from the middle of a set may graze")
+    if not (speed > 0 or speed < 0) or not abs(missed / speed) < ARRIVAL_ERROR:
+        raise NotProvedError(
+            "the time of an impact of the motion from the middle of a set is not found: the impact may be a graze"
+        )
     return time - missed / speed

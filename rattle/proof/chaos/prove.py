@@ -1,4 +1,4 @@
-"""Prove chaos at one point of the plane: search for a horseshoe in doubles, then prove that its sets cover the next."""
+"""Prove chaos at one point of the plane: find a horseshoe in doubles, and prove that each set covers the next."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from rattle.proof.chaos.coverings import HSet, MappedSet, Pair, SetPart
 from rattle.proof.flights import ModelPlane
 
 #: Number of found horseshoes that are tried; the one with the largest entropy is kept.
-PLACES_TRIED = 3
+CANDIDATES_TRIED = 3
 #: The part of a set that is its middle alone.
 POINT = SetPart(0.0, 0.0, 0.0, 0.0)
 #: Unit to which the published entropy is rounded down.
-DIGITS = Fraction(1, 10**4)
+ENTROPY_UNIT = Fraction(1, 10**4)
 
 
 def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> HorseshoeCertificate:
@@ -59,7 +59,7 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
     best: HorseshoeCertificate | None = None
     with precision():
         plane = ModelPlane(*(ball(number) for number in parameters.values()))
-        for found in islice(search.search_horseshoes(gear), PLACES_TRIED):
+        for found in islice(search.search_horseshoes(gear), CANDIDATES_TRIED):
             proved = _prove_loops(plane, parameters, found)
             if proved is not None and (best is None or proved.per_impact > best.per_impact):
                 best = proved
@@ -110,7 +110,7 @@ def _prove_chain(
             mapped = sources.setdefault((0, word), mapped)
         middle = mapped.image(POINT)
         if middle is None:
-            raise NotProvedError("the motion from the middle of a set meets other walls than stated")
+            raise NotProvedError("the motion from the middle of a set is not proved to meet the stated walls")
         periods.append(round(float(middle.middle[0]) - float(target.centre[0])))
         mapped.require_covers(target, periods[-1])
     return tuple(periods)
@@ -152,10 +152,10 @@ def are_separated(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
 
 
 def entropy_lower_bound(lengths: Sequence[int]) -> Fraction:
-    """Return a lower bound h of the entropy: Σ e^(−h length) ≥ 1 (Lemma 13 of docs/proofs.md); 0 if none is found."""
-    h = Fraction(math.floor(search.entropy_of_lengths(lengths) / DIGITS)) * DIGITS
+    """Return a lower bound h ≥ 0 of the entropy, with Σ e^(−h length) ≥ 1 over loops (Lemma 13, docs/proofs.md)."""
+    h = Fraction(math.floor(search.entropy_of_lengths(lengths) / ENTROPY_UNIT)) * ENTROPY_UNIT
     while h > 0:
         if sum(((-ball(h) * length).exp() for length in lengths), arb(0)) >= 1:
             return h
-        h -= DIGITS
+        h -= ENTROPY_UNIT
     return Fraction(0)

@@ -23,40 +23,40 @@ from rattle.numerics.complex_step import Array
 #: Seed of the initial conditions.
 SEED = 1
 #: Number of initial conditions; impacts that are left out as transient; impacts over which chaos is tested.
-STATES, SETTLING, WATCHED = 1500, 400, 200
+INITIAL_CONDITIONS, TRANSIENT, TESTED_IMPACTS = 1500, 400, 200
 #: Least Lyapunov exponent of a chaotic motion, per forcing period.
-CHAOTIC = 0.02
+LEAST_EXPONENT = 0.02
 #: Most chaotic motions that are kept; number of impacts of each; index of the impact whose state may be a hub's centre.
-KEPT, STEPS, MIDDLE = 400, 72, 36
+MOST_MOTIONS, IMPACTS_PER_MOTION, CENTRE_INDEX = 400, 72, 36
 #: Number of states that are tried as centres of hubs.
-PLACES = 24
+CENTRES_TRIED = 24
 #: Half sizes along the unstable direction of the parallelograms that are tried as hubs.
-SIZES = (0.03, 0.02, 0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4)
+HUB_SIZES = (0.03, 0.02, 0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4)
 #: Ratios of the stable to the unstable half size of a hub.
-SHAPES = (0.5, 1.0, 2.0, 4.0, 8.0)
+HUB_RATIOS = (0.5, 1.0, 2.0, 4.0, 8.0)
 #: Most impacts on Σ⁺ in a loop.
 MOST_STEPS = 16
 #: Most hubs whose loops are computed; most returns to a hub with the same word (numbers of impacts on Σ⁻); most words
 #: of one hub.
-TRIED, EACH, MOST_WORDS = 100, 3, 40
+MOST_HUBS, RETURNS_PER_WORD, MOST_WORDS = 100, 3, 40
 #: Number of hubs with the same centre that are tried before hubs with another centre.
-TOGETHER = 2
+HUBS_PER_CENTRE = 2
 #: Least |ξ| that both ends of an image reach in the next set; also the ratio of the height of a set to the height of
 #: the image in it.
-ROOM = 1.2
+MARGIN_FACTOR = 1.2
 #: Largest |η|, in the coordinates of the hub, of an image that crosses the hub.
-HIGHEST = 0.95
+LARGEST_ETA = 0.95
 #: Largest ratio of the factors by which Π stretches parts of a hub; least cosine of the angles between the directions
 #: of the hub's image and their mean.
-UNEVEN, FLAT = 6.0, 0.9
+LARGEST_STRETCH_RATIO, LEAST_COSINE = 6.0, 0.9
 #: Number of Newton steps with which the states are found that Π maps to given ξ of the next set.
-CORRECTED = 3
+NEWTON_STEPS = 3
 #: Number of times that the best loops are chosen, each time with the entropy of the loops chosen before.
-SCHEDULED = 4
+SELECTION_ROUNDS = 4
 #: Step of finite differences.
-NEAR = 1e-7
+DIFFERENCE_STEP = 1e-7
 #: Half lengths of a set that are tried, as ratios to the half length that the linearised map suggests.
-GROWTH = 1.08 ** np.arange(-12, 40)
+LENGTH_FACTORS = 1.08 ** np.arange(-12, 40)
 
 
 class StateBox(NamedTuple):
@@ -121,8 +121,8 @@ class ReturnMap:
 
     def tangent(self, x: Array) -> Array:
         """Return the derivatives of Π at states (…, 2) as matrices (…, 2, 2), by finite differences."""
-        moves = NEAR * np.eye(2).reshape(2, *(1,) * (x.ndim - 1), 2)
-        return np.moveaxis(state_difference(self(x + moves)[0], self(x - moves)[0]) / (2 * NEAR), 0, -1)
+        moves = DIFFERENCE_STEP * np.eye(2).reshape(2, *(1,) * (x.ndim - 1), 2)
+        return np.moveaxis(state_difference(self(x + moves)[0], self(x - moves)[0]) / (2 * DIFFERENCE_STEP), 0, -1)
 
 
 def state_difference(x: Array, centre: Array) -> Array:
@@ -148,8 +148,8 @@ def search_horseshoes(gear: Gear) -> Iterator[HorseshoeCandidate]:
     guesses: list[tuple[int, float, StateBox, list[OrbitSegment]]] = []
     for place, unstable, stable in _hub_centres(gear, pi, states, tangents):
         here = list[tuple[float, StateBox, list[OrbitSegment]]]()
-        for size in SIZES:
-            for shape in SHAPES:
+        for size in HUB_SIZES:
+            for shape in HUB_RATIOS:
                 hub = StateBox(place, np.column_stack([unstable * size, stable * size * shape]))
                 if _is_stretched_evenly(pi, hub):
                     segments = list(_returns_to_hub(hub, states, words))
@@ -157,34 +157,38 @@ def search_horseshoes(gear: Gear) -> Iterator[HorseshoeCandidate]:
                         (entropy_of_lengths([len(word) for word in {x.words for x in segments}]), hub, segments)
                     )
         here.sort(key=lambda x: -x[0])
-        guesses += [(rank // TOGETHER, -h, hub, segments) for rank, (h, hub, segments) in enumerate(here)]
+        guesses += [(rank // HUBS_PER_CENTRE, -h, hub, segments) for rank, (h, hub, segments) in enumerate(here)]
     guesses.sort(key=lambda x: x[:2])
-    found = [HorseshoeCandidate(hub, tuple(_best_loops(pi, hub, segments))) for *_, hub, segments in guesses[:TRIED]]
+    found = [
+        HorseshoeCandidate(hub, tuple(_best_loops(pi, hub, segments))) for *_, hub, segments in guesses[:MOST_HUBS]
+    ]
     yield from sorted(found, key=lambda x: -_entropy_of_loops(x.loops))
 
 
 def _chaotic_motions(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
-    """Return k motions that seem chaotic: states (STEPS + 1, k, 2), and numbers of impacts on Σ⁻ (STEPS, k)."""
+    """Return k motions of n impacts that seem chaotic: states (n + 1, k, 2), and numbers of impacts on Σ⁻ (n, k)."""
     rng = np.random.default_rng(SEED)
     speed = np.sqrt(16 * np.pi * gear.delta * gear.beta) + 2 * np.pi * gear.epsilon
-    states = [np.column_stack([rng.uniform(0, 1, STATES), rng.uniform(0, 1.6 * speed, STATES)])]
+    states = [np.column_stack([rng.uniform(0, 1, INITIAL_CONDITIONS), rng.uniform(0, 1.6 * speed, INITIAL_CONDITIONS)])]
     for orbit in gear.orbits():
-        near = 10.0 ** rng.uniform(-5, -2, STATES // 4)[:, None] * rng.uniform(-1, 1, (STATES // 4, 2))
+        near = 10.0 ** rng.uniform(-5, -2, INITIAL_CONDITIONS // 4)[:, None] * rng.uniform(
+            -1, 1, (INITIAL_CONDITIONS // 4, 2)
+        )
         states.append(np.array([orbit.tau, orbit.v]) + near)
     x = np.concatenate(states)
     point = gear.delta, gear.epsilon
-    settled = iterate(*point, x[:, 0] % 1.0, np.abs(x[:, 1]) + 1e-9, SETTLING, gear.beta)
-    alive = settled.n_plus == SETTLING
+    settled = iterate(*point, x[:, 0] % 1.0, np.abs(x[:, 1]) + 1e-9, TRANSIENT, gear.beta)
+    alive = settled.n_plus == TRANSIENT
     x = np.column_stack([settled.tau, settled.v])[alive]
     if len(x):
-        seen = iterate_tangent(*point, x[:, 0], x[:, 1], WATCHED, gear.beta)
-        x = x[(seen.n_plus == WATCHED) & (seen.time > WATCHED / 4) & (seen.lyapunov[0] > CHAOTIC)]
+        seen = iterate_tangent(*point, x[:, 0], x[:, 1], TESTED_IMPACTS, gear.beta)
+        x = x[(seen.n_plus == TESTED_IMPACTS) & (seen.time > TESTED_IMPACTS / 4) & (seen.lyapunov[0] > LEAST_EXPONENT)]
     if not len(x):
         raise NotProvedError(
             "no motion that seems chaotic was found at this point: choose one where a survey shows chaos"
         )
-    path, words = [x[:KEPT]], []
-    for _ in range(STEPS):
+    path, words = [x[:MOST_MOTIONS]], []
+    for _ in range(IMPACTS_PER_MOTION):
         after, word = ReturnMap(gear)(path[-1])
         path.append(after)
         words.append(word)
@@ -192,21 +196,27 @@ def _chaotic_motions(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _hub_centres(gear: Gear, pi: ReturnMap, states: Array, tangents: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield centres of hubs, first saddles, then states, with unit vectors along unstable and stable directions."""
+    """Yield centres of hubs, each with unit vectors along its unstable and its stable direction.
+
+    Yields
+    ------
+    tuple[Array, Array, Array]
+        Centre, unstable and stable direction; first for the period-one saddles, then for some of the chaotic `states`.
+    """
     for orbit in gear.orbits():
         x = np.array([orbit.tau, orbit.v])
         values, vectors = np.linalg.eig(pi.tangent(x))
         if np.isreal(values).all() and np.min(np.abs(values)) < 1 < np.max(np.abs(values)):
             order = np.argsort(-np.abs(values))
             yield x, np.real(vectors[:, order[0]]), np.real(vectors[:, order[1]])
-    for j in np.linspace(0, states.shape[1] - 1, PLACES).astype(int):
+    for j in np.linspace(0, states.shape[1] - 1, CENTRES_TRIED).astype(int):
         unstable, stable = np.array([1.0, 0.3]), np.array([0.3, 1.0])
-        for i in range(MIDDLE):
+        for i in range(CENTRE_INDEX):
             unstable = _unit_vector(tangents[i, j] @ unstable)
-        for i in range(len(tangents) - 1, MIDDLE - 1, -1):
+        for i in range(len(tangents) - 1, CENTRE_INDEX - 1, -1):
             stable = _unit_preimage(tangents[i, j], stable)
         if abs(np.linalg.det(np.column_stack([unstable, stable]))) > 1e-3:
-            yield states[MIDDLE, j], unstable, stable
+            yield states[CENTRE_INDEX, j], unstable, stable
 
 
 def _unit_vector(x: Array) -> Array:
@@ -233,11 +243,15 @@ def _is_stretched_evenly(pi: ReturnMap, hub: StateBox) -> bool:
     moves = state_difference(after[1:], after[:-1])
     lengths = np.linalg.norm(moves, axis=-1)
     mean = _unit_vector(moves.mean((0, 1)))
-    return bool(lengths.min() > 0 and lengths.max() < UNEVEN * lengths.min() and (moves @ mean > FLAT * lengths).all())
+    return bool(
+        lengths.min() > 0
+        and lengths.max() < LARGEST_STRETCH_RATIO * lengths.min()
+        and (moves @ mean > LEAST_COSINE * lengths).all()
+    )
 
 
 def _returns_to_hub(hub: StateBox, states: Array, words: NDArray[np.int64]) -> Iterator[OrbitSegment]:
-    """Yield motions from the hub until they return to the hub, the shortest first, at most EACH with equal words."""
+    """Yield motions from the hub back to the hub, the shortest first; few have the same numbers of impacts on Σ⁻."""
     inside = np.all(np.abs(state_difference(states, hub.centre) @ np.linalg.inv(hub.sides).T) < 1, axis=-1)
     found: list[tuple[int, int, int]] = []
     for column in np.flatnonzero(inside.sum(0) > 1):
@@ -247,7 +261,7 @@ def _returns_to_hub(hub: StateBox, states: Array, words: NDArray[np.int64]) -> I
     for length, start, j in sorted(found):
         word = tuple(int(x) for x in words[start : start + length, j])
         seen[word] = seen.get(word, 0) + 1
-        if seen[word] <= EACH and length <= MOST_STEPS and min(word) >= 0 and len(seen) <= MOST_WORDS:
+        if seen[word] <= RETURNS_PER_WORD and length <= MOST_STEPS and min(word) >= 0 and len(seen) <= MOST_WORDS:
             yield OrbitSegment(states[start : start + length + 1, j], word)
 
 
@@ -257,7 +271,7 @@ def _best_loops(pi: ReturnMap, hub: StateBox, segments: Sequence[OrbitSegment]) 
     found.sort(key=lambda loop: loop.strip[1])
     # for a trial rate, choose disjoint strips with the largest Σ e^(−rate length); repeat with the entropy that results
     rate, best = 0.3, list[LoopCandidate]()
-    for _ in range(SCHEDULED):
+    for _ in range(SELECTION_ROUNDS):
         chosen: list[tuple[float, list[LoopCandidate]]] = [(0.0, [])]
         for i, loop in enumerate(found):
             apart = sum(other.strip[1] < loop.strip[0] for other in found[:i])
@@ -278,7 +292,7 @@ def _loop_along(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> LoopCand
     x, words, steps = segment.states, segment.words, len(segment.words)
     if steps == 1:
         high, strip = _image_across(pi, hub, hub, words[0])
-        return LoopCandidate((), words, strip) if high < HIGHEST else None
+        return LoopCandidate((), words, strip) if high < LARGEST_ETA else None
     tangents = pi.tangent(x[:-1])
     unstable, stable = [_unit_vector(hub.sides[:, 0])], [_unit_vector(hub.sides[:, 1])]
     for tangent in tangents:
@@ -301,9 +315,9 @@ def _loop_along(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> LoopCand
         if not high < np.inf:
             return None
         strip = where if i == 1 else strip
-        source = StateBox(x[i], np.column_stack([flat.sides[:, 0], flat.sides[:, 1] * high * ROOM]))
+        source = StateBox(x[i], np.column_stack([flat.sides[:, 0], flat.sides[:, 1] * high * MARGIN_FACTOR]))
         boxes.append(source)
-    if not _image_across(pi, source, hub, words[-1])[0] < HIGHEST:
+    if not _image_across(pi, source, hub, words[-1])[0] < LARGEST_ETA:
         return None
     return LoopCandidate(tuple(boxes), words, strip)
 
@@ -318,16 +332,16 @@ def _least_half_length(
     Returns
     -------
     float | None
-        None if no half length of GROWTH suffices.
+        None if none of the half lengths that are tried suffices.
     """
     back = np.linalg.inv(target.sides)
     speed = abs(float((back @ stretched)[0]))
     if not speed > 0:
         return None
-    sizes = ROOM / speed * GROWTH
+    sizes = MARGIN_FACTOR / speed * LENGTH_FACTORS
     ends, words = pi(x + np.array([[[-1.0]], [[1.0]]]) * sizes[:, None] * unstable)
     left, right = (state_difference(ends, target.centre) @ back.T)[..., 0]
-    good = (words == word).all(0) & (left * right < 0) & (np.minimum(np.abs(left), np.abs(right)) > ROOM)
+    good = (words == word).all(0) & (left * right < 0) & (np.minimum(np.abs(left), np.abs(right)) > MARGIN_FACTOR)
     return float(sizes[np.argmax(good)]) if good.any() else None
 
 
@@ -340,7 +354,7 @@ def _image_across(pi: ReturnMap, source: StateBox, target: StateBox, word: int) 
         The largest |η| in the target's coordinates, and the ends in ξ of the part of the source that passes the target,
         at η = 0. |η| is infinite if Π does not stretch the source across the target, or its motions meet other walls.
     """
-    back, aims = np.linalg.inv(target.sides), np.linspace(-ROOM, ROOM, 25)
+    back, aims = np.linalg.inv(target.sides), np.linspace(-MARGIN_FACTOR, MARGIN_FACTOR, 25)
     coarse, eta = np.linspace(-1, 1, 41), np.linspace(-1, 1, 5)
 
     def image_in_target(xi: Array) -> tuple[Array, bool]:
@@ -355,8 +369,8 @@ def _image_across(pi: ReturnMap, source: StateBox, target: StateBox, word: int) 
     for k in range(eta.size):
         order = np.argsort(first[:, k])
         xi[:, k] = np.interp(aims, first[order, k], coarse[order])
-    for _ in range(CORRECTED):
-        step = np.where(xi > 0, -NEAR, NEAR)
+    for _ in range(NEWTON_STEPS):
+        step = np.where(xi > 0, -DIFFERENCE_STEP, DIFFERENCE_STEP)
         lacks = image_in_target(xi)[0][..., 0]
         slope = (image_in_target(xi + step)[0][..., 0] - lacks) / step
         if not np.abs(slope).min() > 0:

@@ -40,7 +40,7 @@ def _between(share, one, other):
 
 @inline
 def stiff_outcome(code):
-    """Return the outcome of a sample that does not return to Σ⁺: QUIET or FAILED, by the status `code` of `step`."""
+    """Return the outcome of a sample that does not return to Σ⁺, QUIET or FAILED, from the status `code` of `step`."""
     return Outcome.QUIET if code == flow.QUIET else Outcome.FAILED
 
 
@@ -69,9 +69,9 @@ def measure(which, least, periods, cells, samples, balls, sums, footprints):
     """Follow samples `which` with a tangent vector, to measure their Lyapunov exponents.
 
     A sample is followed for at least `least` returns and `periods` forcing periods (k,), or to its limit of returns.
-
-    sums[j, batch] must be 0; time, ln stretch and ln|det| of sample which[j] after ALIGNMENT returns are added to it.
-    footprints[j] collects the boxes of the (τ, v) plane that this sample visits.
+    sums (k, BATCHES, 3) must be 0; sums[j] becomes the sums of time, ln stretch and ln|det| over the returns of sample
+    which[j] after the first ALIGNMENT ones, in BATCHES successive batches. footprints[j] collects the boxes of the
+    (τ, v) plane that this sample visits.
     """
     for j in range(which.size):
         k = which[j]

@@ -69,7 +69,7 @@ def stiff_branch(
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If the orbit is not a solution.
+        If the motion is virtual at its own parameters.
     """
     orbit = as_stiff_orbit(orbit)
     resolution = require_integer("resolution", resolution, 1, MOST_POINTS)
@@ -112,7 +112,8 @@ def doubled_branch(event: StiffEvent, direction: Array, span: tuple[float, float
     start = start_of_doubled_branch(event.itinerary, event.unknowns)
     path = _follower(line, span, resolution).follow(*start, MOST_POINTS, FIRST_OF_DOUBLED)
     tangents = path.tangents.copy()
-    tangents[0] = tangents[min(1, len(tangents) - 1)]  # the doubled branch turns back at its first point
+    # the doubled branch turns back in the parameter at its first point, the flip, which is no saddle-node
+    tangents[0] = tangents[min(1, len(tangents) - 1)]
     return _branch_of_points(line, path.points, tangents, 0, (_BranchEnd("flip"), _end_of_path(line, path, span)))
 
 
@@ -206,7 +207,7 @@ def _branch_of_points(
 
 
 def _rate_of_parameter(problem: ContinuationProblem, a: Array, b: Array) -> Callable[[Array], float]:
-    """Return the function of y that is the rate of the parameter on the branch between a and b; it is 0 at a fold."""
+    """Return a function of solutions y from a to b on a branch: the parameter's rate along the branch, 0 at a fold."""
     return lambda y: float(tangent_at(problem, y, b - a)[-1])
 
 
@@ -228,7 +229,7 @@ def stiff_curve(
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If the event is neither a saddle-node nor a flip.
+        If the event is neither a saddle-node nor a flip, or no solution inside the window.
     """
     require(isinstance(event, StiffEvent), f"event must be a StiffEvent, got {type(event).__name__}")
     from rattle.continuation.curves import PlaneWindow, pieces_in_window

@@ -179,7 +179,7 @@ def _flips_on_curve(name: str, family: StiffFamily) -> list[Array]:
 
 
 def _flip_by_bisection(a: Array, b: Array, cycle: Cycle, flip: float) -> Array:
-    """Return a motion close to the flip between two motions a and b of a family, where the trace is −flip."""
+    """Return a motion close to the flip between the motions a and b of a family; flip: 1 + e^(−δ), −trace there."""
     sign, y = trace_of_solution(a, cycle) + flip > 0.0, np.empty(a.size)
     for _ in range(BISECTIONS):
         if not family_solution_above_chord(a, b, 0.5, cycle, y):

@@ -19,7 +19,7 @@ from rattle.stiff.bifurcations.line import MotionsOnLine
 from rattle.stiff.orbits.periodic import FailingPiece, first_failing_piece
 
 VANISHING = 1e-5  # duration, in units of p = 1/√(2κ), below which a contact or a flight counts as vanished
-# duration, in units of p², with which a new contact or flight is started; at the fold of C and B it is 2.1
+# duration, in units of p², with which a new contact or flight is started; at the fold of C and B the contact lasts 2.1
 STARTING_DURATION = 0.04
 # distances from a graze, in the unknowns, at which an admissible motion is sought
 DISTANCES_TO_TRY = 10.0 ** np.arange(-9, -3)
@@ -88,7 +88,7 @@ def _admissible_nearby(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Ar
 
 
 def _with_one_more_contact(line: MotionsOnLine, y: Array, tangent: Array) -> tuple[MotionsOnLine, Array] | None:
-    """Return the motion with one contact more as which a branch continues beyond its end y; None if not found."""
+    """Return the motion with one contact more that continues a branch beyond its end y; None if it is not found."""
     for reach in DISTANCES_TO_TRY:
         there = newton_on_curve(line.problem, y + reach * tangent, tangent)
         failure = (

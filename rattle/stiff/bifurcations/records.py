@@ -49,12 +49,12 @@ class StiffEvent(NamedTuple):
 
     @property
     def unknowns(self) -> Array:
-        """The unknowns (2c + 3,) of the motion at the event: times, durations times √(2κ), δ, ε and κ^(−1/2)/√2."""
+        """The unknowns (2c + 3,) of the motion at the event: times, durations/p, δ, ε and p = 1/√(2κ)."""
         return unknowns_of(self.orbit)
 
     @property
     def parameters(self) -> Array:
-        """The parameters (3,) of the motion at the event: δ, ε and κ^(−1/2)/√2."""
+        """The parameters (3,) of the motion at the event: δ, ε and p = 1/√(2κ)."""
         return self.unknowns[-3:]
 
     @property
@@ -64,7 +64,7 @@ class StiffEvent(NamedTuple):
 
 
 def unknowns_of(orbit: StiffOrbit) -> Array:
-    """Return the unknowns (2c + 3,) of a motion with c contacts: times, durations √(2κ), δ, ε and κ^(−1/2)/√2."""
+    """Return the unknowns (2c + 3,) of a motion with c contacts: times, durations/p, δ, ε and p = 1/√(2κ)."""
     return np.append(orbit.unknowns, softness(orbit.kappa))
 
 
@@ -79,7 +79,7 @@ class StiffBranch(FollowedBranch):
     itinerary
         The walls that the motions meet, with the stiffness of the first point.
     unknowns : ndarray, (k, 2c + 3)
-        Times, durations times √(2κ), δ, ε and κ^(−1/2)/√2.
+        Times, durations in units of p, δ, ε and p = 1/√(2κ).
     events
         Saddle-nodes and flips.
     grazes
@@ -92,7 +92,7 @@ class StiffBranch(FollowedBranch):
 
     @property
     def added(self) -> dict[str, Array]:
-        """The parameters of the points besides δ, ε and β: a dictionary of "kappa" to the stiffness (k,)."""
+        """The parameters of the k points besides δ, ε and β: the dictionary {"kappa": stiffness (k,)}."""
         return {"kappa": np.asarray(0.5 / self.unknowns[:, -1] ** 2)}
 
     @property
@@ -123,7 +123,7 @@ class StiffBranch(FollowedBranch):
         """Return the name of the curve of `rattle.stiff.trace` on which an event lies; None if it lies on no curve."""
         k, letters, x = event.point, self.names, event.unknowns
         if self.label[:2] != (1, 1) or (len(self.walls) > 1 and x[1] - x[0] + 0.5 * x[-1] * (x[3] - x[2]) < 0.5):
-            return None  # the middles of both contacts are less than half a period apart, as on no curve
+            return None  # on all curves the middles of both contacts are more than half a period apart
         if event.kind is Kind.SADDLE_NODE and 0 < k < len(self) - 1:
             pair = "".join(sorted((letters[k - 1], letters[k + 1])))
             return next((name for name, meet in FOLDS.items() if meet == pair), None)
@@ -150,7 +150,7 @@ class StiffBranch(FollowedBranch):
     def crossings(self, index: int, value: float) -> list[tuple[int, Array]]:
         """Return the points at which parameter number `index` of the branch has this value.
 
-        Numbers −3, −2 and −1 are δ, ε and κ^(−1/2)/√2.
+        Numbers −3, −2 and −1 are δ, ε and p = 1/√(2κ).
 
         Returns
         -------

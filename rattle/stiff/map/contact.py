@@ -23,7 +23,7 @@ ENDS, LASTS, STAYS, TOO_LONG = range(4)
 LONGEST = 1000.0  # longest search for the end of a contact, in forcing periods, besides DECAYS decay times
 DECAYS = 100.0  # number of decay times of a free motion that the longest search includes
 SHORT = 0.5  # value of (δ + √(2κ)) s below which the response S is computed by a Taylor series
-TERMS = 16  # number of terms of this series
+TERMS = 16  # number of terms of the Taylor series of the response S
 SAFETY_FACTOR = 0.999  # factor by which depths of permanent contact are reduced, against rounding errors
 
 
@@ -108,7 +108,7 @@ def forced_responses(s, delta, kappa):
     sine, lost, defect = responses(s, delta, kappa)
     omc, siny, forced_defect = versines(s)
     in_phase, behind, _size = compliance(delta, kappa)
-    p, q = lost - omc, TWO_PI * defect - forced_defect  # cos 2πs − C and sin 2πs − 2πS
+    p, q = lost - omc, TWO_PI * defect - forced_defect  # cos 2πs − C and sin 2πs − 2πS, with C and S as above
     dp, dq = 2.0 * kappa * sine - TWO_PI * siny, TWO_PI * (lost + delta * sine - omc)
     x_c, x_s = in_phase * p + behind * q, in_phase * q - behind * p
     v_c, v_s = in_phase * dp + behind * dq, in_phase * dq - behind * dp
@@ -117,7 +117,7 @@ def forced_responses(s, delta, kappa):
 
 @inline
 def contact_state(s, contact):
-    """Return depth x, velocity x' and force h of a contact at the time s, and the responses S and 1 − C."""
+    """Return depth x, velocity x' and force h of a contact at the time s, and the responses S, 1 − C (`responses`)."""
     x0, w0, mean, a, b, delta, kappa = contact
     sine, lost, x_c, x_s, v_c, v_s, omc, siny = forced_responses(s, delta, kappa)
     stiffness = 2.0 * kappa
@@ -227,7 +227,7 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     Returns
     -------
     tuple
-        (ENDS, LASTS, STAYS or TOO_LONG; the time s; depth x, x' and the responses S and 1 − C at s).
+        (ENDS, LASTS, STAYS or TOO_LONG; the time s; at s, x, x' and the responses S and 1 − C of `responses`).
     """
     sin0, cos0 = phase_at(tau)
     mean, a, b = force_ahead(wall, sin0, cos0, delta, epsilon)
@@ -243,8 +243,9 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     s, x, v = 0.0, x0, w0
     while s < horizon:
         rest, rest_v = steady_contact(s, contact)
-        reach = math.sqrt((x - rest) ** 2 + (v - rest_v) ** 2 / (2.0 * kappa))  # bound of |x − rest| from here on
-        if delta < 0.0:  # backwards in time the difference grows without bound
+        # bound, from here on, of the difference of the depth x from that of permanent contact, `rest`
+        reach = math.sqrt((x - rest) ** 2 + (v - rest_v) ** 2 / (2.0 * kappa))
+        if delta < 0.0:  # backwards in time this difference grows without bound
             reach = math.inf
         if reach < SAFETY_FACTOR * least and horizon == math.inf:
             return STAYS, s, x, v, 0.0, 0.0

@@ -7,6 +7,12 @@ from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
 from rattle.flight.law import folded
 from rattle.stiff.map.flow import GAP, MOST_PIECES, QUIET, follow_piece, is_contact_over
 
+#: Message for a motion that cannot be followed, with all causes.
+CANNOT_FOLLOW = (
+    f"the motion cannot be followed: it makes more than {MOST_PIECES:,} flights and contacts, one of them has no end "
+    "that is found, or its parameters or its state are beyond double precision"
+)
+
 
 def departure(
     delta: float, epsilon: float, beta: float, kappa: float, tau: float, position: float, velocity: float
@@ -24,4 +30,4 @@ def departure(
         if status != OK:
             break
         tau = folded(tau + time)
-    raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
+    raise RattleError(CANNOT_FOLLOW)

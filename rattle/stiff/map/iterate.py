@@ -34,9 +34,9 @@ def apply_stiff_returns(tau, v, n, delta, epsilon, beta, kappa, quiet, n_plus, n
 
 @kernel
 def apply_stiff_returns_with_tangent(tau, v, n, delta, epsilon, beta, kappa, n_plus, n_minus, growth):
-    """Replace states as `apply_stiff_returns` does, each with a tangent vector in (t, v²/2).
+    """Replace states as `apply_stiff_returns` does, and follow a tangent vector in (t, v²/2) from each.
 
-    Time, ln stretch and ln|det| of each state are added to the rows of growth (3, k).
+    growth (3, k): the time, ln stretch of the tangent vector and ln|det| over the returns are added to its rows.
     """
     for i in range(tau.size):
         point = StiffPoint(delta[i], epsilon[i], beta[i], kappa[i])

@@ -4,8 +4,11 @@ A family is a connected curve of solutions at fixed δ, β and κ. It is followe
 virtual. Families of P(1,1,0) are sought at many durations of the contact; for a given duration the equations are linear
 in ε cos 2πt and ε sin 2πt. Families of P(1,1,1) are sought with Newton's method from the impacting limit, which is
 explicit too, at many times from Σ⁺ to Σ⁻, and from every graze of a P(1,1,0). These guesses hold for a forcing of one
-cosine. A letter belongs to a part of a family between folds, in this order: A, SN1, C, (graze, fold at G1), B, SN2, D,
-(fold at G2, graze), A.
+cosine.
+
+A letter belongs to a part of the curve between folds: A, SN1, C, fold at G1, B, SN2, D, fold at G2, A. At a graze just
+before the fold at G1, and at a graze just after the fold at G2, the families of P(1,1,1) and of P(1,1,0) meet, and the
+letter C or A continues from one to the other.
 """
 
 from collections.abc import Iterator, Sequence
@@ -84,7 +87,7 @@ class StiffFamily:
 
     @property
     def saddle_flags(self) -> list[bool]:
-        """A flag for each part between folds: whether its motions are saddles with a Floquet multiplier above 1."""
+        """A flag for each part of the family between folds: True if the part consists of saddles (multiplier > 1)."""
         edges, found = [0, *self.folds.tolist(), len(self.points) - 1], []
         for i, j in pairwise(edges):
             y = self.points[(i + j) // 2] if j > i + 1 else 0.5 * (self.points[i] + self.points[j])
@@ -95,9 +98,10 @@ class StiffFamily:
 
     @property
     def motions_at_breaks(self) -> list[Array]:
-        """The admissible motions at those ends of the family at which its continuation failed.
+        """Admissible motions at which the family breaks off, so that further motions may be missing; empty if none.
 
-        If it failed at both ends, or a fold could not be located, these are all admissible motions of the family.
+        They are at the ends at which the continuation failed. If it failed at both ends, or a fold could not be
+        located, all admissible points of the family are returned.
         """
         ends = [i for i, why in zip((0, -1), self.ends, strict=True) if why == BROKEN]
         return [y for y in (self.points if len(ends) == 2 else self.points[ends]) if is_admissible(y, self.cycle)]
@@ -132,7 +136,7 @@ def family_lost_error(cycle: Cycle, epsilon: float) -> RattleError:
 
 
 def span_of_family(delta: float, epsilon: float) -> float:
-    """Return the largest ε up to which families are followed for a point (δ, ε), which depends on this point only."""
+    """Return the largest ε up to which families are followed for a point (δ, ε); it depends on this point only."""
     least = LEAST_SPAN * plane_scale(delta)
     return max(least, float(2.0 ** np.ceil(np.log2(1.5 * epsilon)))) if epsilon > 0.0 else least
 
@@ -182,9 +186,10 @@ def explicit_solutions(cycle: Cycle, offset: Array, duration: Array) -> Array:
 
 
 def _guess_of_sn1(cycle: Cycle) -> Array | None:
-    """Return unknowns (3,) close to SN1, the fold of P(1,1,0) whose σ is nearest to π; None if there is no fold."""
+    """Return unknowns (3,) close to SN1, the fold of P(1,1,0) whose duration σ is nearest to π; None if no fold."""
     p = softness(cycle.kappa)
-    hard = p * np.geomspace(1e-2, 1e4, DURATIONS)  # distances of σ from π: that of SN1 is about 2p · force / speed
+    # distances of the duration σ from π at which SN1 is sought; its own distance is about 2p · force / speed
+    hard = p * np.geomspace(1e-2, 1e4, DURATIONS)
     duration = np.concatenate([np.linspace(0.0, 4 * np.pi, DURATIONS), np.pi - hard, np.pi + hard])
     duration = np.unique(duration[(duration > 0.0) & (duration < 0.999 / p)])
     found = explicit_solutions(cycle, np.zeros((duration.size, 1)), duration[:, None])
@@ -245,7 +250,7 @@ def families_on_both_walls(cycle: Cycle, span: float, plus: Sequence[StiffFamily
 
 
 def _guesses_on_both_walls(cycle: Cycle, plus: Sequence[StiffFamily]) -> Iterator[tuple[Array, Array]]:
-    """Yield guesses of P(1,1,1), each with a row of Newton's equations that keeps one combination of the unknowns."""
+    """Yield guesses of P(1,1,1), each with a row of Newton's equations that fixes a combination of the unknowns."""
     p = softness(cycle.kappa)
     for family in plus:
         for y in guesses_at_grazes(family):
@@ -276,8 +281,9 @@ def guesses_at_grazes(family: StiffFamily) -> list[Array]:
 def _letters_of_parts(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple[str, ...]:
     """Return the letters of a family of P(1,1,1).
 
-    Where the contact with Σ⁻ is lost the motion continues as a P(1,1,0), and the last part of the family has the letter
-    of this P(1,1,0). One exception: a part that continues as C but does not fold back to B is D (docs/stiff.md).
+    Where the family ends because the contact with Σ⁻ is lost, the motion continues as a P(1,1,0), and the part at this
+    end has the letter of this P(1,1,0). One exception: a part that continues as C but does not fold back to B is D
+    (docs/stiff.md). Other parts are B if their motions are saddles with a multiplier above 1, else D.
 
     Returns
     -------
@@ -297,7 +303,7 @@ def _letters_of_parts(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple
 
 
 def _letter_of_continuation(family: StiffFamily, end: int, plus: Sequence[StiffFamily]) -> str:
-    """Return the letter of the P(1,1,0) as which a P(1,1,1) family continues at end 0 or −1; "" if it does not."""
+    """Return the letter of the P(1,1,0) that continues a P(1,1,1) family at its end 0 or −1; "" if none does."""
     y = family.points[end]
     if family.ends[end] != LOST or y[3] > 2.0 * LEAST_CONTACT:
         return ""

@@ -117,7 +117,7 @@ def correct_in_hyperplane(y, constraint, cycle):
 
 @kernel
 def family_tangent(y, direction, cycle, tangent):
-    """Write the unit tangent of the family at y to `tangent`, with a positive inner product with `direction`.
+    """Write the unit tangent of the family at y to `tangent`; its inner product with `direction` is positive.
 
     Returns
     -------
@@ -156,7 +156,8 @@ def reason_out_of_range(y, cycle, largest):
     Returns
     -------
     tuple of int
-        SPAN, LOST or FLIGHT, and the index of the unknown (−1 for FLIGHT); (−1, 0) if y is in range.
+        SPAN (ε is out of its range), LOST (a contact vanishes) or FLIGHT (a flight vanishes), and the index of the
+        unknown (−1 for FLIGHT); (−1, 0) if y is in range.
     """
     c = cycle.walls.size
     if not 0.0 <= y[2 * c] <= largest:
@@ -171,7 +172,7 @@ def reason_out_of_range(y, cycle, largest):
 
 @kernel
 def family_solution_above_chord(a, b, share, cycle, y):
-    """Write to y the solution in the hyperplane that crosses the chord from a to b at right angles at a share of it.
+    """Write to y the solution in the plane normal to the chord from a to b, at the fraction `share` of the chord.
 
     Returns
     -------

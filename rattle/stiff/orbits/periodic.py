@@ -1,5 +1,6 @@
 """Periodic motions P(m, n₊, n₋) of the stiff gear: solve for one, check it, or follow it from the impacting limit."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -22,7 +23,7 @@ from rattle.stiff.orbits.equations import StiffItinerary
 
 LONGEST_STEP = 0.1  # longest continuation step, in the unknowns
 STEPS_TO_LIMIT = 20  # least number of continuation steps from the impacting limit to finite stiffness
-MOST_STEPS = 200  # largest number of these steps
+MOST_STEPS = 200  # largest number of continuation steps from the impacting limit
 
 
 @dataclass(frozen=True, repr=False)
@@ -90,7 +91,7 @@ def first_failing_piece(itinerary: StiffItinerary, x: Array) -> FailingPiece | N
 
     Returns
     -------
-    Failure | None
+    FailingPiece | None
         The flight or contact; None if the motion is admissible.
     """
     number, contact, wall, time = closure.failing_piece(np.delete(x, -2), _cycle_of(itinerary, x))
@@ -128,7 +129,7 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If the branch folds back before κ is reached, or the motion is virtual there.
+        If the branch folds back or becomes singular before κ is reached, or the motion is virtual there.
     """
     kappa = require_number("kappa", kappa, positive=True)
     require(isinstance(orbit, PeriodicOrbit), f"orbit must be a PeriodicOrbit, got {type(orbit).__name__}")
@@ -143,8 +144,12 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
     path = follow_from_limit(ContinuationProblem(equations), start, np.eye(n + 1)[n], (0.0, end), lambda _: True)
     last = path.points[-1]
     if path.outside is None or abs(last[-1] - end) > 1e-12 * end:
-        fold = 0.5 / max(path.points[:, -1]) ** 2
-        raise RattleError(f"the motion ends before kappa = {kappa:g}: its branch folds back at kappa = {fold:g}")
+        largest = float(max(path.points[:, -1]))
+        fold = 0.5 / largest**2 if largest else math.inf  # no step from κ = ∞ succeeded
+        raise RattleError(
+            f"the motion is not followed to kappa = {kappa:g}: at kappa = {fold:g} its branch folds back, or its "
+            "equations become singular"
+        )
     itinerary = StiffItinerary(orbit.walls, orbit.m, orbit.beta, end)
     found = solve_at_parameters(itinerary, np.concatenate([last[:n], plane]))
     if found is None or not is_admissible_solution(itinerary, found):
@@ -179,7 +184,7 @@ def follow_contacts(
     Raises
     ------
     RattleError
-        If the motion becomes quiet first, or cannot be followed.
+        If the motion becomes quiet first, makes more than MOST_IMPACTS contacts, or cannot be followed.
     """
     p = softness(kappa)
     wall, position, w, time = np.int64(1), 0.0, -v, tau
@@ -192,8 +197,16 @@ def follow_contacts(
         status, s, wall, position, w, *_ = follow_piece(wall, phase, position, w, delta, epsilon, beta, kappa, np.inf)
         if status == QUIET:
             raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: the motion from this state becomes quiet")
-        if status != OK or len(walls) > MOST_IMPACTS:
-            raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: the motion from this state stays on Σ⁻")
+        if status != OK:
+            raise RattleError(
+                f"no periodic motion near tau = {tau}, v = {v}: the motion from this state cannot be followed to "
+                f"{n_plus} contacts with Σ⁺"
+            )
+        if len(walls) > MOST_IMPACTS:
+            raise RattleError(
+                f"no periodic motion near tau = {tau}, v = {v}: the motion from this state makes more than "
+                f"{MOST_IMPACTS} contacts before {n_plus} with Σ⁺"
+            )
         time += s
         if leaves:
             walls.append(int(wall))
@@ -202,7 +215,7 @@ def follow_contacts(
         else:
             durations[-1] += s / p
     m = max(round(time - tau), 1)
-    last = walls.pop()  # the contact with Σ⁺ belongs to the next period
+    last = walls.pop()  # the last contact with Σ⁺ is put first, one period earlier
     itinerary = StiffItinerary((last, *walls), m, beta, p)
     times = [begins[-1] - m, *begins[:-1]]
     return itinerary, np.array([*times, durations[-1], *durations[:-1], delta, epsilon])

@@ -60,6 +60,8 @@ export function render({model}) {
     if (focused) lines.querySelector(`input[value="${focused}"]`)?.focus()
   }
 
+  const tick = () => lines.querySelectorAll("input").forEach((box) => { box.checked = model.chosen.includes(box.value) })
+  model.on("chosen", tick)
   model.on("shades", draw_shades)
   model.on("overlays", draw_lines)
   draw_shades()

@@ -8,7 +8,8 @@ let steps = [0, 0, 0, 0], waiting = null, number = 0
 function send(word) {
   clearTimeout(waiting)
   waiting = null
-  keys.data = {steps: [...steps], word: [word], number: [++number]}
+  number += 1  // columns of one length
+  keys.data = {steps: [...steps], word: Array(4).fill(word), number: Array(4).fill(number)}
   steps = [0, 0, 0, 0]
 }
 

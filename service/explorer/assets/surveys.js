@@ -19,6 +19,7 @@ function lasting(seconds) {
 const speed = (rate) => `${rate >= 10 ? Math.round(rate).toLocaleString("en") : rate.toPrecision(2)} cells/s`
 
 function standing(row) {
+  if (row.example) return "comes with the explorer"
   const parts = [STATES[row.state]]
   if (row.state === "running") parts[0] = `${row.progress} %`
   if (row.state === "running" && row.message.startsWith("waits for")) parts.push("waiting")  // another survey is being computed
@@ -35,7 +36,7 @@ function row_of(row, choose) {
 
 function fill(button, row, is_chosen) {
   const busy = row.state === "running" || row.state === "accepted"
-  button.className = `survey ${row.state}`
+  button.className = `survey ${row.state}${row.example ? " example" : ""}`
   button.dataset.state = row.state
   if (is_chosen) button.setAttribute("aria-current", "true")
   else button.removeAttribute("aria-current")
@@ -79,6 +80,12 @@ function detail_of(row, model) {
   const here = `v1/surveys/${row.id}`
   const busy = row.state === "running" || row.state === "accepted"
   const act = (action) => () => model.send_msg({action, survey: row.id})
+  const facts = element("dl", {}, ...row.facts.flatMap(([name, value]) => [element("dt", {}, name), element("dd", {}, value)]))
+  const again = element("button", {type: "button", class: "quiet", "data-action": "again", onclick: act("again")}, "Use its settings")
+  if (row.example) {  // it has no files, and nobody can remove it
+    return element("section", {class: "detail", "data-of": row.id, "aria-label": row.name}, facts,
+      element("div", {class: "actions"}, again))
+  }
   const removing = element("button", {type: "button", class: "quiet", "data-action": busy ? "cancel" : "delete"},
     busy ? "Cancel" : "Delete")
   removing.addEventListener("click", () => {  // a second press confirms, because a deleted survey cannot be restored
@@ -93,7 +100,7 @@ function detail_of(row, model) {
     copy.textContent = "Copied"
   }}, "Copy")
   return element("section", {class: "detail", "data-of": row.id, "aria-label": `survey ${row.name}`},
-    element("dl", {}, ...row.facts.flatMap(([name, value]) => [element("dt", {}, name), element("dd", {}, value)])),
+    facts,
     row.message ? element("p", {class: "message"}, row.message) : null,
     row.notes ? element("p", {class: "notes"}, row.notes) : null,
     element("div", {class: "downloads"}, "Download ",
@@ -101,9 +108,9 @@ function detail_of(row, model) {
       element("a", {href: `${here}/download.csv`, download: true}, "CSV"), " ",
       ...(row.picture ? ["png", "svg", "pdf"] : []).flatMap((form) => [  // pictures of the map as it is shown
         element("a", {href: `${here}/map.${form}?${row.picture}`, download: `${row.variable}.${form}`}, form.toUpperCase()), " "])),
-    element("div", {class: "code"}, code, copy),
+    element("div", {class: "code"}, copy, code),
     element("div", {class: "actions"},
-      element("button", {type: "button", class: "quiet", "data-action": "again", onclick: act("again")}, "Use its settings"),
+      again,
       row.mine && row.state === "dismissed"
         ? element("button", {type: "button", class: "quiet", "data-action": "resume", onclick: act("resume")}, "Resume")
         : null,
@@ -128,7 +135,7 @@ export function render({model}) {
   const order = element("select", {"aria-label": "order of the surveys", onchange: () => draw()},
     ...Object.keys(ORDERS).map((name) => element("option", {}, name)))
   const finding = element("div", {class: "finding"}, search, order)
-  root.append(finding, list, empty, none)
+  root.append(finding, empty, list, none)
   const kept = new Map()  // rows by the id of their survey
   let shown = ""
 
@@ -140,12 +147,14 @@ export function render({model}) {
     chosen = model.chosen
     const wanted = search.value.trim().toLowerCase()
     const told = (row) => [row.name, row.notes, row.size, STATES[row.state], ...row.facts.flat()].join(" ").toLowerCase()
-    const rows = model.rows.filter((row) => told(row).includes(wanted))
+    const own = model.rows.filter((row) => !row.example)
+    const rows = own.filter((row) => told(row).includes(wanted))
     const [key, falling] = ORDERS[order.value]
     if (key) rows.sort((one, other) => (falling ? -1 : 1) * compare(key(one), key(other)))
-    finding.hidden = model.rows.length < FEW
-    none.textContent = model.rows.length && !rows.length ? "No survey has this text in its name, notes or settings." : ""
+    finding.hidden = own.length < FEW
+    none.textContent = own.length && !rows.length ? "No survey has this text in its name, notes or settings." : ""
     none.hidden = !none.textContent
+    rows.push(...model.rows.filter((row) => row.example))  // the last entry, whatever the order
     const items = rows.map((row) => {
       if (!kept.has(row.id)) kept.set(row.id, row_of(row, (id) => { model.chosen = id }))
       const item = kept.get(row.id)
@@ -160,7 +169,7 @@ export function render({model}) {
     items.forEach((item, place) => {
       if (list.children[place] !== item) list.insertBefore(item, list.children[place] ?? null)
     })
-    empty.hidden = model.rows.length > 0 || !model.ready
+    empty.hidden = own.length > 0 || !model.ready
     const row = rows.find((each) => each.id === model.chosen)
     const now = row ? JSON.stringify([row.id, row.name, row.notes, row.state, row.message, row.picture, row.mine]) : ""
     const isEdited = row && detail.querySelector(`[data-of="${row.id}"] form:not([hidden])`)

@@ -1,1 +1,1 @@
-"""Parts that all rooms of the explorer share: address, texts, figures, glyphs, theme, job status, page session."""
+"""Parts that all rooms of the explorer share: address, texts, figures, glyphs, job status, page session."""

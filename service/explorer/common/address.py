@@ -3,25 +3,39 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple, TypeVar
+from functools import partial
+from typing import Literal, NamedTuple
 from urllib.parse import urlencode
 
+from gear_rattle.service.explorer.common.address_fields import (
+    address_field,
+    allowed_text,
+    bounded_number,
+    field_texts,
+    pair_text,
+    parse_pair,
+    parse_point,
+    read_fields,
+    read_text,
+)
+from gear_rattle.service.explorer.common.point_state import PointState
 from gear_rattle.service.harmonics import harmonic_texts, read_harmonics
+from gear_rattle.service.operations.diagrams import Pair
 from gear_rattle.workers.pictures.look import LINES, POINTS, USUAL_SHARE
 from rattle import Machine
-from rattle.curves import NAMES
+from rattle.curves import NAMES, QUIET_LIMIT
 from rattle.models import ADDED, Model, model_of, with_harmonics
 from rattle.parameters import Harmonic
 from rattle.populations import MOST_SHARE
 
-Pair = tuple[float, float]
 Ranges = tuple[Pair, Pair]  # (low, high) of δ and of ε in a figure, which may show more than the plane δ > 0, ε ≥ 0
 Limits = Literal["auto", "robust", "full"]
 LIMITS: tuple[Limits, ...] = ("auto", "robust", "full")
 OVERLAYS = LINES  # names of all lines and marks that can be drawn over a map
-DEFAULT_OVERLAYS = (*NAMES, POINTS)
+#: Lines over a map whose lines nobody has chosen: few; over regions all of their borders.
+FEW_LINES, BORDERS, REGION = ("SN1", "G1", QUIET_LIMIT), (*NAMES, POINTS), "region"
 UNCHOSEN: Ranges = (0.4, 1.0), (0.0, 0.3)  # window of (δ, ε) if no survey is chosen
 THEMES = ("light", "dark")
 MOST_PINS = 8
@@ -30,10 +44,9 @@ HARMONIC = "harmonic:"  # prefix of a harmonic in the text of a pin
 LONGEST = 16_000  # longest value in characters: 2000 for each of MOST_PINS pins
 POINT_STATE = "p."
 KEYBOARD = "keyboard"
+EXAMPLE = "example"  # stands for the id of a survey: the example, which comes with the explorer
 MOST_FURTHER = 3
 FURTHER = tuple(f"map{number}" for number in range(2, 2 + MOST_FURTHER))
-
-T = TypeVar("T")
 
 
 class EnteredMachine(NamedTuple):
@@ -183,140 +196,9 @@ class DrawnSettings(NamedTuple):
     pixels: tuple[int, int] | None
 
 
-@dataclass(frozen=True)
-class View:
-    """State of a page. Two views with the same address are equal.
-
-    Attributes
-    ----------
-    family : int | None
-        Number of the highlighted family, while all other cells are dimmed; None for no family.
-    limits : Limits | Pair
-        Rule for the range of colours, or (low, high).
-    delta, epsilon : Pair | None
-        Window (low, high) along each axis, None for the whole survey.
-    machine : EnteredMachine | None
-        Machine that a viewer entered for the open point, None if the point is not of a machine.
-    share : float
-        Probability of quiet running that the design limit requires.
-    profile : MapChoice | None
-        Map whose profile is drawn below the diagram, None for the map that is shown.
-    theme : str
-        Theme of the page, "light" or "dark"; empty for the theme of the viewer's system.
-    point_state : Mapping[str, str]
-        State of the open point's tabs, see `PointState`.
-    pins : tuple[Pin, ...]
-        Points that are compared.
-    is_variable_chosen : bool
-        True if a viewer chose the variable. This field and all fields below it are not in the address.
-    pointer : Pointer | None
-        Point that a viewer points at.
-    seen : DrawnSettings | None
-        Settings of the drawn map, None where nothing is drawn.
-    before, after : tuple[Ranges | None, ...]
-        Windows for Back and for Forward, the next window last; an entry None is the whole survey.
-    """
-
-    survey: str = ""
-    variable: str = ""
-    index: int = 0
-    slice: int = 0
-    family: int | None = None
-    limits: Limits | Pair = "auto"
-    log: bool = False
-    overlays: tuple[str, ...] = DEFAULT_OVERLAYS
-    delta: Pair | None = None
-    epsilon: Pair | None = None
-    point: Pair | None = None
-    machine: EnteredMachine | None = None
-    share: float = USUAL_SHARE
-    further: tuple[ComparisonChoice, ...] = ()
-    profile: MapChoice | None = None
-    profile_limits: Pair | None = None
-    theme: str = ""
-    point_state: Mapping[str, str] = field(default_factory=dict)
-    pins: tuple[Pin, ...] = ()
-    is_variable_chosen: bool = field(default=False, compare=False)
-    pointer: Pointer | None = field(default=None, compare=False)
-    seen: DrawnSettings | None = field(default=None, compare=False)
-    before: tuple[Ranges | None, ...] = field(default=(), compare=False)
-    after: tuple[Ranges | None, ...] = field(default=(), compare=False)
-
-    @property
-    def window(self) -> Ranges | None:
-        """Window that is shown, None for the whole survey."""
-        return (self.delta, self.epsilon) if self.delta and self.epsilon else None
-
-    @classmethod
-    def parse(cls, query: Mapping[str, Sequence[bytes]]) -> View:
-        """Return the view that a query describes; values that cannot be read are left at their defaults."""
-        firsts = {name: values[0].decode("utf-8", "replace") for name, values in query.items() if values}
-        text = {name: value for name, value in firsts.items() if len(value) <= LONGEST}
-
-        def read(name: str, reader: Callable[[str], T], default: T) -> T:
-            try:
-                return reader(text[name]) if name in text else default
-            except ValueError:
-                return default
-
-        point = read("point", _parse_point, None)
-        return cls(
-            survey=read("survey", _parse_word, ""),
-            variable=read("variable", _parse_word, ""),
-            index=read("index", _parse_index, 0),
-            slice=read("slice", _parse_index, 0),
-            family=read("family", _parse_family, None),
-            limits=read("limits", _parse_limits, "auto"),
-            log=text.get("log") == "1",
-            overlays=read("overlays", _parse_overlays, DEFAULT_OVERLAYS),
-            delta=read("delta", _parse_positive_window, None),
-            epsilon=read("epsilon", _parse_window, None),
-            point=point,
-            machine=read("machine", _parse_machine, None) if point else None,
-            share=read("share", _parse_share, USUAL_SHARE),
-            further=tuple(each for name in FURTHER if (each := read(name, ComparisonChoice.read, None)) is not None),
-            profile=read("profile", MapChoice.read, None),
-            profile_limits=read("profile_limits", _parse_window, None),
-            theme=text["theme"] if text.get("theme") in THEMES else "",
-            point_state={
-                name.removeprefix(POINT_STATE): value
-                for name, value in list(text.items())[:50]
-                if name.startswith(POINT_STATE) and value and point
-            },
-            pins=read("pins", _parse_pins, ()),
-            is_variable_chosen=bool(read("variable", _parse_word, "")),
-        )
-
-    def query(self) -> str:
-        """Return the query that describes this view, with a leading "?"; "" if all fields have their defaults."""
-        pairs: dict[str, str] = {"survey": self.survey, "variable": self.variable}
-        pairs["index"] = str(self.index) if self.index else ""
-        pairs["slice"] = str(self.slice) if self.slice else ""
-        pairs["family"] = "" if self.family is None else str(self.family)
-        if self.limits != "auto":
-            pairs["limits"] = self.limits if isinstance(self.limits, str) else _pair_text(self.limits)
-        pairs["log"] = "1" if self.log else ""
-        if self.overlays != DEFAULT_OVERLAYS:
-            pairs["overlays"] = ",".join(self.overlays) or "none"
-        for name, pair in (("delta", self.delta), ("epsilon", self.epsilon), ("point", self.point)):
-            pairs[name] = _pair_text(pair) if pair else ""
-        if self.point and self.machine:
-            pairs["machine"] = self.machine.address_text
-        pairs["share"] = repr(self.share) if self.share != USUAL_SHARE else ""
-        pairs |= {name: each.address_text for name, each in zip(FURTHER, self.further, strict=False)}
-        pairs["profile"] = self.profile.address_text if self.profile else ""
-        pairs["profile_limits"] = _pair_text(self.profile_limits) if self.profile_limits else ""
-        pairs["theme"] = self.theme
-        pairs["pins"] = ";".join(pin.address_text for pin in self.pins)
-        if self.point:
-            pairs |= {POINT_STATE + name: str(value) for name, value in self.point_state.items()}
-        said = {name: value for name, value in pairs.items() if value}
-        return "?" + urlencode(said, safe=",;") if said else ""
-
-
-def _pair_text(pair: Pair) -> str:
-    # `repr` writes all digits of a number, so that it is read back unchanged
-    return ",".join(repr(float(value)) for value in pair)
+def address_text(value: EnteredMachine | Pin | MapChoice | ComparisonChoice) -> str:
+    """Return the text of a value in an address."""
+    return value.address_text
 
 
 def _parse_word(text: str) -> str:
@@ -330,21 +212,11 @@ def _parse_index(text: str) -> int:
 
 
 def _parse_family(text: str) -> int:
-    number = int(text)
-    if not 0 <= number < 2**31:
-        raise ValueError(f"The number of a family is from 0 to 2,147,483,647, not {text!r}.")
-    return number
-
-
-def _parse_pair(text: str) -> Pair:
-    first, second = (float(part) for part in text.split(","))
-    if not (math.isfinite(first) and math.isfinite(second)):
-        raise ValueError(f"Two finite numbers with a comma between them are needed, not {text!r}.")
-    return first, second
+    return bounded_number(int(text), 0, 2**31 - 1)
 
 
 def _parse_window(text: str) -> Pair:
-    low, high = _parse_pair(text)
+    low, high = parse_pair(text)
     if not low < high or not math.isfinite(high - low):
         raise ValueError(f"A window needs a lower end below its upper end, not {text!r}.")
     return low, high
@@ -355,13 +227,6 @@ def _parse_positive_window(text: str) -> Pair:
     if high <= 0:
         raise ValueError(f"The upper end of a window of δ must be above 0, not {text!r}.")
     return low, high
-
-
-def _parse_point(text: str) -> Pair:
-    delta, epsilon = _parse_pair(text)
-    if delta <= 0 or epsilon < 0:
-        raise ValueError(f"A point needs a δ above 0 and an ε of at least 0, not {text!r}.")
-    return delta, epsilon
 
 
 def _parse_machine(text: str) -> EnteredMachine:
@@ -386,7 +251,7 @@ def _parse_pins(text: str) -> tuple[Pin, ...]:
         if len(added) < len(plain):
             raise ValueError(f"A pin has two values of one parameter: {text!r}.")
         harmonics = read_harmonics(one.removeprefix(HARMONIC) for one in more if one.startswith(HARMONIC))
-        pin = Pin(*_parse_point(f"{delta},{epsilon}"), float(beta), tuple(added.items()), harmonics)
+        pin = Pin(*parse_point(f"{delta},{epsilon}"), float(beta), tuple(added.items()), harmonics)
         pin.model.gear(pin.delta, pin.epsilon)  # raises a ParameterError, which is a ValueError, if no gear is possible
         found.append(pin)
     return tuple(dict.fromkeys(found))
@@ -414,3 +279,121 @@ def _parse_limits(text: str) -> Limits | Pair:
 def _parse_overlays(text: str) -> tuple[str, ...]:
     chosen = text.split(",")
     return tuple(name for name in OVERLAYS if name in chosen)
+
+
+@dataclass(frozen=True)
+class View:
+    """State of a page. Two views with the same address are equal.
+
+    Attributes
+    ----------
+    family : int | None
+        Number of the highlighted family, while all other cells are dimmed; None for no family.
+    limits : Limits | Pair
+        Rule for the range of colours, or (low, high).
+    overlays : tuple[str, ...] | None
+        Lines that a viewer chose, None for the default lines of a map; `lines` are the lines that are drawn.
+    delta, epsilon : Pair | None
+        Window (low, high) along each axis, None for the whole survey.
+    machine : EnteredMachine | None
+        Machine that a viewer entered for the open point, None if the point is not of a machine.
+    share : float
+        Probability of quiet running that the design limit requires.
+    profile : MapChoice | None
+        Map whose profile is drawn below the diagram, None for the map that is shown.
+    theme : str
+        Theme of the page, "light" or "dark"; empty for the theme of the viewer's system.
+    point_state : PointState
+        State of the open point's tabs.
+    pins : tuple[Pin, ...]
+        Points that are compared.
+    is_variable_chosen : bool
+        True if a viewer chose the variable. This field and all fields below it are not in the address.
+    sounds, yields : int
+        Numbers of requests: of the sound of a motion, and of the yield of the point's tolerances.
+    rpm : float | None
+        Speed of the machine whose sound was requested; None if a viewer entered none.
+    pointer : Pointer | None
+        Point that a viewer points at.
+    seen : DrawnSettings | None
+        Settings of the drawn map, None where nothing is drawn.
+    before, after : tuple[Ranges | None, ...]
+        Windows for Back and for Forward, the next window last; an entry None is the whole survey.
+    """
+
+    survey: str = address_field("", _parse_word)
+    variable: str = address_field("", _parse_word)
+    index: int = address_field(0, _parse_index)
+    slice: int = address_field(0, _parse_index)
+    family: int | None = address_field(None, _parse_family)
+    limits: Limits | Pair = address_field(
+        "auto", _parse_limits, lambda limits: limits if limits in LIMITS else pair_text(limits)
+    )
+    log: bool = address_field(False, lambda text: text == "1", lambda _: "1")
+    overlays: tuple[str, ...] | None = address_field(None, _parse_overlays, lambda each: ",".join(each) or "none")
+    delta: Pair | None = address_field(None, _parse_positive_window, pair_text)
+    epsilon: Pair | None = address_field(None, _parse_window, pair_text)
+    point: Pair | None = address_field(None, parse_point, pair_text)
+    machine: EnteredMachine | None = address_field(None, _parse_machine, address_text)
+    share: float = address_field(USUAL_SHARE, _parse_share, repr)
+    further: tuple[ComparisonChoice, ...] = ()
+    profile: MapChoice | None = address_field(None, MapChoice.read, address_text)
+    profile_limits: Pair | None = address_field(None, _parse_window, pair_text)
+    theme: str = address_field("", partial(allowed_text, THEMES))
+    point_state: PointState = field(default_factory=PointState)
+    pins: tuple[Pin, ...] = address_field((), _parse_pins, lambda pins: ";".join(map(address_text, pins)))
+    is_variable_chosen: bool = field(default=False, compare=False)
+    sounds: int = field(default=0, compare=False)
+    yields: int = field(default=0, compare=False)
+    rpm: float | None = field(default=None, compare=False)
+    pointer: Pointer | None = field(default=None, compare=False)
+    seen: DrawnSettings | None = field(default=None, compare=False)
+    before: tuple[Ranges | None, ...] = field(default=(), compare=False)
+    after: tuple[Ranges | None, ...] = field(default=(), compare=False)
+
+    @property
+    def window(self) -> Ranges | None:
+        """Window that is shown, None for the whole survey."""
+        return (self.delta, self.epsilon) if self.delta and self.epsilon else None
+
+    @property
+    def is_example(self) -> bool:
+        """True if the example is shown: it was chosen, or no survey is."""
+        return self.survey in ("", EXAMPLE)
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Lines over the map: the chosen lines, or the default lines of the map."""
+        return self.lines_over(self.variable)
+
+    def lines_over(self, variable: str) -> tuple[str, ...]:
+        """Return the lines over a map of another variable."""
+        if self.overlays is not None:
+            return self.overlays
+        return BORDERS if variable == REGION else FEW_LINES
+
+    @classmethod
+    def parse(cls, query: Mapping[str, Sequence[bytes]]) -> View:
+        """Return the view that a query describes; values that cannot be read are left at their defaults."""
+        firsts = {name: values[0].decode("utf-8", "replace") for name, values in query.items() if values}
+        texts = {name: value for name, value in firsts.items() if len(value) <= LONGEST}
+        found = read_fields(cls, texts)
+        if "point" in found:
+            state = {
+                name.removeprefix(POINT_STATE): text for name, text in texts.items() if name.startswith(POINT_STATE)
+            }
+            found["point_state"] = PointState.read(state)
+        else:
+            found.pop("machine", None)
+        others = (read_text(texts, name, ComparisonChoice.read, None) for name in FURTHER)
+        further = tuple(each for each in others if each is not None)
+        return cls(**found, further=further, is_variable_chosen="variable" in found)
+
+    def query(self) -> str:
+        """Return the query that describes this view, with a leading "?"; "" if all fields have their defaults."""
+        texts = field_texts(self) | dict(zip(FURTHER, map(address_text, self.further), strict=False))
+        if self.point is None:
+            texts.pop("machine", None)
+        else:
+            texts |= {POINT_STATE + name: text for name, text in self.point_state.text().items()}
+        return "?" + urlencode(texts, safe=",;") if texts else ""

@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncGenerator, Callable, Hashable, Sequence
 from contextlib import aclosing
+from functools import partial
 
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common.viewer import Viewer
+from rattle import RattleError
 
 PAUSE = 1.0  # seconds between two drawings of a running survey
 
@@ -19,10 +21,15 @@ class DrawingRunner:
 
     If several drawings are requested meanwhile, only the newest follows. While a survey runs, PAUSE seconds pass
     between two drawings.
+
+    Parameters
+    ----------
+    show_error : Callable[[RattleError], object]
+        Shows an error that a drawing raises, while this drawing is the requested one.
     """
 
-    def __init__(self, viewer: Viewer) -> None:
-        self._viewer = viewer
+    def __init__(self, viewer: Viewer, show_error: Callable[[RattleError], object]) -> None:
+        self._viewer, self._show_error = viewer, show_error
         self._wanted: tuple[Hashable, ...] = ()
         self._drawn: tuple[Hashable, ...] = ()
         self._draw: Callable[[], AsyncGenerator[Show, None]] | None = None
@@ -56,12 +63,16 @@ class DrawingRunner:
     async def _keep_drawing(self) -> None:
         while self._draw is not None and self._wanted != self._drawn:
             drawn = self._drawn = self._wanted
-            async with aclosing(self._draw()) as shows:
-                async for show in shows:
-                    self._show(drawn[0], show)
-                    await asyncio.sleep(self._pause)
-                    if self._wanted != drawn:
-                        break
+            try:
+                async with aclosing(self._draw()) as shows:
+                    async for show in shows:
+                        self._show(drawn[0], show)
+                        await asyncio.sleep(self._pause)
+                        if self._wanted != drawn:
+                            break
+            except RattleError as error:
+                self._show(drawn[0], partial(self._show_error, error))
+                await asyncio.sleep(self._pause)
 
     def _show(self, what: Hashable, show: Show) -> None:
         self._viewer.change(lambda: show() if self._wanted[:1] == (what,) else None)

@@ -8,8 +8,8 @@ from bokeh.colors import RGB
 from bokeh.models import Range1d
 from bokeh.plotting import figure
 
-from gear_rattle.service.explorer.common.theme import INK
-
+#: Colours of the text, the background and the lines of each theme.
+INK = {"light": ("#1d2733", "#ffffff", "#c4ccd4"), "dark": ("#e4e9ee", "#171c22", "#47525e")}
 Limits = tuple[float, float]
 #: Style of a printed column: as a block it breaks between its parts at the end of a sheet of paper. Chromium does not
 #: break a flexible box there.

@@ -1,4 +1,4 @@
-"""Components in plain HTML for two lists of the page: the surveys, and the key of the map."""
+"""Components in plain HTML: the list of the surveys, the buttons of the maps, and the key of the map."""
 
 from __future__ import annotations
 
@@ -47,3 +47,22 @@ class MapKey(JSComponent):
 
     _esm = asset("key.js")
     _stylesheets = [asset("key.css")]  # noqa: RUF012 - Panel's own components declare this as a list
+
+
+class MapButtons(JSComponent):
+    """Buttons of the maps that are explained.
+
+    Attributes
+    ----------
+    buttons : list of dict
+        For each button its label, the variable of its map, its tooltip `about`, and True for `missing` where the survey
+        has no such variable.
+    chosen : str
+        Variable of the map that is shown, empty if it has no button.
+    """
+
+    buttons = param.List(default=[])
+    chosen = param.String(default="")
+
+    _esm = asset("component.js") + asset("maps.js")
+    _stylesheets = [asset("maps.css")]  # noqa: RUF012 - Panel's own components declare this as a list

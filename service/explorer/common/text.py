@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from html import escape
 from typing import Any
 
 import panel as pn
 from bokeh.models.widgets import Div
 
 STYLE = ":host { font: 13px/1.45 system-ui, sans-serif; } .bk-clearfix { display: block !important; width: 100%; }"
+
+
+def alert_html(message: str, kind: str = "notice") -> str:
+    """Return the HTML of a message that screen readers read out at once. kind: CSS class, "notice" or "wrong"."""
+    return f'<p class="{kind}" role="alert">{escape(message)}</p>'
+
+
+def faint_html(text: str) -> str:
+    """Return the HTML of a less important text."""
+    return f'<p class="faint">{escape(text)}</p>'
 
 
 class Text:
@@ -33,3 +44,31 @@ class Text:
     @html.setter
     def html(self, html: str) -> None:
         self._model.text = html
+
+
+class Heading(Text):
+    """Line that describes the shown map. The reason why no map is shown replaces the line."""
+
+    def __init__(self, sheet: str) -> None:
+        super().__init__("", sheet)
+        self._shown = self._progress = ""
+
+    def show(self, what: str) -> None:
+        """Write the description of the shown map, in HTML."""
+        self._shown = what
+        self._write()
+
+    def show_progress(self, text: str) -> None:
+        """Write after the description which computation runs. This text is hidden while no map is shown."""
+        self._progress = text
+        if self._shown:
+            self._write()
+
+    def show_reason(self, html: str) -> None:
+        """Write why no map is shown (HTML), in place of the description."""
+        self._shown = self._progress = ""
+        self.html = html
+
+    def _write(self) -> None:
+        said = f' <span class="faint" role="status">{escape(self._progress)}</span>' if self._progress else ""
+        self.html = f"<p>{self._shown}{said}</p>"

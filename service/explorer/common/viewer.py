@@ -92,10 +92,19 @@ class Viewer:
         Result
             The return value of `work`.
         """
+        return await self.run_as_caller(lambda _caller: work(), scope)
+
+    async def run_as_caller(self, act: Callable[[Caller], Result], scope: Scope) -> Result:
+        """Run `act` with the caller in a thread, as `run_in_thread` does, and return the result.
+
+        Returns
+        -------
+        Result
+            The return value of `act`.
+        """
 
         def run() -> Result:
-            self.require(scope)
-            return work()
+            return act(self.require(scope))
 
         await self._threads.acquire()
         thread = asyncio.ensure_future(run_in_threadpool(run))

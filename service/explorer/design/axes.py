@@ -100,3 +100,11 @@ def coordinate_text(value: float, window: Pair) -> str:
     """Return a coordinate with enough digits to distinguish the points of this window on a screen."""
     span = max(window[1] - window[0], 1e-300)
     return f"{value:.{min(max(math.ceil(3 - math.log10(span)), 3), 17)}f}"
+
+
+def rounded_range(low: float, high: float) -> Pair:
+    """Return a range whose ends are rounded to a thousandth of its width or finer."""
+    if not low < high:
+        return low, high
+    digits = math.ceil(3 - math.log10(high - low))
+    return round(low, digits), round(high, digits)

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from functools import partial
-from html import escape
 from typing import Any
 
 import panel as pn
 
 from gear_rattle.service.explorer.common.address import EnteredMachine
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.text import Text, alert_html
 from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.design.fields import POINT, MachineFields
-from gear_rattle.service.explorer.design.places import Bookmark, bookmarks
+from gear_rattle.service.explorer.design.places import Bookmark, bookmarks, shown_bookmark
 from gear_rattle.service.explorer.state.events import BookmarkChosen, PointClosed, PointOpened
-from gear_rattle.service.explorer.state.store import Store
+from gear_rattle.service.explorer.state.store import JOBS, Store
 from rattle import RattleError
 from rattle.models import BETA, DEFAULT_MODEL, MODELS
+
+OPEN, CLOSE = "Go to a point", "Close this form"
 
 
 class GoToPanel:
@@ -31,9 +32,7 @@ class GoToPanel:
         self._watch = WidgetWatcher()
         self._watch.call_on_change(self.named, self._go_to_bookmark)
         self.said = Text("", sheet)
-        self._open = pn.widgets.Button(
-            label="Go to a point", css_classes=["go-to"], stylesheets=[sheet], margin=(0, 8, 6, 0)
-        )
+        self._open = pn.widgets.Button(label=OPEN, css_classes=["go-to"], stylesheets=[sheet], margin=(0, 8, 6, 0))
         on_press(self._open, self._toggle_fields)
         self._fields: pn.Column | None = None
         self._close = pn.widgets.Button(
@@ -41,6 +40,7 @@ class GoToPanel:
         )
         on_press(self._close, partial(store.dispatch, PointClosed()))
         store.subscribe(self._show_close_button, "point")
+        store.subscribe(self._show_bookmark, "survey", "slice", "delta", "epsilon", "point", JOBS)
         row = pn.FlexBox(
             self.named, self._open, self._close, align_items="flex-end", sizing_mode="stretch_width", margin=0
         )
@@ -49,14 +49,25 @@ class GoToPanel:
     def _show_close_button(self) -> None:
         self._close.visible = self._store.view.point is not None
 
+    def _show_bookmark(self) -> None:
+        """Select the bookmark that the view shows, or none once the view has moved away."""
+        view = self._store.view
+        shown = shown_bookmark(view.window, view.point) if self._is_of_bookmarks() else None
+        with self._watch.paused():
+            self.named.value = "" if shown is None else shown
+
+    def _is_of_bookmarks(self) -> bool:
+        """Return whether the map is of the default model and its default β, as all bookmarks are."""
+        return self._store.model == MODELS[DEFAULT_MODEL]()
+
     def _go_to_bookmark(self) -> None:
-        """Go to the chosen bookmark, if the map is of the default model and its default β, as all bookmarks are."""
+        """Go to the chosen bookmark, if the map is of the gear that has it."""
         place: Bookmark | str = self.named.value
         if isinstance(place, str):
+            self._show_bookmark()
             return
-        with self._watch.paused():
-            self.named.value = ""  # so that the same bookmark can be chosen again
-        if self._store.model != MODELS[DEFAULT_MODEL]():
+        if not self._is_of_bookmarks():
+            self._show_bookmark()
             named = f"{DEFAULT_MODEL} gear at β = {BETA.default}"
             self._show_error(f"The named places are in the plane of the {named}. Choose a survey of this gear first.")
             return
@@ -69,7 +80,7 @@ class GoToPanel:
             self.panel.insert(1, self._fields)
         else:
             self._fields.visible = not self._fields.visible
-        self._open.label = "Close" if self._fields.visible else "Go to a point"
+        self._open.label = CLOSE if self._fields.visible else OPEN
 
     def _build_fields(self) -> pn.Column:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [self._sheet]}
@@ -93,7 +104,7 @@ class GoToPanel:
         self.said.html = ""
         if not self._in_si.value:
             if self._delta.value and self._epsilon.value is not None:
-                self._store.dispatch(PointOpened((self._delta.value, self._epsilon.value)))
+                self._open_point(PointOpened((self._delta.value, self._epsilon.value)))
             else:
                 self._show_error("Enter a damping δ above 0, and an eccentricity ε.")
             return
@@ -108,7 +119,12 @@ class GoToPanel:
         except RattleError as error:
             self._show_error(str(error))
         else:
-            self._store.dispatch(PointOpened((gear.delta, gear.epsilon), entered))
+            self._open_point(PointOpened((gear.delta, gear.epsilon), entered))
+
+    def _open_point(self, event: PointOpened) -> None:
+        """Open a point, and close the form, below which the answer would be out of sight."""
+        self._toggle_fields()
+        self._store.dispatch(event)
 
     def _show_error(self, why: str) -> None:
-        self.said.html = f'<p class="wrong" role="alert">{escape(why)}</p>'
+        self.said.html = alert_html(why, "wrong")

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 from gear_rattle.service.explorer.common.address import Pair, Ranges
+from gear_rattle.service.explorer.common.point_state import PointState
 from rattle.plot import FIGURE_4, FIGURE_5, FIGURE_6, FIGURE_7, FIGURE_8, FIGURE_9
 
 #: Points from `rattle.curves.codimension_two`. A window with half-widths EITHER_WAY shows the curves that meet there.
@@ -18,21 +19,39 @@ CORNERS = {
 EITHER_WAY = 0.004, 0.001
 #: Points (δ, ε) at which a boundary crisis ends chaos, from `rattle.crisis.boundary_crisis`.
 CRISES = {"0.6": (0.6, 0.1108867568), "0.762": (0.762, 0.09742235)}
-SPAN = "span"
 
 
 @dataclass(frozen=True)
 class Bookmark:
-    """A window of the plane; the point to open in it, or None; and the state of the point's tabs, see `PointState`."""
+    """A window of the plane; the point to open in it, or None; and the state of its tabs, or None for no own state."""
 
     window: Ranges
     point: Pair | None = None
-    state: Mapping[str, str] = field(default_factory=dict)
+    state: PointState | None = None
 
 
 def bookmarks() -> dict[str, Bookmark]:
     """Return all bookmarks by name."""
     return dict(_named_bookmarks())
+
+
+def shown_bookmark(window: Ranges | None, point: Pair | None) -> Bookmark | None:
+    """Return the bookmark that a view shows: its window with its point, else its window alone; None if there is none.
+
+    Parameters
+    ----------
+    window : Ranges | None
+        Window of the view, None for the whole survey.
+    point : Pair | None
+        Open point of the view.
+
+    Returns
+    -------
+    Bookmark | None
+        The bookmark.
+    """
+    there = [each for each in bookmarks().values() if each.window == window]
+    return next((each for wanted in (point, None) for each in there if each.point == wanted), None)
 
 
 def _named_bookmarks() -> Iterator[tuple[str, Bookmark]]:
@@ -46,7 +65,8 @@ def _named_bookmarks() -> Iterator[tuple[str, Bookmark]]:
         yield f"Figure 4: basins at ε = {epsilon:g}", Bookmark(FIGURE_7, (delta, epsilon))
     for name, (delta, (low, high)) in {"5": FIGURE_5, "9": FIGURE_9}.items():
         middle = (low + high) / 2
-        diagram = Bookmark(FIGURE_7 if name == "5" else FIGURE_8, (delta, middle), {SPAN: f"{(high - low) / 2:.12g}"})
+        state = PointState(span=float(f"{(high - low) / 2:.12g}"))
+        diagram = Bookmark(FIGURE_7 if name == "5" else FIGURE_8, (delta, middle), state)
         yield f"Figure {name}: diagram at δ = {delta:g}", diagram
     yield "Figure 6: manifolds", Bookmark(FIGURE_7, FIGURE_6)
     yield "Figure 7: the plane", Bookmark(FIGURE_7)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rattle
+from gear_rattle.service.explorer.common.point_state import Tolerance
 from rattle import Estimate, Machine, Normal
 from rattle.errors import require
 from rattle.models import AnyGear, model_at
@@ -23,18 +24,6 @@ COUNT, JUDGED = 8, 256  # initial conditions per gear; largest number of gears t
 # Fields of a machine that `rattle.population` does not get under these names.
 NOT_GIVEN = ("speed", "eccentricity", "errors", "driven_errors")
 LEAST = 0.1  # least speed and damping of a gear, relative to the mean
-
-
-class Tolerance(NamedTuple):
-    """Tolerances of a point, and the requirement on its gears.
-
-    first, second: the standard deviations of δ and ε, or of a machine's speed (rpm) and eccentricity (m). share: the
-    least probability of quiet running with which a gear passes.
-    """
-
-    first: float
-    second: float
-    share: float
 
 
 class Yield(NamedTuple):

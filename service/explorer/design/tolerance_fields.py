@@ -7,10 +7,11 @@ from typing import Any
 
 import panel as pn
 
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.point_state import Tolerance
+from gear_rattle.service.explorer.common.text import Text, alert_html
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.design.fields import NUMBERS
-from gear_rattle.service.explorer.design.tolerance import Tolerance
+from gear_rattle.service.explorer.state.events import Event, YieldRequested
 from gear_rattle.workers.pictures.look import USUAL_SHARE
 from rattle import Machine
 from rattle.models import AnyGear
@@ -19,10 +20,10 @@ TENTH = 0.1  # default standard deviations, relative to the point's numbers
 
 
 class ToleranceFields:
-    """Fields for two standard deviations and a probability; a button calls `on_request` with the entered values."""
+    """Fields for two standard deviations and a probability, and a button that requests the yield."""
 
-    def __init__(self, sheets: list[str]) -> None:
-        self.on_request: Callable[[Tolerance], None]
+    def __init__(self, dispatch: Callable[[Event], None], sheets: list[str]) -> None:
+        self._dispatch = dispatch
         style: dict[str, Any] = {"width": 150, "margin": (2, 4), "stylesheets": sheets}
         first, second, share = (pn.widgets.FloatInput(start=0.0, **style) for _ in range(3))
         share.label = "Passes: P(quiet) ≥"
@@ -54,9 +55,10 @@ class ToleranceFields:
         self.said.html = ""
 
     def request_yield(self) -> None:
-        """Call `on_request` with the entered tolerances, or say that a field is empty."""
+        """Request the yield with the entered tolerances, or say that a field is empty."""
         first, second, share = (each.value for each in self.widgets)
         if first is None or second is None or share is None:
-            self.said.html = '<p class="wrong" role="alert">A tolerance needs a number in each field.</p>'
+            self.said.html = alert_html("A tolerance needs a number in each field.", "wrong")
         else:
-            self.on_request(Tolerance(first / self._per[0], second / self._per[1], share))
+            entered = Tolerance(first / self._per[0], second / self._per[1], share)
+            self._dispatch(YieldRequested(entered))

@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.service.explorer.common.point_state import PointState
 from gear_rattle.service.explorer.map.planes import MapPlane
 from gear_rattle.service.explorer.point.words import number_text, percent_text
 from gear_rattle.workers import Bucket, SurveyRequest, open_survey
@@ -41,9 +42,9 @@ class Extent:
     either_way: float
 
     @property
-    def state(self) -> dict[str, str]:
+    def state(self) -> PointState:
         """State of the tabs of the point in the middle, which shows the diagram along the row or column."""
-        return {"direction": self.direction, "span": f"{self.either_way:.12g}"}
+        return PointState(direction=self.direction, span=float(f"{self.either_way:.12g}"))
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,7 @@ class FamiliesView:
             visible=False,
         )  # fmt: skip
         self._extents: dict[str, Extent] = {}
-        self.drawings = DrawingRunner(viewer)
+        self.drawings = DrawingRunner(viewer, self._show_error)
         # id of the survey, number of the slice, number of the family
         self._of: tuple[str, int, int | None] = ("", 0, None)
         self._known: tuple[tuple[Any, ...], FamilyData] | None = None
@@ -111,11 +111,7 @@ class FamiliesView:
                 return known, known.plane.enlarged_block(window)
             return known, known.plane.block(window, pixels, anywhere=True)
 
-        try:
-            known, seen = await self._viewer.run_in_thread(read)
-        except RattleError as error:
-            yield partial(self._show_error, str(error))
-            return
+        known, seen = await self._viewer.run_in_thread(read)
         self._known = key, known
         yield partial(self._show_family, view.family, known, seen)
 
@@ -155,10 +151,10 @@ class FamiliesView:
         with self._watch.paused():
             self.which.param.update(options={NO_FAMILY: ""} | options, value=value, visible=True)
 
-    def _show_error(self, why: str) -> None:
+    def _show_error(self, error: RattleError) -> None:
         self._hide_choices()
         self.panel.visible = True
-        self._show_message(why)
+        self._show_message(str(error))
 
     def _hide_choices(self) -> None:
         self._clear_description()

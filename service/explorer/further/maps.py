@@ -59,7 +59,7 @@ class ComparisonMaps:
     def _on_view_change(self) -> None:
         """Make as many maps as the view has, and let each show its part of the view."""
         view = self._store.view
-        self.add.visible = bool(view.survey) and len(view.further) < MOST_FURTHER
+        self.add.visible = not view.is_example and len(view.further) < MOST_FURTHER
         if not self._store.has_surveys:
             return
         while len(self.maps) > len(view.further):
@@ -85,7 +85,7 @@ class ComparisonMaps:
     def _add_map(self) -> None:
         """Add a comparison map of the first map's survey: the next of its maps that is not shown yet."""
         view, request = self._store.view, self._store.request
-        if request is None or not view.survey:
+        if request is None or view.is_example:
             return
         names = list(map_names(request).values())
         shown = {(view.variable, view.index), *((each.variable, each.index) for each in view.further)}

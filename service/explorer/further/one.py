@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncGenerator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -15,14 +14,12 @@ from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.explorer.common.address import (
     ComparisonChoice,
     MapChoice,
-    Pair,
     Ranges,
     View,
     points_by_number,
 )
 from gear_rattle.service.explorer.common.drawings import Show
-from gear_rattle.service.explorer.common.heading import Heading
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.text import Heading, Text
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.further.difference import Difference, require_small
@@ -30,14 +27,13 @@ from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouri
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import WHOLE, MapLines
 from gear_rattle.service.explorer.map.picture import drawn_settings, picture_links, picture_query
-from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, map_names
+from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, map_options
 from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.map.survey_map import SurveyMap
 from gear_rattle.service.explorer.state.events import MapChanged, MapRemoved
 from gear_rattle.service.explorer.state.store import Store, request_of_job
 from gear_rattle.workers import SurveyRequest
-from rattle import RattleError
 
 SHOWN = "shown"
 GONE = "This survey is no longer there. Choose another survey for this map."
@@ -75,7 +71,6 @@ class ComparisonMap(SurveyMap):
         )  # fmt: skip
         self._further: ComparisonChoice | None = None  # choice of the map that is drawn
         self._window: Ranges | None = None
-        self._reading: asyncio.Task[None] | None = None
 
     def show_view(self, surveys: Mapping[str, str]) -> None:
         """Show the map that the view has at the index `place`. surveys: options of the menu, from `survey_options`."""
@@ -98,11 +93,8 @@ class ComparisonMap(SurveyMap):
     def _show_choices(self, further: ComparisonChoice, job: JobRow, surveys: Mapping[str, str]) -> ComparisonChoice:
         """Set the menus of surveys and maps; return the chosen map, or the survey's first map if it lacks that map."""
         request = request_of_job(job)
-        maps, number = map_names(request), sum(request.slice_index(further.slice))
-        chosen = MapChoice(further.variable, further.index)
-        if chosen not in maps.values():
-            chosen = next(iter(maps.values()))
-        options = {words: each.address_text for words, each in maps.items()}
+        number = sum(request.slice_index(further.slice))
+        chosen, options = map_options(request, MapChoice(further.variable, further.index))
         with self._watch.paused():
             self.survey.param.update(options=dict(surveys), value=f"{further.survey},{number}")
             self.variable.param.update(options=options, value=chosen.address_text, visible=not further.minus)
@@ -130,11 +122,7 @@ class ComparisonMap(SurveyMap):
             block = plane.block(room=self.figure.pixels)
             return plane, block, colouring(plane, block, "auto", False, self.figure.pixels)
 
-        try:
-            plane, block, colours = await self._viewer.run_in_thread(read)
-        except RattleError as error:
-            yield partial(self.show_nothing, f'<p class="notice" role="alert">{escape(str(error))}</p>')
-            return
+        plane, block, colours = await self._viewer.run_in_thread(read)
 
         def show() -> None:
             self._further = further
@@ -169,16 +157,16 @@ class ComparisonMap(SurveyMap):
             self.refine()
         self.figure.mark_pins(points_by_number(view.pins, model))
         self.links.html = self._picture_links(plane, view)
-        self.lines.draw([name for name in view.overlays if name not in WHOLE], model, window)
+        lines = view.lines if self._further is None else view.lines_over(self._further.variable)
+        self.lines.draw([name for name in lines if name not in WHOLE], model, window)
 
     def show_pointer(self) -> None:
         """Mark the point that a viewer points at, and write the value of the cell there."""
         pointer = self._store.view.pointer
         self.figure.mark_cursor(None if pointer is None else pointer.at)
-        if self._reading is not None:
-            self._reading.cancel()
         if pointer is not None and self.plane is not None:
-            self._reading = self._viewer.start(self._show_cell_value(self.plane, pointer.at, self._store.window))
+            read = partial(cell_in_words, self.plane, *pointer.at, self._store.window, self.finer)
+            self.read_cell(lambda: f"<p>{escape(read())}</p>", partial(setattr, self.said, "html"))
 
     def _picture_links(self, plane: MapPlane, first: View) -> str:
         """Return links to pictures of this map, in HTML; "" for a difference, which has no pictures."""
@@ -188,18 +176,10 @@ class ComparisonMap(SurveyMap):
         seen = drawn_settings(colours, self.figure.pixels if first.window else None)
         shown = replace(
             first, variable=further.variable, index=further.index, slice=further.slice, family=None,
-            overlays=tuple(name for name in first.overlays if name not in WHOLE),
+            overlays=tuple(name for name in first.lines_over(further.variable) if name not in WHOLE),
         )  # fmt: skip
         query = picture_query(self._store.jobs[further.survey].job.request, shown, seen)
         return f"<p class=faint>Picture: {picture_links(further.survey, further.variable, query)}</p>"
-
-    async def _show_cell_value(self, plane: MapPlane, at: Pair, window: Ranges) -> None:
-        said = await self._viewer.run_in_thread(lambda: cell_in_words(plane, *at, window, self.finer))
-
-        def show() -> None:
-            self.said.html = f"<p>{escape(said)}</p>"
-
-        self._viewer.change(show)
 
     def show_shades(self, shades: Sequence[Shade]) -> None:
         """Show the meanings and the shares of the colours in the key below the map."""

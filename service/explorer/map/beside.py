@@ -26,7 +26,7 @@ ANSWER_FIRST = f"@media (max-width: 1199px) {{ :host(.{OPENED}) > .go-to-place {
 
 
 class RightSide:
-    """Right side of the page: the panel `above`, the open point, and the pane `under`.
+    """Right side of the page: the panel `above`, the open point, and the panel `under`.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class RightSide:
         theme: str,
         below: FigurePlace,
         above: pn.Column,
-        under: pn.pane.Bokeh,
+        under: pn.Column,
     ) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
         self._theme, self._below = theme, below
@@ -54,7 +54,7 @@ class RightSide:
         self.panel = pn.Column(
             above, self._column, under, sizing_mode="stretch_width", margin=0, stylesheets=[PRINTED, ANSWER_FIRST]
         )
-        store.subscribe(self._on_view_change, "point", "machine", "point_state", "survey", "slice", JOBS)
+        store.subscribe(self._on_view_change, "point", "machine", "survey", "slice", JOBS)
 
     def _on_view_change(self) -> None:
         view, opened = self._store.view, open_machine_and_model(self._store)
@@ -63,13 +63,11 @@ class RightSide:
         elif opened is not None and (of := (view.point, *opened)) != self._of:
             self._of = of
             self._open_point(view, *opened)
-        elif self.point is not None:
-            self.point.show_state()
 
     def _open_point(self, view: View, machine: Machine | None, model: Model) -> None:
         assert view.point is not None
         self.end()
-        points = self._points or PointPanel(self._theme, self._below)
+        points = self._points or PointPanel(self._theme, self._store.dispatch, self._below)
         self.point = point = PointView(points, self._viewer.front, self._store, *view.point, model, machine)
         self.panel.css_classes = [OPENED]
         self._column.visible = True

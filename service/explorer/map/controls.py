@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from html import escape
 from typing import Any, NamedTuple
 
 import panel as pn
 
 from gear_rattle.service.explorer.common.address import Pair
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.lists import MapButtons
+from gear_rattle.service.explorer.common.text import Text, alert_html
 from gear_rattle.service.explorer.common.watch import WidgetWatcher
 from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.state.events import IndexChosen, LimitsSet, SliceChosen, VariableChosen
 from gear_rattle.service.explorer.state.store import JOBS, Store
+from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.pictures.look import LARGEST, variable_words
+from gear_rattle.workers.survey.values.quantities import groups_of
+from gear_rattle.workers.survey.values.schema import Group
 from rattle.models import ADDED, BETA
 
 LIMIT_NAMES = {"auto": "default", "robust": "middle 96 %", "full": "all values"}
@@ -25,10 +28,15 @@ NUMBERED = "Attractor no."
 
 
 class FeaturedMap(NamedTuple):
-    """Map with a button. variables: names of variables that can show it; the first that a survey has is used."""
+    """Map with a button.
+
+    variables: names of variables that can show it; the first that a survey has is used. group: quantity of the form of
+    a new survey with which a survey has one of them.
+    """
 
     button: str
     variables: tuple[str, ...]
+    group: Group
     meaning: str
 
 
@@ -36,33 +44,54 @@ FEATURED = (
     FeaturedMap(
         "Quiet",
         ("quiet_fraction",),
+        Group.ATTRACTORS,
         "Yellow: the gear runs quietly from most starts. Dark: it rattles. Click anywhere for its motions.",
     ),
     FeaturedMap(
-        "Motions", (LARGEST, "attractor_kind"), "The motion that most starts end in. Click anywhere to see all of them."
+        "Motions",
+        (LARGEST, "attractor_kind"),
+        Group.ATTRACTORS,
+        "The motion that most starts end in. Click anywhere to see all of them.",
     ),
     FeaturedMap(
         "Chaos",
         ("lyapunov_max", "chaotic_fraction"),
+        Group.LYAPUNOV,
         "How fast two nearly equal rattling motions part: chaotic where the exponent is above 0, periodic below.",
     ),
     FeaturedMap(
         "Loudness",
         ("worst_level",),
+        Group.INTENSITY,
         "Energy of the loudest motion's impacts: 0 dB is one impact a forcing period, +10 dB ten times its energy.",
     ),
     FeaturedMap(
         "Regions",
         ("region",),
+        Group.REGION,
         "Which of A to D, the motions of one forcing period, exist: none in I, A and C in II; see Help for the others.",
     ),
 )
 
 
-def featured_maps(names: Collection[str]) -> dict[str, str]:
-    """Return {text of the button: variable} for the featured maps that can be drawn from these variables."""
-    found = {each.button: next((name for name in each.variables if name in names), None) for each in FEATURED}
-    return {button: name for button, name in found.items() if name is not None}
+def map_buttons(names: Collection[str], request: SurveyRequest) -> list[dict[str, Any]]:
+    """Return the buttons of the featured maps, see `MapButtons`, of a survey that has these variables."""
+    buttons = []
+    for each in FEATURED:
+        variable = next((name for name in each.variables if name in names), "")
+        about = each.meaning if variable else _how_to_compute(each, request)
+        buttons.append({"label": each.button, "variable": variable, "about": about, "missing": not variable})
+    return buttons
+
+
+def _how_to_compute(each: FeaturedMap, request: SurveyRequest) -> str:
+    """Return that a survey lacks a featured map, and how a new survey gets it."""
+    if each.group not in groups_of(request.model, bool(request.harmonics)):
+        return f"{each.button}: not computed in this survey, because its model has no quantity {each.group}."
+    return (
+        f"{each.button}: not computed in this survey. A new survey has this map if {each.group} is ticked among the "
+        "quantities of its form (Advanced settings)."
+    )
 
 
 def meaning_of(variable: str) -> str:
@@ -76,9 +105,7 @@ class MapControls:
     def __init__(self, shared: SharedState, store: Store, sheet: str) -> None:
         self._shared, self._store = shared, store
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
-        self.buttons = pn.widgets.RadioButtonGroup(
-            label="Maps", options=[], color="primary", variant="outline", **styled
-        )
+        self.buttons = MapButtons(margin=styled["margin"])
         self.variable = pn.widgets.Select(label="Map", options=[], width=205, **styled)
         self.index = pn.widgets.Select(label=NUMBERED, options=[], width=110, visible=False, **styled)
         self.slice = pn.widgets.IntSlider(
@@ -93,11 +120,12 @@ class MapControls:
         self.wrong = Text("", sheet)
         self._watch = WidgetWatcher()
         for widget, used in (
-            (self.buttons, self._on_button), (self.variable, self._on_variable), (self.index, self._on_index),
+            (self.variable, self._on_variable), (self.index, self._on_index),
             (self.slice, self._on_slice), (self.rule, self._on_rule), (self.log, self._on_rule),
             (self.low, self._on_entered_limits), (self.high, self._on_entered_limits),
         ):  # fmt: skip
             self._watch.call_on_change(widget, used)
+        self._watch.call_on_change(self.buttons, self._on_button, "chosen")
         self.featured = pn.Row(self.buttons, margin=0, stylesheets=[UNPRINTED])
         self.row = pn.FlexBox(
             self.variable, self.index, self.slice, self.rule, self.low, self.high, self.log,
@@ -114,12 +142,12 @@ class MapControls:
         maps = self._shared.maps(self._store)
         if whole is None or view.variable not in maps:
             return
-        featured, names = featured_maps(maps), maps[view.variable]
+        buttons, names = map_buttons(maps, whole), maps[view.variable]
+        is_featured = any(each["variable"] == view.variable for each in buttons)
         with self._watch.paused():
             self.variable.options = {variable_words(name): name for name in maps}
             self.variable.value = view.variable
-            self.buttons.options = featured
-            self.buttons.value = view.variable if view.variable in featured.values() else None
+            self.buttons.param.update(buttons=buttons, chosen=view.variable if is_featured else "")
             self.index.visible = bool(names)
             self.index.label = "Orbit" if "A" in names else NUMBERED
             self.index.options = {str(name): number for number, name in enumerate(names)}
@@ -145,10 +173,8 @@ class MapControls:
                 self.low.value, self.high.value = view.limits if isinstance(view.limits, tuple) else drawn
 
     def _on_button(self) -> None:
-        if self.buttons.value is None:  # a browser sends None when the buttons have changed
-            self._show_map()
-        else:
-            self._store.dispatch(VariableChosen(str(self.buttons.value)))
+        if any(each["variable"] == self.buttons.chosen for each in self.buttons.buttons):
+            self._store.dispatch(VariableChosen(self.buttons.chosen))
 
     def _on_variable(self) -> None:
         self._store.dispatch(VariableChosen(str(self.variable.value)))
@@ -169,7 +195,7 @@ class MapControls:
 
     def _on_entered_limits(self) -> None:
         own = entered_limits(self.low.value, self.high.value, self._store.view.log)
-        self.wrong.html = f'<p class="notice" role="alert">{escape(own)}</p>' if isinstance(own, str) else ""
+        self.wrong.html = alert_html(own) if isinstance(own, str) else ""
         if isinstance(own, tuple):
             self._store.dispatch(LimitsSet(own, self._store.view.log))
 

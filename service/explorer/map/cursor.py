@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,9 @@ from bokeh.models import ColumnDataSource, CustomAction, CustomJS
 from bokeh.plotting import figure
 
 from gear_rattle.service.explorer.common.address import KEYBOARD, Pair, Ranges
+from gear_rattle.service.explorer.common.address_fields import parse_point
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.files import asset
-from gear_rattle.service.explorer.point.state import parse_point
 from gear_rattle.service.explorer.state.events import (
     BackChosen,
     DiagramEndChosen,
@@ -46,7 +47,7 @@ class CursorKeys:
         keys.on_change("data", handler_in_event_loop(self._on_keys))
         plot.tags = [keys]  # a tag puts the source into the document, so that a browser can send pressed keys
         for word, icon in (("back", "undo"), ("forward", "redo")):
-            code = f"keys.data = {{steps: [0, 0, 0, 0], word: ['{word}'], number: [Date.now()]}}"
+            code = f"keys.data = {{steps: [0], word: ['{word}'], number: [Date.now()]}}"
             act = CustomJS(args={"keys": keys}, code=code)
             plot.add_tools(CustomAction(icon=icon, description=WINDOWS[word], callback=act))
         document.js_on_event(DocumentReady, CustomJS(args={"keys": keys}, code=asset("keyboard.js")))
@@ -94,8 +95,9 @@ class CursorKeys:
                 dispatch(BackChosen())
             case "forward":
                 dispatch(ForwardChosen())
-            case _ if word.startswith(GO) and (named := parse_point(word[len(GO) :])) is not None:
-                dispatch(PointOpened(named))
+            case _ if word.startswith(GO):
+                with suppress(ValueError):  # the text is no point
+                    dispatch(PointOpened(parse_point(word.removeprefix(GO))))
 
     def _move_cursor(self, window: Ranges, at: Pair) -> None:
         if window != self._store.window:

@@ -20,7 +20,7 @@ from bokeh.plotting import figure
 from gear_rattle.service.explorer.common import glyphs
 from gear_rattle.service.explorer.common.address import Pair, Ranges
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
-from gear_rattle.service.explorer.common.theme import INK
+from gear_rattle.service.explorer.common.figures import INK
 from gear_rattle.service.explorer.design import axes
 from gear_rattle.service.explorer.map.colouring import Colouring
 from gear_rattle.service.explorer.map.planes import UNSEEN, MapBlock

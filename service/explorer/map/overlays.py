@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 import panel as pn
 
-from gear_rattle.service.explorer.common.address import DEFAULT_OVERLAYS, OVERLAYS, UNCHOSEN, Pair, Ranges
-from gear_rattle.service.explorer.common.changes import handler_in_event_loop
+from gear_rattle.service.explorer.common.address import FEW_LINES, OVERLAYS, UNCHOSEN, Pair, Ranges
 from gear_rattle.service.explorer.common.glyphs import style_of
 from gear_rattle.service.explorer.common.lists import MapKey
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import WidgetWatcher
+from gear_rattle.service.explorer.files import tour_rows
 from gear_rattle.service.explorer.map.colouring import Shade
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.state.events import OverlaysChosen, ShareSet
@@ -26,17 +26,11 @@ from gear_rattle.workers.pictures.look import CRISIS, LIMIT, POINTS, USUAL_SHARE
 from gear_rattle.workers.survey.axes import Window
 from gear_rattle.workers.survey.curves import LOWEST_DELTA, MissingCurve, traced_curve
 from rattle import RattleError
-from rattle.models import Capability, Model, lacking
+from rattle.models import DEFAULT_MODEL, Capability, Model, lacking
 from rattle.plot import polyline
 from rattle.populations import MOST_SHARE
 
-MEANINGS = {
-    CRISIS: "boundary crisis: the chaotic attractor ends where it touches the stable manifold of the saddle A",
-    LIMIT: "design limit: up to this eccentricity, a gear that starts at any phase and any speed up to the natural "
-    "speed runs quietly with the required probability; the 95 % interval of the limit is shaded",
-    POINTS: "codimension-two points, where curves meet",
-}
-LABELS = {"quiet_limit": "quiet limit", LIMIT: "design limit", POINTS: "COD20–23"}
+LABELS = {"quiet_limit": "quiet limit", CRISIS: "crisis: chaos ends", LIMIT: "design limit", POINTS: "COD20–23"}
 WHOLE = frozenset({CRISIS, LIMIT})  # lines that are computed once for all windows
 
 
@@ -81,14 +75,24 @@ class MapLines:
         self._of = ()
         self._figure.remove_lines()
 
+    def _change_lines(self, name: str, change: Callable[[], object]) -> None:
+        """Change the figure for the task that computes a line, unless this task is cancelled before the change."""
+        task = asyncio.current_task()
+
+        def change_unless_cancelled() -> None:
+            if name in self._tasks and self._tasks[name][1] is task:
+                change()
+
+        self._viewer.change(change_unless_cancelled)
+
     async def _compute_line(self, name: str, model: Model, window: Ranges) -> None:
         await self._viewer.front.kernels.wait_until_compiled(model.name, patience=math.inf)
         if name == POINTS:
             points = await self._viewer.run_in_thread(lambda: points_in_window(model, window))
-            self._viewer.change(lambda: self._figure.mark_points(points))
+            self._change_lines(name, lambda: self._figure.mark_points(points))
         elif name in model.curve_names:
             pieces, missing = await self._viewer.run_in_thread(lambda: curve_pieces(name, model, *window))
-            self._viewer.change(lambda: self._figure.draw_line(name, pieces))
+            self._change_lines(name, lambda: self._figure.draw_line(name, pieces))
             self._note_in_key(name, "", missing)
         else:
             self._note_in_key(name, "", _missing_capability(model))
@@ -107,20 +111,24 @@ class KeyedLines(MapLines):
         self._listing: asyncio.Task[None] | None = None
         self._entries: list[dict[str, Any]] = []
         view = store.view
-        self.key = MapKey(overlays=[], chosen=list(view.overlays), margin=0, sizing_mode="stretch_width")
-        self.key.param.watch(handler_in_event_loop(self._on_chosen), "chosen")
+        self.key = MapKey(overlays=[], chosen=list(view.lines), margin=0, sizing_mode="stretch_width")
+        self._watch = WidgetWatcher()
+        self._watch.call_on_change(self.key, self._on_chosen, "chosen")
         self.share = pn.widgets.FloatInput(
             label="Design limit: P(quiet) ≥", value=view.share, start=0.01, end=MOST_SHARE, step=0.05, width=180,
-            visible=LIMIT in view.overlays, stylesheets=[sheet], margin=(4, 0),
+            visible=LIMIT in view.lines, stylesheets=[sheet], margin=(4, 0),
         )  # fmt: skip
-        WidgetWatcher().call_on_change(self.share, self._on_share)
+        self._watch.call_on_change(self.share, self._on_share)
         self.panel = pn.Column(self.key, self.share, sizing_mode="stretch_width", margin=0)
         self._list_lines()
-        figure.show_overlays(view.overlays)
+        figure.show_overlays(view.lines)
         store.subscribe(self._list_lines, "survey", "slice", JOBS)
-        store.subscribe(self._on_view_change, "survey", "slice", JOBS, "overlays", "share", "delta", "epsilon", "seen")
+        store.subscribe(
+            self._on_view_change,
+            "survey", "slice", JOBS, "variable", "overlays", "share", "delta", "epsilon", "seen",
+        )  # fmt: skip
 
-    def _on_chosen(self, _event: object) -> None:
+    def _on_chosen(self) -> None:
         self._store.dispatch(OverlaysChosen(tuple(name for name in OVERLAYS if name in self.key.chosen)))
 
     def _on_share(self) -> None:
@@ -150,11 +158,13 @@ class KeyedLines(MapLines):
 
     def _on_view_change(self) -> None:
         view = self._store.view
-        self.share.visible = LIMIT in view.overlays
+        with self._watch.paused():
+            self.key.chosen = list(view.lines)
+        self.share.visible = LIMIT in view.lines
         if self._store.request is None or view.seen is None:
             self.clear()
         else:
-            self.draw(view.overlays, self._store.model, self._store.window, view.survey)
+            self.draw(view.lines, self._store.model, self._store.window, view.survey)
 
     def _dependencies_of(self, name: str, window: Ranges) -> Hashable:
         if name == LIMIT:
@@ -176,12 +186,12 @@ class KeyedLines(MapLines):
         try:
             if name == CRISIS:
                 pieces = [await self._overlaid.crises.crisis_of(model)]
-                self._viewer.change(lambda: self._figure.draw_line(name, pieces))
+                self._change_lines(name, lambda: self._figure.draw_line(name, pieces))
             else:
                 async for delta, limits in self._overlaid.limits.limits_over(
                     model, self._delta_range, self._store.view.share
                 ):
-                    self._viewer.change(partial(self._show_limit, delta, limits))
+                    self._change_lines(name, partial(self._show_limit, delta, limits))
         except RattleError as error:
             self._note_in_key(name, "", str(error))
         else:
@@ -229,8 +239,11 @@ def _is_offered(name: str, model: Model) -> bool:
 
 
 def _line_meaning(name: str, model: Model) -> str:
-    if name in MEANINGS:
-        return MEANINGS[name]
+    """Return the sentence of the help about a line; of a curve of another model its own description."""
+    if name == POINTS:
+        return "; ".join(f"{point}: {what}" for point, what in tour_rows("Points where lines meet").items())
+    if name in (CRISIS, LIMIT) or model.name == DEFAULT_MODEL:
+        return tour_rows("The lines")[LABELS.get(name, name)]
     return model.describe(name) if name in model.curve_names else _missing_capability(model)
 
 
@@ -267,7 +280,7 @@ def absent_lines(model: Model, window: Ranges) -> set[str]:
 
 def cache_default_lines(model: Model, window: Ranges) -> None:
     """Compute the default lines of a page, so that they are in the cache. It blocks: use a thread."""
-    for name in DEFAULT_OVERLAYS:
+    for name in FEW_LINES:
         if name != POINTS:
             curve_pieces(name, model, *window)
         elif _is_offered(name, model):

@@ -32,7 +32,7 @@ def picture_query(request: dict[str, Any], view: View, seen: DrawnSettings | Non
     else:
         asked["span"] = limits
     asked["log"] = "true" if (view.log if seen is None else seen.log) else None
-    asked |= {"lines": ",".join(view.overlays), "share": view.share if LIMIT in view.overlays else None}
+    asked |= {"lines": ",".join(view.lines), "share": view.share if LIMIT in view.lines else None}
     asked["family"] = view.family
     if seen is not None and seen.pixels is not None:
         asked |= dict(zip(("pixels_delta", "pixels_epsilon"), seen.pixels, strict=True))

@@ -362,6 +362,13 @@ def maps_of(request: SurveyRequest) -> dict[str, Any]:
     } | joined
 
 
+def map_options(request: SurveyRequest, *wanted: MapChoice | None) -> tuple[MapChoice, dict[str, str]]:
+    """Return the first wanted map that a survey has, else its first map; and the text of each map by its name."""
+    maps = map_names(request)
+    chosen = next(each for each in (*wanted, *maps.values()) if each is not None and each in maps.values())
+    return chosen, {words: each.address_text for words, each in maps.items()}
+
+
 def map_names(request: SurveyRequest) -> dict[str, MapChoice]:
     """Return all maps of a survey, each under its name in words."""
     named = {}

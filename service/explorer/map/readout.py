@@ -1,73 +1,165 @@
-"""Write all numbers of a cell as tables, which are shown beside the map."""
+"""Show all numbers of a cell as tables beside the map, folded to one line while a point is open."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import suppress
 from html import escape
 from typing import Any
 
 import numpy as np
+import panel as pn
 import xarray as xr
 
 import rattle
 from gear_rattle.service.explorer.common.address import Ranges
+from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.design.axes import coordinate_text
 from gear_rattle.service.explorer.design.fields import NUMBERS, text_in_unit
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.service.explorer.point.parts import listed_attractors
-from gear_rattle.workers import QUANTITIES
+from gear_rattle.service.explorer.point.words import complex_text, number_text
+from gear_rattle.workers import QUANTITIES, Axis, SurveyRequest
 from gear_rattle.workers.pictures.look import in_revolutions
 from gear_rattle.workers.pictures.maps import meanings_of, title_of, words_without_value
 from gear_rattle.workers.survey.families import FAMILY
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from gear_rattle.workers.survey.values.evaluate import FAILED, STATUS
 from gear_rattle.workers.survey.values.schema import CELL
-from rattle.models import Model
 from rattle.plot import legend_name
 
 Row = tuple[str, str]
+DIGITS = 5  # significant digits of numbers
+
+HINT = "<p class=faint>Point at the map to read a cell; click or tap it to look closer.</p>"
+UNFOLD, FOLD = "All numbers of this cell", "Hide the numbers of this cell"
+OF_THE_CELL = "<p class=faint>Numbers of the survey's cell and its sample, not of the open point.</p>"
+INTERVAL = "The half-width of the 95 % interval follows ±. It is of the survey's sample in this cell."
 
 
-def readout(
-    cell: xr.Dataset | None,
-    delta: float,
-    epsilon: float,
-    model: Model,
-    window: Ranges,
-    here: Row | None = None,
-    machine: SurveyedMachine | None = None,
-) -> str:
-    """Return tables about a point (δ, ε), in HTML: its region, and the numbers of its cell.
+class Readout:
+    """Numbers of a cell beside the map. pane: a line about the cell, a button that unfolds the rest, and the numbers.
 
-    cell: the survey's cell at the point, None if the point is outside of the survey. here: name and value of a finer
-    map at the point, None without a finer map. machine: machine of the survey, whose speed and eccentricity are written
-    too; None if the survey has no machine.
+    Line and button show only while a point is open: the numbers of the cell are not the answer of the point.
+    """
+
+    def __init__(self, sheet: str) -> None:
+        self._line, self._tables = Text("", sheet), Text(HINT, sheet)
+        self._is_unfolded = False
+        self._button = pn.widgets.Button(label=UNFOLD, css_classes=["unfold"], stylesheets=[sheet], margin=(2, 0))
+        on_press(self._button, self._toggle)
+        row: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": 0}
+        self._head = pn.Column(self._line.pane, self._button, visible=False, **row)
+        self._numbers = pn.Column(self._tables.pane, **row)
+        self.pane = pn.Column(self._head, self._numbers, **row)
+
+    @property
+    def html(self) -> str:
+        """HTML of the numbers."""
+        return self._tables.html
+
+    @property
+    def line(self) -> str:
+        """HTML of the line about the cell."""
+        return self._line.html
+
+    @property
+    def is_folded(self) -> bool:
+        """True if only the line about the cell shows."""
+        return not self._numbers.visible
+
+    def clear(self) -> None:
+        """Say how a cell is read, in place of its numbers."""
+        self._tables.html = HINT
+        self._head.visible, self._numbers.visible = False, True
+
+    def show(self, line: str, tables: str, is_point_open: bool) -> None:
+        """Show the numbers of a cell (HTML), beside an open point only the line until a viewer unfolds the rest."""
+        self._line.html = line
+        self._tables.html = (OF_THE_CELL if is_point_open else "") + tables
+        self._head.visible = is_point_open
+        self._numbers.visible = self._is_unfolded or not is_point_open
+
+    def _toggle(self) -> None:
+        self._is_unfolded = not self._is_unfolded
+        self._numbers.visible = self._is_unfolded
+        self._button.label = FOLD if self._is_unfolded else UNFOLD
+
+
+def cell_line(cell: xr.Dataset | None, request: SurveyRequest) -> str:
+    """Return a line about a cell of a survey, in HTML: where it is, the size of its sample, and its quiet fraction.
+
+    cell: the cell, None outside of the survey.
 
     Returns
     -------
     str
         HTML.
     """
+    if cell is None:
+        return "<p>Outside of the survey's grid.</p>"
+    said = []
+    if (status := int(cell["status"])) in (0, FAILED):
+        said = [STATUS[status].replace("_", " ")]
+    elif "quiet_fraction" in cell:
+        count, share = request.initial_conditions.count, float(cell["quiet_fraction"])
+        low, high = rattle.wilson_interval(share * count, count)
+        said = [f"{count:,} starts", f"quiet {100 * share:.0f} ± {50 * float(high - low):.0f} %"]
+    place = f"Survey's grid cell at {cell_place(cell, request)}"
+    return f'<p title="{INTERVAL}">{escape(": ".join([place, ", ".join(said)]) if said else place)}</p>'
+
+
+def cell_place(cell: xr.Dataset, request: SurveyRequest) -> str:
+    """Return where a cell of a survey is, in as many digits as tell it from its neighbours."""
+    delta, epsilon = float(cell["delta"]), float(cell["epsilon"])
+    if request.machine is not None:
+        return ", ".join(value for _, value in _speed_and_eccentricity(request.machine, delta, epsilon))
+    return f"δ {_cell_text(delta, request.delta)}, ε {_cell_text(epsilon, request.epsilon)}"
+
+
+def _cell_text(value: float, axis: Axis) -> str:
+    """Return a coordinate of a cell, rounded to less than half a cell."""
+    digits = max(math.ceil(-math.log10((axis.stop - axis.start) / (axis.num - 1) / 2)), 1)
+    return f"{value:.{digits}f}".rstrip("0").rstrip(".")
+
+
+def readout(
+    cell: xr.Dataset | None,
+    delta: float,
+    epsilon: float,
+    request: SurveyRequest,
+    window: Ranges,
+    here: Row | None = None,
+) -> str:
+    """Return tables about a point (δ, ε), in HTML: its region, and the numbers of its cell.
+
+    cell: the survey's cell at the point, None if the point is outside of the survey. request: request of the survey;
+    of a machine's survey speed and eccentricity are written too. here: name and value of a finer map at the point, None
+    without a finer map.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    machine = request.machine
     rows: list[Row] = [("δ", coordinate_text(delta, window[0])), ("ε", coordinate_text(epsilon, window[1]))]
     if machine is not None and delta > 0:
         rows = [*_speed_and_eccentricity(machine, delta, epsilon), *rows]
     if delta > 0 and epsilon >= 0:
         # the error is raised if the forcing has harmonics, because regions are not defined then
         with suppress(rattle.RattleError):
-            region = int(rattle.classify_regions(model.period_one(delta, epsilon)))
+            region = int(rattle.classify_regions(request.gear_model.period_one(delta, epsilon)))
             rows.append(("region here", rattle.REGIONS[region]))
     if here is not None:
         rows.append(here)
     tables = [_definition_list(rows)]
     if cell is None:
         return "".join(tables) + "<p>Outside of the survey.</p>"
-    at = float(cell["delta"]), float(cell["epsilon"])
-    place = f"δ {at[0]:.10g}, ε {at[1]:.10g}"
-    if machine is not None:
-        place = ", ".join(value for _, value in _speed_and_eccentricity(machine, *at))
     status = int(cell["status"])
-    tables.append(f"<h2>Cell at {place}</h2>{_distance_note(cell, delta, epsilon, window)}")
+    tables.append(f"<h2>Cell at {cell_place(cell, request)}</h2>{_distance_note(cell, delta, epsilon, window)}")
     if status in (0, FAILED):
         return "".join(tables) + f"<p>{escape(STATUS[status].replace('_', ' '))}</p>"
     scalars = _definition_list(_scalar_rows(cell))
@@ -133,7 +225,7 @@ def _value_in_words(plane: MapPlane, delta: float, epsilon: float) -> str:
 def _value_text(number: float, variable: xr.DataArray) -> str:
     if "flag_meanings" in variable.attrs:
         return meanings_of(variable)[int(number)]
-    return _number_text(bool(number) if variable.dtype == bool else number)
+    return _scalar_text(bool(number) if variable.dtype == bool else number)
 
 
 def _scalar_rows(cell: xr.Dataset) -> Iterator[Row]:
@@ -150,7 +242,7 @@ def _attractors_table(cell: xr.Dataset) -> str:
         if families:
             row.append(str(int(one[FAMILY])) if int(one[FAMILY]) >= 0 else "–")
         if exponents:
-            row += [_number_text(float(value)) for value in one["attractor_lyapunov"]]
+            row += [number_text(float(value), DIGITS) for value in one["attractor_lyapunov"]]
         rows.append(row)
     return _html_table(head + (["family"] if families else []) + (["λ₁", "λ₂"] if exponents else []), rows)
 
@@ -160,9 +252,9 @@ def _orbits_table(cell: xr.Dataset) -> str:
     for orbit in cell["orbit"].values:
         one = cell.sel(orbit=orbit)
         if bool(one["orbit_exists"]):
-            multipliers = ", ".join(_complex_text(complex(value)) for value in one["orbit_multiplier"].values)
+            multipliers = ", ".join(complex_text(complex(value), DIGITS) for value in one["orbit_multiplier"].values)
             stable = "stable" if bool(one["orbit_stable"]) else "unstable"
-            numbers = [_number_text(float(one[name])) for name in ("orbit_phase", "orbit_velocity")]
+            numbers = [number_text(float(one[name]), DIGITS) for name in ("orbit_phase", "orbit_velocity")]
             rows.append([str(orbit), stable, *numbers, multipliers])
     return _html_table(["orbit", "stability", "τ", "v", "multipliers"], rows)
 
@@ -179,15 +271,7 @@ def _html_table(head: list[str], rows: list[list[str]]) -> str:
     return f"<table><thead><tr>{titles}</tr></thead><tbody>{body}</tbody></table>"
 
 
-def _number_text(value: float) -> str:
+def _scalar_text(value: float) -> str:
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
-    if isinstance(value, int) or not np.isfinite(value):
-        return {"nan": "–", "inf": "∞", "-inf": "−∞"}.get(str(value), str(value))
-    return f"{value:.5g}".replace("-", "−")
-
-
-def _complex_text(value: complex) -> str:
-    if value.imag == 0:
-        return _number_text(value.real)
-    return f"{_number_text(value.real)} {'+' if value.imag > 0 else '−'} {_number_text(abs(value.imag))}i"
+    return str(value) if isinstance(value, int) else number_text(value, DIGITS)

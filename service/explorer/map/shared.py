@@ -175,7 +175,7 @@ class SharedState:
 
     def maps(self, store: Store) -> dict[str, Any]:
         """Return the maps of the chosen survey, or of the example if none is chosen, in the form of `maps_of`."""
-        if not store.view.survey:
+        if store.view.is_example:
             return self.exact.maps
         return {} if store.whole_request is None else maps_of(store.whole_request)
 

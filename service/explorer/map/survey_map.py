@@ -7,13 +7,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import aclosing
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
 from gear_rattle.service.explorer.common.address import Limits, MapChoice, Pair, Ranges
 from gear_rattle.service.explorer.common.drawings import DrawingRunner
-from gear_rattle.service.explorer.common.heading import Heading
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.text import Heading, Text, alert_html
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring, shown_values, shown_window
 from gear_rattle.service.explorer.map.figure import MapFigure
@@ -25,6 +25,8 @@ from gear_rattle.workers import Frame
 from gear_rattle.workers.pictures.look import is_survey_only
 from gear_rattle.workers.pictures.planes import drawn_numbers
 from rattle import RattleError
+
+Read = TypeVar("Read")
 
 SURVEY_ONLY = "This map has no finer cells than those of the survey."
 
@@ -48,13 +50,14 @@ class SurveyMap(ABC):
         self.plane: MapPlane | None = None
         self.colours: Colouring | None = None
         self.finer: MapBlock | None = None
-        self.drawings = DrawingRunner(viewer)
+        self.drawings = DrawingRunner(viewer, self.show_error)
         self._chosen: MapChoice | None = None
         self._how: tuple[Limits | Pair, bool] = "auto", False
         self._seen: Callable[[], MapBlock] | None = None  # returns the cells of the window; None for the whole survey
         self._refined: tuple[MapPlane, Ranges] | None = None
         self._refining: asyncio.Task[None] | None = None
         self._counting: asyncio.Task[None] | None = None
+        self._reading: asyncio.Task[None] | None = None
 
     @abstractmethod
     def show_shades(self, shades: Sequence[Shade]) -> None:
@@ -94,6 +97,10 @@ class SurveyMap(ABC):
         self.forget_window()
         self._count_shares()
         self.said.html = ""
+
+    def show_error(self, error: RattleError) -> None:
+        """Write why the map could not be drawn, in its place."""
+        self.show_nothing(alert_html(str(error)))
 
     def end(self) -> None:
         """Stop all work for a page that was closed."""
@@ -171,6 +178,20 @@ class SurveyMap(ABC):
         limits, log = self._how
         shades = await self._viewer.run_in_thread(lambda: colouring(plane, seen(), limits, log).shades)
         self._viewer.change(lambda: self.show_shades(shades))
+
+    def read_cell(self, read: Callable[[], Read], show: Callable[[Read], object]) -> None:
+        """Call `show` with what `read` returns, which a thread runs; an earlier reading is cancelled."""
+        self.stop_reading()
+        self._reading = self._viewer.start(self._read_and_show(read, show))
+
+    async def _read_and_show(self, read: Callable[[], Read], show: Callable[[Read], object]) -> None:
+        found = await self._viewer.run_in_thread(read)
+        self._viewer.change(lambda: show(found))
+
+    def stop_reading(self) -> None:
+        """Cancel the reading of a cell."""
+        if self._reading is not None:
+            self._reading.cancel()
 
     def _show_progress(self, text: str) -> None:
         self._viewer.change(lambda: self.title.show_progress(text))

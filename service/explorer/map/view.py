@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncGenerator, Sequence
 from functools import partial
 from html import escape
@@ -11,11 +10,10 @@ import panel as pn
 
 from gear_rattle.service.database.tables import UNREADABLE, JobRow, State
 from gear_rattle.service.errors import MissingError
-from gear_rattle.service.explorer.common.address import KEYBOARD, MapChoice, Pair, View, points_by_number
+from gear_rattle.service.explorer.common.address import KEYBOARD, MapChoice, View, points_by_number
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.drawings import Show
-from gear_rattle.service.explorer.common.heading import Heading
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.text import Heading, Text
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade
 from gear_rattle.service.explorer.map.controls import meaning_of
@@ -24,7 +22,7 @@ from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import KeyedLines
 from gear_rattle.service.explorer.map.picture import drawn_settings
 from gear_rattle.service.explorer.map.planes import SIDE, MapBlock, MapPlane
-from gear_rattle.service.explorer.map.readout import cell_in_words, finer_value, readout
+from gear_rattle.service.explorer.map.readout import Readout, cell_in_words, cell_line, finer_value, readout
 from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form
 from gear_rattle.service.explorer.map.survey_map import SurveyMap
 from gear_rattle.service.explorer.point.state import point_marks
@@ -36,7 +34,6 @@ from rattle import RattleError
 BEGINS = "<p class=faint>The first cells of this survey are being computed.</p>"
 WAITS = "<p class=faint>This survey waits for its turn.</p>"
 GONE = "<p>This survey is no longer there. Choose another one.</p>"
-HINT = "<p class=faint>Point at the map to read a cell; click or tap it to look closer.</p>"
 
 
 class MapView(SurveyMap):
@@ -46,8 +43,7 @@ class MapView(SurveyMap):
         super().__init__(shared, viewer, store, figure, Heading(sheet), Text("", sheet, is_spoken=True))
         self.lines = KeyedLines(shared.overlaid, viewer, store, figure, sheet)
         self.keys = CursorKeys(viewer.document, figure.figure, store)
-        self.readout = Text(HINT, sheet)
-        self._reading: asyncio.Task[None] | None = None
+        self.readout = Readout(sheet)
         self._settled: tuple[str, str] | None = None  # id and state of the survey when its map was last chosen
         self._marked: tuple[object, ...] = ()
         self._of: tuple[str, int] | None = None  # id of the survey and number of the slice that are drawn
@@ -62,8 +58,8 @@ class MapView(SurveyMap):
         store.subscribe(self._choose_map, "survey", JOBS)
         store.subscribe(self._on_view_change, "survey", JOBS, "variable", "index", "slice", "limits", "log")
         store.subscribe(self._on_window_change, "delta", "epsilon")
-        store.subscribe(self._on_pointer_change, "pointer")
-        store.subscribe(self._read_open_point, "point")
+        store.subscribe(self._mark_pointer, "pointer")
+        store.subscribe(self._read_cell_at_pointer, "pointer", "point")
         store.subscribe(self._mark_point_and_pins, "point", "machine", "point_state", "pins", "survey", "slice", JOBS)
 
     def show_shades(self, shades: Sequence[Shade]) -> None:
@@ -96,7 +92,7 @@ class MapView(SurveyMap):
             self._of, self.plane = (view.survey, view.slice), None
         if not store.has_surveys:
             return
-        if view.survey and (job is None or not job.is_readable):
+        if not view.is_example and (job is None or not job.is_readable):
             self.drawings.stop()
             self.plane = None
             self.show_nothing(GONE if job is None else f"<p>{UNREADABLE}</p>")
@@ -124,23 +120,26 @@ class MapView(SurveyMap):
             return
         is_whole = False
         while not is_whole:  # each call reads for a limited time, and the cells read so far are drawn
-            try:
-                plane, is_whole, block, colours = await self._viewer.run_in_thread(
-                    partial(self._shared.map_of, job, view, self.figure.pixels)
-                )
-            except RattleError as error:
-                begins = isinstance(error, MissingError) and job.state == State.RUNNING and not job.cells_done
-                text = BEGINS if begins else f'<p class="notice" role="alert">{escape(str(error))}</p>'
-                yield partial(self.show_nothing, text)
-                return
+            plane, is_whole, block, colours = await self._viewer.run_in_thread(
+                partial(self._shared.map_of, job, view, self.figure.pixels)
+            )
             yield partial(self._show, view, plane, block, colours)
+
+    def show_error(self, error: RattleError) -> None:
+        """Write why the map could not be drawn, or that the first cells of the survey are being computed."""
+        job = self._store.job
+        is_empty = job is not None and job.state == State.RUNNING and not job.cells_done
+        if is_empty and isinstance(error, MissingError):
+            self.show_nothing(BEGINS)
+        else:
+            super().show_error(error)
 
     def show_nothing(self, why: str) -> None:
         """Remove all cells and all text about them, and write why no map is shown. why: HTML."""
         super().show_nothing(why)
         self._store.dispatch(MapDrawn(None))
-        self._stop_reading()
-        self.readout.html = HINT
+        self.stop_reading()
+        self.readout.clear()
         if self.plane is None:
             self.figure.show_window(self._store.window)
 
@@ -154,8 +153,7 @@ class MapView(SurveyMap):
             self.figure.show_window(self._store.window)
         self.draw_map(plane, block, colours, MapChoice(view.variable, view.index), view.limits, view.log)
         self._dispatch_drawn()
-        if is_first:
-            self._read_open_point()
+        self._read_cell_at_pointer()
         self._shared.on_map_drawn()
 
     def _dispatch_drawn(self) -> None:
@@ -173,43 +171,38 @@ class MapView(SurveyMap):
         self.refine()
         self._dispatch_drawn()
 
-    def _on_pointer_change(self) -> None:
+    def show_finer(self, finer: MapBlock) -> None:
+        """Draw finer cells of the window, and read the cell under the pointer again."""
+        super().show_finer(finer)
+        self._viewer.change(self._read_cell_at_pointer)
+
+    def _mark_pointer(self) -> None:
         pointer = self._store.view.pointer
         is_here = pointer is None or pointer.source == self.figure.figure.name
         self.figure.mark_cursor(None if pointer is None or is_here else pointer.at)
-        self.said.html = ""
-        if pointer is not None and self.plane is not None:
-            if pointer.source == KEYBOARD:
-                said = cell_in_words(self.plane, *pointer.at, self._store.window, self.finer)
-                self.said.html = f"<p>{escape(said)}</p>"
-            self._read_numbers(pointer.at)
 
-    def _read_open_point(self) -> None:
-        if self._store.view.point is not None:
-            self._read_numbers(self._store.view.point)
+    def _read_cell_at_pointer(self) -> None:
+        """Show the numbers of the cell at the pointer, else of the open point's cell, and cancel an earlier reading."""
+        self.stop_reading()
+        pointer, plane = self._store.view.pointer, self.plane
+        said = ""
+        if pointer is not None and plane is not None and pointer.source == KEYBOARD:
+            said = f"<p>{escape(cell_in_words(plane, *pointer.at, self._store.window, self.finer))}</p>"
+        self.said.html = said
+        at = self._store.view.point if pointer is None else pointer.at
+        if at is None:
+            self.readout.clear()
+        elif plane is not None:
+            request, window, here = plane.request, self._store.window, finer_value(plane, self.finer, *at)
 
-    def _read_numbers(self, at: Pair) -> None:
-        """Show the numbers of the cell at a point, and cancel an earlier reading."""
-        self._stop_reading()
-        if self.plane is not None:
-            self._reading = self._viewer.start(self._read_cell(self.plane, at))
+            def read() -> tuple[str, str]:
+                cell = plane.cell_at(*at)
+                return cell_line(cell, request), readout(cell, *at, request, window, here)
 
-    def _stop_reading(self) -> None:
-        if self._reading is not None:
-            self._reading.cancel()
+            def show(texts: tuple[str, str]) -> None:
+                self.readout.show(*texts, self._store.view.point is not None)
 
-    async def _read_cell(self, plane: MapPlane, at: Pair) -> None:
-        request, window, here = plane.request, self._store.window, finer_value(plane, self.finer, *at)
-
-        def read() -> str:
-            return readout(plane.cell_at(*at), *at, request.gear_model, window, here, request.machine)
-
-        found = await self._viewer.run_in_thread(read)
-
-        def show() -> None:
-            self.readout.html = found
-
-        self._viewer.change(show)
+            self.read_cell(read, show)
 
     def _mark_point_and_pins(self) -> None:
         """Mark the open point with its tolerances, and the pins, if their model is the model of the map."""

@@ -10,17 +10,20 @@ from typing import Any
 import panel as pn
 from pydantic import ValidationError
 
+from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.database.tables import Scope
 from gear_rattle.service.explorer.common.address import Ranges
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import on_press
+from gear_rattle.service.explorer.design.axes import rounded_range
 from gear_rattle.service.explorer.page.machine_axes import MachineAxes
 from gear_rattle.service.explorer.page.sample_fields import SampleFields
 from gear_rattle.service.harmonics import EXAMPLE, SHAPE, harmonic_texts, read_harmonics
 from gear_rattle.service.operations.estimate import CostEstimate, estimate
 from gear_rattle.service.operations.limits import check_limits
 from gear_rattle.service.operations.surveys import submit_survey
+from gear_rattle.service.operations.windows import clip_to_plane
 from gear_rattle.service.web.problems import field_errors_of
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.survey.machine import SurveyedMachine
@@ -136,18 +139,27 @@ class SurveyForm:
         self.sample.fill(request)
 
     def fill_window(self, window: Ranges, model: Model, machine: SurveyedMachine | None = None) -> None:
-        """Set the fields to a window of the plane; with a machine, to its speeds and eccentricities in the window."""
-        self._fill_plane(window, CELLS, model, machine)
+        """Set the fields to the part of a window that a survey may have (δ > 0, ε ≥ 0), in few digits.
+
+        With a machine, set them to its speeds and eccentricities in the window.
+        """
+        delta, epsilon = (rounded_range(*span) for span in clip_to_plane(*window))
+        self._fill_plane((delta, epsilon), CELLS, model, machine, is_rounded=True)
 
     def _fill_plane(
-        self, window: Ranges, counts: tuple[int, int], model: Model, machine: SurveyedMachine | None
+        self,
+        window: Ranges,
+        counts: tuple[int, int],
+        model: Model,
+        machine: SurveyedMachine | None,
+        is_rounded: bool = False,
     ) -> None:
         for (start, stop), span in zip(self.axes.values(), window, strict=True):
             start.value, stop.value = span
         for widget, count in zip(self.counts, counts, strict=True):
             widget.value = count
         if machine is not None:
-            self.machine.fill(*window, machine)
+            self.machine.fill(*window, machine, is_rounded)
         named = next((name for name, ranges in NAMED.items() if ranges == window), OWN)
         self.plane.value = named if machine is None else MACHINE
         self.beta.value, self.model.value = model.beta, model.name
@@ -253,12 +265,11 @@ class SurveyForm:
             self._show_cost(f"{size}, {cost_in_words(found)}")
 
     async def _submit(self) -> None:
-        def submit() -> str:
-            request = SurveyRequest.model_validate(self.fields())
-            return submit_survey(self._viewer.front, self._viewer.require(Scope.SUBMIT), request).id
+        def submit(caller: Caller) -> str:
+            return submit_survey(self._viewer.front, caller, SurveyRequest.model_validate(self.fields())).id
 
         try:
-            survey_id = await self._viewer.run_in_thread(submit, Scope.SUBMIT)
+            survey_id = await self._viewer.run_as_caller(submit, Scope.SUBMIT)
         except (ValidationError, RattleError) as error:
             self._show_cost(error_message(error), wrong=True)
         else:

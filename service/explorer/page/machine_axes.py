@@ -8,6 +8,7 @@ from typing import Any
 import panel as pn
 
 from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.service.explorer.design.axes import rounded_range
 from gear_rattle.service.explorer.design.fields import NUMBERS, PAIR, MachineFields, machine_ranges
 from gear_rattle.workers.survey.machine import SurveyedMachine
 
@@ -47,10 +48,11 @@ class MachineAxes:
         }
         return {"machine": self._machine.entered_numbers() | axes}
 
-    def fill(self, delta: Pair, epsilon: Pair, machine: SurveyedMachine) -> None:
-        """Set the fields to a machine, and to its speeds and eccentricities in a window of the plane."""
+    def fill(self, delta: Pair, epsilon: Pair, machine: SurveyedMachine, is_rounded: bool = False) -> None:
+        """Set the fields to a machine, and to its speeds and eccentricities in a window, in few digits if rounded."""
         self._machine.show(machine.model_dump())
         delta = max(delta[0], LEAST_DELTA * delta[1]), delta[1]  # a window may reach to δ ≤ 0, where no speed exists
-        for name, span in machine_ranges(machine, delta, epsilon).items():
-            for widget, value in zip(self._axes[name], span, strict=True):
-                widget.value = NUMBERS[name].to_field_unit(value)
+        for name, (low, high) in machine_ranges(machine, delta, epsilon).items():
+            span = NUMBERS[name].to_field_unit(low), NUMBERS[name].to_field_unit(high)
+            for widget, value in zip(self._axes[name], rounded_range(*span) if is_rounded else span, strict=True):
+                widget.value = value

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from html import escape
 from typing import Any
 
 import panel as pn
@@ -12,11 +11,13 @@ from bokeh.events import ConnectionLost, DocumentReady
 from bokeh.models import CustomJS
 from pydantic import ValidationError
 
+from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.database.tables import JobKind, Scope
 from gear_rattle.service.errors import ServiceError, UnknownSurveyError
-from gear_rattle.service.explorer.common.address import FURTHER, View
+from gear_rattle.service.explorer.common.address import EXAMPLE, FURTHER, View
 from gear_rattle.service.explorer.common.lists import SurveyMenu
 from gear_rattle.service.explorer.common.news import JobStatus, overall_rate
+from gear_rattle.service.explorer.common.text import alert_html
 from gear_rattle.service.explorer.common.viewer import CALLER, Viewer
 from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.design.go_to import GoToPanel
@@ -30,7 +31,7 @@ from gear_rattle.service.explorer.map.shared import SharedState, default_survey
 from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.explorer.page.form import SurveyForm, error_message
 from gear_rattle.service.explorer.page.head import SCHEME, theme_of
-from gear_rattle.service.explorer.page.rows import survey_row
+from gear_rattle.service.explorer.page.rows import example_row, survey_row
 from gear_rattle.service.explorer.pins.view import Pins
 from gear_rattle.service.explorer.section.section import ProfileSection
 from gear_rattle.service.explorer.state.events import SurveyChosen
@@ -147,7 +148,7 @@ class Page:
     def _add_chosen_survey(self, statuses: Sequence[JobStatus]) -> Sequence[JobStatus]:
         """Return the statuses, and also the status of the survey in the address if the newest surveys lack it."""
         asked = self.store.view.survey
-        if asked and all(each.job.id != asked for each in statuses):
+        if not self.store.view.is_example and all(each.job.id != asked for each in statuses):
             with suppress(UnknownSurveyError):
                 job = find_job(self._shared.front, asked, JobKind.SURVEY)
                 return [*statuses, JobStatus(job, overall_rate(job), None)]
@@ -163,17 +164,18 @@ class Page:
             self.store.dispatch(SurveyChosen(first.id))
 
     def _on_survey_chosen(self) -> None:
-        """Show the survey that is chosen in the list."""
-        if self._list.chosen in self.store.jobs:
+        """Show the survey, or the example, that is chosen in the list."""
+        if self._list.chosen in (*self.store.jobs, EXAMPLE):
             self.store.dispatch(SurveyChosen(self._list.chosen))
 
     def _show_rows(self) -> None:
-        """Show the surveys in the list."""
+        """Show the surveys in the list, and the example as its last entry."""
         view, jobs, owns = self.store.view, self.store.jobs, self._viewer.caller.is_owner_of
         if self.store.has_surveys:
             rows = [survey_row(each, view, owns(each.job)) for each in jobs.values()]
+            rows.append(example_row(self._shared.exact.request))
             with self._watch.paused():
-                self._list.param.update(rows=rows, chosen=view.survey, ready=True)
+                self._list.param.update(rows=rows, chosen=EXAMPLE if view.is_example else view.survey, ready=True)
 
     def _show_address(self) -> None:
         """Write the view to the address. It is written again when the browser has replaced the address by its own."""
@@ -214,10 +216,12 @@ class Page:
         store = self.store
         form = self._open_form()
         form.fill_window(store.window, store.model, store.machine)
-        if store.view.survey and store.request is not None:
+        if not store.view.is_example and store.request is not None:
             form.sample.fill(store.request)
 
     def _on_list_action(self, action: str, survey_id: str, entered: Mapping[str, Any]) -> None:
+        if survey_id == EXAMPLE and action == "again":
+            self._open_form().fill(self._shared.exact.request)
         if survey_id not in self.store.jobs:
             return
         job = self.store.jobs[survey_id].job
@@ -226,41 +230,35 @@ class Page:
             slice_ = request.slice_index(view.slice if survey_id == view.survey else 0)
             self._open_form().fill(request.slice_request(slice_))
         elif action in ("cancel", "delete"):
-            self._viewer.start(self._remove(action, survey_id))
+            self._act(lambda caller: self._remove(caller, survey_id, action == "delete"))
         elif action == "resume":
-            self._viewer.start(self._resume(survey_id))
+            self._act(lambda caller: verify_survey(self._shared.front, caller, survey_id))
         elif action == "describe":
-            self._viewer.start(self._describe(survey_id, entered))
+            self._act(lambda caller: self._describe(caller, survey_id, entered))
 
-    async def _resume(self, survey_id: str) -> None:
-        def resume() -> None:
-            verify_survey(self._shared.front, self._viewer.require(Scope.SUBMIT), survey_id)
+    def _act(self, act: Callable[[Caller], object]) -> None:
+        """Act on a survey in a thread, if the caller may submit surveys."""
 
-        await self._viewer.run_in_thread(resume, Scope.SUBMIT)
+        async def run() -> None:
+            await self._viewer.run_as_caller(act, Scope.SUBMIT)
 
-    async def _describe(self, survey_id: str, entered: Mapping[str, Any]) -> None:
-        def describe() -> None:
-            try:
-                given = Description(name=entered.get("name"), notes=entered.get("notes"))
-            except ValidationError as error:
-                raise ServiceError(error_message(error)) from error
-            caller = self._viewer.require(Scope.SUBMIT)
-            describe_survey(self._shared.front, caller, survey_id, given)
+        self._viewer.start(run())
 
-        await self._viewer.run_in_thread(describe, Scope.SUBMIT)
+    def _describe(self, caller: Caller, survey_id: str, entered: Mapping[str, Any]) -> None:
+        try:
+            given = Description(name=entered.get("name"), notes=entered.get("notes"))
+        except ValidationError as error:
+            raise ServiceError(error_message(error)) from error
+        describe_survey(self._shared.front, caller, survey_id, given)
 
-    async def _remove(self, action: str, survey_id: str) -> None:
-        def remove() -> None:
-            front = self._shared.front
-            ended = find_job(front, survey_id).shown_status[0].is_final
-            if ended == (action == "delete"):  # "cancel" must not delete a survey that has just ended
-                remove_survey(front, self._viewer.require(Scope.SUBMIT), survey_id)
-
-        await self._viewer.run_in_thread(remove, Scope.SUBMIT)
+    def _remove(self, caller: Caller, survey_id: str, is_deletion: bool) -> None:
+        ended = find_job(self._shared.front, survey_id).shown_status[0].is_final
+        if ended == is_deletion:  # "cancel" must not delete a survey that has just ended
+            remove_survey(self._shared.front, caller, survey_id)
 
     def _show_notice(self, text: str) -> None:
         def write() -> None:
-            self._notice.object = f'<p class="notice" role="alert">{escape(text)}</p>'
+            self._notice.object = alert_html(text)
 
         self._viewer.change(write)
 

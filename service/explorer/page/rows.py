@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from gear_rattle.service.explorer.common.address import View
+from gear_rattle.service.database.tables import State
+from gear_rattle.service.explorer.common.address import EXAMPLE, View
 from gear_rattle.service.explorer.common.news import JobStatus
 from gear_rattle.service.explorer.design.fields import NUMBERS, PAIR, machine_ranges, text_in_unit
 from gear_rattle.service.explorer.map.picture import picture_query, third_axis_names
@@ -41,6 +42,20 @@ def survey_row(status: JobStatus, view: View, owned: bool) -> dict[str, Any]:
         "variable": STORED.get(view.variable, view.variable) if chosen else "",
         "picture": picture_query(job.request, view, view.seen) if chosen else "",
         "slice": [next(third_axis_names(job.request), ""), view.slice] if chosen else ["", 0],
+    }
+
+
+def example_row(request: SurveyRequest) -> dict[str, Any]:
+    """Return the row of the example, which has no files and cannot be removed. request: the request of the example."""
+    size, facts = _size_and_facts(request.model_dump(mode="json"))
+    return {
+        "id": EXAMPLE,
+        "name": f"Example: the paper's plane at β = {request.beta:g}",
+        "notes": "",
+        "size": size,
+        "state": str(State.SUCCESSFUL),
+        "facts": facts,
+        "example": True,
     }
 
 

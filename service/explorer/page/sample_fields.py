@@ -29,7 +29,7 @@ class SampleFields:
             label="Quantities", options=groups, value=[str(group) for group in DEFAULT], inline=True, margin=(0, 4),
             stylesheets=[sheet],
         )  # fmt: skip
-        self._count = pn.widgets.IntInput(
+        count = pn.widgets.IntInput(
             label="Initial conditions", value=64, start=1, step=64, **style,
             description="Samples in each cell. More of them find rarer motions, and take longer in proportion.",
         )  # fmt: skip
@@ -39,9 +39,9 @@ class SampleFields:
         )  # fmt: skip
         phase: dict[str, Any] = {"start": 0.0, "end": 1.0, "step": 0.05} | style
         about = "Samples start at phases between these two values; 0 to 1 is a whole forcing period."
-        self._tau_min = pn.widgets.FloatInput(label="Phases from", value=0.0, description=about, **phase)
-        self._tau_max = pn.widgets.FloatInput(label="Phases to", value=1.0, description=about, **phase)
-        self._v_min = pn.widgets.FloatInput(
+        tau_min = pn.widgets.FloatInput(label="Phases from", value=0.0, description=about, **phase)
+        tau_max = pn.widgets.FloatInput(label="Phases to", value=1.0, description=about, **phase)
+        v_min = pn.widgets.FloatInput(
             label="Least speed", value=0.0, start=0.0, step=0.5, **style,
             description="Samples start at speeds of at least this value.",
         )  # fmt: skip
@@ -55,7 +55,7 @@ class SampleFields:
             description="By share, the first attractor is the one that most samples reach; by family, each family has "
             "a place of its own.",
         )  # fmt: skip
-        self._budget = pn.widgets.IntInput(
+        budget = pn.widgets.IntInput(
             label="Max. impacts", value=BUDGET, start=1, step=BUDGET, **style,
             description="A sample that makes more impacts before it reaches an attractor is undecided.",
         )  # fmt: skip
@@ -74,11 +74,12 @@ class SampleFields:
             **style,
         )  # fmt: skip
         self._refined.param.watch(lambda event: self._audit.param.update(visible=bool(event.new)), "value")
+        self._sample = {"count": count, "budget": budget, "tau_min": tau_min, "tau_max": tau_max, "v_min": v_min}
         row: dict[str, Any] = {"sizing_mode": "stretch_width"}
         self.panel = pn.Column(
-            pn.Row(self._count, self._budget, **row),
-            pn.Row(self._v_min, self._v_max, **row),
-            pn.Row(self._tau_min, self._tau_max, **row),
+            pn.Row(count, budget, **row),
+            pn.Row(v_min, self._v_max, **row),
+            pn.Row(tau_min, tau_max, **row),
             pn.Row(self._slots, self._seed, **row),
             self._by,
             pn.Row(
@@ -100,14 +101,8 @@ class SampleFields:
         """Return the entered settings as fields of a request."""
         return {
             "quantities": self.quantities.value,
-            "initial_conditions": {
-                "count": self._count.value,
-                "v_max": read_speed(self._v_max.value),
-                "budget": self._budget.value,
-                "tau_min": self._tau_min.value,
-                "tau_max": self._tau_max.value,
-                "v_min": self._v_min.value,
-            },
+            "initial_conditions": {name: widget.value for name, widget in self._sample.items()}
+            | {"v_max": read_speed(self._v_max.value)},
             "slots": self._slots.value,
             "slots_by": self._by.value or None,
             "refine": {"audit": self._audit.value} if self._refined.value else None,
@@ -118,9 +113,9 @@ class SampleFields:
         """Set the fields to the settings of a survey."""
         sample = request.initial_conditions
         self.quantities.value = [str(group) for group in request.quantities]
-        self._count.value, self._budget.value, self._seed.value = sample.count, sample.budget, request.seed
-        self._v_max.value = "" if sample.v_max is None else str(sample.v_max)
-        self._tau_min.value, self._tau_max.value, self._v_min.value = sample.tau_min, sample.tau_max, sample.v_min
+        for name, widget in self._sample.items():
+            widget.value = getattr(sample, name)
+        self._v_max.value, self._seed.value = "" if sample.v_max is None else str(sample.v_max), request.seed
         self._slots.value, self._by.value = request.slots, request.slots_by or UNSAID
         self._refined.value = request.refine is not None
         self._audit.value = request.refine.audit if request.refine is not None else AUDITED_SHARE

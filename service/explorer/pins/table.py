@@ -11,7 +11,7 @@ from typing import NamedTuple
 import rattle
 from gear_rattle.service.explorer.common.address import Pin
 from gear_rattle.service.explorer.point.parts import SampledAttractors, add_letters, sampled_attractors
-from gear_rattle.service.explorer.point.words import harmonics_in_words, number_text, percent_text
+from gear_rattle.service.explorer.point.words import harmonics_in_words, name_with_letter, number_text, percent_text
 from gear_rattle.service.harmonics import harmonic_texts
 from rattle.models import ADDED, model_at
 from rattle.orbits import region_in_words
@@ -90,7 +90,7 @@ def _region_name(known: PinResults) -> str:
 def _named_motions(known: PinResults) -> list[tuple[str, rattle.Attractor]]:
     """Return (name, attractor) of each attractor; the name of one of the motions A to D includes this letter."""
     pairs = zip(known.chances.attractors, known.chances.letters, strict=True)
-    return [(f"{legend_name(each)} = {letter}" if letter else legend_name(each), each) for each, letter in pairs]
+    return [(name_with_letter(each, letter), each) for each, letter in pairs]
 
 
 def _largest_exponent(known: PinResults) -> str:

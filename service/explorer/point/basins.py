@@ -14,7 +14,8 @@ from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.figures import themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.point.parts import PlaneLine
-from gear_rattle.service.explorer.point.words import percent_text
+from gear_rattle.service.explorer.point.words import percent_text, swatch_html
+from gear_rattle.service.explorer.state.events import Event, InitialConditionChosen
 from rattle.attractors import PAPER_SPEED
 from rattle.plot import MANIFOLDS, Palette, legend_name
 
@@ -32,10 +33,10 @@ STEPS = "return value < 0 ? 'not seen' : String(value)"
 
 
 class BasinsPicture:
-    """Picture of basins in the (τ, v) plane; `on_tap` is called with the state (τ, v) that a viewer clicks."""
+    """Picture of basins in the (τ, v) plane. A click chooses the motion that begins there."""
 
-    def __init__(self, theme: str, on_tap: Callable[[float, float], None]) -> None:
-        self._on_tap = on_tap
+    def __init__(self, theme: str, dispatch: Callable[[Event], None]) -> None:
+        self._dispatch = dispatch
         names = "phase τ of the impact", "speed v after it"
         self.figure = themed_figure("basins", theme, *names, 460, (0.0, 1.0), (PAPER_SPEED, 0.0))
         self._v_max = PAPER_SPEED
@@ -93,7 +94,7 @@ class BasinsPicture:
     def tap(self, event: Any) -> None:
         """Choose the motion that begins where the picture was clicked."""
         if event.x is not None and event.y is not None and 0 < event.y < self._v_max:
-            self._on_tap(float(event.x % 1.0), float(event.y))
+            self._dispatch(InitialConditionChosen((float(event.x % 1.0), float(event.y))))
 
     def show_cells(self, basins: rattle.Basins, palette: Palette) -> None:
         """Show basins; a type of motion has the same colour in all pictures that share the palette."""
@@ -146,8 +147,7 @@ def basins_legend(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: 
     parts = []
     shares = np.bincount(basins.labels.ravel(), minlength=len(basins.attractors)) / basins.labels.size
     for each, share in zip(basins.attractors[:MOST_NAMED], shares, strict=False):
-        swatch = f'<span class="swatch" style="background:{palette.colour(each)}"></span>'
-        parts.append(f"<li>{swatch}{legend_name(each)} {percent_text(share)}</li>")
+        parts.append(f"<li>{swatch_html(palette.colour(each))}{legend_name(each)} {percent_text(share)}</li>")
     if len(shares) > MOST_NAMED:
         parts.append(f"<li>and {len(shares) - MOST_NAMED} more, {percent_text(shares[MOST_NAMED:].sum())} in all</li>")
     for line in lines:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +17,13 @@ from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.common.watch import WidgetWatcher
 from gear_rattle.service.explorer.files import asset
 from gear_rattle.service.explorer.point.parts import DiagramLines, EventImpacts
-from gear_rattle.service.explorer.point.words import count_in_words, html_table, multipliers_text, number_text
+from gear_rattle.service.explorer.point.words import (
+    ChaosEvent,
+    count_in_words,
+    html_table,
+    multipliers_text,
+    number_text,
+)
 
 MARKERS = {"SN": "circle", "PD": "diamond", "GR": "square"}
 SIGNS = {"SN": "●", "PD": "◆", "GR": "■"}
@@ -257,18 +264,37 @@ def axis_name(found: DiagramLines) -> str:
     return f"way from here to δ {found.to[0]:.6g}, ε {found.to[1]:.6g}"
 
 
-def diagram_table(found: DiagramLines) -> str:
-    """Return a table of events in HTML, first the events on curves of the map; a click on one opens its point."""
-    if not found.events:
-        return f"<p>The diagram along the {axis_name(found)} has no events.</p>"
+def diagram_table(found: DiagramLines, chaos: Sequence[ChaosEvent] = ()) -> str:
+    """Return a table of events in HTML, first the events on curves of the map; a click on one opens its point.
+
+    Parameters
+    ----------
+    found : DiagramLines
+        The diagram.
+    chaos : Sequence[ChaosEvent]
+        Beginnings and ends of chaos along ε, see `chaos_events`. They are listed first in a diagram along ε.
+
+    Returns
+    -------
+    str
+        The table, or a sentence if there are no events.
+    """
     rows = []
+    if found.to is None and found.direction == "epsilon":
+        for what, motion, at, epsilon in chaos:
+            rows.append((what, motion, _link_to_point(*at, f"δ {at[0]:.10g}, ε {epsilon}"), "–"))
     for each in sorted(found.events, key=lambda each: (not each.name, each.delta, each.epsilon)):
-        at = f"{each.delta!r},{each.epsilon!r}"
-        numbers = f"δ {each.delta:.10g}, ε {each.epsilon:.10g}"
+        link = _link_to_point(each.delta, each.epsilon, f"δ {each.delta:.10g}, ε {each.epsilon:.10g}")
         multipliers = multipliers_text(each.multipliers) if abs(each.multipliers[0]) < INFINITE else "∞, 0"
-        what = f"{MEANINGS[each.kind]} {each.name}".rstrip()
-        rows.append((what, each.motion, f'<a href="?point={at}" data-point="{at}">{numbers}</a>', multipliers))
-    return html_table("Events of the diagram", ("Event", "Motion", "Where", "Multipliers"), rows)
+        rows.append((f"{MEANINGS[each.kind]} {each.name}".rstrip(), each.motion, link, multipliers))
+    if not rows:
+        return f"<p>The diagram along the {axis_name(found)} has no events.</p>"
+    return html_table("Events of the diagram", ("Event", "Of which motion", "Where", "Multipliers"), rows)
+
+
+def _link_to_point(delta: float, epsilon: float, text: str) -> str:
+    at = f"{delta!r},{epsilon!r}"
+    return f'<a href="?point={at}" data-point="{at}">{text}</a>'
 
 
 def diagram_caption(found: DiagramLines) -> str:

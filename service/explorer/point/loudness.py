@@ -14,12 +14,15 @@ import rattle
 from gear_rattle.service.explorer.common.figures import line_colour, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.design.rattling import HIGHEST
-from gear_rattle.service.explorer.point.words import html_table, number_text
+from gear_rattle.service.explorer.point.words import html_table, number_text, swatch_html
 from rattle import Density, Lines, Machine
 from rattle.intensity import natural_energy
 from rattle.plot import Palette, legend_name
 
 PLAIN = ("Impacts per forcing period", "Mean speed", "Largest speed", "Energy Σv²/2", "dB re 2π²δ²")
+#: What 0 dB means: the reference of `natural_energy`, and that of a machine.
+ZERO_LEVEL = "the energy of one impact of speed 2πδ in each forcing period"
+ZERO_LEVEL_IN_SI = "an impact power of 1 pW"
 IN_SI = ("Impacts/s", "Mean speed, m/s", "Largest speed, m/s", "J per revolution", "Power, W", "dB re 1 pW")
 
 
@@ -33,12 +36,14 @@ def intensity_table(
     """Return the attractors' intensities as a table in HTML, in SI units if a machine is given; None gives dashes."""
     rows = []
     for attractor, each in zip(attractors, found, strict=True):
-        swatch = f'<span class="swatch" style="background:{palette.colour(attractor)}"></span>'
         cells = ["–"] * len(IN_SI if machine else PLAIN)
         if each is not None:
             cells = _si_texts(each, machine) if machine else _dimensionless_texts(each, delta)
-        rows.append((f"{swatch}{escape(legend_name(attractor))}", *cells))
-    return html_table("How hard each rattles", ("Motion", *(IN_SI if machine else PLAIN)), rows)
+        rows.append((swatch_html(palette.colour(attractor)) + escape(legend_name(attractor)), *cells))
+    *heads, level = IN_SI if machine else PLAIN
+    zero = ZERO_LEVEL_IN_SI if machine else ZERO_LEVEL
+    explained = f'<abbr title="0 dB: {zero}">{level}</abbr>'
+    return html_table("How hard each rattles", ("Motion", *heads, explained), rows)
 
 
 def loudest_in_words(
@@ -57,7 +62,8 @@ def loudest_in_words(
         si = machine.in_si(one)
         level, speed = f"{_decibels(si.level)} dB re 1 pW", f"{number_text(si.mean_velocity)} m/s"
     else:
-        level, speed = f"{_decibels(one.level(natural_energy(delta)))} dB re 2π²δ²", number_text(one.mean_speed)
+        level = f"{_decibels(one.level(natural_energy(delta)))} dB (0 dB is {ZERO_LEVEL})"
+        speed = number_text(one.mean_speed)
     return f"{name} has {level}, and impacts of a mean speed of {speed}."
 
 

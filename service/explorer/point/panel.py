@@ -12,12 +12,20 @@ from bokeh.models import Range1d
 
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.figures import PRINTED
+from gear_rattle.service.explorer.common.point_state import ANSWER, BASINS, DIAGRAM, MOTION, NUMBERS, TABS
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.design.tolerance_fields import ToleranceFields
 from gear_rattle.service.explorer.files import asset
 from gear_rattle.service.explorer.point import basins, diagram, loudness, motion
-from gear_rattle.service.explorer.point.state import ANSWER, BASINS, DIAGRAM, MOTION, NUMBERS, TABS
+from gear_rattle.service.explorer.state.events import (
+    AttractorChosen,
+    DirectionChosen,
+    Event,
+    PlaceChosen,
+    SoundRequested,
+    TabChosen,
+)
 
 MARGIN = (0, 4)
 #: Styles with which two pictures stand side by side only if both fit. Panel would always keep room for both.
@@ -26,6 +34,7 @@ WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": MARGIN}
 PLACES = 100  # steps of the slider along the line of the diagram
 DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
 ALONG = (BASINS, MOTION, DIAGRAM)  # tabs that follow the slider
+CLICKED = -1  # number of the motion from the clicked state, in the list of motions
 
 
 @dataclass(frozen=True)
@@ -39,28 +48,27 @@ class FigurePlace:
 class PointPanel:
     """Panel of a point: the answer, and tabs below it. A picture is slow in a browser, so it is made at first use.
 
-    The view of a point sets the functions `on_tab`, `on_tap`, `on_motion`, `on_direction`, `on_place` and `on_play`,
-    which are called when a viewer clicks or chooses.
+    Parameters
+    ----------
+    dispatch : Callable[[Event], None]
+        Takes an event for each choice of a viewer.
+    below : FigurePlace | None
+        Place of the profile below the diagram.
     """
 
-    def __init__(self, theme: str, below: FigurePlace | None = None) -> None:
-        self.theme, self._below = theme, below or FigurePlace()
-        self.on_tab: Callable[[str], None]
-        self.on_tap: Callable[[float, float], None]
-        self.on_motion: Callable[[int | None], None]
-        self.on_direction: Callable[[str], None]
-        self.on_place: Callable[[int], None]
-        self.on_play: Callable[[float | None], None]
+    def __init__(self, theme: str, dispatch: Callable[[Event], None], below: FigurePlace | None = None) -> None:
+        self.theme, self._dispatch, self._below = theme, dispatch, below or FigurePlace()
+        self._own_stop = 0  # position of the slider for the point itself
         self._watch = WidgetWatcher()
-        self.likely, self.shares, self.where, self.loudest, self.safe = (self._new_text() for _ in range(5))
-        self.under_basins, self.about_lines, self.under_motion, self.under_diagram = (
-            self._new_text() for _ in range(4)
-        )
-        self.under_spectrum, self.heard, self.take = self._new_text(), self._new_text(), self._new_text()
-        self.table, self.loud, self.orbits, self.events = (self._new_text() for _ in range(4))
+        self._texts = [self._new_text() for _ in range(17)]
+        (
+            self.likely, self.shares, self.where, self.loudest, self.safe, self.under_basins, self.about_lines,
+            self.under_motion, self.under_diagram, self.under_spectrum, self.heard, self.take, self.table, self.loud,
+            self.orbits, self.events, self.extents,
+        ) = self._texts  # fmt: skip
         self._tolerance = pn.Column(sizing_mode="stretch_width", margin=0)
         texts = {
-            ANSWER: (self.shares, self.loudest, self.safe, self.where),
+            ANSWER: (self.shares, self.loudest, self.extents, self.safe, self.where),
             BASINS: (self.under_basins, self.about_lines),
             MOTION: (self.under_motion,),
             DIAGRAM: (self.under_diagram,),
@@ -79,7 +87,7 @@ class PointPanel:
             color="primary", variant="outline", css_classes=["tabs"], margin=(6, 4, 2, 4),
             sizing_mode="stretch_width", stylesheets=self._sheets,
         )  # fmt: skip
-        self._watch.call_on_change(self._tabs, lambda: self.on_tab(str(self._tabs.value)))
+        self._watch.call_on_change(self._tabs, self._choose_tab)
         self.column = pn.Column(
             self.likely.pane, self._tabs, self.place_slider, *self._bodies.values(), self.take.pane,
             css_classes=["point"], sizing_mode="stretch_width", margin=0, stylesheets=[PRINTED],
@@ -93,6 +101,18 @@ class PointPanel:
             body.visible = name == tab
         self.place_slider.visible = tab in ALONG
 
+    def _choose_tab(self) -> None:
+        self._dispatch(TabChosen(str(self._tabs.value)))
+
+    def _choose_place(self) -> None:
+        stop = int(self.place_slider.value or 0)
+        self._dispatch(PlaceChosen(None if stop == self._own_stop else stop / PLACES))
+
+    def _choose_motion(self) -> None:
+        number = self.motion_choice.value
+        if number is not None and number != CLICKED:
+            self._dispatch(AttractorChosen(number))
+
     def clear(self) -> None:
         """Remove all that is shown of a point."""
         self.where.html = ""
@@ -103,12 +123,9 @@ class PointPanel:
 
     def clear_results(self) -> None:
         """Remove all results of a point, but not the text with its position, which may be the next point's already."""
-        for text in (
-            self.take, self.likely, self.shares, self.loudest, self.safe,
-            self.table, self.loud, self.orbits, self.events,
-            self.under_basins, self.about_lines, self.under_motion, self.under_diagram, self.under_spectrum, self.heard,
-        ):  # fmt: skip
-            text.html = ""
+        for text in self._texts:
+            if text is not self.where:
+                text.html = ""
         self._tolerance.visible = False
         for name in ("picture", "motions", "spectrum", "diagram"):
             if name in self.__dict__:  # only pictures that have been made already
@@ -124,7 +141,7 @@ class PointPanel:
     @cached_property
     def picture(self) -> basins.BasinsPicture:
         """Picture of the basins; it and its tab are made at first use."""
-        found = basins.BasinsPicture(self.theme, lambda tau, v: self.on_tap(tau, v))
+        found = basins.BasinsPicture(self.theme, self._dispatch)
         self._bodies[BASINS][:] = [
             self._new_text("<h2 class=tab>Basins of attraction</h2>").pane,
             pn.pane.Bokeh(found.figure, **WIDE),
@@ -140,11 +157,12 @@ class PointPanel:
             label="", start=0, end=PLACES, show_value=False, stylesheets=self._sheets, max_width=420, margin=(2, 16),
             sizing_mode="stretch_width", visible=False,
         )  # fmt: skip
-        self._watch.call_on_change(found, lambda: self.on_place(int(found.value or 0)))
+        self._watch.call_on_change(found, self._choose_place)
         return found
 
-    def show_place(self, stop: int, at: Pair) -> None:
-        """Set the slider to a position, and its label to the point (δ, ε) there."""
+    def show_place(self, stop: int, own_stop: int, at: Pair) -> None:
+        """Set the slider to a position, and its label to the point (δ, ε) there. own_stop: position of the point."""
+        self._own_stop = own_stop
         with self._watch.paused():
             self.place_slider.param.update(value=stop, label=f"Along the diagram, at δ {at[0]:.5g}, ε {at[1]:.5g}")
 
@@ -154,7 +172,7 @@ class PointPanel:
         found = pn.widgets.Select(
             label="Motion shown (or click in the basins)", options={}, stylesheets=self._sheets, width=330
         )
-        self._watch.call_on_change(found, lambda: self.on_motion(found.value))
+        self._watch.call_on_change(found, self._choose_motion)
         return found
 
     def mark_initial_state(self, tau: float, v: float) -> None:
@@ -197,12 +215,12 @@ class PointPanel:
         found = pn.widgets.Button(
             label="Play", css_classes=["play"], margin=(2, 4), align="end", stylesheets=self._sheets
         )
-        on_press(found, lambda: self.on_play(self.rpm.value))
+        on_press(found, lambda: self._dispatch(SoundRequested(self.rpm.value)))
         return found
 
     @cached_property
     def _tolerance_fields(self) -> ToleranceFields:
-        found = ToleranceFields(self._sheets)
+        found = ToleranceFields(self._dispatch, self._sheets)
         self._tolerance[:] = [found.panel]
         return found
 
@@ -222,8 +240,13 @@ class PointPanel:
             variant="outline",
             stylesheets=self._sheets,
         )
-        self._watch.call_on_change(found, lambda: self.on_direction(found.value))
+        self._watch.call_on_change(found, lambda: self._dispatch(DirectionChosen(found.value)))
         return found
+
+    def mark_position(self, at: float) -> None:
+        """Mark the chosen place on the axis of the diagram, if its picture has been made."""
+        if "diagram" in self.__dict__:
+            self.diagram.mark_position(at)
 
     def show_direction(self, chosen: str) -> None:
         """Select the button of the diagram's direction, "epsilon" or "delta"."""

@@ -1,175 +1,137 @@
-"""State of a point's view in the URL: its motion, its diagram, and tolerances."""
+"""The open point: its machine and model, its gear, and the results that are known of it so far."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
+import rattle
 from gear_rattle.service.explorer.common.address import EnteredMachine, Pair, Pin, View, pin_of
+from gear_rattle.service.explorer.common.point_state import PointState
 from gear_rattle.service.explorer.design.fields import machine_at
-from gear_rattle.service.explorer.design.tolerance import Tolerance, tolerance_outline
-from gear_rattle.service.explorer.state.reducer import TAB
-from gear_rattle.service.explorer.state.store import Store
-from gear_rattle.service.operations.diagrams import LEAST_SPAN, MOST_SPAN, SPANS, diagram_ends
+from gear_rattle.service.explorer.design.tolerance import tolerance_outline
+from gear_rattle.service.explorer.point.parts import SampledAttractors, largest_sampled_speed
+from gear_rattle.service.explorer.point.words import ChaosEvent, period_name
+from gear_rattle.service.explorer.point.work import PointTasks
+from gear_rattle.service.explorer.state.store import Listeners, Store
+from gear_rattle.service.operations.diagrams import diagram_ends
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle import Machine, RattleError
 from rattle.models import AnyGear, Model, model_at
+from rattle.plot import Palette
 
-MOST_ATTRACTORS = 1000
-ANSWER, BASINS, MOTION, DIAGRAM, NUMBERS = TABS = ("answer", "basins", "motion", "diagram", "numbers")
+ATTRACTORS, CHAOS, ORBITS, PLACE, READY = "attractors", "chaos", "orbits", "place", "is_ready"
 
 
-@dataclass(frozen=True)
-class PointState:
-    """State of the tabs of a point.
+class Place(NamedTuple):
+    """Gear whose motion is shown, and its attractors; no attractors if it is the gear of the open point itself."""
+
+    gear: AnyGear
+    attractors: tuple[rattle.Attractor, ...] = ()
+
+
+class OpenPoint(Listeners):
+    """The open point: its gear, its results so far, and the tasks that compute the others.
+
+    The tabs of the point subscribe to the results by name (ATTRACTORS, CHAOS, ORBITS, PLACE, READY), and with `follow`
+    to fields of the store's view.
 
     Attributes
     ----------
-    attractor : int | None
-        Number of the chosen attractor, from 0 by falling basin fraction; None if none was chosen.
-    start : tuple[float, float] | None
-        Initial condition (τ, v) of the motion that is shown; None for the motion on an attractor.
-    direction : str
-        Axis of the diagram, "epsilon" or "delta".
-    span : float | None
-        Extent of the diagram on either side of the point; None for the default.
-    to : Pair | None
-        Point (δ, ε) at which the diagram ends; None for a diagram along `direction`.
-    tolerance : Tolerance | None
-        Tolerances that a viewer entered; None if there are none.
-    at : float | None
-        Place whose basins and motion are shown, from 0 to 1 on the line of the diagram; None for the point itself.
-    tab : str | None
-        Open tab; None if the other values decide which tab is open, see `shown_tab`.
+    attractors : SampledAttractors | None
+        Attractors of the point; None until they are computed.
+    orbits : tuple[rattle.Orbit, ...]
+        Orbits A to D of the point, empty until they are known.
+    chaos : list[ChaosEvent]
+        Beginnings and ends of chaos along ε, empty until they are known.
+    place : Place
+        The point itself, or the place on the line of the diagram whose basins are known and shown instead.
+    is_ready : bool
+        True once the answer is on the page, after which the open tab is filled.
     """
 
-    attractor: int | None = None
-    start: tuple[float, float] | None = None
-    direction: str = "epsilon"
-    span: float | None = None
-    to: Pair | None = None
-    tolerance: Tolerance | None = None
-    at: float | None = None
-    tab: str | None = None
+    def __init__(self, store: Store, work: PointTasks, gear: AnyGear, machine: Machine | None) -> None:
+        super().__init__()
+        self.store, self.work, self.gear, self.machine = store, work, gear, machine
+        self.period = period_name(machine)
+        self.palette = Palette()  # one for all pictures and tables of the point
+        self._fastest = largest_sampled_speed(gear.delta, gear.epsilon, gear.beta)
+        self.attractors: SampledAttractors | None = None
+        self.orbits: tuple[rattle.Orbit, ...] = ()
+        self.chaos: list[ChaosEvent] = []
+        self.place = Place(gear)
+        self.is_ready = False
+        self._followed: list[Callable[[], object]] = []
+
+    def follow(self, listener: Callable[[], object], *names: str) -> None:
+        """Call a listener after changes of the named fields of the view, until `end` is called."""
+        self.store.subscribe(listener, *names)
+        self._followed.append(listener)
+
+    def update(self, **results: Any) -> None:
+        """Set results by name, and call their listeners."""
+        for name, value in results.items():
+            setattr(self, name, value)
+        self.call_listeners(set(results))
+
+    def end(self) -> None:
+        """Give up all computations and all subscriptions, because another point is shown."""
+        self.work.stop()
+        for listener in self._followed:
+            self.store.unsubscribe(listener)
 
     @property
-    def way(self) -> tuple[str, float | None, Pair | None]:
-        """Choice of the diagram: its direction, its span and its other end, in this order."""
-        return self.direction, self.span, self.to
+    def state(self) -> PointState:
+        """State of the tabs. An initial condition beyond the speeds that the basins show is left out."""
+        return self.store.view.point_state.limited_to(self._fastest)
 
     @property
-    def shown_tab(self) -> str:
-        """The open tab. Older addresses have no `tab`; then it is the tab that shows what their other fields choose."""
-        if self.tab is not None:
-            return self.tab
-        if self.to is not None or self.span is not None or self.direction != "epsilon":
-            return DIAGRAM
-        if self.start is not None or self.attractor is not None:
-            return MOTION
-        return ANSWER if self.at is None else BASINS
+    def is_away(self) -> bool:
+        """True if another place than the point is shown."""
+        return self.place.gear is not self.gear
 
-    @classmethod
-    def read(cls, text: Mapping[str, object], v_max: float) -> PointState:
-        """Return the state that these texts describe. An unreadable value, or a v above v_max, gets its default."""
-        direction = str(text.get("direction", ""))
-        return cls(
-            _parse_attractor(text.get("attractor")),
-            _parse_start(text.get("tau"), text.get("v"), v_max),
-            direction if direction in SPANS else "epsilon",
-            parse_span(text.get("span")),
-            parse_point(text.get("to")),
-            parse_tolerance(text.get("tolerance")),
-            parse_share(text.get("at")),
-            tab if (tab := str(text.get(TAB))) in TABS else None,
-        )
+    @property
+    def _known_attractors(self) -> tuple[rattle.Attractor, ...]:
+        return () if self.attractors is None else self.attractors.attractors
 
-    def text(self) -> dict[str, str]:
-        """Return the texts that describe the state, by name; values that are the defaults have no text."""
-        said = {"attractor": str(self.attractor)} if self.attractor is not None and self.start is None else {}
-        if self.start is not None:
-            # `repr` writes all digits, so that both numbers are read back unchanged
-            said |= {"tau": repr(self.start[0]), "v": repr(self.start[1])}
-        if self.span is not None:
-            said["span"] = repr(self.span)
-        if self.to is not None:
-            said["to"] = ",".join(map(repr, self.to))
-        if self.tolerance is not None:
-            said["tolerance"] = ",".join(map(repr, self.tolerance))
-        if self.at is not None:
-            said["at"] = repr(self.at)
-        if self.tab is not None and (self.tab != ANSWER or replace(self, tab=None).shown_tab != ANSWER):
-            said[TAB] = self.tab
-        return said | ({"direction": self.direction} if self.direction != "epsilon" else {})
+    @property
+    def attractor_number(self) -> int:
+        """Number of the attractor to show: the chosen one, else the first that is not quiet, else 0."""
+        chosen, known = self.state.attractor, self._known_attractors
+        if chosen is not None and chosen < len(known):
+            return chosen
+        return next((i for i, each in enumerate(known) if each.kind != "quiet"), 0)
 
+    @property
+    def shown_attractor(self) -> rattle.Attractor | None:
+        """Attractor to show, None if none is known.
 
-def _parse_attractor(given: object) -> int | None:
-    try:
-        number = int(str(given))
-    except ValueError:
-        return None
-    return number if 0 <= number < MOST_ATTRACTORS else None
-
-
-def _parse_start(tau: object, v: object, v_max: float) -> tuple[float, float] | None:
-    try:
-        start = float(str(tau)), float(str(v))
-    except ValueError:
-        return None
-    if math.isfinite(start[0]) and 0 <= start[0] < 1 and 0 < start[1] <= v_max:
-        return start
-    return None
-
-
-def parse_span(given: object) -> float | None:
-    """Return the extent of a diagram on either side; None, for the default, if the value is not an allowed number."""
-    try:
-        span = float(str(given))
-    except ValueError:
-        return None
-    return span if LEAST_SPAN <= span <= MOST_SPAN else None
-
-
-def parse_share(given: object) -> float | None:
-    """Return a value as a number from 0 to 1; None if it is no such number."""
-    try:
-        share = float(str(given))
-    except ValueError:
-        return None
-    return share if 0.0 <= share <= 1.0 else None
+        At another place than the point, this is the attractor with the same name there. If there is none, it is the
+        first attractor there that is not quiet, else the first.
+        """
+        own = self._known_attractors[self.attractor_number] if self._known_attractors else None
+        if not self.is_away:
+            return own
+        there = self.place.attractors
+        named = [each for each in there if own is not None and each.name == own.name]
+        return (named or [each for each in there if each.kind != "quiet"] or list(there))[0]
 
 
 def diagram_line(gear: AnyGear, state: PointState) -> tuple[Pair, Pair]:
     """Return the points (δ, ε) at which the diagram of a point begins and ends."""
-    return diagram_ends(gear, state.direction, state.span, state.to)
+    return diagram_ends(gear, *state.way)
 
 
-def point_on_line(way: tuple[Pair, Pair], share: float) -> Pair:
-    """Return the point (δ, ε) at a fraction `share` of the line between the two ends of `way`."""
-    (delta, epsilon), (to_delta, to_epsilon) = way
-    left = 1.0 - share  # with this form the ends of the line are exact
-    return left * delta + share * to_delta, left * epsilon + share * to_epsilon
-
-
-def parse_point(given: object) -> Pair | None:
-    """Return the point (δ, ε) that a text describes; None if it describes no point with δ > 0 and ε ≥ 0."""
-    try:
-        delta, epsilon = map(float, str(given).split(","))
-    except ValueError:
+def chosen_place(gear: AnyGear, state: PointState) -> Pair | None:
+    """Return the chosen place (δ, ε) on the line of the diagram; None for the point itself."""
+    if state.at is None:
         return None
-    return (delta, epsilon) if 0 < delta < math.inf and 0 <= epsilon < math.inf else None
-
-
-def parse_tolerance(given: object) -> Tolerance | None:
-    """Return the tolerance that a text describes, None if it cannot be read."""
-    try:
-        found = Tolerance(*map(float, str(given).split(",")))
-    except (TypeError, ValueError):
-        return None
-    return found if all(math.isfinite(each) and each >= 0.0 for each in found) else None
+    (delta, epsilon), (to_delta, to_epsilon) = diagram_line(gear, state)
+    left = 1.0 - state.at  # with this form the ends of the line are exact
+    return left * delta + state.at * to_delta, left * epsilon + state.at * to_epsilon
 
 
 def machine_and_model(
@@ -211,12 +173,10 @@ def point_marks(view: View, model: Model, machine: SurveyedMachine | None) -> tu
     made, of_point = machine_and_model(view.point, view.machine, machine, model)
     if of_point != model:
         return None, None
-    widths, to = parse_tolerance(view.point_state.get("tolerance")), parse_point(view.point_state.get("to"))
-    lines = [] if widths is None else [tolerance_outline(*view.point, made, widths)]
-    if to is not None:
-        lines += [np.full((1, 2), np.nan), np.array([view.point, to])]
-    here, state = view.point, PointState.read(view.point_state, 0.0)
-    if state.at is not None:
-        with suppress(RattleError):  # no gear is possible at this point; the panel of the point says so
-            here = point_on_line(diagram_line(model.gear(*view.point), state), state.at)
+    here, state = view.point, view.point_state
+    lines = [] if state.tolerance is None else [tolerance_outline(*here, made, state.tolerance)]
+    if state.to is not None:
+        lines += [np.full((1, 2), np.nan), np.array([here, state.to])]
+    with suppress(RattleError):  # no gear is possible at this point; the panel of the point says so
+        here = chosen_place(model.gear(*here), state) or here
     return here, np.concatenate(lines) if lines else None

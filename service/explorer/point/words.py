@@ -9,6 +9,19 @@ from urllib.parse import urlencode
 
 import rattle
 from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.service.explorer.design.extents import (
+    CRISIS,
+    FLIP,
+    GRAZING,
+    LOST,
+    MOST_FOLLOWED,
+    QUIET_LIMIT,
+    RANGE,
+    SADDLE_NODE,
+    SWEPT,
+    End,
+    Extent,
+)
 from gear_rattle.service.explorer.design.fields import ERRORS
 from gear_rattle.service.explorer.point.parts import Margin, PeriodOneOrbits, SampledAttractors
 from gear_rattle.service.harmonics import harmonic_texts
@@ -24,6 +37,15 @@ MOST_HARMONICS = 6  # most harmonics that a sentence lists
 MOST_NAMED = 6  # most attractors that are named below the bar of basin fractions
 ROWS = 6  # rows of a table that are shown before a viewer unfolds it
 PERIOD, REVOLUTION = "forcing period", "revolution"
+#: Words for the event at the lower and at the upper end of the range in which a motion attracts.
+BEGINS = {SADDLE_NODE: "begins by a saddle-node", FLIP: "begins by period doubling", GRAZING: "begins at a graze"}
+ENDS = {
+    SADDLE_NODE: "ends by a saddle-node",
+    FLIP: "ends by period doubling",
+    GRAZING: "ends at a graze",
+    CRISIS: "ends in the boundary crisis",
+    QUIET_LIMIT: "ends at the quiet limit",
+}
 
 
 def number_text(value: float, digits: int = 4) -> str:
@@ -59,11 +81,12 @@ def percent_text(share: float) -> str:
     return f"{100 * share:.3g} %"
 
 
-def complex_text(value: complex) -> str:
+def complex_text(value: complex, digits: int = 4) -> str:
     """Return a complex number as text. An imaginary part below 1e-12, which is a rounding error, is left out."""
     if abs(value.imag) < 1e-12 * max(1.0, abs(value.real)):
-        return number_text(value.real)
-    return f"{number_text(value.real)} {'+' if value.imag > 0 else MINUS} {number_text(abs(value.imag))}i"
+        return number_text(value.real, digits)
+    sign = "+" if value.imag > 0 else MINUS
+    return f"{number_text(value.real, digits)} {sign} {number_text(abs(value.imag), digits)}i"
 
 
 def multipliers_text(values: tuple[complex, complex] | None) -> str:
@@ -85,10 +108,15 @@ def motion_in_words(attractor: rattle.Attractor, letter: str = "", period: str =
     impacts = attractor.n_plus + attractor.n_minus
     held = f" and {count_in_words(attractor.contacts, 'contact phase')}" if attractor.contacts else ""
     often = recurrence_in_words(attractor.m, period)
-    return f"{count_in_words(impacts, 'impact')}{held} {often}, {_name_with_letter(attractor, letter)}"
+    return f"{count_in_words(impacts, 'impact')}{held} {often}, {name_with_letter(attractor, letter)}"
 
 
-def _name_with_letter(attractor: rattle.Attractor, letter: str) -> str:
+def swatch_html(colour: str) -> str:
+    """Return a small field of a colour, in HTML."""
+    return f'<span class="swatch" style="background:{colour}"></span>'
+
+
+def name_with_letter(attractor: rattle.Attractor, letter: str) -> str:
     """Return the label or the kind of an attractor, and its letter among A to D."""
     return f"{legend_name(attractor)} = {letter}" if letter else legend_name(attractor)
 
@@ -194,14 +222,11 @@ def margin_in_words(gear: AnyGear, found: Margin, period: str = PERIOD) -> str:
 def shares_bar(found: SampledAttractors, palette: Palette) -> str:
     """Return the basin fractions as one bar in HTML, with the names of the largest below it."""
     named = [
-        (palette.colour(each), f"{_name_with_letter(each, letter)} {percent_text(each.fraction)}", each.fraction)
+        (palette.colour(each), f"{name_with_letter(each, letter)} {percent_text(each.fraction)}", each.fraction)
         for each, letter in zip(found.attractors, found.letters, strict=True)
     ]
     pieces = "".join(f'<span style="flex-grow:{share:.6f};background:{shade}"></span>' for shade, _, share in named)
-    names = [
-        f'<li><span class="swatch" style="background:{shade}"></span>{escape(said)}</li>'
-        for shade, said, _ in named[:MOST_NAMED]
-    ]
+    names = [f"<li>{swatch_html(shade)}{escape(said)}</li>" for shade, said, _ in named[:MOST_NAMED]]
     if len(named) > MOST_NAMED:
         left = sum(share for _, _, share in named[MOST_NAMED:])
         names.append(f"<li>and {len(named) - MOST_NAMED} more, {percent_text(left)} in all</li>")
@@ -262,12 +287,11 @@ def attractors_table(found: SampledAttractors, palette: Palette) -> str:
     """Return the attractors, with fractions, exponents and multipliers."""
     rows = []
     for each, letter, multipliers in zip(found.attractors, found.letters, found.multipliers, strict=True):
-        swatch = f'<span class="swatch" style="background:{palette.colour(each)}"></span>'
         low, high = each.fraction_interval
         error = f" ± {number_text(each.lyapunov_error, 2)}" if each.lyapunov_error > 0 else ""
         rows.append(
             (
-                f"{swatch}{escape(_name_with_letter(each, letter))}",
+                f"{swatch_html(palette.colour(each))}{escape(name_with_letter(each, letter))}",
                 f"{percent_text(each.fraction)} <small>({percent_text(low)} to {percent_text(high)})</small>",
                 f"{number_text(each.lyapunov[0])}{error}",
                 number_text(each.lyapunov[1]),
@@ -276,3 +300,96 @@ def attractors_table(found: SampledAttractors, palette: Palette) -> str:
         )
     heads = ("Motion", "Share of starts (95 %)", "Exponent λ₁", "λ₂", "Multipliers")
     return html_table(f"Attractors from {count_in_words(found.starts, 'start')}", heads, rows)
+
+
+def bracket_text(value: float, error: float) -> str:
+    """Return a number with the half-width of its bracket, and no more digits than the bracket allows."""
+    if error == 0.0:
+        return number_text(value)
+    places = max(0, -math.floor(math.log10(error)))
+    return f"{value:.{places}f} ± {math.ceil(error * 10**places) / 10**places:.{places}f}".replace("-", MINUS)
+
+
+def end_in_words(end: End, is_upper: bool, scale: float = 1.0) -> str:
+    """Return one end of the range in which a motion attracts, and the event there.
+
+    Parameters
+    ----------
+    end : End
+        The end.
+    is_upper : bool
+        True for the end at the larger eccentricity.
+    scale : float
+        Factor from ε to the unit that is shown.
+
+    Returns
+    -------
+    str
+        Such as "0.05964: begins by a saddle-node (SN1)".
+    """
+    at, side = bracket_text(scale * end.epsilon, scale * end.error), "above" if is_upper else "below"
+    if end.kind == RANGE:
+        return f"does not end up to {at}" if is_upper else at
+    if end.kind == LOST:
+        return f"{at}: could not be followed farther"
+    if end.kind == SWEPT:
+        return f"seen {'up to' if is_upper else 'from'} {at} (swept): {side}, {end.beyond}"
+    if end.kind == FLIP and end.remains:
+        what = "loses stability by period doubling" if is_upper else "becomes stable by period doubling"
+    else:
+        what = (ENDS if is_upper else BEGINS)[end.kind]
+    more = f" ({end.curve})" if end.curve else f" ({side}, {end.beyond})" if end.beyond and end.kind == GRAZING else ""
+    return f"{at}: {what}{more}"
+
+
+def extents_table(
+    found: SampledAttractors, extents: Sequence[Extent | None], machine: Machine | None, palette: Palette
+) -> str:
+    """Return a table of the eccentricities between which each attractor attracts, with the event at each end.
+
+    Parameters
+    ----------
+    found : SampledAttractors
+        The attractors of the point.
+    extents : sequence of Extent or None
+        The extents of the first attractors; None for an attractor that could not be followed.
+    machine : Machine | None
+        Machine whose eccentricities are shown, in µm; None for ε.
+    palette : Palette
+        Colours of the motions.
+
+    Returns
+    -------
+    str
+        The table in HTML.
+    """
+    scale, unit = (1.0, "ε") if machine is None else (1e6 * machine.units.length, "µm")
+    rows = []
+    for each, letter, extent in zip(found.attractors, found.letters, extents, strict=False):
+        swatch = f'<span class="swatch" style="background:{palette.colour(each)}"></span>'
+        ends = ("–", "–")
+        if extent is not None:
+            ends = end_in_words(extent.low, False, scale), end_in_words(extent.high, True, scale)
+            seen = f", with {count_in_words(extent.windows, 'periodic window')}" if extent.windows else ""
+            ends = ends[0], ends[1] + seen
+        rows.append((f"{swatch}{escape(name_with_letter(each, letter))}", *map(escape, ends)))
+    few = f" (the {MOST_FOLLOWED} with the largest basins)" if len(found.attractors) > MOST_FOLLOWED else ""
+    caption = f"Where each motion begins and ends as the eccentricity grows{few}"
+    return html_table(caption, ("Motion", f"From {unit}", f"To {unit}"), rows)
+
+
+#: The beginning or the end of chaos: the event's name, the motion's, the point (δ, ε), and its ε as text.
+ChaosEvent = tuple[str, str, Pair, str]
+
+
+def chaos_events(
+    gear: AnyGear, attractors: Sequence[rattle.Attractor], extents: Sequence[Extent | None]
+) -> list[ChaosEvent]:
+    """Return the beginning and the end of each chaotic attractor as events: name, motion, point (δ, ε), and its ε."""
+    return [
+        (what, legend_name(each), (gear.delta, end.epsilon), bracket_text(end.epsilon, end.error))
+        for each, extent in zip(attractors, extents, strict=False)
+        if each.kind == "chaotic" and extent is not None
+        for what, end in (("beginning of chaos", extent.low), ("end of chaos", extent.high))
+        if end.kind in (SWEPT, CRISIS)
+    ]

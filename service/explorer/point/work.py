@@ -14,7 +14,7 @@ import anyio
 
 import rattle
 from gear_rattle.service.explorer.common.changes import change_and_wait
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.text import Text, alert_html
 from gear_rattle.service.explorer.point import parts
 from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.state import Front
@@ -70,8 +70,7 @@ class PointTasks:
         self, work: Coroutine[Any, Any, None], instead_of: asyncio.Task[None] | None = None
     ) -> asyncio.Task[None]:
         """Start a task, and give up the task that it replaces, if there is one."""
-        if instead_of is not None:
-            self._cancel_later(instead_of)
+        self.give_up(instead_of)
         task = asyncio.get_running_loop().create_task(work)
         self.tasks.add(task)
         task.add_done_callback(self.tasks.discard)
@@ -81,10 +80,12 @@ class PointTasks:
         """Give up all tasks: no new computation begins, and running ones are cancelled after GRACE_SECONDS."""
         self.stopped = True
         for task in tuple(self.tasks):
-            self._cancel_later(task)
+            self.give_up(task)
 
-    def _cancel_later(self, task: asyncio.Task[None]) -> None:
-        task.get_loop().call_later(GRACE_SECONDS, task.cancel)
+    def give_up(self, task: asyncio.Task[None] | None) -> None:
+        """Cancel a task, if there is one, unless it ends within GRACE_SECONDS."""
+        if task is not None:
+            task.get_loop().call_later(GRACE_SECONDS, task.cancel)
 
     async def wait_for_kernels(self) -> None:
         """Wait, as long as it takes, until the kernels of the model are compiled."""
@@ -135,7 +136,7 @@ class PointTasks:
             )
 
     async def _show_error(self, text: Text, message: str) -> None:
-        await self.set_text(text, f'<p class="wrong" role="alert">{escape(message)}</p>')
+        await self.set_text(text, alert_html(message, "wrong"))
 
     async def set_text(self, text: Text, html: str) -> None:
         """Set the HTML of a text."""

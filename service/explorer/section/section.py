@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import AsyncGenerator
 from functools import cached_property, partial
-from html import escape
 from typing import Any
 
 import panel as pn
@@ -12,13 +11,14 @@ import panel as pn
 from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.explorer.common.address import MapChoice, View
 from gear_rattle.service.explorer.common.drawings import DrawingRunner, Show
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.point_state import DIAGRAM
+from gear_rattle.service.explorer.common.text import Text, alert_html, faint_html
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import WidgetWatcher
-from gear_rattle.service.explorer.map.planes import map_names
+from gear_rattle.service.explorer.map.planes import map_options
 from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.point.panel import FigurePlace
-from gear_rattle.service.explorer.point.state import DIAGRAM, PointState, machine_and_model
+from gear_rattle.service.explorer.point.state import open_machine_and_model
 from gear_rattle.service.explorer.section.picture import ProfilePicture
 from gear_rattle.service.explorer.section.profile import Ends, profile_in_words, profile_of
 from gear_rattle.service.explorer.state.events import DiagramEndChosen, ProfileChosen
@@ -26,6 +26,7 @@ from gear_rattle.service.explorer.state.store import JOBS, Store
 from gear_rattle.service.operations.diagrams import diagram_ends, diagram_span
 from gear_rattle.workers import SurveyRequest
 from rattle import RattleError
+from rattle.models import Model
 
 OTHER_GEAR = "The survey is of another gear than this point, so it has no profile along this diagram."
 NO_WAY = "The end point needs a δ above 0 and an ε of at least 0."
@@ -40,7 +41,7 @@ class ProfileSection:
         self.below = FigurePlace()
         self.said = Text("", sheet, margin=(0, 4))
         self._way: tuple[Any, ...] = ()
-        self.drawings = DrawingRunner(viewer)
+        self.drawings = DrawingRunner(viewer, self._show_error)
         self._watch = WidgetWatcher()
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 4)}
         self.variable = pn.widgets.Select(label="Profile of", options={}, width=230, **styled)
@@ -75,35 +76,32 @@ class ProfileSection:
 
     def _on_view_change(self) -> None:
         view, job = self._store.view, self._store.job
-        state = PointState.read(view.point_state, 0.0)
-        is_seen = view.point is not None and state.shown_tab == DIAGRAM
-        if not is_seen or (view.survey and (job is None or not job.is_readable)):
+        is_seen = view.point is not None and view.point_state.shown_tab == DIAGRAM
+        opened, request = open_machine_and_model(self._store), self._store.request
+        if not is_seen or opened is None or request is None:
             self.drawings.stop()
             self.below.panel.visible = False
             return
-        place = view.point, view.machine, state.direction, state.span, state.to
+        place = view.point, view.machine, view.point_state.way
         wanted = view.survey, view.slice, view.variable, view.index, view.profile, view.profile_limits, place
-        self.drawings.request(wanted, [job] if job is not None else [], partial(self._draw, view, job, state))
+        jobs = [job] if job is not None else []
+        self.drawings.request(wanted, jobs, partial(self._draw, view, job, request, opened[1]))
 
-    async def _draw(self, view: View, job: JobRow | None, state: PointState) -> AsyncGenerator[Show, None]:
+    async def _draw(
+        self, view: View, job: JobRow | None, request: SurveyRequest, model: Model
+    ) -> AsyncGenerator[Show, None]:
         assert view.point is not None
-        whole = SurveyRequest.model_validate(job.request) if job is not None else self._shared.exact.request
-        request = whole.slice_request(whole.slice_index(view.slice))
-        _, model = machine_and_model(view.point, view.machine, request.machine, request.gear_model)
-        try:
-            gear = model.gear(*view.point)
-            ends = diagram_ends(gear, state.direction, state.span, state.to)
-            span = (0.0, 1.0) if state.to else diagram_span(gear, state.direction, state.span)
-            chosen, options = _profile_options(request, view)
-            if model != request.gear_model:
-                raise RattleError(OTHER_GEAR)
-            plane = await self._viewer.run_in_thread(
-                partial(self._shared.plane, job, chosen.variable, chosen.index, view.slice)
-            )
-            found = await self._viewer.run_in_thread(partial(profile_of, plane, ends))
-        except RattleError as error:
-            yield partial(self._show_error, str(error))
-            return
+        gear = model.gear(*view.point)
+        direction, either_way, to = view.point_state.way
+        ends = diagram_ends(gear, direction, either_way, to)
+        span = (0.0, 1.0) if to else diagram_span(gear, direction, either_way)
+        chosen, options = map_options(request, view.profile, MapChoice(view.variable, view.index))
+        if model != request.gear_model:
+            raise RattleError(OTHER_GEAR)
+        plane = await self._viewer.run_in_thread(
+            partial(self._shared.plane, job, chosen.variable, chosen.index, view.slice)
+        )
+        found = await self._viewer.run_in_thread(partial(profile_of, plane, ends))
 
         def show() -> None:
             self._set_options(options, chosen, ends)
@@ -113,7 +111,7 @@ class ProfileSection:
             if self._way != (ends, span):  # if the diagram is the same, its axis stays as a viewer may have moved it
                 self._way = ends, span
                 self.below.x_range.update(start=span[0], end=span[1])
-            self.said.html = f'<p class="faint">{escape(profile_in_words(found))}</p>'
+            self.said.html = faint_html(profile_in_words(found))
             self.below.panel.visible = True
 
         yield show
@@ -123,9 +121,9 @@ class ProfileSection:
             self.variable.param.update(options=options, value=chosen.address_text)
             self.delta.value, self.epsilon.value = ends[1]
 
-    def _show_error(self, why: str) -> None:
+    def _show_error(self, why: RattleError | str) -> None:
         self.picture.clear()
-        self.said.html = f'<p class="notice" role="alert">{escape(why)}</p>'
+        self.said.html = alert_html(str(why))
         self.below.panel.visible = True
 
     def _on_variable(self) -> None:
@@ -145,12 +143,3 @@ class ProfileSection:
             self._show_error(NO_WAY)
         else:
             self._store.dispatch(DiagramEndChosen((float(delta), float(epsilon))))
-
-
-def _profile_options(request: SurveyRequest, view: View) -> tuple[MapChoice, dict[str, str]]:
-    """Return the map of the profile, by default the visible map, and the text of each map by its name in words."""
-    options = {words: chosen.address_text for words, chosen in map_names(request).items()}
-    for chosen in (view.profile, MapChoice(view.variable, view.index)):
-        if chosen is not None and chosen.address_text in options.values():
-            return chosen, options
-    return MapChoice.read(next(iter(options.values()))), options

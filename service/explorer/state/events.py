@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from gear_rattle.service.explorer.common.address import (
@@ -15,6 +14,7 @@ from gear_rattle.service.explorer.common.address import (
     Pin,
     Ranges,
 )
+from gear_rattle.service.explorer.common.point_state import PointState, Tolerance
 
 
 @dataclass(frozen=True)
@@ -131,14 +131,56 @@ class PointOpened:
 
     point: Pair
     machine: EnteredMachine | None = None
-    state: Mapping[str, str] | None = None
+    state: PointState | None = None
 
 
 @dataclass(frozen=True)
-class PointChanged:
-    """The state of the open point's tabs was changed."""
+class TabChosen:
+    """A tab of the open point was chosen by its name, see `TABS`."""
 
-    state: Mapping[str, str]
+    tab: str
+
+
+@dataclass(frozen=True)
+class AttractorChosen:
+    """The attractor whose motion is shown was chosen by its number, from 0 by falling basin fraction."""
+
+    attractor: int
+
+
+@dataclass(frozen=True)
+class InitialConditionChosen:
+    """The initial condition (τ, v) of the motion that is shown was chosen in the basins."""
+
+    start: Pair
+
+
+@dataclass(frozen=True)
+class DirectionChosen:
+    """The axis of the diagram was chosen, "epsilon" or "delta"."""
+
+    direction: str
+
+
+@dataclass(frozen=True)
+class PlaceChosen:
+    """A place on the line of the diagram was chosen, from 0 to 1, or with None the point itself."""
+
+    at: float | None
+
+
+@dataclass(frozen=True)
+class YieldRequested:
+    """The yield of the open point with these tolerances was requested."""
+
+    tolerance: Tolerance
+
+
+@dataclass(frozen=True)
+class SoundRequested:
+    """The sound of the motion was requested. rpm: speed of the machine, None if a viewer entered none."""
+
+    rpm: float | None
 
 
 @dataclass(frozen=True)
@@ -155,11 +197,11 @@ class PointClosed:
 
 @dataclass(frozen=True)
 class BookmarkChosen:
-    """A bookmark was chosen: a window, the point that is opened (None for no point), and the state of its tabs."""
+    """A bookmark was chosen: its window, its point (None for no point), and the state of its tabs as in PointOpened."""
 
     window: Ranges
     point: Pair | None
-    state: Mapping[str, str]
+    state: PointState | None = None
 
 
 @dataclass(frozen=True)
@@ -209,6 +251,7 @@ class PinRemoved:
 Event = (
     SurveyChosen | VariableChosen | DefaultMapChosen | IndexChosen | SliceChosen | LimitsSet | MapDrawn | OverlaysChosen
     | ShareSet | FamilyChosen | WindowMoved | WindowReset | BackChosen | ForwardChosen | PointerMoved | PointOpened
-    | PointChanged | DiagramEndChosen | PointClosed | BookmarkChosen | ProfileChosen | MapAdded | MapChanged
+    | TabChosen | AttractorChosen | InitialConditionChosen | DirectionChosen | PlaceChosen | YieldRequested
+    | SoundRequested | DiagramEndChosen | PointClosed | BookmarkChosen | ProfileChosen | MapAdded | MapChanged
     | MapRemoved | PinAdded | PinRemoved
 )  # fmt: skip

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from gear_rattle.service.explorer.common.address import (
     MOST_FURTHER,
@@ -14,11 +14,11 @@ from gear_rattle.service.explorer.common.address import (
     Ranges,
     View,
 )
+from gear_rattle.service.explorer.common.point_state import DIAGRAM, MOTION, PointState
 from gear_rattle.service.explorer.state import events
 from gear_rattle.service.explorer.state.events import Event
 
 MOST_WINDOWS = 200  # most windows that Back remembers
-TAB = "tab"
 
 
 def reduce(view: View, event: Event) -> View:
@@ -79,15 +79,27 @@ def reduce(view: View, event: Event) -> View:
             return replace(view, pointer=Pointer(at, source))
         case events.PointOpened(point, machine, state):
             return _open_point(view, point, machine, state)
-        case events.PointChanged(state):
-            return replace(view, point_state=dict(state)) if view.point is not None else view
+        case events.TabChosen(tab):
+            return _change_point(view, tab=tab)
+        case events.AttractorChosen(attractor):
+            return _change_point(view, attractor=attractor, start=None, tab=MOTION)
+        case events.InitialConditionChosen(start):
+            return _change_point(view, start=start, tab=MOTION)
+        case events.DirectionChosen(direction):
+            return _change_point(view, direction=direction, to=None, at=None, tab=DIAGRAM)
+        case events.PlaceChosen(at):
+            return _change_point(view, at=at)
+        case events.YieldRequested(tolerance):
+            return replace(_change_point(view, tolerance=tolerance), yields=view.yields + 1)
+        case events.SoundRequested(rpm):
+            return replace(view, rpm=rpm, sounds=view.sounds + 1)
         case events.DiagramEndChosen(to):
             return _draw_diagram_to(view, to)
         case events.PointClosed():
             return _close_point(view)
         case events.BookmarkChosen(window, point, state):
-            moved = _show_window(view, window)
-            return _close_point(moved) if point is None else _open_point(moved, point, None, state or None)
+            moved = replace(_show_window(view, window), pointer=None)
+            return _close_point(moved) if point is None else _open_point(moved, point, None, state)
         case events.ProfileChosen(profile, limits):
             return replace(view, profile=profile, profile_limits=limits)
         case events.MapAdded(further):
@@ -124,26 +136,30 @@ def _set_window(view: View, window: Ranges | None) -> View:
     return replace(view, delta=delta, epsilon=epsilon)
 
 
-def _open_point(view: View, point: Pair, machine: EnteredMachine | None, state: Mapping[str, str] | None) -> View:
+def _open_point(view: View, point: Pair, machine: EnteredMachine | None, state: PointState | None) -> View:
     """Open a point. state: state of its tabs; None keeps all tabs of the same point, or the open tab of another one."""
     if point[0] <= 0 or point[1] < 0:
         return view
     if state is None:
         is_open = (view.point, view.machine) == (point, machine)
-        state = {name: value for name, value in view.point_state.items() if is_open or name == TAB}
-    return replace(view, point=point, machine=machine, point_state=dict(state))
+        state = view.point_state if is_open else PointState(tab=view.point_state.tab)
+    # without a pointer elsewhere, the numbers beside the map are of the point's cell
+    pointer = view.pointer if view.pointer is not None and view.pointer.at == point else None
+    return replace(view, point=point, machine=machine, point_state=state.with_changes(), pointer=pointer)
 
 
 def _close_point(view: View) -> View:
     """Close the open point."""
-    return replace(view, point=None, point_state={}, machine=None)
+    return replace(view, point=None, point_state=PointState(), machine=None)
+
+
+def _change_point(view: View, **fields: Any) -> View:
+    """Change some fields of the state of the open point's tabs."""
+    return view if view.point is None else replace(view, point_state=view.point_state.with_changes(**fields))
 
 
 def _draw_diagram_to(view: View, to: Pair) -> View:
     """Draw and show the diagram from the open point to another point. If no point is open, open the other point."""
     if view.point is None:
         return _open_point(view, to, None, None)
-    if to[0] <= 0 or to[1] < 0:
-        return view
-    kept = {name: value for name, value in view.point_state.items() if name != "at"}
-    return replace(view, point_state=kept | {"to": ",".join(map(repr, to)), TAB: "diagram"})
+    return _change_point(view, to=to, at=None, tab=DIAGRAM) if to[0] > 0 and to[1] >= 0 else view

@@ -20,7 +20,39 @@ JOBS = "jobs"
 NAMES = tuple(each.name for each in fields(View))
 
 
-class Store:
+class Listeners:
+    """Functions that are called after changes of named values."""
+
+    def __init__(self) -> None:
+        self._listeners: dict[Callable[[], object], frozenset[str]] = {}
+        self._changed: set[str] = set()
+        self._is_calling = False
+
+    def subscribe(self, listener: Callable[[], object], *names: str) -> None:
+        """Call a listener after changes of the named values."""
+        self._listeners[listener] = frozenset(names)
+
+    def unsubscribe(self, listener: Callable[[], object]) -> None:
+        """Call a listener no more."""
+        self._listeners.pop(listener, None)
+
+    def call_listeners(self, changed: set[str]) -> None:
+        """Call the listeners of changed values. Changes that a listener itself makes follow in another round."""
+        self._changed |= changed
+        if self._is_calling:
+            return
+        self._is_calling = True
+        try:
+            while self._changed:
+                changed, self._changed = self._changed, set()
+                for listener in tuple(self._listeners):  # a listener may end the subscription of another
+                    if self._listeners.get(listener, frozenset()) & changed:
+                        listener()
+        finally:
+            self._is_calling = False
+
+
+class Store(Listeners):
     """View of a page and its list of surveys, with the listeners of changes.
 
     Parameters
@@ -32,43 +64,26 @@ class Store:
     """
 
     def __init__(self, view: View, example: SurveyRequest) -> None:
+        super().__init__()
         self.view = view
         self.jobs: Mapping[str, JobStatus] = {}
         self.has_surveys = False  # True once the list of surveys has arrived
         self._example = example
-        self._listeners: list[tuple[Callable[[], object], frozenset[str]]] = []
-        self._changed: set[str] = set()
-        self._is_telling = False
         self._known: tuple[str, SurveyRequest] | None = None
 
     def subscribe(self, listener: Callable[[], object], *names: str) -> None:
         """Call a listener after changes of the named fields of the view or of the surveys (JOBS), by default of any."""
-        self._listeners.append((listener, frozenset(names or (*NAMES, JOBS))))
+        super().subscribe(listener, *(names or (*NAMES, JOBS)))
 
     def dispatch(self, event: Event) -> None:
         """Change the view by an event, and call the listeners of the changed fields."""
         before, self.view = self.view, reduce(self.view, event)
-        self._call_listeners({name for name in NAMES if getattr(before, name) != getattr(self.view, name)})
+        self.call_listeners({name for name in NAMES if getattr(before, name) != getattr(self.view, name)})
 
     def update_surveys(self, jobs: Mapping[str, JobStatus]) -> None:
         """Replace the list of surveys by the current one, and call its listeners."""
         self.jobs, self.has_surveys = jobs, True
-        self._call_listeners({JOBS})
-
-    def _call_listeners(self, changed: set[str]) -> None:
-        """Call the listeners of changed fields. Changes that a listener itself dispatches follow in another round."""
-        self._changed |= changed
-        if self._is_telling:
-            return
-        self._is_telling = True
-        try:
-            while self._changed:
-                changed, self._changed = self._changed, set()
-                for listener, names in self._listeners:
-                    if names & changed:
-                        listener()
-        finally:
-            self._is_telling = False
+        self.call_listeners({JOBS})
 
     @property
     def job(self) -> JobRow | None:
@@ -79,7 +94,7 @@ class Store:
     @property
     def whole_request(self) -> SurveyRequest | None:
         """Request of the chosen survey, of the example if none is chosen; None if the survey cannot be read."""
-        if not self.view.survey:
+        if self.view.is_example:
             return self._example
         job = self.job
         if job is None or not job.is_readable:

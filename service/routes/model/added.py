@@ -16,7 +16,10 @@ Route = TypeVar("Route", bound=Callable[..., Any])
 
 
 def query_of(name: str, otherwise: str = DEFAULT_MODEL, example: float | None = None) -> Any:
-    """Return the type of a query parameter that a model adds. otherwise: model that is used if it is left out."""
+    """Return the annotated type of the query parameter `name`, which a model adds.
+
+    otherwise: words of the description for the model that is used without this parameter.
+    """
     each = ADDED[name]
     upper = each.greatest if math.isfinite(each.greatest) else None
     words = f"of {each.of}" if each.of else each.label

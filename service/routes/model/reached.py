@@ -57,7 +57,10 @@ async def reached(
         ),
     ],
 ) -> ReachedDocument:
-    """Return the attractors to which states go, for a point or a machine. Repeat tau and v for each state."""
+    """Return the attractors to which states go, for a point or a machine.
+
+    Repeat tau for each state, and v too unless all states have the same speed.
+    """
     limit = front.settings.max_point_count
     if max(len(tau), len(v)) > limit:
         raise LimitError("query.tau", f"there may be at most {limit:,} states. For more, use the library.")

@@ -1,5 +1,6 @@
 """Colours that mean something else are told apart, by people without green cones too; viewers say what they span."""
 
+from functools import partial
 from itertools import combinations, pairwise
 from unittest.mock import Mock
 
@@ -10,15 +11,16 @@ from bokeh.colors import RGB
 from colour_difference import difference, lab_of
 
 from gear_rattle.service.explorer.common.address import DrawnSettings, View
-from gear_rattle.service.explorer.common.figures import CONTRAST, line_colour
-from gear_rattle.service.explorer.common.theme import INK
+from gear_rattle.service.explorer.common.figures import CONTRAST, INK, line_colour
 from gear_rattle.service.explorer.map.controls import LIMIT_NAMES, LOG, OWN, MapControls, entered_limits
 from gear_rattle.service.explorer.places.example import REQUEST
 from gear_rattle.service.explorer.state.events import MapDrawn
 from gear_rattle.service.explorer.state.store import Store
-from gear_rattle.workers.pictures.largest import family_colours
+from gear_rattle.workers.pictures.largest import FLAG_COLOURS, family_colours
+from gear_rattle.workers.pictures.look import AMONG, LARGEST
+from gear_rattle.workers.pictures.maps import COLOURS_OF_KINDS, colours_of_codes
 from rattle import KINDS
-from rattle.plot.colours import REGION_COLOURS
+from rattle.plot.colours import NAMED, REGION_COLOURS, Palette, colour
 from rattle.plot.plane import STYLES
 
 
@@ -47,6 +49,28 @@ def test_families_that_follow_one_another_are_told_apart() -> None:
     seen = [lab_of(each, as_seen=np.eye(3)) for each in colours]
     assert min(difference(*pair) for pair in pairwise(seen)) > 12
     assert min(difference(*pair) for pair in combinations(seen, 2)) > 7
+
+
+def test_quiet_has_one_colour_and_no_rattle_is_near_it() -> None:
+    quiet = colour("quiet")
+    kinds = dict(zip(KINDS, COLOURS_OF_KINDS, strict=True))
+    assert kinds["quiet"] == quiet
+    for seen in (partial(lab_of, as_seen=np.eye(3)), lab_of):
+        assert min(difference(*map(seen, pair)) for pair in combinations(kinds.values(), 2)) > 20
+    rng = np.random.default_rng(11)
+    types = [tuple(map(int, each)) for each in rng.integers(1, 30, (400, 3))]
+    palette = Palette()
+    rattling = [palette.colour(each) for each in (*NAMED, *types)]  # with colours by rule and spare colours
+    for seen, least in ((partial(lab_of, as_seen=np.eye(3)), 20), (lab_of, 10)):
+        assert min(difference(seen(quiet), seen(each)) for each in rattling) > least
+
+
+@pytest.mark.parametrize(("among", "same"), [("all", False), ("rattling", True)])
+def test_the_map_of_families_shows_only_quiet_cells_as_quiet(among: str, same: bool) -> None:
+    attributes = {"flag_meanings": "none quiet 1:_chaos", FLAG_COLOURS: f"#f4efe3 {colour('quiet')} #d7191c"}
+    plane = xr.DataArray(np.zeros((2, 2)), coords={AMONG: among}, dims=("epsilon", "delta"), attrs=attributes)
+    colours = colours_of_codes(plane.rename(LARGEST))
+    assert (colours[0] == colours[1]) == same
 
 
 def test_regions_and_lines_are_told_apart_without_green() -> None:
@@ -90,8 +114,8 @@ def test_own_limits_begin_with_those_of_the_colours_that_are_seen() -> None:
 
 def test_lines_of_motions_are_visible_in_the_dark() -> None:
     paper = RGB.from_hex_string(INK["dark"][1]).luminance
-    for colour in (*REGION_COLOURS, "#000080", "#1b7050", "#ffffff"):
-        drawn = RGB.from_hex_string(line_colour(colour, "dark")).luminance
+    for shade in (*REGION_COLOURS, "#000080", "#1b7050", "#ffffff"):
+        drawn = RGB.from_hex_string(line_colour(shade, "dark")).luminance
         assert (drawn + 0.05) / (paper + 0.05) >= CONTRAST
-        assert line_colour(colour, "light") == colour
+        assert line_colour(shade, "light") == shade
     assert line_colour("#ffffff", "dark") == "#ffffff"

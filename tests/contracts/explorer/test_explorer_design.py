@@ -18,14 +18,16 @@ from waiting import eventually
 import rattle
 from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import UnavailableError
+from gear_rattle.service.explorer.common.point_state import PointState, Tolerance
 from gear_rattle.service.explorer.design import rattling, tolerance
-from gear_rattle.service.explorer.design.tolerance import RADIUS, Tolerance
+from gear_rattle.service.explorer.design.tolerance import RADIUS
 from gear_rattle.service.explorer.point import loudness, parts
-from gear_rattle.service.explorer.point.panel import PointPanel
+from gear_rattle.service.explorer.state.events import SoundRequested, TabChosen
 from gear_rattle.service.operations import design_limits
 from gear_rattle.service.operations.design_limits import DesignLimits, dampings_coarse_first
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
+from rattle.intensity import natural_energy
 from rattle.models import AnyGear, Impacting, Stiff
 
 MACHINE = rattle.Machine(0.003, 5e-4, 100e-6, 15e-6, 0.05, rpm=3000)
@@ -129,6 +131,13 @@ def test_intensities_are_told_in_both_units() -> None:
     assert "<td>100</td>" in si  # impacts a second, as in docs/engineers.md
     assert "<td>103.2</td>" in si
     assert f"<td>{loudness.number_text(found[loud].energy)}</td>" in plain  # type: ignore[union-attr]
+    said = loudness.loudest_in_words(attractors, found, MACHINE.delta, None)
+    assert "0 dB is the energy of one impact of speed 2πδ in each forcing period" in said
+    natural = rattle.Gear(0.6, 0.1)
+    (c,) = (each for each in natural.orbits() if each.name == "C")
+    assert natural.intensity(c).level(natural_energy(0.6)) == pytest.approx(0.0, abs=1e-9)
+    assert c.v == pytest.approx(2 * np.pi * 0.6)
+    assert 'title="0 dB: the energy of one impact' in plain
     lost = replace(attractors[loud], tau=0.1, v=1.0)
     assert rattling.motion_intensities(MACHINE.gear, (lost,)) == (None,)
 
@@ -140,9 +149,9 @@ def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: 
         return work(*((arguments[0], 64) if work is parts.sampled_attractors else arguments))
 
     async def body(front: Front) -> None:
-        panel = PointPanel("light")
-        state = {"tolerance": "0.0,1e-06,0.9"}
-        view = new_view(front, MACHINE.delta, MACHINE.epsilon, Impacting(MACHINE.beta), MACHINE, panel, **state)
+        state = PointState(tolerance=Tolerance(0.0, 1e-6, 0.9))
+        view = new_view(front, MACHINE.delta, MACHINE.epsilon, Impacting(MACHINE.beta), MACHINE, state=state)
+        panel, dispatch = view.panel, view.store.dispatch
 
         async def compute(work: Any, *arguments: Any, **_: Any) -> Any:
             return quick(work, *arguments)
@@ -152,26 +161,26 @@ def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: 
         assert "A machine at 3000 rpm with an eccentricity of 15 µm" in panel.where.html
         await eventually(lambda: "J per revolution" in panel.loud.html)
         assert "dB re 1 pW" in panel.loudest.html
-        panel.on_tab("motion")
-        await eventually(lambda: "its lines" in panel.under_spectrum.html)
+        dispatch(TabChosen("motion"))
+        await eventually(lambda: "exact lines" in panel.under_spectrum.html)
         lines = panel.spectrum.lines.data
         np.testing.assert_allclose(lines["x"][:3], [0.0, 50.0, 100.0])
         assert lines["y"][0] == pytest.approx(4 * np.pi * MACHINE.delta * MACHINE.units.force)  # carries the drag
         await eventually(lambda: "of the gears pass" in panel.tolerance.said.html)
         assert panel.rpm.value == 3000
-        panel.on_play(1500.0)
+        dispatch(SoundRequested(1500.0))
         await eventually(lambda: "<audio" in panel.heard.html)
         data = b64decode(panel.heard.html.split("base64,")[1].split('"')[0])
         rate, heard = wavfile.read(io.BytesIO(data))
         assert heard.size == rattling.SECONDS * rate
         assert np.abs(heard).max() > 20_000
-        panel.on_play(None)
+        dispatch(SoundRequested(None))
         await eventually(lambda: "above 0 rpm" in panel.heard.html)
         first, second, _ = panel.tolerance.widgets
         assert (first.label, second.label, second.value) == ("σ of speed, rpm", "σ of eccentricity, µm", 1.0)
         second.value = 2.0
         panel.tolerance.request_yield()
-        assert view.store.view.point_state == {"tolerance": "0.0,2e-06,0.9", "tab": "motion"}
+        assert view.store.view.point_state == PointState(tolerance=Tolerance(0.0, 2e-6, 0.9), tab="motion")
         second.value = None
         panel.tolerance.request_yield()
         assert "needs a number" in panel.tolerance.said.html

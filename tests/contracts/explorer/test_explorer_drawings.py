@@ -15,6 +15,7 @@ from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common import drawings
 from gear_rattle.service.explorer.common.drawings import DrawingRunner, Show
 from gear_rattle.service.explorer.common.viewer import THREADS, Viewer
+from rattle import RattleError
 
 
 class Slow:
@@ -24,7 +25,8 @@ class Slow:
         viewer: Any = SimpleNamespace(
             start=lambda work: asyncio.get_running_loop().create_task(work), change=lambda what: what()
         )
-        self.drawings = DrawingRunner(viewer)
+        self.refused: list[RattleError] = []
+        self.drawings = DrawingRunner(viewer, self.refused.append)
         self.begun: list[tuple[str, int]] = []
         self.shown: list[tuple[str, int]] = []
         self.go_on = asyncio.Event()
@@ -39,6 +41,8 @@ class Slow:
             self.at_work -= 1
             if what == "wrong":
                 raise ValueError(what)
+            if what == "refused":
+                raise RattleError(what)
             yield lambda: self.shown.append((what, done))
 
         self.drawings.request(what, [JobRow(id="a", state=state, cells_done=done)], draw)
@@ -100,6 +104,18 @@ def test_what_fails_is_not_tried_again_until_there_is_more() -> None:
         assert slow.begun == [("wrong", 1), ("wrong", 2)]
         await slow.want("region", 2)
         assert slow.shown == [("region", 2)]
+
+    in_loop(body)
+
+
+def test_an_error_of_a_wanted_drawing_is_shown_in_its_place() -> None:
+    async def body(slow: Slow) -> None:
+        await slow.want("refused", 1)
+        await slow.want("region", 1)
+        await slow.end()
+        assert (slow.shown, slow.refused) == ([("region", 1)], [])
+        await slow.want("refused", 1)
+        assert [str(each) for each in slow.refused] == ["refused"]
 
     in_loop(body)
 

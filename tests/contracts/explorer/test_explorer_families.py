@@ -99,9 +99,9 @@ def test_one_that_is_chosen_is_told_of_and_the_others_dimmed(tmp_path: Path) -> 
         assert shown.view.point is not None
         (delta, epsilon), state = shown.view.point, shown.view.point_state
         there = one.fraction.fillna(0.0).sel(epsilon=epsilon) > 0
-        run = there.delta.values[np.abs(there.delta.values - delta) <= float(state["span"])]
+        run = there.delta.values[np.abs(there.delta.values - delta) <= (state.span or 0.0)]
         assert there.sel(delta=run[1:-1]).all()
-        assert state["direction"] == "delta"
+        assert state.direction == "delta"
         shown.close()
         shown.moved((0.42, 0.45), (0.1, 0.12))
         await eventually(lambda: veil.data["x"] != [] and veil.data["dw"][0] < 0.05)

@@ -14,6 +14,7 @@ from service_support import BODY, no_cluster
 import rattle
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.app import create_app
+from gear_rattle.service.explorer.common.address import Ranges
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.page.form import (
     CELLS,
@@ -26,6 +27,8 @@ from gear_rattle.service.explorer.page.form import (
 )
 from gear_rattle.service.explorer.page.form import MACHINE as IN_MACHINE
 from gear_rattle.service.explorer.page.rows import machine_facts
+from gear_rattle.service.explorer.places.example import REQUEST as EXAMPLE
+from gear_rattle.service.explorer.state.store import window_of
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.survey.refined.asked import Refine
@@ -182,13 +185,36 @@ def test_a_window_of_a_machine_s_survey_is_saved_in_si(tmp_path: Path) -> None:
         form.fill_window(((0.05, 0.06), (2e-4, 3e-4)), Impacting(IN_SI.beta), IN_SI.machine)
         found = SurveyRequest.model_validate(form.fields())
         assert found.machine == IN_SI.machine
-        assert (found.delta.start, found.delta.stop) == pytest.approx((0.05, 0.06), rel=1e-11)
-        assert (found.epsilon.start, found.epsilon.stop) == pytest.approx((2e-4, 3e-4), rel=1e-11)
+        assert (found.delta.start, found.delta.stop) == pytest.approx((0.05, 0.06), rel=1e-3)
+        assert (found.epsilon.start, found.epsilon.stop) == pytest.approx((2e-4, 3e-4), rel=1e-3)
+        ends = {end.label: end.value for end in form.machine.panel.select(pn.widgets.FloatInput)}
+        for label in ("rpm from", "rpm to", "µm from", "µm to"):
+            assert len(f"{ends[label]!r}".replace(".", "")) <= 6, ends[label]  # no digits below a thousandth
         assert found.shape == CELLS[::-1]
         form.fill_window(((0.0, 0.06), (0.0, 3e-4)), Impacting(IN_SI.beta), IN_SI.machine)  # zoomed out
-        assert SurveyRequest.model_validate(form.fields()).delta.start == pytest.approx(6e-3)
+        assert SurveyRequest.model_validate(form.fields()).delta.start == pytest.approx(6e-3, rel=1e-3)
         form.fill_window(((0.5, 0.6), (0.1, 0.2)), Impacting(0.6))
         assert SurveyRequest.model_validate(form.fields()).machine is None
+
+    with_form(tmp_path, body)
+
+
+def test_a_window_becomes_ranges_that_a_survey_may_have_in_few_digits(tmp_path: Path) -> None:
+    whole = window_of(SurveyRequest(delta=(0.4, 1.0, 31), epsilon=(0.005, 0.3, 30)))
+    assert whole[1][0] < 0  # half a cell below the lowest
+    cases: list[tuple[Ranges, Ranges]] = [
+        (whole, ((0.39, 1.01), (0.0, 0.3051))),
+        (window_of(EXAMPLE), ((0.4, 1.0), (0.0, 0.3))),
+        (((-0.3, 0.9), (-0.5, 0.123456789)), ((0.0009, 0.9), (0.0, 0.1235))),
+        (((0.7701518723, 0.7701518743), (0.0978, 0.0979)), ((0.7701518723, 0.7701518743), (0.0978, 0.0979))),
+    ]
+
+    def body(form: SurveyForm) -> None:
+        for window, (delta, epsilon) in cases:
+            form.fill_window(window, Impacting(0.6))
+            found = SurveyRequest.model_validate(form.fields())
+            assert (found.delta.start, found.delta.stop) == delta
+            assert (found.epsilon.start, found.epsilon.stop) == epsilon
 
     with_form(tmp_path, body)
 

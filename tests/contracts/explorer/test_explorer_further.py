@@ -1,8 +1,10 @@
 """Maps beside the first one: of its window and cursor, of other variables and surveys, and differences."""
 
 import asyncio
+from collections.abc import Callable, Coroutine
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from urllib.parse import parse_qsl
 
@@ -34,7 +36,7 @@ from gear_rattle.service.explorer.state.events import (
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.errors import SurveyError
-from rattle.models import Model, Stiff
+from rattle.models import DEFAULT_MODEL, MODELS, Model, Stiff
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 
@@ -97,7 +99,7 @@ def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(
         assert colours.low == -colours.high  # nothing is in the middle
         assert colours.title.startswith("difference: ")
         monkeypatch.setattr(difference, "MOST_CELLS", 23)
-        with pytest.raises(SurveyError, match="at most 23 cells, and this one has 24: save"):
+        with pytest.raises(SurveyError, match="at most 23 cells, and one of these surveys has 24 cells"):
             require_small(ORBITS)
 
     with_map(tmp_path, body)
@@ -252,6 +254,46 @@ def test_lines_are_sent_once_and_taken_away_with_their_gear(tmp_path: Path, monk
         maps.end()
 
     with_map(tmp_path, body)
+
+
+def test_a_line_that_was_computed_for_the_map_before_is_not_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its change waits for its turn in the document when the lines are removed."""
+    waiting: list[Callable[[], object]] = []
+    drawn: list[str] = []
+
+    class Kernels:
+        async def wait_until_compiled(self, *_: Any, **__: Any) -> None:
+            """Nothing is compiled here."""
+
+    class Page:
+        front = SimpleNamespace(kernels=Kernels())
+
+        def start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+            return asyncio.get_running_loop().create_task(work)
+
+        async def run_in_thread(self, work: Callable[[], Any]) -> Any:
+            return work()
+
+        def change(self, what: Callable[[], object]) -> None:
+            waiting.append(what)
+
+    figure: Any = SimpleNamespace(
+        show_overlays=lambda _names: None, remove_lines=drawn.clear, draw_line=lambda name, _pieces: drawn.append(name)
+    )
+    monkeypatch.setattr(overlays, "curve_pieces", lambda *_: ([np.array([[0.5, 0.1], [0.6, 0.2]])], ""))
+
+    async def body() -> None:
+        page: Any = Page()
+        lines = overlays.MapLines(page, figure)
+        for is_removed in (False, True):
+            lines.draw(["SN1"], MODELS[DEFAULT_MODEL](), ((0.4, 1.0), (0.0, 0.3)), is_removed)
+            await eventually(lambda: len(waiting) == 1)
+            if is_removed:
+                lines.clear()
+            waiting.pop()()
+            assert drawn == ([] if is_removed else ["SN1"])
+
+    asyncio.run(body())
 
 
 def test_an_address_of_further_maps_that_cannot_be_read_is_left_out() -> None:

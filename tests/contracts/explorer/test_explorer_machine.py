@@ -16,8 +16,9 @@ from waiting import eventually
 
 import rattle
 from gear_rattle.service.explorer.common.address import EnteredMachine, View
+from gear_rattle.service.explorer.common.point_state import PointState, Tolerance
 from gear_rattle.service.explorer.design.fields import POINT, MachineFields
-from gear_rattle.service.explorer.design.tolerance import Tolerance, population_numbers, tolerance_outline
+from gear_rattle.service.explorer.design.tolerance import population_numbers, tolerance_outline
 from gear_rattle.service.explorer.map.overlays import curve_pieces
 from gear_rattle.service.explorer.map.readout import readout
 from gear_rattle.service.explorer.point.state import machine_and_model
@@ -124,8 +125,9 @@ def test_the_tolerances_of_an_open_point_are_drawn(tmp_path: Path) -> None:
         shown.open((machine.delta, machine.epsilon))
         drawn = shown.map.ellipse_at
         assert not len(drawn.data["x"])
-        shown.change_point({"tolerance": "100.0,2e-06,0.9"})
-        expected = tolerance_outline(machine.delta, machine.epsilon, machine, Tolerance(100.0, 2e-6, 0.9))
+        widths = Tolerance(100.0, 2e-6, 0.9)
+        shown.change_point(PointState(tolerance=widths))
+        expected = tolerance_outline(machine.delta, machine.epsilon, machine, widths)
         np.testing.assert_allclose(np.column_stack([drawn.data["x"], drawn.data["y"]]), expected, rtol=1e-9)
         shown.close()
         assert not len(drawn.data["x"])
@@ -164,7 +166,7 @@ def test_what_is_entered_of_a_machine_is_checked(tmp_path: Path) -> None:
         fields = {each.label: each for each in machine.select(pn.widgets.FloatInput)}
         fields["Base radius, mm"].value = None
         show.clicks += 1
-        assert "needs radius too" in said.object.text
+        assert "enter radius too" in said.object.text
         fields["Base radius, mm"].value = 50e3
         show.clicks += 1
         assert "radius must be in metres" in said.object.text
@@ -181,17 +183,17 @@ def test_what_is_entered_of_a_machine_is_checked(tmp_path: Path) -> None:
 def test_a_point_of_a_machine_s_survey_is_read_in_si() -> None:
     machine = rattle.Machine(**NUMBERS, eccentricity=20e-6, rpm=3000)
     window = (0.02, 0.08), (0.0, 1e-3)
-    said = readout(None, machine.delta, machine.epsilon, MACHINE.gear_model, window, None, MACHINE.machine)
+    said = readout(None, machine.delta, machine.epsilon, MACHINE, window)
     assert "<dd>3000 rpm</dd>" in said
     assert "<dd>20 µm</dd>" in said
     assert said.index("3000 rpm") < said.index("δ")
-    assert "rpm" not in readout(None, 0.6, 0.1, SurveyRequest(**BODY).gear_model, ((0.4, 1.0), (0.0, 0.3)))
+    assert "rpm" not in readout(None, 0.6, 0.1, SurveyRequest(**BODY), ((0.4, 1.0), (0.0, 0.3)))
 
 
 def test_fields_of_a_machine_give_what_the_library_takes() -> None:
     fields = MachineFields(POINT, "")
     said = [pane.object for pane in fields.panel.select(pn.pane.HTML)]
-    assert any("those of the first gear" in text for text in said)
+    assert any("numbers of the first gear" in text for text in said)
     entered = {each.label: each for each in fields.panel.select(pn.widgets.FloatInput)}
     for label, value in {
         "Restitution (none: elastic)": 0.9, "Load torque, N m": 0.2, "Mesh error, µm": 0.08, "Teeth": 20,

@@ -3,17 +3,18 @@
 from pathlib import Path
 
 import numpy as np
+import panel as pn
 import pytest
 from service_support import IN_A_THREAD, points_in
 from test_explorer_view import REGIONS, STIFF, Shown, accepted, cells, done, with_map
 from waiting import eventually
 
 import rattle
+from gear_rattle.service.explorer.common.point_state import PointState
 from gear_rattle.service.explorer.design.places import CORNERS, CRISES, EITHER_WAY, bookmarks
 from gear_rattle.service.explorer.places.example import EXAMPLE, REQUEST, load_sampled
 from gear_rattle.service.explorer.point import parts
 from gear_rattle.service.explorer.point.diagram import diagram_table
-from gear_rattle.service.explorer.point.state import PointState
 from gear_rattle.service.explorer.state.events import DiagramEndChosen
 from gear_rattle.service.operations import diagrams
 from gear_rattle.service.state import Front
@@ -39,11 +40,12 @@ def test_a_figure_s_diagram_goes_as_far_as_the_paper_s() -> None:
     for name, (delta, span) in {"5": FIGURE_5, "9": FIGURE_9}.items():
         place = bookmarks()[f"Figure {name}: diagram at δ = {delta:g}"]
         assert place.point is not None
-        state = PointState.read(place.state, 7.0)
-        assert PointState.read(state.text(), 7.0) == state
+        state = place.state
+        assert state is not None
+        assert PointState.read(state.text()) == state
         assert diagrams.diagram_span(rattle.Gear(*place.point), "epsilon", state.span) == pytest.approx(span)
     for wrong in ("0", "-1", "nan", "inf", "1", "wide"):
-        assert PointState.read({"span": wrong}, 7.0).span is None
+        assert PointState.read({"span": wrong}).span is None
 
 
 def test_the_example_is_what_its_survey_finds() -> None:
@@ -73,21 +75,49 @@ def test_a_place_is_gone_to_and_left_again(tmp_path: Path) -> None:
         await eventually(lambda: cells(shown) and shown.plane is not None)
         named = shown.go_to.named
         whole = shown.store.window
-        named.value = bookmarks()["Figure 8: about COD21 and COD22"]
-        assert named.value == ""
+        named.value = about = bookmarks()["Figure 8: about COD21 and COD22"]
         assert shown.store.window == FIGURE_8
-        named.value = bookmarks()["Figure 9: diagram at δ = 0.762"]
+        assert named.value == about
+        named.value = diagram = bookmarks()["Figure 9: diagram at δ = 0.762"]
         assert shown.view.point == pytest.approx((0.762, 0.0967))
         assert "p.span=0.001" in shown.view.query()
+        assert named.value == diagram
+        shown.close()
+        assert named.value == about  # the window is still that of Figure 8
         shown.keys.execute("back")
         assert shown.store.window == whole
+        assert named.value == ""
         shown.keys.execute("forward")
         assert shown.map.figure.x_range.start == FIGURE_8[0][0]
         shown.choose(accepted(front, STIFF))
         named.value = bookmarks()["Figure 7: the plane"]
         assert "of the impacting gear" in shown.go_to.said.html
+        assert named.value == ""
 
     with_map(tmp_path, body)
+
+
+def test_the_form_of_a_point_closes_once_the_point_is_shown(tmp_path: Path) -> None:
+    async def body(_front: Front, shown: Shown) -> None:
+        shown.follow(None)
+        panel = shown.go_to.panel
+        (button,) = (each for each in panel.select(pn.widgets.Button) if "go-to" in each.css_classes)
+        button.clicks += 1
+        assert button.label == "Close this form"
+        (show,) = (each for each in panel.select(pn.widgets.Button) if each.label == "Show")
+        delta, _ = panel.select(pn.widgets.FloatInput)[:2]
+        delta.value = 0.0
+        show.clicks += 1
+        assert "above 0" in shown.go_to.said.html
+        assert panel[1].visible  # what is wrong is corrected there
+        delta.value = 0.7
+        show.clicks += 1
+        assert shown.view.point == (0.7, 0.1)
+        assert not panel[1].visible
+        assert button.label == "Go to a point"
+
+    with points_in(IN_A_THREAD):
+        with_map(tmp_path, body)
 
 
 def test_the_way_to_another_point_has_the_events_between() -> None:
@@ -109,11 +139,11 @@ def test_the_way_to_another_point_has_the_events_between() -> None:
         assert f'data-point="{each.delta!r},{each.epsilon!r}"' in said
     assert said.count("<tr>") == len(found.events) + 1
     assert ("∞, 0" in said) == any(each.kind == "GR" for each in found.events)
-    state = PointState.read({"to": "0.65,0.08"}, 7.0)
+    state = PointState.read({"to": "0.65,0.08"})
     assert state.to == to
-    assert PointState.read(state.text(), 7.0) == state
+    assert PointState.read(state.text()) == state
     for wrong in ("0,1", "1", "1,-1", "nan,1", "a,b"):
-        assert PointState.read({"to": wrong}, 7.0).to is None
+        assert PointState.read({"to": wrong}).to is None
 
 
 def test_a_click_with_shift_goes_through(tmp_path: Path) -> None:

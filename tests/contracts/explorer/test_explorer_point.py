@@ -21,6 +21,7 @@ import rattle
 from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.explorer.common.address import View
+from gear_rattle.service.explorer.common.point_state import PointState
 from gear_rattle.service.explorer.design.places import CRISES
 from gear_rattle.service.explorer.places.exact import ExactMaps
 from gear_rattle.service.explorer.places.example import REQUEST as EXAMPLE
@@ -37,9 +38,9 @@ from gear_rattle.service.explorer.point.diagram import (
 from gear_rattle.service.explorer.point.motion import motion_caption
 from gear_rattle.service.explorer.point.panel import PointPanel
 from gear_rattle.service.explorer.point.parts import DiagramLines, EventImpacts, Stroke
-from gear_rattle.service.explorer.point.state import PointState
 from gear_rattle.service.explorer.point.view import PointView
 from gear_rattle.service.explorer.point.work import prepare_processes
+from gear_rattle.service.explorer.state.events import PlaceChosen, TabChosen
 from gear_rattle.service.explorer.state.store import Store
 from gear_rattle.service.operations import diagrams
 from gear_rattle.service.operations.processes import compute_in_process
@@ -153,8 +154,8 @@ def test_a_view_where_real_gears_are_has_their_scales() -> None:
     assert high - low < gear.epsilon
     more = rattle.Gear(0.03, 0.005, 0.03)  # more damping: a margin of weak damping takes a while
     assert parts.margin(more).v_max == parts.largest_sampled_speed(more.delta, more.epsilon, more.beta) < 7
-    assert PointState.read({"tau": "0.3", "v": "0.02"}, highest).start == (0.3, 0.02)
-    assert PointState.read({"tau": "0.3", "v": "4"}, highest).start is None
+    assert PointState(start=(0.3, 0.02)).limited_to(highest).start == (0.3, 0.02)
+    assert PointState(start=(0.3, 4.0)).limited_to(highest).start is None
 
 
 def test_a_set_of_orbits_that_is_no_region_is_named() -> None:
@@ -379,7 +380,7 @@ def test_a_diagram_has_as_many_steps_as_are_set_when_it_is_asked_for(monkeypatch
     ],
 )  # fmt: skip
 def test_a_state_is_kept(state: dict[str, str]) -> None:
-    assert PointState.read(state, 7.0).text() == state
+    assert PointState.read(state).text() == state
 
 
 @pytest.mark.parametrize(
@@ -392,7 +393,7 @@ def test_a_state_is_kept(state: dict[str, str]) -> None:
     ],
 )  # fmt: skip
 def test_what_of_a_state_cannot_be_read_is_as_by_default(state: dict[str, str]) -> None:
-    assert PointState.read(state, 7.0) == PointState()
+    assert PointState.read(state).limited_to(7.0) == PointState()
 
 
 @pytest.mark.parametrize(
@@ -404,7 +405,7 @@ def test_what_of_a_state_cannot_be_read_is_as_by_default(state: dict[str, str]) 
     ],
 )  # fmt: skip
 def test_an_address_without_a_tab_opens_the_one_of_its_choice(state: dict[str, str], tab: str) -> None:
-    assert PointState.read(state, 7.0).shown_tab == tab
+    assert PointState.read(state).shown_tab == tab
 
 
 # The view
@@ -419,13 +420,11 @@ def new_view(
     model: Model,
     machine: rattle.Machine | None = None,
     panel: PointPanel | None = None,
-    **state: str,
+    state: PointState | None = None,
 ) -> PointView:
     """The view of a point, in a store of its own."""
-    store = Store(View(point=(delta, epsilon), point_state=state), EXAMPLE)
-    view = PointView(panel or PointPanel("light"), front, store, delta, epsilon, model, machine)
-    store.subscribe(view.show_state, "point_state")
-    return view
+    store = Store(View(point=(delta, epsilon), point_state=state or PointState()), EXAMPLE)
+    return PointView(panel or PointPanel("light", store.dispatch), front, store, delta, epsilon, model, machine)
 
 
 def with_front(data: Path, body: Callable[[Front], Awaitable[None]], **settings: Any) -> None:
@@ -439,7 +438,7 @@ def with_front(data: Path, body: Callable[[Front], Awaitable[None]], **settings:
 
 def coarse(work: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     """A part of a view, computed here, with few cells and starts."""
-    if work is parts.basins:
+    if work in (parts.basins, parts.basins_at_other_point):
         arguments = (arguments[0], 40, "cells")
     if work is parts.sampled_attractors:
         arguments = (arguments[0], 64)
@@ -453,7 +452,7 @@ def is_filled(view: PointView, *texts: str) -> bool:
 
 async def opened(view: PointView, tab: str, *texts: str) -> None:
     """Open a tab, and wait until it is filled."""
-    view.panel.on_tab(tab)
+    view.store.dispatch(TabChosen(tab))
     await eventually(lambda: is_filled(view, *texts))
 
 
@@ -484,13 +483,15 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         assert "region IV" in view.panel.where.html
         assert "2.602, 0.2109" in view.panel.orbits.html
         await eventually(lambda: is_filled(view, "likely", "safe", "loud", "loudest"))
-        assert set(computed) == {"The attractors", "The intensities", "The margin"}  # no picture
+        expected = {"The attractors", "The intensities", "The margin", "The range of a motion", "The boundary crisis"}
+        assert set(computed) <= expected  # no picture
+        await eventually(lambda: is_filled(view, "extents") and set(computed) == expected)
         await opened(view, "basins", "under_basins")
         await eventually(lambda: f"{600 // COARSER} ×" in view.panel.under_basins.html)
         await opened(view, "motion", "under_motion", "under_spectrum")
         await opened(view, "numbers", "events")
         await opened(view, "diagram", "under_diagram")
-        assert len(computed) == 8
+        assert len(computed) == 10
         processes = set.union(*computed.values())
         assert os.getpid() not in processes  # the loop runs on
         assert len(processes) <= front.settings.max_points  # which stay warm
@@ -499,10 +500,10 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         assert "chaotic" in view.panel.under_motion.html  # the first that is not quiet
         assert view.panel.events.html.count("data-point") > 6
         assert "<summary>All" in view.panel.events.html
-        view.panel.on_tab("answer")
-        assert view.store.view.point_state == {}
-        states: list[dict[str, str]] = []
-        view.store.subscribe(lambda: states.append(dict(view.store.view.point_state)), "point_state")
+        view.store.dispatch(TabChosen("answer"))
+        assert view.store.view.point_state == PointState()
+        states: list[PointState] = []
+        view.store.subscribe(lambda: states.append(view.store.view.point_state), "point_state")
         view.panel.motion_choice.value = 2
         await eventually(lambda: view.panel.under_motion.html.startswith('<p class="faint">P(1,1,0)'))
         view.panel.picture.tap(type("Tap", (), {"x": 1.25, "y": 4.5}))
@@ -513,14 +514,14 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         view.panel.direction.value = "delta"
         await eventually(lambda: "damping δ" in view.panel.under_diagram.html)
         assert "direction=delta" in view.panel.take.html
-        start = {"tau": "0.25", "v": "4.5"}
+        start = 0.25, 4.5
         assert states == [
-            {"attractor": "2", "tab": "motion"}, start | {"tab": "motion"},
-            start | {"direction": "delta", "tab": "diagram"},
+            PointState(attractor=2, tab="motion"), PointState(start=start, tab="motion"),
+            PointState(start=start, direction="delta", tab="diagram"),
         ]  # fmt: skip
-        again = new_view(front, 0.6, 0.1, Impacting(0.6), **view.store.view.point_state)
+        again = new_view(front, 0.6, 0.1, Impacting(0.6), state=view.store.view.point_state)
         await eventually(lambda: again.panel.under_diagram.html == view.panel.under_diagram.html)
-        again.panel.on_tab("motion")
+        again.store.dispatch(TabChosen("motion"))
         await eventually(lambda: again.panel.under_motion.html == view.panel.under_motion.html)
         assert again.panel.motion_choice.value == view.panel.motion_choice.value
         for each in (view, again):
@@ -569,8 +570,9 @@ def test_a_view_that_is_put_away_computes_and_changes_nothing_more(tmp_path: Pat
 
 def test_where_the_next_point_is_comes_before_what_the_last_had_is_taken_away(tmp_path: Path) -> None:
     async def body(front: Front) -> None:
-        panel, left = PointPanel("light"), list[str]()
-        new_view(front, 0.6, 0.1, Impacting(0.6), panel=panel).stop()
+        first, left = new_view(front, 0.6, 0.1, Impacting(0.6)), list[str]()
+        panel = first.panel
+        first.stop()
         panel.safe.html = "safe so far"
         panel.where.pane.object.on_change("text", lambda _attr, _old, _new: left.append(panel.safe.html))
         new_view(front, 0.55, 0.08, Impacting(0.6), panel=panel).stop()
@@ -586,13 +588,15 @@ def test_where_the_next_point_is_comes_before_what_the_last_had_is_taken_away(tm
 @pytest.mark.parametrize(("delta", "epsilon"), [(-1.0, 0.1), (0.6, float("nan")), (0.0, 0.1)])
 def test_a_point_outside_the_plane_is_told(tmp_path: Path, delta: float, epsilon: float) -> None:
     async def body(front: Front) -> None:
-        panel = PointPanel("light")
-        new_view(front, 0.6, 0.1, Impacting(0.6), panel=panel).stop()
+        first = new_view(front, 0.6, 0.1, Impacting(0.6))
+        panel = first.panel
+        first.stop()
         view = new_view(front, delta, epsilon, Impacting(0.6), panel=panel)
         assert "must" in view.panel.likely.html
         assert panel.where.html == panel.safe.html == ""
-        view.show_state()
+        view.store.dispatch(TabChosen("motion"))
         view.stop()
+        assert "must" in view.panel.likely.html
 
     with_front(tmp_path, body)
 
@@ -612,6 +616,49 @@ def test_the_survey_s_answer_comes_first_and_the_sharper_one_replaces_it(tmp_pat
         assert "grid cell" not in view.panel.likely.html
         view.show_survey_answer(surveyed)  # too late
         assert "from 1,024 starts" in view.panel.likely.html
+        view.stop()
+
+    with_front(tmp_path, body)
+
+
+def test_basins_and_motion_follow_the_slider_along_the_diagram(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def body(front: Front) -> None:
+        view = new_view(front, 0.6, 0.089, Impacting(0.6), state=PointState(tab="basins"))
+
+        async def compute(work: Any, *arguments: Any, **_: Any) -> Any:
+            return coarse(work, arguments)
+
+        def is_shown(gear: rattle.Gear) -> bool:
+            labels = view.panel.picture.figure.select_one({"level": "image"}).data_source.data["label"]
+            return bool(labels and np.array_equal(labels[0], gear.basins(40, None, "cells").labels))
+
+        def is_followed(gear: rattle.Gear, attractors: tuple[rattle.Attractor, ...]) -> bool:
+            named = [each for each in attractors if each.name == first.name]
+            shown = (named or [each for each in attractors if each.kind != "quiet"])[0]
+            t, phi = (view.panel.motions.samples.data[each] for each in ("t", "phi"))
+            return len(t) > 0 and np.array_equal(phi, gear.trajectory(shown.tau, shown.v, float(t[-1]), len(t)).phi)
+
+        monkeypatch.setattr(view.work, "compute", compute)
+        own, slider = rattle.Gear(0.6, 0.089), view.panel.place_slider
+        first = next(each for each in own.attractors(64) if each.kind != "quiet")
+        await eventually(lambda: is_shown(own) and "Wˢ(A)" in view.panel.under_basins.html)
+        low, high = diagrams.diagram_span(own, "epsilon")
+        home, there = slider.value, rattle.Gear(0.6, 0.25 * low + 0.75 * high)
+        slider.value = 75
+        assert view.store.view.point_state.at == 0.75
+        assert f"at δ 0.6, ε {there.epsilon:.5g}" in slider.label
+        await eventually(lambda: is_shown(there))
+        assert "Wˢ(A)" not in view.panel.under_basins.html
+        view.store.dispatch(TabChosen("motion"))
+        attractors = there.basins(40, None, "cells").attractors
+        await eventually(lambda: is_followed(there, attractors))
+        slider.value = home
+        assert view.store.view.point_state == PointState(tab="motion")
+        assert is_shown(own)
+        assert "Wˢ(A)" in view.panel.under_basins.html
+        await eventually(lambda: is_followed(own, (first,)))
+        view.store.dispatch(PlaceChosen(0.75))
+        await eventually(lambda: is_shown(there))
         view.stop()
 
     with_front(tmp_path, body)
@@ -654,8 +701,8 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         assert np.abs(samples["phi"]).max() > 0.6  # the walls give way
         assert "only for the impacting model" in view.panel.safe.html
         assert "The margin" not in asked
-        assert view.lines is not None
-        assert [line.name for line in view.lines.lines] == ["Wˢ(A)", "Wˢ(B)", "Wᵘ(A)"]
+        named = re.findall(r"</span>([^<]*\([AB]\)|Γ)</li>", view.panel.under_basins.html)
+        assert named == ["Wˢ(A)", "Wˢ(B)", "Wᵘ(A)"]
         view.stop()
 
     with_front(tmp_path, body)

@@ -11,6 +11,7 @@ from waiting import eventually
 
 import rattle
 from gear_rattle.service.explorer.common.address import MapChoice, View
+from gear_rattle.service.explorer.common.point_state import PointState
 from gear_rattle.service.explorer.places.exact import ExactMaps
 from gear_rattle.service.explorer.point.diagram import DiagramPicture
 from gear_rattle.service.explorer.section.picture import value_range
@@ -96,7 +97,7 @@ def test_the_profile_is_of_the_map_that_is_seen_or_of_the_one_that_is_chosen(tmp
         panel, fields = section.below.panel, (section.delta, section.epsilon)
         shown.follow(job)
         assert not panel.visible  # no point, no diagram
-        shown.store.dispatch(PointOpened((0.52, 0.06), state={"to": "0.68,0.14"}))
+        shown.store.dispatch(PointOpened((0.52, 0.06), state=PointState(to=(0.68, 0.14))))
         await eventually(lambda: panel.visible)
         assert section.variable.value == "region,0"
         assert [field.value for field in fields] == [0.68, 0.14]
@@ -125,11 +126,11 @@ def test_the_profile_is_of_the_map_that_is_seen_or_of_the_one_that_is_chosen(tmp
         assert "two limits" in section.said.html
         assert shown.view.profile_limits == (0.25, 0.75)
         section.epsilon.value = 0.1
-        assert shown.view.point_state["to"] == "0.68,0.1"
+        assert shown.view.point_state.to == (0.68, 0.1)
         section.delta.value = -1.0
         assert NO_WAY in section.said.html
-        assert shown.view.point_state["to"] == "0.68,0.1"
-        shown.change_point({"direction": "delta", "span": "0.03"})
+        assert shown.view.point_state.to == (0.68, 0.1)
+        shown.change_point(PointState(direction="delta", span=0.03))
         await eventually(lambda: section.below.x_range.start == pytest.approx(0.49))
         assert section.below.x_range.end == pytest.approx(0.55)
         shown.close()

@@ -1,6 +1,7 @@
 """The reducer and the store of a page, without Panel: what each event makes of a view, and who is told of it."""
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -16,6 +17,7 @@ from gear_rattle.service.explorer.common.address import (
     Ranges,
     View,
 )
+from gear_rattle.service.explorer.common.point_state import PointState, Tolerance
 from gear_rattle.service.explorer.places.example import REQUEST
 from gear_rattle.service.explorer.state import events
 from gear_rattle.service.explorer.state.events import Event
@@ -108,33 +110,86 @@ def test_a_window_without_any_gear_is_not_shown(wrong: Ranges) -> None:
 
 def test_a_point_is_opened_changed_and_closed() -> None:
     opened = reduce(View(), events.PointOpened((0.6, 0.1)))
-    assert (opened.point, opened.point_state, opened.machine) == ((0.6, 0.1), {}, None)
-    changed = reduce(opened, events.PointChanged({"attractor": "2", "tab": "motion"}))
-    assert changed.point_state == {"attractor": "2", "tab": "motion"}
+    assert (opened.point, opened.point_state, opened.machine) == ((0.6, 0.1), PointState(), None)
+    changed = reduce(opened, events.AttractorChosen(2))
+    assert changed.point_state == PointState(attractor=2, tab="motion")
     assert reduce(changed, events.PointOpened((0.6, 0.1))) == changed
-    assert reduce(changed, events.PointOpened((0.7, 0.1))).point_state == {"tab": "motion"}  # the tab stays open
+    assert reduce(changed, events.PointOpened((0.7, 0.1))).point_state == PointState(tab="motion")  # the tab stays open
     assert reduce(changed, events.PointOpened((0.6, 0.1), MACHINE)).machine == MACHINE
-    assert reduce(changed, events.PointOpened((0.7, 0.1), state={"span": "0.1"})).point_state == {"span": "0.1"}
+    span = PointState(span=0.1)
+    assert reduce(changed, events.PointOpened((0.7, 0.1), state=span)).point_state == span
     assert reduce(changed, events.PointClosed()) == View()
     for nowhere in ((0.0, 0.1), (0.6, -0.1)):
         assert reduce(changed, events.PointOpened(nowhere)) is changed
-    assert reduce(View(), events.PointChanged({"tab": "motion"})) == View()
+    assert reduce(View(), events.TabChosen("motion")) == View()
+
+
+START, WIDTHS = (0.25, 4.5), Tolerance(0.02, 0.01, 0.9)
+
+
+@pytest.mark.parametrize(
+    ("event", "state"),
+    [
+        (events.TabChosen("numbers"), {"attractor": 1, "at": 0.5, "to": (0.7, 0.2), "tab": "numbers"}),
+        (events.AttractorChosen(3), {"attractor": 3, "at": 0.5, "to": (0.7, 0.2), "tab": "motion"}),
+        (events.InitialConditionChosen(START), {"start": START, "at": 0.5, "to": (0.7, 0.2), "tab": "motion"}),
+        (events.DirectionChosen("delta"), {"attractor": 1, "direction": "delta", "tab": "diagram"}),
+        (events.PlaceChosen(0.25), {"attractor": 1, "at": 0.25, "to": (0.7, 0.2)}),
+        (events.PlaceChosen(None), {"attractor": 1, "to": (0.7, 0.2)}),
+        (events.YieldRequested(WIDTHS), {"attractor": 1, "at": 0.5, "to": (0.7, 0.2), "tolerance": WIDTHS}),
+        (events.DiagramEndChosen((0.5, 0.0)), {"attractor": 1, "to": (0.5, 0.0), "tab": "diagram"}),
+    ],
+)  # fmt: skip
+def test_a_choice_at_a_point_is_in_its_state(event: Event, state: dict[str, Any]) -> None:
+    view = View(point=(0.6, 0.1), point_state=PointState(attractor=1, at=0.5, to=(0.7, 0.2)))
+    assert reduce(view, event).point_state == PointState(**state)
+
+
+def test_an_attractor_is_chosen_instead_of_an_initial_condition() -> None:
+    view = View(point=(0.6, 0.1), point_state=PointState(start=START))
+    assert reduce(view, events.AttractorChosen(0)).point_state == PointState(attractor=0, tab="motion")
+
+
+def test_a_state_that_no_address_holds_is_in_no_view() -> None:
+    view = View(point=(0.6, 0.1))
+    assert reduce(view, events.TabChosen("answer")) == view  # it is open by default
+    assert reduce(view, events.PlaceChosen(2.0)) == view
+    assert reduce(view, events.PointOpened((0.6, 0.1), state=PointState(span=1.0))) == view
+
+
+def test_a_sound_and_a_yield_are_requested_as_often_as_a_viewer_wants() -> None:
+    view = View(point=(0.6, 0.1))
+    once, twice = (after(view, *[events.SoundRequested(1500.0)] * count) for count in (1, 2))
+    assert (once.rpm, once.sounds, twice.rpm, twice.sounds) == (1500.0, 1, 1500.0, 2)
+    assert reduce(once, events.SoundRequested(None)).rpm is None
+    assert after(view, *[events.YieldRequested(WIDTHS)] * 2).yields == 2
+    assert twice == view  # neither is in the address
 
 
 def test_a_way_goes_from_the_open_point() -> None:
     assert reduce(View(), events.DiagramEndChosen((0.6, 0.1))) == reduce(View(), events.PointOpened((0.6, 0.1)))
-    view = View(point=(0.6, 0.1), point_state={"at": "0.5", "attractor": "1"})
-    state = {"attractor": "1", "to": "0.7,0.2", "tab": "diagram"}
+    view = View(point=(0.6, 0.1), point_state=PointState(at=0.5, attractor=1))
+    state = PointState(attractor=1, to=(0.7, 0.2), tab="diagram")
     assert reduce(view, events.DiagramEndChosen((0.7, 0.2))) == replace(view, point_state=state)
     assert reduce(view, events.DiagramEndChosen((0.0, 0.2))) is view
 
 
 def test_a_place_has_a_window_and_a_point() -> None:
-    view = View(point=(0.6, 0.1), point_state={"tab": "motion"}, machine=MACHINE)
-    there = reduce(view, events.BookmarkChosen(WINDOW, (0.7, 0.2), {"span": "0.1"}))
-    assert (there.window, there.point, there.point_state, there.machine) == (WINDOW, (0.7, 0.2), {"span": "0.1"}, None)
-    assert reduce(view, events.BookmarkChosen(WINDOW, None, {})) == View(delta=WINDOW[0], epsilon=WINDOW[1])
+    view, span = View(point=(0.6, 0.1), point_state=PointState(tab="motion"), machine=MACHINE), PointState(span=0.1)
+    there = reduce(view, events.BookmarkChosen(WINDOW, (0.7, 0.2), span))
+    assert (there.window, there.point, there.point_state, there.machine) == (WINDOW, (0.7, 0.2), span, None)
+    kept = reduce(view, events.BookmarkChosen(WINDOW, (0.7, 0.2)))
+    assert kept.point_state == PointState(tab="motion")
+    assert reduce(view, events.BookmarkChosen(WINDOW, None)) == View(delta=WINDOW[0], epsilon=WINDOW[1])
     assert reduce(there, events.BackChosen()).window is None
+
+
+def test_a_pointer_elsewhere_is_dropped_where_a_point_or_a_place_is_gone_to() -> None:
+    view = reduce(View(), events.PointerMoved((0.6, 0.1), "map"))
+    assert reduce(view, events.PointOpened((0.6, 0.1))).pointer == view.pointer  # as a click opens it
+    assert reduce(view, events.PointOpened((0.7, 0.1))).pointer is None
+    assert reduce(view, events.BookmarkChosen(WINDOW, None, {})).pointer is None
+    assert reduce(view, events.BookmarkChosen(WINDOW, (0.7, 0.2), {})).pointer is None
 
 
 def test_maps_beside_the_first_are_added_changed_and_removed() -> None:
@@ -179,6 +234,23 @@ def test_a_store_tells_of_what_has_changed_and_once() -> None:
     assert told == []
     store.update_surveys({})
     assert told == ["surveys"]
+
+
+def test_a_listener_that_is_gone_is_not_called() -> None:
+    store, told = Store(View(), REQUEST), list[str]()
+
+    def on_index() -> None:
+        told.append("kept")
+        store.unsubscribe(gone)
+
+    def gone() -> None:
+        told.append("gone")
+
+    store.subscribe(on_index, "index")
+    store.subscribe(gone, "index")
+    store.dispatch(events.IndexChosen(1))
+    store.dispatch(events.IndexChosen(2))
+    assert told == ["kept", "kept"]
 
 
 def test_a_store_without_a_survey_has_the_example() -> None:

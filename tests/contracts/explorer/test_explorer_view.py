@@ -1,40 +1,47 @@
 """The map of a page without a browser: what it shows of one survey after another."""
 
 import asyncio
+import re
 import sqlite3
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import panel as pn
 import pytest
+import xarray as xr
 from bokeh.document import Document
-from service_support import BODY, compute, no_cluster
+from service_support import BODY, IN_A_THREAD, compute, no_cluster, points_in
 from waiting import eventually
 
 import rattle
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.app import create_app
 from gear_rattle.service.database.tables import JobRow, State
-from gear_rattle.service.explorer.common.address import KEYBOARD, EnteredMachine, Pair, View
+from gear_rattle.service.explorer.common.address import EXAMPLE, KEYBOARD, EnteredMachine, Pair, View
 from gear_rattle.service.explorer.common.news import JobStatus, StatusPublisher
+from gear_rattle.service.explorer.common.point_state import PointState
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.design.go_to import GoToPanel
+from gear_rattle.service.explorer.files import tour_html
 from gear_rattle.service.explorer.map import shared as map_shared
 from gear_rattle.service.explorer.map import view as map_view
 from gear_rattle.service.explorer.map.beside import RightSide
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
-from gear_rattle.service.explorer.map.controls import MapControls
+from gear_rattle.service.explorer.map.controls import FEATURED, MapControls
 from gear_rattle.service.explorer.map.figure import MapFigure
+from gear_rattle.service.explorer.map.overlays import key_entries
 from gear_rattle.service.explorer.map.planes import Atlas, MapPlane, maps_of
+from gear_rattle.service.explorer.map.readout import cell_place
 from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form
 from gear_rattle.service.explorer.map.survey_map import block_of
 from gear_rattle.service.explorer.map.view import MapView
-from gear_rattle.service.explorer.page.rows import survey_row
+from gear_rattle.service.explorer.page.rows import example_row, survey_row
 from gear_rattle.service.explorer.places.exact import ExactMaps, ExactPlane
 from gear_rattle.service.explorer.point.panel import FigurePlace
 from gear_rattle.service.explorer.state.events import (
-    PointChanged,
+    BookmarkChosen,
     PointClosed,
     PointerMoved,
     PointOpened,
@@ -117,8 +124,9 @@ class Shown:
     def open(self, at: Pair, machine: EnteredMachine | None = None) -> None:
         self.store.dispatch(PointOpened(at, machine))
 
-    def change_point(self, state: dict[str, str]) -> None:
-        self.store.dispatch(PointChanged(state))
+    def change_point(self, state: PointState) -> None:
+        assert self.view.point is not None
+        self.store.dispatch(PointOpened(self.view.point, self.view.machine, state))
 
     def close(self) -> None:
         self.store.dispatch(PointClosed())
@@ -138,7 +146,7 @@ def with_map(
             front: Front = app.state.front
             shared = SharedState(front, StatusPublisher(front), Atlas(front), app.state.overlaid, ExactMaps(), looked)
             viewer = Here(front, Caller(), Document())
-            shown = Shown(shared, viewer, View(overlays=(), is_variable_chosen="variable" in view, **view))
+            shown = Shown(shared, viewer, View(is_variable_chosen="variable" in view, **{"overlays": ()} | view))
             viewer.document.add_root(shown.map.figure)
             await body(front, shown)
             viewer.end()
@@ -398,7 +406,7 @@ def test_without_any_survey_the_plane_is_shown_as_it_is_known(tmp_path: Path) ->
         assert shown.view.variable == shown.controls.variable.value == "quiet_fraction"
         example = shown.plane
         assert isinstance(example, ExactPlane)
-        shown.controls.buttons.value = "lyapunov_max"
+        shown.controls.buttons.chosen = "lyapunov_max"
         await eventually(lambda: "chaotic where the exponent is above 0" in shown.title.html)
         assert shown.view.variable == shown.controls.variable.value == "lyapunov_max"
         example = shown.plane
@@ -426,6 +434,55 @@ def test_without_any_survey_the_plane_is_shown_as_it_is_known(tmp_path: Path) ->
         assert_nothing_of_another(shown)
 
     with_map(tmp_path, body)
+
+
+def test_a_map_that_a_survey_lacks_keeps_its_button_and_says_what_to_compute(tmp_path: Path) -> None:
+    async def body(front: Front, shown: Shown) -> None:
+        def missing() -> dict[str, str]:
+            return {each["label"]: each["about"] for each in shown.controls.buttons.buttons if each["missing"]}
+
+        shown.follow(None)
+        await eventually(lambda: shown.controls.buttons.buttons)
+        assert [each["label"] for each in shown.controls.buttons.buttons] == [each.button for each in FEATURED]
+        assert missing() == {}  # the example has all of them
+        shown.choose(done(front, SurveyRequest(**BODY | {"quantities": ["region", "attractors", "lyapunov"]})))
+        await eventually(missing)
+        assert [each["label"] for each in shown.controls.buttons.buttons] == [each.button for each in FEATURED]
+        (about,) = missing().values()
+        assert about.startswith("Loudness: not computed in this survey.")
+        assert "intensity is ticked" in about
+        shown.controls.buttons.chosen = "worst_level"  # nobody can press it
+        assert shown.view.variable == "quiet_fraction"
+        for each in FEATURED:  # a survey with the named group has the map
+            maps = maps_of(SurveyRequest(**BODY | {"quantities": sorted({"attractors", str(each.group)})}))
+            assert set(each.variables) & set(maps), each.button
+        mesh = {"model": "inelastic", "restitution": 0.9, "harmonics": [(20, 0.003, 0.0)], "quantities": ["attractors"]}
+        shown.choose(accepted(front, SurveyRequest(**BODY | mesh)))
+        assert missing()["Regions"].endswith("because its model has no quantity region.")
+
+    with_map(tmp_path, body)
+
+
+def test_the_example_is_still_there_beside_surveys(tmp_path: Path) -> None:
+    async def body(front: Front, shown: Shown) -> None:
+        shown.choose(done(front, STIFF))
+        await eventually(lambda: cells(shown))
+        shown.store.dispatch(SurveyChosen(EXAMPLE))
+        await eventually(lambda: cells(shown) and "which comes with the explorer" in shown.title.html)
+        assert isinstance(shown.plane, ExactPlane)
+        assert shown.store.request is shown.shared.exact.request
+        assert shown.store.model == Impacting()
+        assert shown.map.figure.x_range.start == pytest.approx(0.4)
+        assert shown.view.query() == "?survey=example&variable=quiet_fraction&overlays=none"
+        shown.open((0.6, 0.1))
+        await eventually(lambda: "64 starts, quiet" in shown.readout.line)
+        row = example_row(shown.shared.exact.request)
+        assert row["name"] == "Example: the paper's plane at β = 0.6"
+        assert (row["id"], row["size"]) == (EXAMPLE, "200 × 150")
+        assert ["sample", "64 initial conditions"] in row["facts"]
+
+    with points_in(IN_A_THREAD):
+        with_map(tmp_path, body)
 
 
 @pytest.mark.parametrize(
@@ -480,6 +537,113 @@ def test_a_map_that_nobody_chose_fills_in_from_where_its_survey_begins(tmp_path:
         assert shown.view.variable == "quiet_fraction"
 
     with_map(tmp_path, body)
+
+
+def test_few_lines_are_on_until_a_viewer_chooses_and_over_regions_all_of_their_borders(tmp_path: Path) -> None:
+    async def body(_front: Front, shown: Shown) -> None:
+        shown.follow(None)
+        await eventually(lambda: cells(shown))
+        assert shown.lines.key.chosen == ["SN1", "G1", "quiet_limit"]
+        assert not shown.map.figure.select_one({"name": "SN2"}).visible
+        shown.controls.variable.value = "region"
+        await eventually(lambda: "region of the plane" in shown.title.html)
+        assert shown.lines.key.chosen == [*rattle.curves.NAMES, "points"]
+        assert shown.map.figure.select_one({"name": "SN2"}).visible
+        assert "overlays" not in shown.view.query()  # nobody has chosen them
+        shown.lines.key.chosen = ["G2", "SN1"]
+        assert shown.view.overlays == ("SN1", "G2")
+        shown.controls.variable.value = "quiet_fraction"
+        await eventually(lambda: "ends quiet" in shown.title.html)
+        assert shown.lines.key.chosen == ["SN1", "G2"]
+        assert "overlays=SN1,G2" in shown.view.query()
+
+    with_map(tmp_path, body, overlays=None)
+
+
+def test_each_line_has_the_sentence_of_the_help() -> None:
+    rows = dict(re.findall(r"<td>(.*?)</td>\s*<td>(.*?)</td>", tour_html()))
+    found = {each["label"]: each["meaning"] for each in key_entries(Impacting())}
+    points = found.pop("COD20–23")
+    assert found == {label: rows[label] for label in found}
+    assert set(found) == {*rattle.curves.NAMES} - {"quiet_limit"} | {
+        "quiet limit",
+        "crisis: chaos ends",
+        "design limit",
+    }
+    for point in ("COD20", "COD21", "COD22", "COD23"):
+        assert f"{point}: {rows[point]}" in points
+
+
+def test_a_cell_is_read_again_once_it_is_computed(tmp_path: Path) -> None:
+    asked = SurveyRequest(**BODY | {"quantities": ["attractors"]})
+    at = float(asked.delta.values()[0]), float(asked.epsilon.values()[0])
+
+    async def body(front: Front, shown: Shown) -> None:
+        job = accepted(front, asked)
+        front.database.set_state(job.id, State.RUNNING)
+        shown.choose(front.database.job(job.id))
+        compute(front, job.id, asked, slice(1, 2))
+        shown.follow(front.database.job(job.id))
+        await eventually(lambda: cells(shown))
+        shown.hover(*at)
+        await eventually(lambda: "<p>not computed</p>" in shown.readout.html)
+        compute(front, job.id, asked, slice(1))
+        shown.follow(front.database.job(job.id))
+        await eventually(lambda: "<dt>quiet fraction</dt>" in shown.readout.html)  # the mouse does not move
+
+    with_map(tmp_path, body)
+
+
+def test_beside_an_open_point_its_cell_is_one_line_until_it_is_unfolded(tmp_path: Path) -> None:
+    asked = SurveyRequest(**BODY | {"quantities": ["region", "attractors"], "initial_conditions": {"count": 64}})
+    here, there = ((float(asked.delta.values()[i]), float(asked.epsilon.values()[i])) for i in (1, 3))
+
+    async def body(front: Front, shown: Shown) -> None:
+        shown.choose(done(front, asked))
+        await eventually(lambda: shown.plane is not None and cells(shown))
+        (unfold,) = shown.readout.pane.select(pn.widgets.Button)
+        assert "Point at the map" in shown.readout.html
+        shown.hover(*here)
+        await eventually(lambda: "Cell at" in shown.readout.html)
+        assert not shown.readout.is_folded
+        shown.open(there)
+        await eventually(lambda: shown.readout.is_folded)
+        assert shown.plane is not None
+        cell = shown.plane.cell_at(*there)
+        assert cell is not None
+        share, error = (100 * float(cell[name]) for name in ("quiet_fraction", "fraction_error"))
+        assert f": 64 starts, quiet {share:.0f} ± {error:.0f} %</p>" in shown.readout.line
+        assert "not of the open point" in shown.readout.html
+        unfold.clicks += 1
+        assert not shown.readout.is_folded
+        shown.hover(*here)
+        at = f"Survey&#x27;s grid cell at δ {here[0]:g}"
+        await eventually(lambda: at in shown.readout.line)
+        assert not shown.readout.is_folded  # as the viewer left it
+        shown.store.dispatch(BookmarkChosen(((0.5, 0.6), (0.1, 0.2)), None, {}))
+        await eventually(lambda: "Point at the map" in shown.readout.html)  # nothing of the old cell is left
+
+    with points_in(IN_A_THREAD):
+        with_map(tmp_path, body)
+
+
+@pytest.mark.parametrize(
+    ("num", "span", "expected"),
+    [
+        (200, (0.4015, 0.9985), "0.601"),
+        (31, (0.4, 1.0), "0.6"),
+        (30, (0.005, 0.3), "0.097"),
+        (9, (0.7, 0.700001), "0.70000063"),
+    ],
+)
+def test_a_cell_s_place_has_as_many_digits_as_tell_it_from_the_next(num: int, span: Pair, expected: str) -> None:
+    request = SurveyRequest(delta=(*span, num), epsilon=(0.1, 0.2, 2))
+    values = request.delta.values()
+    near = {"0.601": 0.6005560928, "0.6": 0.6, "0.097": 0.0966, "0.70000063": 0.700000625}[expected]
+    cell = xr.Dataset(coords={"delta": near, "epsilon": 0.1})
+    assert cell_place(cell, request) == f"δ {expected}, ε 0.1"
+    places = {cell_place(xr.Dataset(coords={"delta": each, "epsilon": 0.1}), request) for each in values}
+    assert len(places) == num
 
 
 def test_closed_forms_of_a_survey_are_shown_before_it_is_computed(tmp_path: Path) -> None:

@@ -174,7 +174,7 @@ def test_python_says_the_same() -> None:
     with pytest.raises(SurveyError, match=r"quantities.0: must be one of .* did you mean region\?") as refused:
         run_survey(delta=(0.4, 1.0, 3), epsilon=(0.1, 0.2, 3), quantities=("regin",))
     assert not FOREIGN.search(str(refused.value))
-    with pytest.raises(SurveyError, match="it has 4"):
+    with pytest.raises(SurveyError, match="this text has 4"):
         Axis.parse("1:2:3:4")
 
 

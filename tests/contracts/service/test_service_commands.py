@@ -111,7 +111,7 @@ def test_no_path_resolves_where_the_working_directory_is_gone(tmp_path: Path, mo
 
 @pytest.mark.parametrize(("share", "words"), [(1.0, "100"), (0.9961, "100"), (0.0022, "0.22"), (1.23e-7, "1.2e-05")])
 def test_a_bound_is_said_to_two_digits(share: float, words: str) -> None:
-    assert run_command._percent(share) == words
+    assert run_command._percent_text(share) == words
 
 
 def test_a_survey_is_joined_where_it_asks_for_families(tmp_path: Path) -> None:

@@ -62,6 +62,8 @@ def test_documents_are_pages_before_a_site_is_built(
         assert "<h1" in seen["explorer.md"]
         assert "<table>" in seen["how-to/surveys.md"]
         assert "toctree" not in seen[""]
+        for page, title in {"explorer.md": "The explorer", "tutorials/first-survey.md": "A first survey"}.items():
+            assert f'<li><a href="{page}">{title}</a></li>' in seen[""]
         assert 'id="slots"' in seen["families.md"]  # links lead to headings
         assert client.get("/help/../service/app.py").status_code == 404
         assert client.get("/help/%2e%2e/service/app.py").status_code == 404

@@ -69,5 +69,5 @@ def test_a_key_is_asked_below_a_path_too(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("given", ["rattle", "//host", "/a/../b", "/a?b", "https://host"])
 def test_a_root_path_is_a_path(given: str) -> None:
-    with pytest.raises(ValidationError, match="write it like /rattle"):
+    with pytest.raises(ValidationError, match="write the path like /rattle"):
         Settings(root_path=given)

@@ -97,8 +97,8 @@ def test_surveys_take_turns_and_say_what_they_wait_for(tmp_path: Path, monkeypat
     carried: dict[str, list[object]] = {}
 
     def compute(request: Any, _path: Any, tiles: Any, _client: Any, on_tile: Any, stop: Any, *others: Any) -> None:
-        _, should_pause, begun, on_left = others
-        carried.setdefault(request.name, []).append(begun)
+        _, should_pause, run_state, on_left = others
+        carried.setdefault(request.name, []).append(run_state)
         on_left(70.0)
         job = path.rpartition("/")[2]
         if request.name == "long":
@@ -136,7 +136,7 @@ def test_surveys_take_turns_and_say_what_they_wait_for(tmp_path: Path, monkeypat
     assert sorted(computed) == [("long", tile) for tile in range(8)] + [("small", tile) for tile in range(4)]
     assert computed.index(("small", 3)) < computed.index(("long", 7))
     assert len(carried["long"]) > 1
-    assert len({id(begun) for begun in carried["long"]}) == 1  # what is computed of a tile is not computed again
+    assert len({id(run_state) for run_state in carried["long"]}) == 1  # what is computed is not computed again
     assert checked == ["long", "small"]  # all chunks are read once, not at every turn
 
 

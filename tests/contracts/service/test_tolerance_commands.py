@@ -33,7 +33,7 @@ def test_a_population_is_computed_kept_and_told(tmp_path: Path) -> None:
     again = said("tolerance", "--out", str(out), *PLAIN, *FEW, "--share", "0.6", "--judged", "4", "--seed", "1")
     assert "is complete" in again
     refused = CliRunner().invoke(app, ["tolerance", "--out", str(out), *PLAIN, *FEW])
-    assert "holds another survey: choose another path" in str(refused.exception)
+    assert "holds another survey or population: choose another path" in str(refused.exception)
 
 
 def test_correlations_are_given_by_name(tmp_path: Path) -> None:

@@ -95,6 +95,6 @@ def test_what_is_none_is_refused(tmp_path: Path, what: str) -> None:
     if what == "another store":
         xr.Dataset({"x": ("i", [1.0])}).to_zarr(path, consolidated=False)
     said = ran(path)
-    expected = "does not exist" if what == "nothing" else "holds no survey"
+    expected = "does not exist" if what == "nothing" else "holds no store"
     assert said.exit_code == 2 or expected in str(said.exception)
     assert not said.stdout

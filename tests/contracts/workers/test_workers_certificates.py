@@ -26,8 +26,8 @@ from gear_rattle.workers import (
 from gear_rattle.workers import certificates as certified
 from gear_rattle.workers.certificates import (
     CERTIFICATES,
+    CHECKSUMS_FILE,
     REFUSED,
-    SEAL,
     certify_survey,
     examine_certificates,
     examine_certificates_beside,
@@ -254,9 +254,9 @@ def test_certificates_beside_a_survey_are_examined_with_it(store, whole, tmp_pat
     (out / "delta" / "c" / "0").unlink()
     first, _ = examine_certificates_beside(survey)
     assert set(first.damaged) == {CERTIFICATES, "delta/c/0"}
-    (out / SEAL).write_text("{")
-    assert examine_certificates(out).damaged == (SEAL,)
-    (out / SEAL).unlink()
+    (out / CHECKSUMS_FILE).write_text("{")
+    assert examine_certificates(out).damaged == (CHECKSUMS_FILE,)
+    (out / CHECKSUMS_FILE).unlink()
     assert not examine_certificates(out).complete
 
 
@@ -272,4 +272,4 @@ def test_certificates_that_a_completed_survey_asked_for_are_lost_if_they_are_not
     assert not whole.damaged
     shutil.rmtree(tmp_path / "survey.certificates.zarr")
     (lost,) = examine_certificates_beside(tmp_path / "survey.zarr")
-    assert lost.damaged == (SEAL,)
+    assert lost.damaged == (CHECKSUMS_FILE,)

@@ -204,5 +204,5 @@ def test_the_command_fails_where_a_region_has_no_boundary(store: Path, monkeypat
 
 def test_nothing_to_explain_is_said() -> None:
     empty = regions_only(0.6, (0.4, 1.0), (0.005, 0.3)).drop_vars("region")
-    with pytest.raises(SurveyError, match="region or attractors"):
+    with pytest.raises(SurveyError, match="no regions and no attractors"):
         explain(empty)

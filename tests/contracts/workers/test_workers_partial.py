@@ -14,7 +14,7 @@ import pytest
 import rattle
 from gear_rattle.workers import Axis, PopulationRequest, SurveyRequest, TileRecord, compute_tile, tiles_of
 from gear_rattle.workers.cluster import costs, partial, runner
-from gear_rattle.workers.cluster.costs import Begun, spread_evenly
+from gear_rattle.workers.cluster.costs import RunState, spread_evenly
 from gear_rattle.workers.cluster.partial import PART_SECONDS, PartialTile, compute_partly, is_divisible
 from gear_rattle.workers.kinds import AnyRequest
 from rattle.models import model as models
@@ -140,24 +140,24 @@ def test_after_a_pause_a_tile_goes_on_where_it_was(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(costs, "MANY", 1)
     monkeypatch.setattr(costs, "FEWEST", 1)
     monkeypatch.setattr(partial, "compute_tile", cost)
-    begun, ended, left = Begun(), list[TileRecord](), list[float]()
+    run_state, ended, left = RunState(), list[TileRecord](), list[float]()
 
     def run(should_pause: Any) -> None:
         tiles = [tile for tile in tiles_of(request) if tile.index not in {each.index for each in ended}]
         runner.run_tiles(
             request, tmp_path, tiles, ended_tasks.Client(2), ended.append, lambda: False,
-            should_pause=should_pause, begun=begun, on_left=left.append,
+            should_pause=should_pause, run_state=run_state, on_left=left.append,
         )  # fmt: skip
 
     run(lambda: len(cells) > 8)
-    assert begun.foreseen.keys() == {0, 1, 2, 3}
+    assert run_state.foreseen.keys() == {0, 1, 2, 3}
     assert not ended
-    computed = {index: int(part.done.sum()) for index, part in begun.partial.items()}
+    computed = {index: int(part.done.sum()) for index, part in run_state.partial.items()}
     assert max(computed.values()) > 1
     assert min(computed.values()) == 1
     run(lambda: False)
     assert sorted((each.index, each.cells) for each in ended) == [(0, 12), (1, 9), (2, 8), (3, 6)]
-    assert begun.partial == {}
+    assert run_state.partial == {}
     assert sum(tile.n_cells for tile in measured) == request.n_cells
     assert left[-1] == 0.0
 
@@ -176,18 +176,18 @@ def test_the_time_left_is_told_within_a_factor_of_one_and_a_half(threads: int) -
     noise = np.random.default_rng(5).lognormal(0.0, 0.5, x.shape)
     costs = (0.005 + 6.0 * np.exp(-(((x - 0.8) / 0.15) ** 2) - ((y - 0.75) / 0.2) ** 2)) * noise
     tiles = tiles_of(request)
-    begun = Begun()
-    begun.predict_costs(tiles, columns)
-    for tile in begun.tiles_to_measure(tiles, columns):
+    run_state = RunState()
+    run_state.predict_costs(tiles, columns)
+    for tile in run_state.tiles_to_measure(tiles, columns):
         i, j = tile.epsilon.start + side // 2, tile.delta.start + side // 2
         record = TileRecord(tile.index, 1, (), 0, float(costs[i, j]))
-        begun.partial[tile.index] = PartialTile({}, np.zeros((side, side), bool), record, 0.0)
-        begun.record_measured(tile)
-    assert not begun.tiles_to_measure(tiles, columns)
-    begun.partial.clear()
-    begun.predict_costs(tiles, columns)
+        run_state.partial[tile.index] = PartialTile({}, np.zeros((side, side), bool), record, 0.0)
+        run_state.record_measured(tile)
+    assert not run_state.tiles_to_measure(tiles, columns)
+    run_state.partial.clear()
+    run_state.predict_costs(tiles, columns)
     idle, ends = [0.0] * threads, list[tuple[float, int, float]]()
-    order = begun.by_falling_cost(tiles, columns)
+    order = run_state.sort_by_cost(tiles, columns)
     assert float(costs[order[0].epsilon, order[0].delta].mean()) > 5.0 * costs.mean()
     for tile in order:
         seconds = float(costs[tile.epsilon, tile.delta].sum())
@@ -196,8 +196,8 @@ def test_the_time_left_is_told_within_a_factor_of_one_and_a_half(threads: int) -
         ends.append((end, tile.index, seconds))
     total, told = max(idle), 0
     for end, index, seconds in sorted(ends):
-        begun.record_ended(TileRecord(index, side * side, (), 0, seconds))
-        left = begun.seconds_left(threads)
+        run_state.record_ended(TileRecord(index, side * side, (), 0, seconds))
+        left = run_state.seconds_left(threads)
         assert left is not None
         if 0.2 * total <= end <= 0.9 * total:  # at the very end a tile more or less decides
             assert 1 / 1.5 < left / (total - end) < 1.5

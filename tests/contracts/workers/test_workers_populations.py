@@ -26,7 +26,7 @@ from gear_rattle.workers import (
 )
 from gear_rattle.workers.answers import population_of
 from gear_rattle.workers.kinds import cell_outcomes, compute_tile
-from gear_rattle.workers.populations.numbers import in_library_form, request_field_of
+from gear_rattle.workers.populations.numbers import request_field_of, to_library_form
 from gear_rattle.workers.storage.integrity import manifest_of
 from gear_rattle.workers.storage.location import place_of
 from rattle.populations.gears import Gears, computed
@@ -86,7 +86,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_store_answers_what_the_library_does(whole: Path) -> None:
-    given = {name: in_library_form(value) for name, value in REQUEST.gear.in_library_form.items()}
+    given = {name: to_library_form(value) for name, value in REQUEST.gear.library_form.items()}
     exact = rattle.population(given, FIELDS["correlation"], gears=24, count=8, share=0.7, judged=6, pairs=6)
     found = population_of(whole)
     for a, b in zip(found.rows, exact.rows, strict=True):
@@ -210,7 +210,7 @@ def test_a_machine_has_powers_and_its_own_units(tmp_path: Path) -> None:
     with xr.open_zarr(path) as found:
         assert found["eccentricity"].attrs["units"] == "m"
         assert found["power"].attrs["units"] == "W"
-        machine = rattle.Machine(**{**request.gear.in_library_form, "eccentricity": float(found["eccentricity"][2])})
+        machine = rattle.Machine(**{**request.gear.library_form, "eccentricity": float(found["eccentricity"][2])})
         assert float(found["epsilon"][2]) == machine.epsilon
         assert float(found["power"][2]) == pytest.approx(float(found["energy"][2].mean()) * machine.units.power)
 
@@ -241,7 +241,7 @@ def test_distributions_survive_a_request(kind: Any) -> None:
     request = PopulationRequest.model_validate(
         FIELDS | {"gear": {"delta": request_field_of(kind), "epsilon": 0.1}, "correlation": None}
     )
-    assert request.gear.in_library_form == {"delta": kind, "epsilon": 0.1}
+    assert request.gear.library_form == {"delta": kind, "epsilon": 0.1}
 
 
 @pytest.mark.parametrize(

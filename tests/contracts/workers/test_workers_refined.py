@@ -188,7 +188,7 @@ def test_blocks_have_the_corners_of_the_plane() -> None:
     blocks = Blocks(slice(32, 96), slice(64, 70), (96, 70))
     assert blocks.frame == (slice(32, 96), slice(64, 70))
     assert [x.tolist() for x in blocks.last_indices] == [[32, 31], [5, 5]]
-    edges = blocks.edges(blocks.whole_blocks())
+    edges = blocks.edge_cells(blocks.whole_blocks())
     rows, columns = np.divmod(edges, blocks.shape[1])
     assert ((rows % BLOCK == 0) | (rows == 63) | (columns == 0) | (columns == 5)).all()
     assert edges.size == 3 * 6 + 61 * 2

@@ -81,7 +81,7 @@ def test_the_same_survey_is_resumed_untouched(store: Path) -> None:
 
 def test_another_survey_is_refused_untouched(store: Path) -> None:
     before = snapshot(store)
-    with pytest.raises(SurveyError, match="another survey: choose another path"):
+    with pytest.raises(SurveyError, match="another survey or population: choose another path"):
         create_store(REQUEST.model_copy(update={"beta": 0.5}), store)
     assert snapshot(store) == before
 
@@ -100,7 +100,7 @@ def test_a_foreign_directory_is_refused_untouched(tmp_path: Path, content: dict[
     for name, text in content.items():
         (tmp_path / name).write_text(text)
     before = snapshot(tmp_path)
-    with pytest.raises(SurveyError, match="not a survey: choose another path"):
+    with pytest.raises(SurveyError, match="not a survey or population: choose another path"):
         create_store(REQUEST, tmp_path)
     with pytest.raises(SurveyError):
         tiles_done(REQUEST, tmp_path)
@@ -229,7 +229,7 @@ def test_a_store_that_was_moved_away_is_gone_and_not_damaged(
 def test_unfinished_says_how_many_tiles_are_missing(store: Path) -> None:
     fill(store, TILES[1:])
     before = snapshot(store)
-    with pytest.raises(SurveyError, match="lacks 1 of its 6 tiles: run the survey again"):
+    with pytest.raises(SurveyError, match="lacks 1 of its 6 tiles: compute the same request again"):
         finish_store(store)
     assert snapshot(store) == before
 

@@ -231,7 +231,7 @@ def test_certificates_of_slices_are_told_apart(store: Path, tmp_path: Path) -> N
         proved = certify_survey(one, tmp_path / "c.zarr")
         assert (proved["attractor_certificate"].values == (one.attractor_kind == 2).values).all()
         assert proved.attrs[IDENTITY_ATTRIBUTE].endswith(" beta=0.6")
-        with pytest.raises(SurveyError, match="other things"):
+        with pytest.raises(SurveyError, match="no readable certificates of this survey"):
             certify_survey(other, tmp_path / "c.zarr")
 
 
@@ -239,6 +239,7 @@ def test_certificates_of_slices_are_told_apart(store: Path, tmp_path: Path) -> N
     ("fields", "said"),
     [
         ({"beta": (0.0, 0.5, 3)}, "beta must be positive: raise start"),
+        ({"model": "inelastic", "restitution": 0.9, "load": (-1.0, 1.0, 3)}, "load must not be negative: raise start"),
         ({"beta": (0.5, 0.6, MAX_SLICES + 1)}, f"at most {MAX_SLICES} values: lower num"),
         ({"beta": (0.5, 0.5 + 1e-17, 2)}, "must be below stop"),
         ({"beta": (0.5, 0.5 + 2e-16, 9)}, "not distinct: lower num"),

@@ -6,7 +6,7 @@ from depth import deep
 
 import rattle
 from rattle.attractors.basins import classified
-from rattle.impacting.attractors.boundary_distance import lowest_preimages
+from rattle.impacting.attractors.boundary_distance import slowest_preimages
 from rattle.impacting.orbits.periodic import period_one_saddle
 from rattle.orbits.manifolds import manifold
 
@@ -89,11 +89,11 @@ def test_the_state_leaves_and_those_just_below_do_not(point):
 
 
 @pytest.mark.parametrize("point", [(0.6, 0.18, 0.6), (0.3, 0.06, 0.3)])
-def test_the_lowest_preimages_lead_to_the_states(point):
+def test_the_slowest_preimages_lead_to_the_states(point):
     gear = rattle.Gear(*point)
     tau, v = np.random.default_rng(5).random((2, 40))
     v = 1 + 4 * v
-    found = lowest_preimages(tau, v, np.full(40, 5), np.full(40, 25.0), *(np.full(40, x) for x in point))
+    found = slowest_preimages(tau, v, np.full(40, 5), np.full(40, 25.0), *(np.full(40, x) for x in point))
     each = np.stack([gear.iterate(*found, k) for k in range(6)])
     off = np.hypot((each[:, 0] - tau + 0.5) % 1.0 - 0.5, each[:, 1] - v)
     assert off.min(axis=0).max() < 1e-8

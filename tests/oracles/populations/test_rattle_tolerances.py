@@ -131,7 +131,7 @@ NORMAL = rattle.Normal(15e-6, 5e-6)
     ("given", "says"),
     [
         (DRAWING | {"eccentricity": NORMAL}, r"eccentricity .* reaches down to -1.67e-05: cut it off \(low=0\)"),
-        (DRAWING | {"eccentricity": "uniform:-1e-6:1e-5"}, "begin it above"),
+        (DRAWING | {"eccentricity": "uniform:-1e-6:1e-5"}, "must not be below 0, .* let it begin at 0"),
         (DRAWING | {"eccentricity": rattle.Normal(0.015, 1e-3)}, "eccentricity must be in metres.*mm give"),
         (DRAWING | {"eccentricity": 15e-6, "radius": rattle.Normal(50.0, 1.0)}, "radius must be in metres"),
         (DRAWING | {"eccentricity": 15e-6}, "nothing varies: give a distribution"),

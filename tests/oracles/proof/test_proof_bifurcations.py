@@ -43,7 +43,7 @@ def points():
 
 
 @pytest.fixture(scope="module")
-def corners():
+def certificates():
     return {point.name: point for point in prove.certify_codimension_two(0.6)}
 
 
@@ -54,9 +54,9 @@ def test_an_enclosure_holds_the_point_in_40_digits(points, name):
 
 
 @pytest.mark.parametrize("name", ["COD20", "COD21", "COD22", "COD23"])
-def test_points_of_codimension_two_are_enclosed(corners, name):
+def test_points_of_codimension_two_are_enclosed(certificates, name):
     delta, epsilon, phase, *_ = exact.known_codimension_two(name, 0.6)
-    point = corners[name]
+    point = certificates[name]
     assert within(point.solved["delta"], delta)
     assert within(point.solved["epsilon"], epsilon)
     assert abs((float(point.times[0]) - float(phase) + 0.5) % 1 - 0.5) < 1e-9
@@ -69,8 +69,8 @@ def test_they_are_enclosed_at_the_very_half_backlash(beta):
     assert all(each.known["beta"] == Fraction(beta) and each.width < Fraction(1, 10**14) for each in found)
 
 
-def test_the_checker_proves_what_the_finder_does(points, corners):
-    for point in [*points.values(), *corners.values()]:
+def test_the_checker_proves_what_the_finder_does(points, certificates):
+    for point in [*points.values(), *certificates.values()]:
         assert check(point.json()).startswith(f"{point.name} of ")
 
 
@@ -147,9 +147,9 @@ def test_false_claims_of_a_point_are_refused_by_the_checker(points, name):
             check(altered(point, **changes))
 
 
-def test_a_point_of_codimension_two_is_not_taken_for_another(corners):
-    for name, point in corners.items():
-        for other in {*corners, "G1", "SN1"} - {name}:
+def test_a_point_of_codimension_two_is_not_taken_for_another(certificates):
+    for name, point in certificates.items():
+        for other in {*certificates, "G1", "SN1"} - {name}:
             with pytest.raises(Refused):
                 check(altered(point, name=other))
         moved = {key: shifted(ends, 1e-6) for key, ends in point.document()["solved"].items()}
@@ -195,15 +195,15 @@ def test_what_cannot_be_meant_is_said():
         prove.certify_event(3)
 
 
-def test_what_the_paper_table_calls_proved_is(corners):
+def test_what_the_paper_table_calls_proved_is(certificates):
     """Each number as docs/paper.md has it, in an enclosure."""
     rows = [line.split(" | ") for line in DOCUMENT.read_text().splitlines() if ", proved | " in line]
     assert {row[1] for row in rows} == set(PROVED)
     for row in rows:
         name, where = PROVED[row[1]]
         said = row[3].removesuffix(", proved")
-        if name in corners:
-            ends = corners[name].solved[where]
+        if name in certificates:
+            ends = certificates[name].solved[where]
         else:
             ends = prove.certify_curve_point(name, where, epsilon_at(name, float(where))).solved["epsilon"]
         assert ends[1] - ends[0] < Fraction(1, 10**14)

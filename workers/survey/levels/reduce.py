@@ -67,8 +67,9 @@ def mask_type(number: int) -> np.dtype[np.unsignedinteger]:
 def reduced_numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
     """Yield for each level the STATISTICS of the numbers in its cells, float32 of shape (4, m, n).
 
-    The mean is the mean of the finite numbers; least and largest include infinite numbers. The mean is NaN in cells
-    without a finite number, least and largest in cells without any number, and the share where no cell is computed.
+    The mean is the mean of the finite numbers; least and largest include infinite numbers. In cells without
+    a finite number the mean is NaN; in cells without any number least and largest are NaN, too. The share is NaN where
+    no cell is computed.
 
     Yields
     ------

@@ -152,7 +152,7 @@ def _write_coordinates(group: zarr.Group, request: SurveyRequest, level: Level, 
         long_name = f"{COORDINATES[name].long_name}, middle of the cells"
         write_array(group, dim, (dim,), level_centres(axis.values(), cells), {"long_name": long_name, "units": "1"})
     for dim in sorted(dims):
-        words = "what is told of the numbers of the cells" if dim == STATISTIC else dimension_description(request, dim)
+        words = "statistic of the covered cells' numbers" if dim == STATISTIC else dimension_description(request, dim)
         values = coordinate_values(_dimension_labels(request, dim))
         write_array(group, dim, (dim,), values, {"long_name": words, "units": "1"})
     for name, axis in request.third_axis.items():

@@ -24,7 +24,7 @@ ROUNDS = "refined_rounds"
 
 
 def random_draws(blocks: Blocks, seed: int) -> np.ndarray:
-    """Return a random number for each cell of the frame of `blocks`; the cells with the smallest numbers are audited.
+    """Return a random number for each cell of a frame (see `Blocks`); cells with the smallest numbers are audited.
 
     The number of a cell depends only on the seed and on the cell's position in the grid.
 
@@ -41,12 +41,12 @@ def random_draws(blocks: Blocks, seed: int) -> np.ndarray:
 
 
 def audit_attributes(counts: Sequence[Sequence[int]]) -> dict[str, int | float]:
-    """Return the values of AUDIT_ATTRIBUTES by name.
+    """Return the values of AUDIT_ATTRIBUTES by name, for a survey without a bound.
 
     counts: for each slice, the numbers of filled, audited and wrong cells.
 
-    All slices audit the same positions, so the audits of several slices are no larger a sample than that of one. The
-    bound for the survey is therefore the largest bound of a slice; it is 0 if no cells are filled.
+    All slices of such a survey audit the same positions, so the audits of several slices are no larger a sample than
+    that of one. The upper bound for the survey is therefore the largest one of a slice; it is 0 if no cells are filled.
 
     Returns
     -------

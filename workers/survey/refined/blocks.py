@@ -73,15 +73,15 @@ class Blocks:
         return rows.stop - rows.start, columns.stop - columns.start
 
     @cached_property
-    def corners(self) -> tuple[np.ndarray, np.ndarray]:
-        """The first row and the first column of each block (blocks,), counted in the frame."""
+    def block_origins(self) -> tuple[np.ndarray, np.ndarray]:
+        """The first row and the first column of each block (blocks,), counted in the frame as `Blocks` describes it."""
         down, right = (np.arange(0, span.stop - span.start, BLOCK) for span in (self.rows, self.columns))
         return np.repeat(down, right.size), np.tile(right, down.size)
 
     @cached_property
     def last_indices(self) -> tuple[np.ndarray, np.ndarray]:
         """The last row and the last column of each block (blocks,), counted from the block's first row and column."""
-        top, left = self.corners
+        top, left = self.block_origins
         return np.minimum(BLOCK, self.shape[0] - 1 - top), np.minimum(BLOCK, self.shape[1] - 1 - left)
 
     @property
@@ -91,7 +91,7 @@ class Blocks:
 
     def whole_blocks(self) -> Leaves:
         """Return the leaves before any division: one leaf for each block, which covers the whole block."""
-        number = np.arange(self.corners[0].size)
+        number = np.arange(self.block_origins[0].size)
         return Leaves(number, np.zeros_like(number), np.zeros_like(number), BLOCK)
 
     def quarters(self, leaves: Leaves) -> Leaves:
@@ -122,7 +122,7 @@ class Blocks:
     def cell_numbers(self, square: LeafCells) -> np.ndarray:
         """Return the number of each cell in the frame (see `Blocks`), whose cells are counted row by row."""
         block, row, column = square.block[:, :1, :1], square.row[:, :, :1], square.column[:, :1]
-        top, left = (corner[block] for corner in self.corners)
+        top, left = (corner[block] for corner in self.block_origins)
         number: np.ndarray = (top + row) * self.shape[1] + left + column
         return number
 

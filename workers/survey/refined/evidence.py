@@ -38,7 +38,7 @@ class Evidence:
         self.samples = np.zeros((len(SAMPLED_KINDS), n))
         self.table = no_attractors()
         self.existing: dict[int, GridPiece] = {}  # {number of a block: its periodic orbits, continued to all cells}
-        self._code = np.zeros((blocks.corners[0].size, BLOCK + 1, BLOCK + 1), np.uint64)
+        self._code = np.zeros((blocks.block_origins[0].size, BLOCK + 1, BLOCK + 1), np.uint64)
 
     def compute(self, cells: np.ndarray) -> None:
         """Compute the given cells unless they are known, and continue their periodic orbits through their blocks."""
@@ -66,7 +66,7 @@ class Evidence:
     def _continue_orbits(self, periodic: Attractors) -> None:
         """Continue the periodic orbits of computed cells to all cells of their blocks."""
         row, column = np.divmod(periodic.cell, self.blocks.shape[1])
-        for block, corner in enumerate(zip(*self.blocks.corners, *self.blocks.last_indices, strict=True)):
+        for block, corner in enumerate(zip(*self.blocks.block_origins, *self.blocks.last_indices, strict=True)):
             top, left, height, width = (int(x) for x in corner)
             here = (top <= row) & (row <= top + height) & (left <= column) & (column <= left + width)
             if not here.any():
@@ -149,8 +149,8 @@ def cells_differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
 
     seen (…, k, n, n): how many samples of each cell go to the motion. known (k, n, n): flags of the sampled cells.
     count: the number of samples of a cell. Cells differ if no sample goes to the motion in one cell, and at least
-    CERTAIN_SAMPLES do in another cell. Cells also differ if more cells have no such sample than chance explains when
-    all cells have the same basin fraction.
+    CERTAIN_SAMPLES do in another cell. Cells also differ if the cells without a sample that goes to the motion are more
+    than chance explains, assuming that all cells have the same basin fraction.
 
     Returns
     -------

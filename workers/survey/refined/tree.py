@@ -47,7 +47,7 @@ class Tree:
 
     @property
     def blocks(self) -> Blocks:
-        """The blocks of the leaves."""
+        """The blocks of the tile; each block is divided into leaves."""
         return self.evidence.blocks
 
     def compute_cells(self) -> None:

@@ -19,8 +19,8 @@ BASIN_RESOLUTION = 100  # states along each axis of the (τ, v) plane; a box of 
 class Cells:
     """The cells `epsilon` × `delta`. Each property is computed once, when it is first needed.
 
-    The values of a cell follow from its (δ, ε), the model and, for attractors, the sample's count, box and seed. They
-    do not depend on the other cells, so a cell has the same values, bit by bit, in any rectangle.
+    The values of a cell follow from its (δ, ε), the model and, for attractors, the number, box and seed of its samples.
+    They do not depend on the other cells, so a cell has the same values, bit by bit, in any rectangle.
     """
 
     delta: np.ndarray  # dampings, shape (n_delta,)
@@ -92,7 +92,7 @@ class Cells:
 
     @cached_property
     def sampled_speed(self) -> np.ndarray:
-        """The largest speed of the sample, shape (n_epsilon, n_delta)."""
+        """The largest initial speed of the samples of each cell, shape (n_epsilon, n_delta)."""
         return self.sample.highest_speeds(self.model.parameters_at(self.delta, self.epsilon[:, None]))
 
     @cached_property
@@ -109,8 +109,8 @@ class Cells:
     def basin_entropy(self) -> np.ndarray:
         """The mean basin entropy of all boxes, and of the boxes at basin boundaries, shape (2, n_epsilon, n_delta).
 
-        The values of a cell are NaN if a state of the (τ, v) plane is undecided, or if ε is so near the quiet limit
-        that states could be undecided.
+        A box is a square of 5 × 5 states of the (τ, v) plane. The values of a cell are NaN if a state of this plane is
+        undecided, or if ε is so near the quiet limit that states could be undecided.
         """
         found = np.full((2, *self.shape), np.nan)
         for (i, j), late in np.ndenumerate(self.rests_late):
@@ -135,7 +135,7 @@ class Cells:
 
     @cached_property
     def robust_chaos(self) -> np.ndarray:
-        """True for each δ inside the robust-chaos interval; False everywhere if this β has no such interval."""
+        """Flags of the δ in the interval where chaos is robust; False everywhere if this β has no such interval."""
         try:
             low, high = rattle.robust_chaos_interval(self.model.beta)
         except rattle.RattleError:

@@ -1,4 +1,4 @@
-"""Variables of the group `intensity`: how hard each attractor, the whole sample, and the worst attractor rattle."""
+"""Variables of the group `intensity`: how hard attractors rattle, each alone, over all samples, and the worst."""
 
 import numpy as np
 
@@ -12,7 +12,8 @@ _MODEL = "equation 2.4 of doi:10.1137/090759641, impact by impact"
 _PER = "per forcing period"
 _LEVEL = "in dB relative to 2π²δ², that of A and C"
 
-#: Name and description of each field. A field is stored for every attractor, the whole sample, and the worst attractor.
+#: Name and description of each field. A field is stored for each attractor, for all samples of a cell together, and for
+#: the cell's attractor with the largest energy.
 _FIELDS = (
     ("impacts_plus", f"impacts on or contacts with Σ+ {_PER}"),
     ("impacts_minus", f"impacts on or contacts with Σ- {_PER}"),

@@ -20,7 +20,7 @@ DEEPEST = 5
 #: Most times that a block with the claim "quiet captures" is halved, in ε and δ in turn.
 DEEPEST_CAPTURE = 2
 NONE, THERE, ATTRACTING, SADDLE = "none", "there", "attracting", "a saddle"
-#: The states of the motions A to D that the claim "the block is in this region" gives them.
+#: {region: the state of each motion A to D at all points of a block that is claimed to be in this region}.
 REGIONS = {
     "I": {"A": NONE, "B": NONE, "C": NONE, "D": NONE},
     "II": {"A": SADDLE, "B": NONE, "C": THERE, "D": NONE},
@@ -28,7 +28,7 @@ REGIONS = {
     "IV": {"A": SADDLE, "B": SADDLE, "C": THERE, "D": SADDLE},
     "V": {"A": SADDLE, "B": NONE, "C": NONE, "D": THERE},
 }
-#: The states that each claim gives to motions; a claim says nothing about motions that are missing here.
+#: {claim: {letter: the state that the claim gives to this motion}}. A claim says nothing about other motions.
 CLAIMS = REGIONS | {
     f"{letter} {words}": {letter: state}
     for letter in "CD" for words, state in (("attracts", ATTRACTING), ("is a saddle", SADDLE), ("is not there", NONE))
@@ -66,7 +66,7 @@ def prove_on_whole_block(claim: str, beta: Fraction, delta: Ends, epsilon: Ends)
 
 
 def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, depth: int = 0) -> None:
-    """Raise BlockRefused unless motions that leave Σ⁺ slower than `speed` are proved to become quiet, on a block."""
+    """Raise BlockRefused unless, on a block, motions that leave Σ⁺ slower than `speed` provably become quiet."""
     try:
         Capture(
             interval_between(*delta), interval_between(*epsilon), interval_between(beta, beta)
@@ -84,7 +84,16 @@ def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, 
 def state_of_one_impact(
     letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]
 ) -> str:
-    """Return the proved state of A or C on a block; its stability only if the claimed `state` names it."""
+    """Return the existence and stability of A or C that are proved on a block.
+
+    The stability is proved only if the claimed `state` is ATTRACTING or SADDLE. squares: the least and the largest ε²
+    of the block.
+
+    Returns
+    -------
+    str
+        NONE, THERE, ATTRACTING or SADDLE.
+    """
     motion = OneImpact(letter, d, beta, *squares)
     if not motion.exists():
         return NONE
@@ -92,7 +101,16 @@ def state_of_one_impact(
 
 
 def state_of_two_impacts(slope: int, state: str, cells: Column, squares: tuple[Interval, Interval]) -> str:
-    """Return the proved state of B (slope −1) or D (1); its stability only if the claimed `state` names it."""
+    """Return the existence and stability of B (slope −1) or D (slope 1) that are proved on a block.
+
+    The stability is proved only if the claimed `state` is ATTRACTING or SADDLE. squares: the least and the largest ε²
+    of the block.
+
+    Returns
+    -------
+    str
+        NONE, THERE, ATTRACTING or SADDLE.
+    """
     runs = cells.parts_of_motions(slope, *squares)
     require(len(runs) < 2, f"there are {len(runs)} motions {'D' if slope > 0 else 'B'}, where at most one is claimed")
     if not runs:

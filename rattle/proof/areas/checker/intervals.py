@@ -23,7 +23,7 @@ class BlockRefused(Exception):  # noqa: N818 - a refusal is an answer of the che
 
 
 def require(ok: Any, why: str) -> None:
-    """Raise BlockRefused with this message unless ok."""
+    """Raise BlockRefused with the message `why` unless ok."""
     if not ok:
         raise BlockRefused(why)
 
@@ -49,12 +49,12 @@ def is_less(x: Any, y: Any) -> bool:
 
 
 def multiply_enclosures(x: Interval, y: Interval) -> Interval:
-    """Return the product of two enclosures. It is not computed if one of them is the constant ZERO."""
+    """Return the product of two enclosures; if one of them is the constant ZERO, return ZERO without computing it."""
     return ZERO if x is ZERO or y is ZERO else x * y
 
 
 def add_enclosures(x: Interval, y: Interval) -> Interval:
-    """Return the sum of two enclosures. It is not computed if one of them is the constant ZERO."""
+    """Return the sum of two enclosures; if one of them is the constant ZERO, return the other without computing it."""
     return y if x is ZERO else x if y is ZERO else x + y
 
 
@@ -103,7 +103,7 @@ class Jet:
         return Jet(x, ZERO if s is ZERO else s / y.x, ZERO if d is ZERO else d / y.x)
 
     def apply_chain_rule(self, x: Interval, slope: Interval) -> "Jet":
-        """Return f(self) with its derivatives, by the chain rule; x is the value of f here and slope is f'."""
+        """Return f(self) with its derivatives, by the chain rule; x is the value of f at self, and slope that of f'."""
         return Jet(x, multiply_enclosures(slope, self.s), multiply_enclosures(slope, self.d))
 
     def exp_minus(self) -> "Jet":
@@ -158,5 +158,5 @@ class ParameterBox:
         self.jets, self.centre = (Jet(s, s=ONE), Jet(d, d=ONE)), (Jet(midpoint(s)), Jet(midpoint(d)))
 
     def mean_value(self, centre: Interval, over: Jet) -> Interval:
-        """Return an enclosure of a function, from its value at the centre and its derivatives over the rectangle."""
+        """Return an enclosure of a function, from its value `centre` at the centre and its derivatives in `over`."""
         return centre + over.s * self.ds + over.d * self.dd

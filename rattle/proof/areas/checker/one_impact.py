@@ -18,7 +18,7 @@ def y_of_damping(d: Jet) -> Jet:
 
 
 def height_at(t: Jet, d: Jet, x: Interval) -> Jet:
-    """Return the displacement Φ − β at a time t after the impact, (15.3) of docs/proofs.md, for δ = d and X = x."""
+    """Return Φ − β at a time t after the impact, (15.3) of docs/proofs.md, for δ = d and ε cos 2πτ = x."""
     sine, cosine = t.sine_and_cosine(2)
     y = y_of_damping(d)
     rest = ((2 - y + d) * (2 * PI)) / d
@@ -28,25 +28,26 @@ def height_at(t: Jet, d: Jet, x: Interval) -> Jet:
 class OneImpact:
     """The motion A or C over a block: all δ of the interval d, and low ≤ ε² ≤ high.
 
-    born: True if (15.1) and (15.2) are proved to have a solution at all points of the block. unborn: True if they are
-    proved to have a solution at none. x: an enclosure of X over the block.
+    has_solution: True if (15.1) and (15.2) of docs/proofs.md are proved to have a solution at all points of the block.
+    has_no_solution: True if they are proved to have a solution at none. x: an enclosure of X = ε cos 2πτ over the
+    block, τ being the phase of the impact.
     """
 
     def __init__(self, letter: str, d: Interval, beta: Interval, low: Interval, high: Interval) -> None:
         box = ParameterBox(ZERO, d)
         y = box.mean_value(y_of_damping(box.centre[1]).x, y_of_damping(box.jets[1]))
         self.d, self.beta, self.letter = d, beta, letter
-        self.born, self.unborn = is_less(y**2, low), is_less(high, y**2)
-        if not self.unborn:
-            least = (low - y**2).a if self.born else ZERO
+        self.has_solution, self.has_no_solution = is_less(y**2, low), is_less(high, y**2)
+        if not self.has_no_solution:
+            least = (low - y**2).a if self.has_solution else ZERO
             x = IV.sqrt(IV.mpf([least.a, (high - y**2).b]))
             self.x = x if letter == "C" else -x
 
     def exists(self) -> bool:
         """Return True if the motion exists at all points of the block, False if at none. Raises BlockRefused."""
-        if self.unborn:
+        if self.has_no_solution:
             return False
-        if self.born and self.stays_between_walls():
+        if self.has_solution and self.stays_between_walls():
             return True
         require(self.passes_sigma_minus(), f"it is undecided whether {self.letter} exists on the whole block")
         return False
@@ -86,7 +87,7 @@ class OneImpact:
         box = ParameterBox(ZERO, self.d)
 
         def flip_x(d: Jet) -> Jet:
-            """Return the X at which C flips, (15.4) of docs/proofs.md; a motion with 0 < X < this value attracts."""
+            """Return the X = ε cos 2πτ at which C flips, (15.4) of docs/proofs.md; C attracts if 0 < X < this value."""
             end = d.exp_minus()
             return d * d * (1 + end) / (1 - end) * (1 / (2 * PI))
 

@@ -9,7 +9,7 @@ from .intervals import IV, PI, ZERO, Interval, exp_minus, interval_between, is_l
 
 #: Number of parts of a forcing period; the bounds are computed over each part.
 PARTS = 192
-#: Largest allowed ratio of h²Q to 2δ, (20.5) of docs/proofs.md. v³/g decays from impact to impact if it is below 1.
+#: Largest allowed ratio of h²Q to 2δ, (20.5) of docs/proofs.md. v³/g decays from impact to impact if h²Q/2δ < 1.
 GROWTH_SHARE = IV.mpf(96) / 100
 #: Factor that widens a logarithm, or a root that is computed as e^(logarithm/3), by the relative amount 2⁻⁵⁰.
 UP = IV.mpf([1 - 2.0**-50, 1 + 2.0**-50])
@@ -37,7 +37,10 @@ class Capture:
         require(is_less(ZERO, self.weakest), "the block is not proved to be below the quiet limit")
 
     def require_captures_below(self, speed: Interval) -> None:
-        """Raise BlockRefused unless v³/g falls at each impact of every motion that leaves Σ⁺ slower than `speed`."""
+        """Raise BlockRefused unless v³/g provably falls at all impacts of motions that leave Σ⁺ slower than `speed`.
+
+        v is the speed after an impact, g the contact force there.
+        """
         places = [interval_between(Fraction(i, PARTS), Fraction(i + 1, PARTS)) for i in range(PARTS)]
         longest = ZERO
         for part in places:  # v³/g is largest for a departure with `speed` where g is least
@@ -69,7 +72,7 @@ class Capture:
         return found
 
     def growth_coefficient(self, t: Interval, h: Interval) -> Interval:
-        """Return Q, (20.4) of docs/proofs.md, for bounces with the middle in t that last at most 2h in the time x."""
+        """Return Q of (20.4), docs/proofs.md, for bounces around a time in t that last at most 2h in x, (20.2)."""
         late, early = (IV.ln(1 / (1 - self.d * h)) * UP).b, (IV.ln(1 + self.d * h) * UP).b
         span = IV.mpf([-early, late])
         one, _, _, centre = self.log_derivatives(t, ZERO)
@@ -82,7 +85,15 @@ class Capture:
         return (third / 5 - one * second / 3) / below + 2 * ratio**3 * IV.mpf([1, more.b]) - p3 / 3
 
     def log_derivatives(self, t: Interval, z: Interval) -> tuple[Interval, Interval, Interval, Interval]:
-        """Return three derivatives of ln a by the time x of (20.2), docs/proofs.md, and a = e^(2z) g; z = δ(t − t₀)."""
+        """Return derivatives of ln a by x, with the acceleration a = e^(2z) g and the time x of (20.2), docs/proofs.md.
+
+        z: δ(t − t₀), with t₀ a time during the bounce.
+
+        Returns
+        -------
+        tuple[Interval, Interval, Interval, Interval]
+            The first, second and third derivative of ln a, then a itself.
+        """
         w, (g, sine, cosine) = exp_minus(-z), self.force_terms(t)
         k, d = 2 * PI, self.d
         f1, b, c = k * sine / g, k**2 * cosine / g, -(k**3) * sine / g  # g'/g, g''/g and g'''/g

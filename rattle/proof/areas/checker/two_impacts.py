@@ -43,7 +43,7 @@ def half_way_equations(t: EquationTerms, beta: Interval) -> list[Jet]:
 
 
 def speeds_and_square(t: EquationTerms, z: list[Jet]) -> list[Jet]:
-    """Return the speeds v after Σ⁺ and u after Σ⁻, (16.12) and (16.13) of docs/proofs.md, and ε² = Z₁² + Z₂²."""
+    """Return the speeds v after Σ⁺ and u after Σ⁻, (16.12) and (16.13) of docs/proofs.md, and ε²; z: Z₁, Z₂."""
     mean, apart, lost = t.cosine * z[0], t.sine * z[1], 1 - t.end
     p = ((1 - t.b) * (2 - mean) + (1 + t.b) * apart) / lost
     q = ((1 - t.a) * (2 - mean) - (1 + t.a) * apart) / lost
@@ -53,10 +53,11 @@ def speeds_and_square(t: EquationTerms, z: list[Jet]) -> list[Jet]:
 
 
 def stability_margins(t: EquationTerms, z: list[Jet]) -> list[Jet]:
-    """Return the stability margins (1 + E − T) uv and (1 + E + T) uv, where E = e^(−δ), v and u are the speeds.
+    """Return the stability margins (1 + E − T) uv and (1 + E + T) uv of a P(1,1,1).
 
-    T is the trace of the tangent map, a product of matrices: [[1, S], [0, 1 − δS]] of each flight of duration t, with
-    S = (1 − e^(−δt))/δ, and [[−1, 0], [2g/w, −1]] of each impact that is reached with velocity w.
+    E is e^(−δ), and v and u are the speeds after Σ⁺ and after Σ⁻. T is the trace of the tangent map, a product of
+    matrices: [[1, S], [0, 1 − δS]] of each flight of duration t, with S = (1 − e^(−δt))/δ, and [[−1, 0], [2g/w, −1]] of
+    each impact that is reached with velocity w.
 
     Returns
     -------
@@ -75,7 +76,10 @@ def stability_margins(t: EquationTerms, z: list[Jet]) -> list[Jet]:
 
 
 class Cell(ParameterBox):
-    """The solutions of (16.10) and (16.11), docs/proofs.md, with s in an interval, at all δ of another interval."""
+    """The solutions of (16.10) and (16.11), docs/proofs.md, with s in an interval, at all δ of another interval.
+
+    s is the time from the impact on Σ⁺ to the impact on Σ⁻.
+    """
 
     def __init__(self, s: Interval, d: Interval, beta: Interval) -> None:
         super().__init__(s, d)
@@ -84,7 +88,8 @@ class Cell(ParameterBox):
         over, centre = (half_way_equations(terms, beta) for terms in (self.over, self.mid))
         # the equations are a Z₁ + c Z₂ = b and e Z₁ + g Z₂ = h
         a, c, b, e, g, h = (self.mean_value(m.x, o) for m, o in zip(centre, over, strict=True))
-        self.least_squares = [b**2 / (a**2 + c**2), h**2 / (e**2 + g**2)]  # lower bounds of ε²: (16.8)
+        # lower bounds of ε², (16.8) of docs/proofs.md
+        self.least_squares = [b**2 / (a**2 + c**2), h**2 / (e**2 + g**2)]
         self.solvable = is_less(ZERO, a * g - c * e) or is_less(a * g - c * e, ZERO)
         if self.solvable:
 
@@ -106,14 +111,14 @@ class Cell(ParameterBox):
             self.middle = [each.x for each in speeds_and_square(self.mid, self.z0)]
 
     def enclose(self, of: Callable[..., list[Jet]]) -> list[Jet]:
-        """Return values and derivatives over the cell of the functions that `of` computes from the terms and Z₁, Z₂."""
+        """Return enclosures, with derivatives, of the functions that `of` computes from terms and (Z₁, Z₂)."""
         if of not in self.known:
             centre, over = of(self.mid, self.z0), of(self.over, self.z)
             self.known[of] = [Jet(self.mean_value(m.x, o), o.s, o.d) for m, o in zip(centre, over, strict=True)]
         return self.known[of]
 
     def has_no_motion(self, low: Interval, high: Interval) -> bool:
-        """Return whether no solution of the cell has speeds v > 0 and u > 0 and low ≤ ε² ≤ high."""
+        """Return whether it is proved that no solution of the cell has low ≤ ε² ≤ high and both speeds above 0."""
         if any(is_less(high, bound) for bound in self.least_squares):
             return True
         if not self.solvable:
@@ -125,7 +130,9 @@ class Cell(ParameterBox):
         return is_less(self.square_plus_speed(1), low) or is_less(self.square_plus_speed(-1), -high)
 
     def all_solutions_are(self, slope: int, low: Interval, high: Interval) -> bool | None:
-        """Return whether all solutions with low ≤ ε² ≤ high are admissible and dε/ds has the sign `slope`.
+        """Return whether all solutions with low ≤ ε² ≤ high are admissible motions B (slope −1) or D (slope 1).
+
+        They are where dε/ds has the sign `slope`, s being the time from Σ⁺ to Σ⁻.
 
         Returns
         -------
@@ -136,7 +143,7 @@ class Cell(ParameterBox):
             return False
         if not (self.solvable and is_less(ZERO, slope * self.square.s) and is_less(ZERO, self.v.x)):
             return None
-        # the motion reaches Σ⁻ if u > 0, at least wherever low ≤ ε² ≤ high
+        # the motion reaches Σ⁻ where u > 0; solutions with u ≤ 0 are allowed if their ε² is proved outside low … high
         reaches = is_less(ZERO, self.u.x) or is_less(high, self.square_plus_speed(1))
         if not (reaches or is_less(-low, self.square_plus_speed(-1))):
             return None
@@ -185,7 +192,7 @@ class Cell(ParameterBox):
 
 
 class Column:
-    """The cells with 0 ≤ s ≤ 1 over an interval of δ. They are kept: all claims about this interval use them."""
+    """The cells with 0 ≤ s ≤ 1, s the time from Σ⁺ to Σ⁻, over an interval of δ, kept for all claims about this δ."""
 
     def __init__(self, delta: Part, beta: Fraction) -> None:
         self.d, self.beta = interval_between(*delta), interval_between(beta, beta)
@@ -199,27 +206,49 @@ class Column:
         return self.cells[low, high]
 
     def parts_of_motions(self, slope: int, low: Interval, high: Interval) -> list[list[Part]]:
-        """Return for each motion D (slope 1) or B (slope −1) with low ≤ ε² ≤ high the parts of 0 ≤ s ≤ 1 with it."""
+        """Return the motions D (slope 1) or B (slope −1) with low ≤ ε² ≤ high.
+
+        Returns
+        -------
+        list[list[Part]]
+            For each motion a run of neighbouring parts of the interval 0 ≤ s ≤ 1 of the time s from Σ⁺ to Σ⁻.
+        """
         decided, parts = [], [(Fraction(0), Fraction(1))]
         while parts:
             first, last = parts.pop()
             answer = self.cell(first, last).all_solutions_are(slope, low, high)
             if answer is None:
                 wide = last - first > self.narrowest
-                require(wide, f"near s = {float(first):.4f} it is undecided whether B or D exists")
+                require(
+                    wide, f"it is undecided whether a B or D takes {float(first):.4f} forcing periods from Σ⁺ to Σ⁻"
+                )
                 parts += [((first + last) / 2, last), (first, (first + last) / 2)]
             else:
                 decided.append((answer, (first, last)))
         require(
             not decided[0][0] and not decided[-1][0],
-            "it is not proved that no motion B or D has its impacts at s = 0 or s = 1",
+            "a motion B or D may have both impacts at the same phase",
         )
         runs = [[part for _, part in group] for answer, group in groupby(decided, lambda each: each[0]) if answer]
         return [run for run in runs if self.crosses_block(run, slope, low, high)]
 
     def crosses_block(self, run: list[Part], slope: int, low: Interval, high: Interval) -> bool:
-        """Return True if ε²(s) takes each value from low to high once along a run of parts, False if it takes none."""
-        # at each end of the run ε² is outside low … high, and by continuity on one side at every δ: one δ decides which
+        """Return whether ε²(s), monotone along a run of parts, takes each value from low to high exactly once.
+
+        s is the time from Σ⁺ to Σ⁻.
+
+        Returns
+        -------
+        bool
+            False if ε²(s) takes none of these values.
+
+        Raises
+        ------
+        BlockRefused
+            If neither is proved.
+        """
+        # at each end of the run ε² is outside low … high, and by continuity on the same side at every δ,
+        # so one δ shows the side
         sides = []
         for s in (run[0][0], run[-1][1]):
             square = Cell(interval_between(s, s), midpoint(self.d), self.beta).square.x
@@ -230,7 +259,7 @@ class Column:
         return sides == [-slope, slope]
 
     def attracts(self, run: list[Part], low: Interval, high: Interval) -> bool:
-        """Return True if the motion in a run of parts attracts at all points of the block, False if at none."""
+        """Return whether the motion in a run of parts attracts: True at all points of the block or False at all."""
         verdicts, parts = set(), list(run)
         while parts:
             first, last = parts.pop()
@@ -241,7 +270,7 @@ class Column:
             inside = is_less(ZERO, above) and is_less(ZERO, below)
             if inside or is_less(above, ZERO) or is_less(below, ZERO):
                 verdicts.add(inside)
-                require(len(verdicts) == 1, "B or D attracts at some points of the block and not at others")
+                require(len(verdicts) == 1, "B or D is not proved to have the same stability on the whole block")
             else:
                 require(last - first > self.narrowest, "it is undecided whether B or D attracts on the whole block")
                 parts += [(first, (first + last) / 2), ((first + last) / 2, last)]

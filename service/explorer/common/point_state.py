@@ -1,0 +1,139 @@
+"""State of the tabs of the open point: its motion, its diagram, its tolerances; and its texts in an address."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+from gear_rattle.service.explorer.common.address_fields import (
+    address_field,
+    allowed_text,
+    bounded_number,
+    field_texts,
+    pair_text,
+    parse_pair,
+    parse_point,
+    read_fields,
+    read_text,
+)
+from gear_rattle.service.operations.diagrams import LEAST_SPAN, MOST_SPAN, SPANS, Pair
+
+MOST_ATTRACTORS = 1000
+LARGEST = sys.float_info.max
+ANSWER, BASINS, MOTION, DIAGRAM, NUMBERS = TABS = ("answer", "basins", "motion", "diagram", "numbers")
+
+
+class Tolerance(NamedTuple):
+    """Tolerances of a point, and the requirement on its gears.
+
+    first, second: the standard deviations of δ and ε, or of a machine's speed (rpm) and eccentricity (m). share: the
+    least probability of quiet running with which a gear passes.
+    """
+
+    first: float
+    second: float
+    share: float
+
+
+def _parse_attractor(text: str) -> int:
+    return bounded_number(int(text), 0, MOST_ATTRACTORS - 1)
+
+
+def _parse_start(text: str) -> Pair:
+    tau, v = parse_pair(text)
+    if not 0 <= tau < 1 or v <= 0:
+        raise ValueError(f"An initial condition needs a phase from 0 to 1 and a speed above 0, not {text!r}.")
+    return tau, v
+
+
+def _parse_span(text: str) -> float:
+    return bounded_number(float(text), LEAST_SPAN, MOST_SPAN)
+
+
+def _parse_share(text: str) -> float:
+    return bounded_number(float(text), 0.0, 1.0)
+
+
+def _parse_tolerance(text: str) -> Tolerance:
+    first, second, share = (bounded_number(float(part), 0.0, LARGEST) for part in text.split(","))
+    return Tolerance(first, second, share)
+
+
+@dataclass(frozen=True)
+class PointState:
+    """State of the tabs of a point.
+
+    Attributes
+    ----------
+    attractor : int | None
+        Number of the chosen attractor, from 0 by falling basin fraction; None if none was chosen.
+    start : tuple[float, float] | None
+        Initial condition (τ, v) of the motion that is shown; None for the motion on an attractor.
+    direction : str
+        Axis of the diagram, "epsilon" or "delta".
+    span : float | None
+        Extent of the diagram on either side of the point; None for the default.
+    to : Pair | None
+        Point (δ, ε) at which the diagram ends; None for a diagram along `direction`.
+    tolerance : Tolerance | None
+        Tolerances that a viewer entered; None if there are none.
+    at : float | None
+        Place whose basins and motion are shown, from 0 to 1 on the line of the diagram; None for the point itself.
+    tab : str | None
+        Open tab; None if the other values decide which tab is open, see `shown_tab`.
+    """
+
+    attractor: int | None = address_field(None, _parse_attractor)
+    start: Pair | None = None
+    direction: str = address_field("epsilon", partial(allowed_text, SPANS))
+    span: float | None = address_field(None, _parse_span, repr)
+    to: Pair | None = address_field(None, parse_point, pair_text)
+    tolerance: Tolerance | None = address_field(None, _parse_tolerance, lambda widths: ",".join(map(repr, widths)))
+    at: float | None = address_field(None, _parse_share, repr)
+    tab: str | None = address_field(None, partial(allowed_text, TABS))
+
+    @property
+    def way(self) -> tuple[str, float | None, Pair | None]:
+        """Choice of the diagram: its direction, its span and its other end, in this order."""
+        return self.direction, self.span, self.to
+
+    @property
+    def shown_tab(self) -> str:
+        """The open tab. Older addresses have no `tab`; then it is the tab that shows what their other fields choose."""
+        if self.tab is not None:
+            return self.tab
+        if self.to is not None or self.span is not None or self.direction != "epsilon":
+            return DIAGRAM
+        if self.start is not None or self.attractor is not None:
+            return MOTION
+        return ANSWER if self.at is None else BASINS
+
+    def limited_to(self, v_max: float) -> PointState:
+        """Return the state, without its initial condition if the speed there is above v_max."""
+        return self if self.start is None or self.start[1] <= v_max else replace(self, start=None)
+
+    def with_changes(self, **fields: Any) -> PointState:
+        """Return the state with other values of some fields, as an address gives it back."""
+        return PointState.read(replace(self, **fields).text())
+
+    @classmethod
+    def read(cls, texts: Mapping[str, str]) -> PointState:
+        """Return the state that these texts describe, by name. A value that cannot be read gets its default."""
+        found = read_fields(cls, texts)
+        start = read_text({"start": f"{texts.get('tau')},{texts.get('v')}"}, "start", _parse_start, None)
+        if start is not None:
+            found.pop("attractor", None)
+        return cls(**found, start=start)
+
+    def text(self) -> dict[str, str]:
+        """Return the texts that describe the state, by name; values that are the defaults have no text."""
+        texts = field_texts(self)
+        if self.start is not None:
+            texts.pop("attractor", None)
+            texts |= {"tau": repr(self.start[0]), "v": repr(self.start[1])}
+        if self.tab == ANSWER and replace(self, tab=None).shown_tab == ANSWER:
+            del texts["tab"]
+        return texts

@@ -1,0 +1,165 @@
+"""Fill the tab of the basins: those of the point, or of the place on the line of its diagram that a slider chooses."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from functools import partial
+from html import escape
+
+import rattle
+from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.service.explorer.common.point_state import BASINS, MOTION
+from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.point import parts
+from gear_rattle.service.explorer.point.basins import basins_caption
+from gear_rattle.service.explorer.point.panel import PLACES, PointPanel
+from gear_rattle.service.explorer.point.parts import PlaneLines
+from gear_rattle.service.explorer.point.state import (
+    ATTRACTORS,
+    ORBITS,
+    PLACE,
+    READY,
+    OpenPoint,
+    Place,
+    chosen_place,
+    diagram_line,
+)
+from rattle.models import model_at
+
+#: (cells along each axis, method) of the basins of the point, from the first picture to the last one.
+RESOLUTIONS = ((100, "cells"), (300, "refined"), (600, "refined"))
+#: The same for another place on the line of the diagram.
+PLACE_RESOLUTIONS = ((100, "cells"), (300, "refined"))
+Part = tuple[Text, Callable[[], Awaitable[None]]]  # the text that shows an error of a computation, and the computation
+
+
+class BasinsTab:
+    """Basins and lines in the (τ, v) plane. The motion follows the place whose basins are shown (`OpenPoint.place`)."""
+
+    def __init__(self, point: OpenPoint, panel: PointPanel) -> None:
+        self._point, self._panel = point, panel
+        self._basins: rattle.Basins | None = None
+        self._lines: PlaneLines | None = None
+        self._place: Pair | None = None  # the chosen place; None for the point itself
+        first, *finer = [(panel.under_basins, partial(self._compute_own, *each)) for each in RESOLUTIONS]
+        self._own_parts: list[Part] = [first, (panel.about_lines, self._compute_lines), *finer]
+        self._place_parts: list[Part] = []
+        self._tasks: dict[bool, asyncio.Task[None]] = {}
+        point.follow(self._on_view_change, "point_state")
+        point.subscribe(self._on_view_change, READY)
+        point.subscribe(self._mark_initial_state, ATTRACTORS, PLACE)
+        point.subscribe(self._show_orbits, ORBITS)
+        self._on_view_change()
+
+    def _on_view_change(self) -> None:
+        point = self._point
+        place = chosen_place(point.gear, point.state)
+        self._show_slider(place)
+        if place != self._place:
+            self._place = place
+            if place is None:
+                point.update(place=Place(point.gear))
+                self._show_own_basins()
+                self._show_own_lines()
+            else:
+                computations = (partial(self._compute_place, place, *each) for each in PLACE_RESOLUTIONS)
+                self._place_parts = [(self._panel.under_basins, each) for each in computations]
+        self._mark_initial_state()
+        for is_away in (False, True):
+            task = self._tasks.get(is_away)
+            if point.is_ready and self._missing_parts(is_away) and (task is None or task.done()):
+                self._tasks[is_away] = point.work.start(self._fill(is_away))
+
+    def _show_slider(self, place: Pair | None) -> None:
+        """Show the place on the line of the diagram: its position, and that of the point itself."""
+        gear, state = self._point.gear, self._point.state
+        (begin, end), here = diagram_line(gear, state), (gear.delta, gear.epsilon)
+        axis = max((0, 1), key=lambda each: abs(end[each] - begin[each]))
+        length = end[axis] - begin[axis]
+        own_stop = round(PLACES * (here[axis] - begin[axis]) / length) if length else 0
+        self._panel.show_place(own_stop if state.at is None else round(PLACES * state.at), own_stop, place or here)
+
+    def _missing_parts(self, is_away: bool) -> list[Part]:
+        """Return the parts that the open tab still lacks: of the point, or (`is_away`) of the chosen place."""
+        tab = self._point.state.shown_tab
+        if is_away:
+            return self._place_parts if self._place is not None and tab in (BASINS, MOTION) else []
+        return self._own_parts if self._place is None and tab == BASINS else []
+
+    async def _fill(self, is_away: bool) -> None:
+        while missing := self._missing_parts(is_away):
+            await self._point.work.run_part(*missing.pop(0))
+
+    async def _compute_own(self, side: int, method: str) -> None:
+        slow = method != "cells"
+        found = await self._point.work.compute(
+            parts.basins, self._point.gear, side, method, what="The basins", slow=slow
+        )
+
+        def show() -> None:
+            self._basins = found
+            if self._place is None:
+                self._show_own_basins()
+
+        await self._point.work.change(show)
+
+    async def _compute_lines(self) -> None:
+        found = await self._point.work.compute(parts.plane_lines, self._point.gear, what="The manifolds", slow=True)
+
+        def show() -> None:
+            self._lines = found
+            if self._place is None:
+                self._show_own_lines()
+
+        await self._point.work.change(show)
+
+    async def _compute_place(self, place: Pair, side: int, method: str) -> None:
+        gear, slow = model_at(self._point.gear).gear(*place), method != "cells"
+        found = await self._point.work.compute(
+            parts.basins_at_other_point, gear, side, method, what="The basins", slow=slow
+        )
+
+        def show() -> None:
+            if place == self._place:  # otherwise another place was chosen meanwhile
+                self._panel.picture.remove_lines()
+                self._panel.about_lines.html = ""
+                self._show_cells(found.basins, found.orbits)
+                self._panel.under_basins.html = basins_caption(found.basins, (), self._point.palette)
+                self._point.update(place=Place(gear, found.basins.attractors))
+
+        await self._point.work.change(show)
+
+    def _show_cells(self, found: rattle.Basins, orbits: tuple[rattle.Orbit, ...]) -> None:
+        self._panel.picture.show_cells(found, self._point.palette)
+        self._panel.picture.show_orbits(orbits)
+        self._mark_initial_state()
+
+    def _show_own_basins(self) -> None:
+        if self._basins is not None:
+            self._show_cells(self._basins, self._point.orbits)
+            self._show_legend()
+
+    def _show_own_lines(self) -> None:
+        if self._lines is not None:
+            self._panel.picture.show_lines(self._lines.lines)
+            notes = "".join(f"<li>{escape(each)}</li>" for each in self._lines.missing)
+            self._panel.about_lines.html = f'<ul class="faint">{notes}</ul>' if notes else ""
+            self._show_legend()
+
+    def _show_legend(self) -> None:
+        if self._basins is not None:
+            lines = self._lines.lines if self._lines is not None else ()
+            self._panel.under_basins.html = basins_caption(self._basins, lines, self._point.palette)
+
+    def _show_orbits(self) -> None:
+        if self._basins is not None and self._place is None:
+            self._panel.picture.show_orbits(self._point.orbits)
+
+    def _mark_initial_state(self) -> None:
+        """Mark the initial state of the chosen motion."""
+        attractor = self._point.shown_attractor
+        if (start := self._point.state.start) is not None:
+            self._panel.mark_initial_state(*start)
+        elif attractor is not None:
+            self._panel.mark_initial_state(attractor.tau, attractor.v)

@@ -1,0 +1,221 @@
+"""Fill the tabs of the motion and of the diagram, and the yield of the point's tolerances."""
+
+from __future__ import annotations
+
+import asyncio
+from html import escape
+
+import rattle
+from gear_rattle.service.explorer.common.point_state import DIAGRAM, MOTION, NUMBERS, Tolerance
+from gear_rattle.service.explorer.common.text import faint_html
+from gear_rattle.service.explorer.design import rattling, tolerance
+from gear_rattle.service.explorer.design.fields import machine_at_other_point
+from gear_rattle.service.explorer.point import diagram, loudness, motion, parts
+from gear_rattle.service.explorer.point.panel import CLICKED, PointPanel
+from gear_rattle.service.explorer.point.parts import DiagramLines
+from gear_rattle.service.explorer.point.state import ATTRACTORS, CHAOS, PLACE, READY, OpenPoint, chosen_place
+from gear_rattle.service.explorer.point.work import waiting_html
+from rattle.plot import legend_name
+
+POINTS = 3000  # computed points of a motion
+PERIODS, MOST_PERIODS, CHAOTIC_PERIODS = 12.0, 60.0, 30.0  # forcing periods shown: 3 m of a P(m, n₊, n₋) within limits
+NO_ATTRACTOR = "#8a96a3"  # colour of the motion from a clicked state
+QUIET_LINE = "#8f8000"  # colour of lines of quiet motion: its yellow, dark enough for a white background
+
+
+class MotionTab:
+    """The chosen motion, with its spectrum and its sound."""
+
+    def __init__(self, point: OpenPoint, panel: PointPanel) -> None:
+        self._point, self._panel = point, panel
+        self._shown: tuple[object, ...] | None = None
+        self._motion: asyncio.Task[None] | None = None
+        self._sound: asyncio.Task[None] | None = None
+        point.follow(self._on_view_change, "point_state")
+        point.follow(self._on_sound_request, "sounds")
+        point.subscribe(self._on_view_change, ATTRACTORS, PLACE, READY)
+        if point.machine is not None:
+            panel.rpm.value = float(f"{point.machine.rpm:.6g}")
+
+    def _on_view_change(self) -> None:
+        """Offer the motions, and show the chosen one if its tab is open and does not show it yet."""
+        point = self._point
+        if point.attractors is not None:
+            self._offer_motions(point.attractors.attractors)
+        if point.is_ready and point.state.shown_tab == MOTION and self._shown != self._motion_key:
+            self._shown = self._motion_key
+            part = point.work.run_part(self._panel.under_motion, self._compute_motion)
+            self._motion = point.work.start(part, self._motion)
+
+    def _offer_motions(self, attractors: tuple[rattle.Attractor, ...]) -> None:
+        """Offer the attractors, and the clicked motion, as choices."""
+        options = {f"{i + 1}. {legend_name(each)}": i for i, each in enumerate(attractors)}
+        number = self._point.attractor_number
+        if self._point.state.start is not None:
+            tau, v = self._point.state.start
+            options[f"from τ = {tau:.4f}, v = {v:.4g}"] = number = CLICKED
+        self._panel.offer_motions(options, number)
+
+    @property
+    def _motion_key(self) -> tuple[object, ...]:
+        """Key of the chosen motion: its attractor, its initial condition and its gear."""
+        return self._point.state.attractor, self._point.state.start, self._point.place.gear
+
+    async def _compute_motion(self) -> None:
+        point, panel = self._point, self._panel
+        requested, gear, periods, shade = self._motion_key, point.place.gear, PERIODS, NO_ATTRACTOR
+        attractor = None
+        if point.state.start is not None:
+            (tau, v), what = point.state.start, "From the chosen initial condition"
+        elif (attractor := point.shown_attractor) is None:
+            raise rattle.RattleError(
+                "No attractor is known here. Click in the basins to see the motion from that state."
+            )
+        else:
+            tau, v, what = attractor.tau, attractor.v, legend_name(attractor)
+            shade = QUIET_LINE if attractor.kind == "quiet" else point.palette.colour(attractor)
+            whole = min(max(PERIODS, 3.0 * attractor.m), MOST_PERIODS)
+            periods = CHAOTIC_PERIODS if attractor.kind == "chaotic" else whole
+        found = await point.work.compute(parts.motion_from, gear, tau, v, periods, POINTS, what="The motion")
+
+        def show() -> None:
+            if requested != self._motion_key:
+                return  # another motion has been chosen meanwhile
+            panel.motions.show(found, gear.beta, shade, point.period)
+            panel.under_motion.html = faint_html(motion.motion_caption(found, what, point.period, attractor))
+            panel.heard.html = ""
+            panel.under_spectrum.html = ""
+            panel.spectrum.clear()
+
+        await point.work.change(show)
+        if attractor is not None and attractor.kind != "undecided" and requested == self._motion_key:
+            await point.work.run_part(panel.under_spectrum, lambda: self._compute_spectrum(attractor, shade))
+
+    async def _compute_spectrum(self, attractor: rattle.Attractor, shade: str) -> None:
+        point, requested, gear = self._point, self._motion_key, self._point.place.gear
+        machine = machine_at_other_point(point.machine, gear.delta, gear.epsilon) if point.is_away else point.machine
+        found = await point.work.compute(rattling.spectrum_lines, gear, attractor, what="The spectrum")
+
+        def show() -> None:
+            if requested == self._motion_key:
+                self._panel.spectrum.show(found, machine, shade)
+                self._panel.under_spectrum.html = faint_html(loudness.spectrum_caption(found, legend_name(attractor)))
+
+        await point.work.change(show)
+
+    def _on_sound_request(self) -> None:
+        self._panel.heard.html = waiting_html("the sound")
+        work = self._point.work
+        self._sound = work.start(work.run_part(self._panel.heard, self._compute_sound), self._sound)
+
+    async def _compute_sound(self) -> None:
+        point, attractor, rpm = self._point, self._point.shown_attractor, self._point.store.view.rpm
+        if point.state.start is not None or attractor is None:
+            raise rattle.RattleError("Only an attractor has a sound. Choose an attractor in the list of motions.")
+        if not rpm:
+            raise rattle.RattleError("A sound needs a speed above 0 rpm.")
+        found = await point.work.compute(rattling.sound_file, point.place.gear, attractor, rpm, what="The sound")
+        await point.work.set_text(self._panel.heard, loudness.audio_html(found))
+
+
+class DiagramTab:
+    """The one-parameter diagram through the point, and the table of its events among the numbers."""
+
+    def __init__(self, point: OpenPoint, panel: PointPanel) -> None:
+        self._point, self._panel = point, panel
+        self._way = point.state.way
+        self._known: DiagramLines | None = None
+        self._drawn: DiagramLines | None = None
+        self._task: asyncio.Task[None] | None = None
+        point.follow(self._on_view_change, "point_state")
+        point.subscribe(self._on_view_change, READY)
+        point.subscribe(self._list_events, CHAOS)
+
+    def _on_view_change(self) -> None:
+        """Compute the chosen diagram if a tab that shows it is open, and mark the chosen place on it."""
+        point, panel, state = self._point, self._panel, self._point.state
+        if not point.is_ready:
+            return
+        panel.show_direction(state.direction)
+        panel.mark_position(self._position)
+        if self._way != state.way:
+            point.work.give_up(self._task)
+            self._way, self._known, self._task = state.way, None, None
+            panel.under_diagram.html = waiting_html("the diagram")
+        is_shown = self._known is not None and (state.shown_tab == NUMBERS or self._drawn is self._known)
+        if state.shown_tab in (DIAGRAM, NUMBERS) and not is_shown and (self._task is None or self._task.done()):
+            said = panel.under_diagram if state.shown_tab == DIAGRAM else panel.events
+            self._task = point.work.start(point.work.run_part(said, self._compute))
+
+    @property
+    def _position(self) -> float:
+        """Position of the chosen place on the axis of the diagram."""
+        gear, state = self._point.gear, self._point.state
+        if state.to is not None:
+            return state.at or 0.0
+        delta, epsilon = chosen_place(gear, state) or (gear.delta, gear.epsilon)
+        return epsilon if state.direction == "epsilon" else delta
+
+    async def _compute(self) -> None:
+        way = self._way
+        if self._known is None:
+            found = await self._point.work.compute(parts.diagram, self._point.gear, *way, what="The diagram", slow=True)
+            if way != self._way:
+                return  # another diagram was chosen, and is being computed
+            self._known = found
+        await self._point.work.change(self._show)
+
+    def _show(self) -> None:
+        found, panel = self._known, self._panel
+        if found is None:
+            return
+        self._list_events()
+        if self._point.state.shown_tab == DIAGRAM:
+            self._drawn = found
+            panel.diagram.show(found, self._position)
+            said = faint_html(diagram.diagram_caption(found))
+            panel.under_diagram.html = diagram.diagram_legend(found, panel.theme) + said
+
+    def _list_events(self) -> None:
+        """List the events of the diagram, and beginnings and ends of chaos, in the table of events."""
+        if self._known is not None:
+            self._panel.events.html = diagram.diagram_table(self._known, self._point.chaos)
+
+
+class YieldPart:
+    """The fields of the tolerances, and the yield of gears with these tolerances, in the tab of the answer."""
+
+    def __init__(self, point: OpenPoint, panel: PointPanel) -> None:
+        self._point, self._panel = point, panel
+        self._requested: tuple[Tolerance | None, int] = None, point.store.view.yields
+        self._task: asyncio.Task[None] | None = None
+        point.follow(self._on_view_change, "point_state", "yields")
+        point.subscribe(self._show_fields, READY)
+
+    def _show_fields(self) -> None:
+        """Set the fields to the tolerances of the view, and compute the yield if there are any."""
+        point = self._point
+        self._panel.tolerance.fill(point.gear, point.machine, point.state.tolerance)
+        self._on_view_change()
+
+    def _on_view_change(self) -> None:
+        widths, requested = self._point.state.tolerance, self._requested
+        if not self._point.is_ready or widths is None:
+            return
+        self._requested = widths, self._point.store.view.yields
+        if requested != self._requested:
+            said, work = self._panel.tolerance.said, self._point.work
+            said.html = waiting_html("the yield")
+            self._task = work.start(work.run_part(said, lambda: self._compute(widths)), self._task)
+
+    async def _compute(self, widths: Tolerance) -> None:
+        point = self._point
+        found = await point.work.compute(
+            tolerance.compute_yield, point.gear, point.machine, widths, what="The yield", slow=True
+        )
+
+        def show() -> None:
+            if widths == point.state.tolerance:
+                self._panel.tolerance.said.html = f"<p>{escape(tolerance.yield_in_words(found, widths.share))}</p>"
+
+        await point.work.change(show)
