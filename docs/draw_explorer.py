@@ -1,10 +1,10 @@
-"""Take the pictures of the explorer in docs/images, every view on three screens, light and dark: `make screenshots`.
+"""Take the pictures of the explorer in docs/images, every view on four screens, light and dark: `make screenshots`.
 
     python docs/draw_explorer.py [VIEW …] [--kept FOLDER] [--data FOLDER] [--chromium PATH]
 
-Of each view explorer-VIEW.png is a laptop's screen, light, as pages of the documentation show it, and
-explorer-VIEW-screens.webp all of its screens, side by side and half as large; the end of docs/explorer.md lists
-them. --kept keeps each screen as it was.
+explorer-VIEW.png is the laptop's screen of a view, light, as pages of the documentation show it.
+explorer-VIEW-screens.webp has all screens of the view, side by side and half as large; the end of docs/explorer.md
+lists these pictures. --kept keeps each screen at full size.
 """
 
 from __future__ import annotations
@@ -28,10 +28,11 @@ from server import server
 
 PAGE, IMAGES = Path(__file__).parent / "explorer.md", Path(__file__).parent / "images"
 HEADING = "## On every screen\n"
-LEAD = "1920, 1280 and 390 pixels wide, light and dark. `make screenshots` takes them.\n"
+LEAD = "1920, 1280 and 390 pixels wide, newer pictures also 768, light and dark. `make screenshots` takes them.\n"
 THEMES = ("light", "dark")
-WIDE, LAPTOP, PHONE = SCREENS = ((1920, 1080), (1280, 800), (390, 844))
-PHONES = 4  # screens of a telephone, of a page that is higher
+WIDE, LAPTOP, TABLET, PHONE = SCREENS = ((1920, 1080), (1280, 800), (768, 1024), (390, 844))
+#: Screens of a sheet: in each row the sizes, and how many screens of a page at most.
+ROWS = (((WIDE, 1),), ((LAPTOP, 1),), ((TABLET, 1), (PHONE, 2)))
 GAP = 16
 PATIENCE_MS, STEADY_MS, POLL_SECONDS = 300_000, 1500, 1.0
 LINES_MS = 8000  # without another line, after which there are no more: those of teeth that give way take a while
@@ -42,12 +43,17 @@ LINES = """() => {
   const map = Bokeh.documents.map((each) => each.get_model_by_name("map")).find((each) => each)
   return map.renderers.filter((each) => each.visible && each.data_source.data.xs?.length).length
 }"""
+#: Opens the fold around an open form, as a viewer has done who opened the form on a phone.
+UNFOLD = """() => {
+  for (const each of document.querySelectorAll(".page:has(.with-form) .side .fold")) each.open = true
+}"""
 PLANE: dict[str, Any] = {
     "delta": {"start": 0.403, "stop": 0.997, "num": 100}, "epsilon": {"start": 0.002, "stop": 0.298, "num": 75},
     "initial_conditions": {"count": 16},
     "quantities": ["region", "orbits", "attractors", "lyapunov", "families"],
 }  # fmt: skip
 FIGURE_7, STIFF, GAPS, MACHINE = "plane of Figure 7", "teeth that give way", "three gaps", "a pair of gears"
+LOSSES = "impacts that lose energy"
 #: Submitted in this order: the last one is the first in the list.
 SURVEYS: dict[str, dict[str, Any]] = {
     MACHINE: {
@@ -62,6 +68,10 @@ SURVEYS: dict[str, dict[str, Any]] = {
     STIFF: {
         **PLANE, "model": "stiff", "kappa": 2e4, "quantities": ["region", "attractors"],
         "delta": {"start": 0.41, "stop": 0.99, "num": 20}, "epsilon": {"start": 0.0075, "stop": 0.1425, "num": 10},
+    },
+    LOSSES: {
+        **PLANE, "model": "inelastic", "restitution": 0.9, "quantities": ["attractors", "lyapunov", "families"],
+        "delta": {"start": 0.412, "stop": 0.988, "num": 25}, "epsilon": {"start": 0.008, "stop": 0.292, "num": 19},
     },
     GAPS: {**PLANE, "beta": {"start": 0.4, "stop": 0.8, "num": 3}, "quantities": ["region"]},
     FIGURE_7: PLANE,
@@ -110,6 +120,14 @@ def tolerances(page: Page) -> None:
     page.get_by_role("button", name="Compute yield").click()
 
 
+def subtract_losses(page: Page) -> None:
+    """Show the first map less the same map of another survey."""
+    page.get_by_role("button", name="Add a second map", exact=True).click()
+    surveys = page.get_by_label("Survey of map 2")
+    surveys.select_option(surveys.locator("option", has_text=LOSSES).first.text_content())
+    page.get_by_role("checkbox", name="first map less this one").check()
+
+
 BASINS, DIAGRAM = ("600 × 600 cells",), ("periodic motions",)
 #: A view of the explorer is a line here.
 VIEWS: dict[str, View] = {
@@ -156,6 +174,18 @@ VIEWS: dict[str, View] = {
     ),
     "slices": View("A slice of a survey with a third axis", {"survey": GAPS, "slice": "2"}),
     "stiff": View("Teeth that give way", {"survey": STIFF, "variable": "attractor_kind"}),
+    "inelastic": View(
+        "Impacts that lose energy",
+        {"survey": LOSSES, "variable": "largest_family", "point": "0.6,0.25", "p.tab": "motion"},
+        until=("Order spectrum of the force",),
+    ),
+    "difference": View(
+        "The difference of two surveys",
+        {"survey": FIGURE_7, "variable": "quiet_fraction"},
+        subtract_losses,
+        (f"{FIGURE_7} less {LOSSES}",),
+    ),
+    "help": View("Help", {"survey": FIGURE_7}, press("Help"), ("What is good",)),
 }
 
 
@@ -179,7 +209,7 @@ def _note(asked: list[str], sent: Request) -> None:
 
 
 def taken(browser: Browser, url: str, view: View, surveys: Mapping[str, str]) -> dict[tuple[str, int], Image.Image]:
-    """A view by theme and width of the screen; of a telephone the screens of the whole page one after the other."""
+    """Take the pictures of a view; return {(theme, width of the screen): picture}."""
     found = {}
     for theme in THEMES:
         context = browser.new_context(viewport={"width": LAPTOP[0], "height": LAPTOP[1]})
@@ -194,14 +224,36 @@ def taken(browser: Browser, url: str, view: View, surveys: Mapping[str, str]) ->
         for text in view.until:
             page.get_by_text(text).first.wait_for()
         wait_for_lines(page)
-        for width, height in (LAPTOP, WIDE, PHONE):
-            page.set_viewport_size({"width": width, "height": height})
-            settle(page)
-            picture = steady_screenshot(page, is_whole=(width, height) == PHONE)
-            found[theme, width] = Image.open(io.BytesIO(picture)).convert("RGB")
+        for size in (LAPTOP, WIDE, TABLET, PHONE):
+            found[theme, size[0]] = picture_of(page, size)
         context.close()
         if others := [each for each in asked if not each.startswith((f"{url}/", "blob:", "data:"))]:
             raise RuntimeError(f"the page has asked somebody else: {', '.join(others)}")
+    return found
+
+
+def picture_of(page: Page, size: tuple[int, int]) -> Image.Image:
+    """Return the page on a screen of this size; of a tablet and a phone all screens of the page, one below the other.
+
+    If a point is open on a tablet or a phone, the picture has two screens: the sheet of the point as it opens, and the
+    enlarged sheet.
+    """
+    page.set_viewport_size({"width": size[0], "height": size[1]})
+    settle(page)
+    page.evaluate(UNFOLD)
+    more = page.get_by_role("button", name="More", exact=True)
+    if more.is_visible():
+        first = steady_screenshot(page)
+        more.click()
+        screens = [first, steady_screenshot(page)]
+        page.get_by_role("button", name="Less", exact=True).click()
+    else:
+        is_whole = size in (TABLET, PHONE) and not page.get_by_role("dialog").count()
+        screens = [steady_screenshot(page, is_whole)]
+    pictures = [Image.open(io.BytesIO(each)).convert("RGB") for each in screens]
+    found = Image.new("RGB", (size[0], sum(each.height for each in pictures)))
+    for number, picture in enumerate(pictures):
+        found.paste(picture, (0, number * size[1]))
     return found
 
 
@@ -223,7 +275,7 @@ def settle(page: Page) -> None:
     page.wait_for_function(IDLE, polling=POLL_MS)
 
 
-def steady_screenshot(page: Page, is_whole: bool) -> bytes:
+def steady_screenshot(page: Page, is_whole: bool = False) -> bytes:
     """Return a picture of the screen, or of the whole page, once two in turn are equal: nothing moves any more."""
     newest = page.screenshot(full_page=is_whole)
     while True:
@@ -234,21 +286,24 @@ def steady_screenshot(page: Page, is_whole: bool) -> bytes:
 
 
 def sheet_of(screens: Mapping[tuple[str, int], Image.Image]) -> Image.Image:
-    """All screens of a view: a row for each size, light on the left and dark on the right; half as large."""
-    width = WIDE[0]
-    sheet = Image.new("RGB", (2 * width + GAP, sum(height + GAP for _, height in SCREENS) - GAP), "#808080")
-    top = 0
-    for size in SCREENS:
-        for left, theme in zip((0, width + GAP), THEMES, strict=True):
-            for number, part in enumerate(_parts(screens[theme, size[0]], size)):
-                sheet.paste(part, (left + number * (size[0] + GAP), top))
-        top += size[1] + GAP
+    """Return all screens of a view in ROWS, light on the left and dark on the right, half as large."""
+    width, heights = WIDE[0], [max(size[1] for size, _ in row) for row in ROWS]
+    sheet = Image.new("RGB", (2 * width + GAP, sum(heights) + GAP * (len(ROWS) - 1)), "#808080")
+    for theme, begin in zip(THEMES, (0, width + GAP), strict=True):
+        top = 0
+        for row, height in zip(ROWS, heights, strict=True):
+            left = begin
+            for size, most in row:
+                for screen in screens_of(screens[theme, size[0]], size, most):
+                    sheet.paste(screen, (left, top))
+                    left += size[0] + GAP
+            top += height + GAP
     return sheet.resize((sheet.width // 2, sheet.height // 2), Image.Resampling.LANCZOS)
 
 
-def _parts(picture: Image.Image, size: tuple[int, int]) -> Iterator[Image.Image]:
-    """A screen, or those of a page that is higher."""
-    for number in range(min(PHONES, -(-picture.height // size[1]))):
+def screens_of(picture: Image.Image, size: tuple[int, int], most: int) -> Iterator[Image.Image]:
+    """Yield the screens of a page that may be higher than one, from its top."""
+    for number in range(min(most, -(-picture.height // size[1]))):
         yield picture.crop((0, number * size[1], size[0], min((number + 1) * size[1], picture.height)))
 
 
@@ -257,7 +312,7 @@ def write(name: str, screens: Mapping[tuple[str, int], Image.Image]) -> None:
     single, sheet = IMAGES / f"explorer-{name}.png", IMAGES / f"explorer-{name}-screens.webp"
     if shown := single.name in PAGE.read_text():
         screens["light", LAPTOP[0]].quantize(256, dither=Image.Dither.NONE).save(single, optimize=True)
-    for quality in (85, 75, 65, 55):
+    for quality in (85, 75, 65, 55, 45):
         sheet_of(screens).save(sheet, quality=quality, method=6)
         if sheet.stat().st_size <= LARGEST:
             break

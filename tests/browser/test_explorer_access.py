@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import pytest
 from depth import deep
-from explorer_support import EXPLORER, place_of, visiting, wait_for, wait_for_map
+from explorer_support import EXPLORER, assert_accessible, place_of, visiting, wait_for, wait_for_map
 from faults import IN_PROCESS, NO_DEADLINE, Faults
 from playwright.sync_api import Browser, expect
 from proxy import proxy
@@ -67,6 +67,7 @@ def test_a_key_opens_the_page_and_the_service_ends_while_it_is_open(browser: Bro
     with visiting(browser, url, allowed=("net::ERR_", *REFUSED)) as context:
         page = context.new_page()
         page.goto(f"{url}/?theme=dark")
+        assert_accessible(page)
         page.get_by_label("API key").fill(tokens["read"])
         page.get_by_role("button", name="Sign in").click()
         expect(page.get_by_text("No surveys yet")).to_be_visible()
@@ -85,6 +86,7 @@ def test_a_key_opens_the_page_and_the_service_ends_while_it_is_open(browser: Bro
         page.get_by_role("button", name="New survey", exact=True).click()
         expect(page.get_by_text("cells, about")).to_be_visible()
         expect(page.get_by_role("button", name="Submit")).to_be_disabled()
+        assert_accessible(page)
         page.get_by_role("button", name="Sign out").click()
         expect(page.get_by_label("API key")).to_be_visible()
         assert context.cookies() == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from bokeh.colors import RGB
 from bokeh.models import Range1d
 from bokeh.plotting import figure
 
@@ -13,6 +14,7 @@ Limits = tuple[float, float]
 #: Style of a printed column: as a block it breaks between its parts at the end of a sheet of paper. Chromium does not
 #: break a flexible box there.
 PRINTED = "@media print { :host { display: block !important; } }"
+CONTRAST = 4.5  # least contrast of a thin line with a dark background, by the formula of WCAG 2
 BESIDE = 62  # pixels to the left of the frames of stacked figures, equal so that their axes are in line
 
 
@@ -64,3 +66,13 @@ def themed_figure(
 def ink_of(theme: str) -> str:
     """Return the colour of lines and text in a theme."""
     return INK[theme][0]
+
+
+def line_colour(colour: str, theme: str) -> str:
+    """Return a colour in which a thin line is visible in a theme: in the dark theme, dark colours are lightened."""
+    if theme != "dark":
+        return colour
+    paper, found = RGB.from_hex_string(INK[theme][1]), RGB.from_hex_string(colour)
+    while found.luminance + 0.05 < CONTRAST * (paper.luminance + 0.05):
+        found = found.lighten(0.02)
+    return found.to_hex()

@@ -53,7 +53,7 @@ class ComparisonMap(SurveyMap):
         self.key, self.links = Text("", sheet), Text("", sheet)
         self._watch = WidgetWatcher()
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
-        self.survey = pn.widgets.Select(label=f"Survey of map {place + 2}", options={}, width=120, **styled)
+        self.survey = pn.widgets.Select(label=f"Survey of map {place + 2}", options={}, width=175, **styled)
         self.variable = pn.widgets.Select(label=f"Map {place + 2}", options={}, width=175, **styled)
         self.minus = pn.widgets.CheckBoxGroup(options=[MINUS], **{**styled, "margin": (2, 8, 8, 4)})
         for widget in (self.survey, self.variable, self.minus):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import nan
+from math import floor, log10, nan
 from typing import Any
 
 import numpy as np
@@ -138,8 +138,15 @@ class MapFigure:
         """Open the clicked point or, with Shift held, draw the diagram from the open point to the clicked point."""
         if _are_finite([event.x, event.y]) and self._is_inside(event.x, event.y):
             held = event.modifiers is not None and event.modifiers["shift"]
-            at = float(event.x), float(event.y)
+            at = self._rounded(event.x, event.y)
             self._dispatch(DiagramEndChosen(at) if held else PointOpened(at))
+
+    def _rounded(self, x: float, y: float) -> Pair:
+        """Round a clicked point to a hundredth of a pixel, so that its numbers in addresses and fields are short."""
+        ranges, sides = (self.figure.x_range, self.figure.y_range), self.pixels
+        steps = [(each.end - each.start) / (100 * side) for each, side in zip(ranges, sides, strict=True)]
+        delta, epsilon = (round(at, -floor(log10(step))) for at, step in zip((float(x), float(y)), steps, strict=True))
+        return delta, epsilon
 
     def _listen_to_browser(self, name: str) -> None:
         pointer, window = ColumnDataSource({"x": [], "y": []}), ColumnDataSource({"x": [], "y": []})

@@ -11,7 +11,7 @@ import numpy as np
 from bokeh.models import ColumnDataSource
 
 import rattle
-from gear_rattle.service.explorer.common.figures import themed_figure
+from gear_rattle.service.explorer.common.figures import line_colour, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.design.rattling import HIGHEST
 from gear_rattle.service.explorer.point.words import html_table, number_text, swatch_html
@@ -92,6 +92,7 @@ class SpectrumPicture:
     """Order spectrum: lines of a periodic or quiet motion, or the density of a chaotic one with its 95 % interval."""
 
     def __init__(self, theme: str) -> None:
+        self._theme = theme
         self.figure: Any = themed_figure("spectrum", theme, "order", "force", 240, (0.0, HIGHEST), (0.0, 1.0))
         self.lines = ColumnDataSource({"x": [], "y": []})
         self._density = ColumnDataSource({"x": [], "y": [], "low": [], "high": []})
@@ -127,7 +128,7 @@ class SpectrumPicture:
         self.figure.x_range.update(start=-0.01 * hertz * HIGHEST, end=1.01 * hertz * HIGHEST)
         self.figure.y_range.update(start=0.0, end=1.05 * max(float(y.max()), 1e-300))
         for each in self._drawn[:2]:
-            each.glyph.line_color = colour
+            each.glyph.line_color = line_colour(colour, self._theme)
         self._drawn[2].glyph.fill_color = colour
 
 

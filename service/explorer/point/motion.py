@@ -9,7 +9,7 @@ from bokeh.models import ColumnDataSource, HoverTool
 from bokeh.models.annotations import Span
 
 import rattle
-from gear_rattle.service.explorer.common.figures import ink_of, themed_figure
+from gear_rattle.service.explorer.common.figures import ink_of, line_colour, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.point.words import PERIOD, count_in_words, recurrence_in_words
 
@@ -20,6 +20,7 @@ class MotionPictures:
     """The trace and the portrait of a motion between the walls."""
 
     def __init__(self, theme: str) -> None:
+        self._theme = theme
         walls = (-1.0, 1.0)
         self.trace: Any = themed_figure("trace", theme, "", "Φ", 260, (0.0, 1.0), walls)
         self.portrait: Any = themed_figure("portrait", theme, "Φ", "", 260, walls, (-7.0, 7.0))
@@ -67,7 +68,7 @@ class MotionPictures:
             "speed": found.impact_speed[shown],
         }
         for each in self._drawn:
-            each.glyph.line_color = colour
+            each.glyph.line_color = line_colour(colour, self._theme)
 
 
 def motion_caption(

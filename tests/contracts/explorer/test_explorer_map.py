@@ -308,6 +308,13 @@ def test_what_is_clicked_is_delta_and_epsilon() -> None:
         drawn.tap(SimpleNamespace(x=x, y=y, modifiers=None))
     drawn.tap(SimpleNamespace(x=0.7, y=0.2, modifiers={"shift": True, "ctrl": False, "alt": False}))
     assert heard == [PointOpened((0.6, 0.1)), DiagramEndChosen((0.7, 0.2))]
+    drawn.tap(SimpleNamespace(x=0.6000000012, y=0.1234567891, modifiers=None))
+    assert heard[-1] == PointOpened((0.6, pytest.approx(0.1234567891, abs=1e-5)))
+    drawn.show_window(((0.6, 0.6 + 1e-9), (0.1, 0.1 + 1e-9)))
+    drawn.tap(SimpleNamespace(x=0.6 + 1.23e-10, y=0.1 + 4.56e-10, modifiers=None))
+    assert heard[-1] == PointOpened(
+        (pytest.approx(0.6 + 1.23e-10, abs=1e-13), pytest.approx(0.1 + 4.56e-10, abs=1e-13))
+    )
 
 
 def test_the_cursor_steps_through_cells(plane: MapPlane) -> None:
