@@ -1,4 +1,4 @@
-"""Functions that the package of each gear provides, for the inelastic gear. `diagram` raises an error."""
+"""The inelastic gear's version of the functions that the package of each gear provides."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rattle.errors import RattleError
 from rattle.intensity.table import follow_one_by_one
 
-stretch = follow_one_by_one  # function that follows the chaotic motions of a table longer, to sum over their impacts
+stretch = follow_one_by_one  # follows a table's chaotic motions longer, to sum over their impacts
 
 
 def rests_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.bool_]:

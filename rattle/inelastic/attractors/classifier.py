@@ -3,11 +3,12 @@
 Under forcing by one cosine and without load, samples are followed in SIMD lanes (`rattle.impacting.attractors.settle`),
 otherwise one by one.
 
-Where impacts lose energy, a chaotic set that comes close to contact finally loses all samples to contact. The motion
-after a release, the end of a contact phase, is always the same trajectory, which returns to contact. Unresolved samples
-of a cell are therefore called chaotic only if PROBES states close to them make EXPOSURE impacts in total and no state
-enters contact. If a state does, all unresolved samples share its fate. If a state reaches an orbit without contact,
-samples may be approaching a periodic motion; they are then followed to the last stage before they are called chaotic.
+Where impacts lose energy, a chaotic set that comes close to contact finally loses all samples to contact. A contact
+phase ends at a release, a zero of the contact force; the motion after a release is always the same trajectory, which
+returns to contact. Unresolved samples of a cell are therefore called chaotic only if PROBES states close to the samples
+make EXPOSURE impacts in total, and none becomes quiet or periodic. If some do, the unresolved samples are assigned to
+the attractors that these states reach. If one of these states reaches an orbit without a contact phase, the samples may
+be approaching a periodic motion, so they are first followed to the last stage.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ class InelasticClassifier(Classifier):
         self, cells: InelasticCells, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET
     ) -> None:
         """Prepare the classifier as for any gear, and an empty table of states after contact."""
-        # each release is at a zero of the force, and has at most one state after it
+        # every contact phase ends at a zero of the contact force, and at most one state follows for each zero
         room = len(cells.delta), cells.zeros.shape[1]
         self.states = ContactStates(
             np.zeros(room[0], np.int64), np.zeros(room), np.zeros(room), np.zeros(room, np.int64)
@@ -94,7 +95,7 @@ class InelasticClassifier(Classifier):
 
     @staticmethod
     def quiet_invariant(parameters: Parameters) -> float:  # noqa: ARG004
-        """Return 0: no v³/g alone counts as quiet; `is_chatter_captured` decides whether an impact leads to contact."""
+        """Return 0: no state counts as quiet by its v³/g alone, v being its speed and g the contact force."""
         return 0.0
 
     @property
@@ -116,11 +117,11 @@ class InelasticClassifier(Classifier):
         return np.asarray(cells.delta - 2.0 * np.log(cells.restitution))
 
     def may_leak(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags (k,) of cells whose chaotic sets may slowly lose samples other than to contact."""
+        """Return flags (k,) of cells whose chaotic sets may lose samples slowly, by another way than contact."""
         return super().may_leak(cells) & (~self.is_lossy[cells] | self.weak[cells])
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags (k,) of cells with elastic impacts, whose probes wait until no more samples settle."""
+        """Return flags (k,) of cells with elastic impacts: their probes are measured when no more samples settle."""
         return ~self.is_lossy[cells]
 
     def judge_by_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -131,12 +132,12 @@ class InelasticClassifier(Classifier):
         return decided
 
     def watch_for_contact(self, cells: NDArray[np.int64], decided: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Follow states close to the unresolved samples of these cells (k,), to see whether they leave the chaotic set.
+        """Follow PROBES states close to the unresolved samples of each cell (k,), to see whether they leave its chaos.
 
-        If some states reach quiet motion or an orbit, the cell is not chaotic: its unresolved samples are assigned to
-        these attractors in the same proportions. If a state reaches an orbit without contact, this is done in the last
-        stage only; before it, the samples are followed further. decided (k,): flags of the cells that are decided
-        already.
+        If some of these states become quiet or periodic, the cell is not chaotic: its unresolved samples are assigned
+        to the attractors that these states reach, in the same proportions. If one of these states reaches an orbit
+        without a contact phase, the samples are assigned in the last stage only, and followed further before it.
+        decided (k,): flags of the cells that are decided already.
 
         Returns
         -------
@@ -175,7 +176,7 @@ class InelasticClassifier(Classifier):
         super().grow_balls()
 
     def resolve(self, which: NDArray[np.int64], samples: Trajectories) -> None:
-        """Find the orbits of recurrent samples: exactly for samples after a contact phase, else by Newton's method."""
+        """Find the orbits of samples whose states recur: exactly after a contact phase, else by Newton's method."""
         exact = samples.pause[which] == CONTACT
         waiting = which[exact]
         while waiting.size:
@@ -192,7 +193,10 @@ class InelasticClassifier(Classifier):
         find_radii_one_by_one(centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
-        """Follow samples `which` until each has an outcome or has made all impacts that its limit allows."""
+        """Follow samples `which` until each has an outcome or has made all impacts that its limit allows.
+
+        early: whether attractors will soon capture most of these samples, so that they are checked after fewer flights.
+        """
         in_lanes, tables = self.in_lanes[samples.cell[which]], (samples.for_kernels(), self.balls.for_kernels())
         some, flights = sorted_by_roughness(which[in_lanes], samples, self.roughness), CHUNK if early else LONG_CHUNK
         settle_in_lanes(self.block, some, flights, self.lanes, *tables, self.paths)
@@ -201,7 +205,7 @@ class InelasticClassifier(Classifier):
     def follow_with_tangent(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: ProbeRecord
     ) -> None:
-        """Follow samples `which` with a tangent vector, and add their sums and the boxes they visit to `seen`.
+        """Follow samples `which` with a tangent vector, and write exponents' sums and visited-cell bitmaps to `seen`.
 
         Each sample is followed for at least `least` impacts on Σ⁺ and `periods` forcing periods, or to its limit.
         """

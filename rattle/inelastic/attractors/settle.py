@@ -35,9 +35,9 @@ from rattle.inelastic.map.impact_map import next_impact_on_plus, step, step_tang
 from rattle.inelastic.map.runs import contacts_and_merged_impacts
 from rattle.numerics.compile import inline, kernel
 
-#: Codes in place of the number of the orbit to which a state after contact leads. NO_ORBIT: the motion does not repeat
-#: within MOST_RETURNS. UNKNOWN: the state was not followed yet. NOT_YET: the state leads to a motion without contact
-#: that has no capture region yet.
+#: Codes in place of the number of the orbit to which a state after contact leads. NO_ORBIT: the motion makes no
+#: further return, or does not repeat within MOST_RETURNS. UNKNOWN: neither the state nor its orbit is recorded.
+#: NOT_YET: the state leads to a motion without contact that has no capture region yet.
 NO_ORBIT, UNKNOWN, NOT_YET = -1, -2, -3
 MOST_RETURNS = 2**16  # largest number of returns for which a state after contact is followed
 
@@ -89,7 +89,7 @@ def inelastic_outcome(code):
 
 @kernel
 def settle(which, cells, samples, balls, states):
-    """Follow samples `which` until each has an outcome. A sample that makes all its returns stays UNRESOLVED."""
+    """Follow samples `which` until each has an outcome or has made all its returns, when it stays UNRESOLVED."""
     for j in range(which.size):
         k = which[j]
         point = point_at(samples.cell[k], cells)
@@ -138,7 +138,7 @@ def measure(which, least, periods, cells, samples, balls, states, sums, footprin
                 status = inelastic_outcome(code)
                 break
             n, total = n + 1, total + time
-            # the tangent is kept in (t, v²/2), where the determinant is that of the impact law
+            # the tangent is kept in (t, v²/2), because `log_det` is ln|det| in these coordinates
             x, y = j00 * x + j01 / before * y, v * (j10 * x + j11 / before * y)
             size = math.hypot(x, y)
             if size > 0.0:

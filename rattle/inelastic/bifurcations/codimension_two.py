@@ -235,9 +235,10 @@ def _cached_curve(name: str, beta: float) -> CodimensionTwoCurve:
 
 
 def points_at(beta: float, restitution: float, load: float = 0.0) -> tuple[CodimensionTwo, ...]:
-    """Return the codimension-two points of the (δ, ε) plane at one restitution and load; their `tangency` is empty.
+    """Return the codimension-two points of the (δ, ε) plane at one restitution and load.
 
-    Points that cannot be followed from r = 1 to this restitution are left out.
+    Points that cannot be followed from r = 1 to this restitution are left out. `CodimensionTwo.tangency`, which is
+    computed for the elastic gear only, is empty.
 
     Returns
     -------

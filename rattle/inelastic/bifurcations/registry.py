@@ -70,7 +70,7 @@ _DEFINITIONS = (
     ),
     InelasticDefinition("PD2", "flip at which D, P(1,1,1), becomes stable again at high ε", starts.later_flips),
 )
-#: The curves in the order of the legend.
+#: The curves in the order in which a picture's legend lists them.
 INELASTIC_CURVES = {each.name: each for each in _DEFINITIONS}
 #: Description of the quiet limit, which has no entry in INELASTIC_CURVES.
 QUIET_MEANING = "limit of permanent contact with Σ⁺: above it the contact force changes sign, at any restitution"

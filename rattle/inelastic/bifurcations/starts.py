@@ -42,7 +42,7 @@ def two_impact_starts(delta: float, beta: float, r: float) -> StartFamily:
 
 
 def _zeros_on_family(values: Callable[[StartFamily], Array], delta: float, beta: float, r: float) -> list[Array]:
-    """Return the unknowns of the P(1,1,1) at one damping for which a quantity, such as det J(1), is 0."""
+    """Return the unknowns of the P(1,1,1) at one damping for which the function `values`, such as det J(1), is 0."""
     coarse = two_impact_starts(delta, beta, r)
     return zeros(values, coarse, lambda sigma: inelastic_members(sigma, delta, beta, r))
 

@@ -46,7 +46,7 @@ def force_primitive(tau, delta, harmonics):
 
 @inline
 def nearest_release(tau, zeros):
-    """Return the index in `zeros` of the release nearest to this phase, which rounding may have changed."""
+    """Return the index of the phase in `zeros` nearest to tau, which is the phase of a release up to rounding."""
     nearest, off = 0, math.inf
     for i in range(zeros.size):
         away = abs(wrapped(zeros[i] - tau))
@@ -57,10 +57,10 @@ def nearest_release(tau, zeros):
 
 @kernel
 def flight_and_impact(wall, tau, w, point):
-    """Return the tuple of `rattle.intensity.visit.bounce` for the flight that leaves `wall` with w, and its impact.
+    """Return the tuple of `rattle.intensity.visit.bounce` for a flight and the impact at its end.
 
-    w = 0 means that a contact phase ends at the phase tau. If the impact completes a chatter, it includes the remaining
-    bounces and the contact phase, and the speed of departure is 0.
+    The flight leaves `wall` at phase tau with velocity w; w = 0 means that a contact phase ends there. If the impact
+    completes a chatter, it includes the remaining bounces and the contact phase, and the speed of departure is 0.
 
     Returns
     -------

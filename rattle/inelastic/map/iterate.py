@@ -76,7 +76,7 @@ def _flat_states_and_cells(
     Returns
     -------
     list, InelasticCells, tuple of int
-        Flat copies of τ, v, n and the numbers of cells; the cells; the broadcast shape.
+        Flat copies of τ, v, n and of each state's cell number; the cells; the broadcast shape.
 
     Raises
     ------

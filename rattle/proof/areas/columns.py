@@ -36,7 +36,7 @@ COLUMN_DIVISIONS = {"region": 1, QUIET: 1, "D": 1, "C": 4}
 MARGINS = tuple(Fraction(k, 10**6) for k in (40, 160, 640, 2560))
 #: Upper ends in ε of the blocks with the claim "quiet captures", as shares of the quiet limit.
 CAPTURE_SHARES = (0.3, 0.5, 0.65, 0.76, 0.84, 0.89, 0.925, 0.95, 0.965, 0.975, 0.98)
-#: Factor by which the capture speed of docs/decisions/0003 is multiplied until the proof succeeds; most steps.
+#: Factor by which the capture speed of docs/decisions/0003 is multiplied until the proof succeeds; most repetitions.
 SPEED_FACTOR, MOST_SPEED_CUTS = Fraction(3, 4), 12
 #: Ratio of the published to the proved capture speed, so that programs with other rounding can confirm it.
 PUBLISHED_SHARE = Fraction(85, 100)

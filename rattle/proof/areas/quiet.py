@@ -7,7 +7,7 @@ from rattle.proof.balls import PI, arb_series
 
 
 def quiet_limit_enclosure(delta: arb_series) -> arb_series:
-    """Return the quiet limit 2δ/√(4π² + δ²), the ε at and above which g is not positive at all times."""
+    """Return the quiet limit 2δ/√(4π² + δ²), the ε from which on the contact force is 0 or negative at some phase."""
     return 2 * delta / (delta * delta + 4 * PI() ** 2).sqrt()
 
 

@@ -30,7 +30,7 @@ class Share:
 
     what: the statement.
     proved: the proved area over the area of the plane.
-    proved_where_true: a lower bound of the proved area over the area on which the statement holds.
+    proved_where_true: a lower bound of the ratio of the proved area to the area on which the statement holds.
     """
 
     what: str

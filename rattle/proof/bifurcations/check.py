@@ -307,7 +307,7 @@ def meets_no_wall(piece: MotionPiece, begins_grazing: bool, ends_grazing: bool) 
 
 
 def is_between_walls(piece: MotionPiece, y: Interval) -> bool:
-    """Return whether Φ is strictly between the walls where it differs by y from its start in the flight `piece`."""
+    """Return whether Φ(start of the flight `piece`) + y is proved to be strictly between the walls."""
     return is_positive((1 - piece.wall) * piece.beta - y, (1 + piece.wall) * piece.beta + y)
 
 

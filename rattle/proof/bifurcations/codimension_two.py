@@ -6,8 +6,8 @@ T = 1 + E − 4π (1 − E) X/δ² (Lemma 9 of docs/proofs.md).
 
 COD20: T = −1 − E, the flip of C. COD21: T = 2√E, a double multiplier. COD22: X = 0, that is T = 1 + E, where A and C
 are born.
-COD23: ∂(w₀ + w₁)/∂τ = 0, the form at the graze of det J(1) + det J(−1) = 0 for the motion that makes the impact
-(`rattle.impacting.bifurcations`).
+COD23: ∂(w₀ + w₁)/∂τ = 0. This is det J(1) + det J(−1) = 0 at the graze, for the P(1,1,1) that makes an impact on Σ⁻
+where C grazes (`rattle.impacting.bifurcations.codimension_two`).
 """
 
 from __future__ import annotations

@@ -147,7 +147,15 @@ class EvaluatedSystem:
 
 
 def _entry_of_product(flights: Sequence[FlightVelocities], phi: Sequence[Series], i: int, turn: int) -> Series:
-    """Return entry i of J(μ) φ, J(μ) the Jacobian of the impact equations; turn: μ = ±1, φ's factor over a period."""
+    """Return entry i of J(μ) φ, with J(μ) the Jacobian of the impact equations for perturbations φ.
+
+    turn: the multiplier μ = 1 or −1, by which φ is multiplied over the period of the motion.
+
+    Returns
+    -------
+    Series
+        The entry.
+    """
     n, here, before = len(flights), flights[i], flights[i - 1]
     after = phi[(i + 1) % n] * (turn if i + 1 == n else 1)
     earlier = phi[i - 1] * (turn if i == 0 else 1)

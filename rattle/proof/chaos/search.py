@@ -251,7 +251,13 @@ def _is_stretched_evenly(pi: ReturnMap, hub: StateBox) -> bool:
 
 
 def _returns_to_hub(hub: StateBox, states: Array, words: NDArray[np.int64]) -> Iterator[OrbitSegment]:
-    """Yield motions from the hub back to the hub, the shortest first; few have the same numbers of impacts on Σ⁻."""
+    """Yield motions from the hub back to the hub, the shortest first.
+
+    Yields
+    ------
+    OrbitSegment
+        A motion; at most RETURNS_PER_WORD of the motions have the same word (numbers of impacts on Σ⁻).
+    """
     inside = np.all(np.abs(state_difference(states, hub.centre) @ np.linalg.inv(hub.sides).T) < 1, axis=-1)
     found: list[tuple[int, int, int]] = []
     for column in np.flatnonzero(inside.sum(0) > 1):
@@ -266,7 +272,7 @@ def _returns_to_hub(hub: StateBox, states: Array, words: NDArray[np.int64]) -> I
 
 
 def _best_loops(pi: ReturnMap, hub: StateBox, segments: Sequence[OrbitSegment]) -> list[LoopCandidate]:
-    """Return the loops along these motions whose strips of the hub are disjoint and that give the largest entropy."""
+    """Return those loops along the motions `segments` that have disjoint strips of the hub and the largest entropy."""
     found = [loop for segment in segments if (loop := _loop_along(pi, hub, segment)) is not None]
     found.sort(key=lambda loop: loop.strip[1])
     # for a trial rate, choose disjoint strips with the largest Σ e^(−rate length); repeat with the entropy that results

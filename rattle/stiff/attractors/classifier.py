@@ -42,12 +42,12 @@ class StiffClassifier(Classifier):
 
     @staticmethod
     def quiet_invariant(parameters: Parameters) -> float:  # noqa: ARG004
-        """Return 0: a motion counts as quiet when its contact with Σ⁺ is certain to be endless, at any speed."""
+        """Return 0: no state counts as quiet by its v³/g alone, v being its speed and g the contact force."""
         return 0.0
 
     @property
     def has_quiet(self) -> NDArray[np.bool_]:
-        """The flags (n_cells,) of cells that have a quiet motion."""
+        """The flags (n_cells,) of cells that have a quiet motion: permanent contact with Σ⁺ is possible."""
         return np.asarray(self.cells.has_quiet > 0)
 
     def enter_known_orbits(self) -> None:
@@ -67,7 +67,7 @@ class StiffClassifier(Classifier):
     def follow_with_tangent(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: ProbeRecord
     ) -> None:
-        """Follow samples `which` with a tangent vector, and add their sums and the boxes they visit to `seen`.
+        """Follow samples `which` with a tangent vector, and write exponents' sums and visited-cell bitmaps to `seen`.
 
         Each sample is followed for at least `least` returns and `periods` forcing periods, or to its limit.
         """

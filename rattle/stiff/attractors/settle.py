@@ -46,7 +46,7 @@ def stiff_outcome(code):
 
 @kernel
 def settle(which, cells, samples, balls):
-    """Follow samples `which` until each has an outcome. A sample that makes all its returns stays UNRESOLVED."""
+    """Follow samples `which` until each has an outcome or has made all its returns, when it stays UNRESOLVED."""
     for j in range(which.size):
         k = which[j]
         point = point_of(samples.cell[k], cells)

@@ -1,6 +1,7 @@
 """Branches of periodic motions of the stiff gear along lines in δ, ε and κ^(−1/2): saddle-nodes, flips and grazes.
 
-At a graze the motion continues smoothly with one contact more or less. A branch has one itinerary, so it ends there.
+All motions of a branch have the same itinerary. At a graze the motion continues smoothly with one contact more or less,
+so the branch ends there, and another branch begins.
 """
 
 from collections.abc import Callable
@@ -49,7 +50,7 @@ def stiff_branch(
 
     Parameters
     ----------
-    orbit : StiffOrbit
+    orbit : StiffOrbit or Orbit
         The motion from which the branch is followed.
     parameter : str or (dδ, dε)
         The parameter to change, "epsilon", "delta" or "kappa", or a direction in the (δ, ε) plane.

@@ -39,7 +39,7 @@ from rattle.stiff.orbits.families import PLUS, PLUS_MINUS, StiffFamily, families
 from rattle.stiff.orbits.family_continuation import family_solution_above_chord
 from rattle.stiff.orbits.periodic import orbit_of
 
-#: The two motions that meet at each fold.
+#: For each fold curve, the letters of the two motions that meet there.
 FOLDS = {"SN1": "AC", "SN2": "BD", "G1": "BC", "G2": "AD"}
 FLIPS, QUIET = ("PD1", "PDC", "PD2"), "quiet_limit"
 BORN_WITH = ("A", "B")  # motions with which D can be born in a fold
@@ -179,7 +179,15 @@ def _flips_on_curve(name: str, family: StiffFamily) -> list[Array]:
 
 
 def _flip_by_bisection(a: Array, b: Array, cycle: Cycle, flip: float) -> Array:
-    """Return a motion close to the flip between the motions a and b of a family; flip: 1 + e^(−δ), −trace there."""
+    """Return a motion close to the flip between the motions a and b of a family.
+
+    flip: 1 + e^(−δ), which is minus the trace of the tangent map at a flip.
+
+    Returns
+    -------
+    Array
+        The unknowns of the motion.
+    """
     sign, y = trace_of_solution(a, cycle) + flip > 0.0, np.empty(a.size)
     for _ in range(BISECTIONS):
         if not family_solution_above_chord(a, b, 0.5, cycle, y):

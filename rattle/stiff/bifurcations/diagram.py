@@ -41,7 +41,7 @@ class StiffMotions(Motions):
         return Parameters(self.classifier.model, delta, epsilon, beta, {"kappa": 0.5 / p**2})
 
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
-        """Yield A to D and all other P(1,1,0) at LETTER_STEPS of the steps, except steps at which this fails."""
+        """Yield A to D and all other P(1,1,0) at LETTER_STEPS of the steps; a step is omitted if they are not found."""
         for k in np.unique(np.linspace(0, steps.size - 1, LETTER_STEPS).astype(int)):
             try:
                 for _name, orbit in orbits_at(**steps.point(k)):

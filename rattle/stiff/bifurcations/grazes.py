@@ -75,7 +75,7 @@ def _with_merged_contacts(line: MotionsOnLine, y: Array, contact: int) -> tuple[
 
 
 def _admissible_nearby(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | None:
-    """Return the first admissible motion found at growing distances from the graze y on a line; None if none is."""
+    """Return the admissible motion nearest to the graze y on a line, of those at DISTANCES_TO_TRY; None if none is."""
     rising = np.zeros(y.size)
     rising[-1] = 1.0
     tangent = tangent_at(line.problem, y, rising)

@@ -108,7 +108,7 @@ def forced_responses(s, delta, kappa):
     sine, lost, defect = responses(s, delta, kappa)
     omc, siny, forced_defect = versines(s)
     in_phase, behind, _size = compliance(delta, kappa)
-    p, q = lost - omc, TWO_PI * defect - forced_defect  # cos 2πs − C and sin 2πs − 2πS, with C and S as above
+    p, q = lost - omc, TWO_PI * defect - forced_defect  # cos 2πs − C, sin 2πs − 2πS, C and S as in the docstring
     dp, dq = 2.0 * kappa * sine - TWO_PI * siny, TWO_PI * (lost + delta * sine - omc)
     x_c, x_s = in_phase * p + behind * q, in_phase * q - behind * p
     v_c, v_s = in_phase * dp + behind * dq, in_phase * dq - behind * dp
@@ -243,9 +243,9 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     s, x, v = 0.0, x0, w0
     while s < horizon:
         rest, rest_v = steady_contact(s, contact)
-        # bound, from here on, of the difference of the depth x from that of permanent contact, `rest`
+        # bound, from the time s on, of the difference of the depth x from the depth `rest` of permanent contact
         reach = math.sqrt((x - rest) ** 2 + (v - rest_v) ** 2 / (2.0 * kappa))
-        if delta < 0.0:  # backwards in time this difference grows without bound
+        if delta < 0.0:  # backwards in time the difference from permanent contact grows without bound
             reach = math.inf
         if reach < SAFETY_FACTOR * least and horizon == math.inf:
             return STAYS, s, x, v, 0.0, 0.0

@@ -132,7 +132,7 @@ class Cell(ParameterBox):
     def all_solutions_are(self, slope: int, low: Interval, high: Interval) -> bool | None:
         """Return whether all solutions with low ≤ ε² ≤ high are admissible motions B (slope −1) or D (slope 1).
 
-        They are where dε/ds has the sign `slope`, s being the time from Σ⁺ to Σ⁻.
+        B are the solutions at which ε falls as s grows, D those at which ε rises; s is the time from Σ⁺ to Σ⁻.
 
         Returns
         -------
@@ -259,7 +259,18 @@ class Column:
         return sides == [-slope, slope]
 
     def attracts(self, run: list[Part], low: Interval, high: Interval) -> bool:
-        """Return whether the motion in a run of parts attracts: True at all points of the block or False at all."""
+        """Return True if the motion in a run of parts attracts at all points of the block, False if at none.
+
+        Returns
+        -------
+        bool
+            The proved stability.
+
+        Raises
+        ------
+        BlockRefused
+            If neither is proved.
+        """
         verdicts, parts = set(), list(run)
         while parts:
             first, last = parts.pop()
