@@ -23,9 +23,9 @@ IV = MPIntervalContext()
 IV.prec = 320
 ZERO, UNIT, SLACK = IV.mpf(0), IV.mpf([-1, 1]), IV.mpf([-(2.0**-280), 2.0**-280])
 TWO_PI = 2 * (IV.pi + SLACK)
-#: Most parts into which the time of a piece is bisected.
+#: Most parts into which the time of a flight or contact is bisected.
 MOST_PARTS = 4000
-#: Most events of a motion.
+#: Most events of a motion: impacts, or beginnings and ends of contacts.
 MOST_EVENTS = 1024
 NUMBER = re.compile(r"-?\d{1,400}(\.\d{1,1100}|/\d{1,1100})?")
 
@@ -60,9 +60,10 @@ def sine_and_cosine(x: Interval) -> tuple[Interval, Interval]:
 class CertifiedMotion:
     """The motion that a certificate states.
 
-    itinerary: the walls of its impacts or contacts, 1 for Σ⁺ and −1 for Σ⁻. walls: the wall of each event.
-    m: its forcing periods. k: the stiffness in its pieces, in turn: [0], or [2κ, 0] for a contact and a flight.
-    turns: factor of the velocity at an event, −1 at an impact and 1 at the beginning or the end of a contact.
+    itinerary: the walls of its impacts or contacts, 1 for Σ⁺ and −1 for Σ⁻. walls: the wall of each event, which is an
+    impact, or the beginning or the end of a contact. m: its forcing periods. k: the stiffness between events, in turn:
+    [0], or [2κ, 0] for a contact and a flight. turns: the factor by which an event multiplies the velocity, −1 at an
+    impact and 1 at the beginning or the end of a contact.
     centre, radii: the centre and the half-widths of the box of the unknowns x.
     """
 
@@ -96,14 +97,14 @@ class CertifiedMotion:
         )
 
     def pieces(self, x: Sequence[Interval]) -> "list[MotionPiece]":
-        """Return the pieces of the motion between its events, for the unknowns x."""
+        """Return the flights and contacts of the motion in order, for the unknowns x."""
         return [MotionPiece(self, i, x) for i in range(len(self.walls))]
 
     def equations(self, x: Sequence[Interval]) -> tuple[list[Interval], list[dict[int, Interval]]]:
         """Return the residual of the motion's equations and its Jacobian, at the unknowns x.
 
-        For each piece there are two equations: its end is on the next wall, and its final velocity becomes the velocity
-        after the next event.
+        There are two equations for each flight and each contact: it ends on the next wall, and its final velocity,
+        reversed if an impact follows, is the initial velocity of the next flight or contact.
 
         Returns
         -------
@@ -144,7 +145,7 @@ class CertifiedMotion:
         return [a + b for a, b in zip(x, spread, strict=True)]
 
     def require_admissible(self, x: Sequence[Interval]) -> None:
-        """Raise Refused unless each piece lasts from its event to the next, and the speed at each event is not 0."""
+        """Raise Refused unless each flight and contact is proved to reach its end, with speeds > 0 at both ends."""
         for i, p in enumerate(self.pieces(x), 1):
             side = p.wall if p.k != 0 else -p.wall  # sign of the velocity at the start: a contact moves into its wall
             speeds = side * p.w, (-p.wall if p.k != 0 else p.target) * self.turns * p.next
@@ -181,8 +182,9 @@ class CertifiedMotion:
 
 
 class MotionPiece:
-    """The piece of a motion from event i to the next, where y = Φ − Φ(event i) solves y'' + δy' + ky = g(t).
+    """A flight or a contact, from event i of a motion to the next; y = Φ − Φ(start) solves y'' + δy' + ky = g(t).
 
+    An event is an impact, or the beginning or the end of a contact; k is 0 in a flight and 2κ in a contact.
     t, w: time and velocity at the start; next: velocity after the next event; duration: time between the events.
     unknowns: the indices of t, w, the next time and `next` among the unknowns. wall, target: walls of both events.
     cosine, sine: P and Q of the particular solution, (1.12) and (1.13) of docs/proofs.md. y0, v0: the value and the
@@ -201,12 +203,12 @@ class MotionPiece:
         self.y0, self.v0 = self.forced_solution(ZERO)
 
     def force(self, u: Interval) -> Interval:
-        """Return the contact force g, (1.2) of docs/proofs.md, a time u after the start of the piece."""
+        """Return the contact force g, (1.2) of docs/proofs.md, a time u after the start."""
         sine, cosine = sine_and_cosine(self.t + u)
         return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
 
     def forced_solution(self, u: Interval) -> tuple[Interval, Interval]:
-        """Return the particular (forced) solution and its derivative, a time u after the start of the piece."""
+        """Return the particular (forced) solution for y, and its derivative, a time u after the start."""
         sine, cosine = sine_and_cosine(self.t + u)
         y, v = self.cosine * cosine + self.sine * sine, TWO_PI * (self.sine * cosine - self.cosine * sine)
         flies = self.k == 0
@@ -217,13 +219,13 @@ class MotionPiece:
         c, kept = ZERO + 1, IV.exp(-self.delta * u / 2) * (1 + SLACK)
         s = (1 - kept**2) / self.delta
         if self.k != 0:
-            rate = IV.sqrt(self.k - self.delta**2 / 4)  # ValueError if contacts are overdamped: `check` refuses
+            rate = IV.sqrt(self.k - self.delta**2 / 4)  # ValueError if overdamped, and `check` refuses
             sine, cosine = sine_and_cosine(rate * u / TWO_PI)
             c, s = kept * (cosine + self.delta * sine / (2 * rate)), kept * sine / rate
         return c, s, -self.k * s, c - self.delta * s
 
     def state_after(self, u: Interval) -> tuple[Interval, Interval]:
-        """Return y, the displacement Φ − Φ(start), and y', a time u after the start of the piece."""
+        """Return y, the displacement Φ − Φ(start), and y', a time u after the start."""
         (c, s, c1, s1), (y, v), pushed = self.tangent(u), self.forced_solution(u), self.w - self.v0
         return y - c * self.y0 + s * pushed, v - c1 * self.y0 + s1 * pushed
 

@@ -42,7 +42,7 @@ MOST_IMPACTS_AT_BITS = 16
 
 
 class MotionSystem(EvaluatedEquations, Protocol):
-    """The flights, and the contacts of a stiff gear, of a periodic motion whose events have given times, in balls."""
+    """Enclosures of the flights of a periodic motion, and of its contacts in the stiff gear, at given times."""
 
     @property
     def speeds(self) -> list[arb]:
@@ -99,7 +99,7 @@ def equations_and_guess(
 
 
 def require_stated_values(orbit: Periodic, speeds: Sequence[Fraction], trace: arb) -> None:
-    """Raise NotProvedError if the stated speeds or multipliers of a computed motion differ from the proved ones."""
+    """Raise NotProvedError if rounding cannot explain how stated speeds or multipliers differ from the proved ones."""
     each = len(speeds) // len(orbit.walls)
     departures = [float(speed) for speed in speeds[each - 1 :: each]]
     moved = max(abs(stated - speed) for stated, speed in zip(orbit.speeds, departures, strict=True))

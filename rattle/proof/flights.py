@@ -150,7 +150,7 @@ def require_first_impact(flight: FlightEnclosure, wall: int, target: int, name: 
     Raises
     ------
     NotProvedError
-        If the flight may meet a wall before its end.
+        If the proof fails; the flight may meet a wall before its end.
     """
     if not flight.t1 > flight.t0:
         raise NotProvedError(

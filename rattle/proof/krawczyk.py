@@ -103,7 +103,7 @@ def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_
     Raises
     ------
     NotProvedError
-        If the Jacobian is singular.
+        If the Jacobian is singular, or the first step of Newton's method is longer than MOST_MOVED.
     """
     x = [arb(float(each)) for each in start]
     here = equations(x)

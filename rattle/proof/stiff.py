@@ -207,7 +207,7 @@ def require_contact_lasts(contact: ContactEnclosure, wall: int, name: str) -> No
     Raises
     ------
     NotProvedError
-        If the contact may end earlier.
+        If the proof fails; the contact may end earlier.
     """
     if not contact.t1 > contact.t0:
         raise NotProvedError(

@@ -27,7 +27,7 @@ COSINE, SINE = range(2)
 
 
 class InelasticFlight(NamedTuple):
-    """Quantities of one flight at its departure, at time t₀; the array `departure` has those of each harmonic."""
+    """Quantities of one flight at its departure, at time t₀; the array `departure` has the terms of each harmonic."""
 
     w: float  # velocity of departure
     a: float  # A = q + e'(t₀) − w, with the drift q and the forcing e
@@ -160,7 +160,7 @@ def lower_bound_on_piece(length, g0, slope0, g1, slope1, delta):
     x = delta * length
     if not x < 0.5:
         return -math.inf
-    steep = slope1 / (1.0 - x)  # 1/(1 − x) ≥ e^x
+    steep = slope1 / (1.0 - x)  # at least slope1 · e^x, because 1/(1 − x) ≥ e^x
     return g0 + slope0 * ((g1 - g0 - steep * length) / (slope0 - steep))
 
 
@@ -225,7 +225,7 @@ def first_forced_impact(wall, tau, flight, piece, point, departure):
     s, f0, f1 = 0.0, 0.0, flight.w
     length, guess = FIRST_PIECE, math.nan
     outwards = wall * (flight.force - delta * flight.w)
-    if outwards > 0.0 and wall * flight.w < 0.0:  # false at a release, where the force is 0 up to rounding
+    if outwards > 0.0 and wall * flight.w < 0.0:  # not after a contact phase: the force is 0 up to rounding
         guess = -2.0 * wall * flight.w / outwards
         length = min(FIRST_PIECE_FACTOR * guess, LONGEST_PIECE)
     while s < LONGEST:

@@ -29,7 +29,7 @@ def require_captures(piece: PlanePiece, speed: Fraction) -> None:
     if not share < 1:
         raise NotProvedError("the block is not proved to be below the quiet limit: choose a smaller ε")
     mean = 4 * PI() * piece.delta
-    # g = 4πδ γ with γ = 1 − share cos θ; the proof shows v³/g ≤ invariant at every impact
+    # in units in which the mean of g is 1, g ≥ 1 − share; the proof shows v³/g ≤ invariant at every impact
     invariant = (arb(speed.numerator) / speed.denominator / mean) ** 3 / (1 - upper(share))
     longest = _half_duration_bound(piece, share, invariant)
     h = longest / (1 - piece.delta * longest)

@@ -217,7 +217,7 @@ def require_only_graze(each: FlightEnclosure, wall: int, target: int, touched: i
     Raises
     ------
     NotProvedError
-        If the flight may meet a wall.
+        If the proof fails; the flight may touch a wall at another time.
     """
     push = each.plane.force(*(2 * time).sin_cos_pi())
     if not (-touched * push > 0 and each.t0 < time < each.t1 and -wall * each.w0 > 0 and target * each.w1 > 0):

@@ -55,12 +55,28 @@ class Capture:
             )
 
     def force_terms(self, t: Interval) -> tuple[Interval, Interval, Interval]:
-        """Return the contact force g = 1 − r cos θ, and r sin θ and r cos θ, for θ = 2πt; g is least at t = 0."""
+        """Return the contact force g = 1 − r cos θ, and r sin θ and r cos θ, a time t after a minimum of g.
+
+        θ is 2πt, and r is ε divided by the quiet limit.
+
+        Returns
+        -------
+        tuple[Interval, Interval, Interval]
+            Enclosures for all times in t.
+        """
         sine, cosine = sine_and_cosine_of(2 * PI * t)
         return 1 - self.r * cosine, self.r * sine, self.r * cosine
 
     def half_duration_bound(self, t: Interval, v: Interval) -> Interval:
-        """Return a bound of half the duration of bounces that start at t with speeds ≤ v, in the time x of (20.2)."""
+        """Return a bound of half the duration of bounces that start at times in t with speeds ≤ v. Raises BlockRefused.
+
+        The duration is in the time x of (20.2), docs/proofs.md, and v in units in which the mean contact force is 1.
+
+        Returns
+        -------
+        Interval
+            The bound.
+        """
         half = found = (v / self.weakest).b * 1.001
         for _ in range(4):
             require(is_less(2 * half * self.d, 1), "the duration of a bounce is not bounded")
