@@ -73,7 +73,7 @@ def inelastic_points(
     load: ArrayLike,
     harmonics: tuple[Harmonic, ...],
 ) -> Parameters:
-    """Return the checked parameters of inelastic gears, broadcast to one shape. Raises ParameterError."""
+    """Check parameters of inelastic gears and broadcast them to one shape. Raises ParameterError if this fails."""
     return Parameters.from_values("inelastic", delta, epsilon, beta, restitution=restitution, load=load).with_harmonics(
         harmonics
     )

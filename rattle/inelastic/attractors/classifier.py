@@ -48,7 +48,7 @@ def cells_of(parameters: Parameters) -> InelasticCells:
 def _(
     cells: InelasticCells, here: NDArray[np.int64], there: NDArray[np.int64], share: NDArray[np.float64]
 ) -> InelasticCells:
-    """Return the cells at the fractions `share` of the way, in all parameters, from cells `here` to cells `there`."""
+    """Return cells between `here` and `there`, with parameters interpolated linearly at the fractions `share` (k,)."""
     given = (cells.delta, cells.epsilon, cells.beta, cells.restitution, cells.load)
     delta, epsilon, beta, restitution, load = (
         (x[here, None] * (1.0 - share) + x[there, None] * share).ravel() for x in given
@@ -62,7 +62,7 @@ class InelasticClassifier(Classifier):
     def __init__(
         self, cells: InelasticCells, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET
     ) -> None:
-        """Prepare the classifier as for any gear, and an empty table of states after contact."""
+        """Prepare the classifier, with an empty table of the states that follow contact phases."""
         # every contact phase ends at a zero of the contact force, and at most one state follows for each zero
         room = len(cells.delta), cells.zeros.shape[1]
         self.states = ContactStates(
@@ -125,7 +125,7 @@ class InelasticClassifier(Classifier):
         return ~self.is_lossy[cells]
 
     def judge_by_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags (k,) of decided cells, as for any gear; if impacts lose energy, also test for contact."""
+        """Measure probes and return flags (k,) of decided cells; `watch_for_contact` may change them where r < 1."""
         decided = super().judge_by_probes(cells)
         lossy = self.is_lossy[cells] & (self.status[cells] == Outcome.UNRESOLVED).any(axis=1)
         decided[lossy] = self.watch_for_contact(cells[lossy], decided[lossy])

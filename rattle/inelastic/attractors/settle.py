@@ -57,7 +57,7 @@ class ContactStates(NamedTuple):
 
 @inline
 def orbit_after_contact(tau, v, cell, states):
-    """Return the orbit number that is recorded for a state after contact: NO_ORBIT if it leads to none, or UNKNOWN."""
+    """Return the orbit number recorded for a state (τ, v) after contact, which may be NO_ORBIT; UNKNOWN if none is."""
     for i in range(states.n[cell]):
         if tau == states.tau[cell, i] and v == states.v[cell, i]:
             return states.orbit[cell, i]
@@ -298,7 +298,7 @@ def record_contact_orbit(tau, v, gap, cell, point, orbits, states):
 
 @kernel
 def count_contact_phases(grown, cells, orbits):
-    """Count the contact phases of the new orbits of each cell, those from orbit number grown[cell] on."""
+    """Count the contact phases of the new orbits of each cell, whose numbers are grown[cell] and larger."""
     for cell in range(grown.size):
         for j in range(grown[cell], orbits.n[cell]):
             if orbits.first[cell, j] == -math.inf:

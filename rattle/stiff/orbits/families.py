@@ -142,7 +142,7 @@ def span_of_family(delta: float, epsilon: float) -> float:
 
 
 def family_through(y: Array, cycle: Cycle, span: float) -> StiffFamily:
-    """Return the family through a solution y, followed in both directions to its ends; its letters are left out."""
+    """Return the family through a solution y, followed in both directions to its ends, with `letters` empty."""
     direction, room = np.zeros(y.size), np.empty((MOST_POINTS, y.size))
     direction[y.size // 2] = 1.0
     k, on = follow_family(y, direction, cycle, span, room)
