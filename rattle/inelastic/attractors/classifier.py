@@ -132,7 +132,7 @@ class InelasticClassifier(Classifier):
         return decided
 
     def watch_for_contact(self, cells: NDArray[np.int64], decided: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Follow PROBES states close to the unresolved samples of each cell (k,), to see whether they leave its chaos.
+        """Follow PROBES states close to unresolved samples of each cell (k,), to see if they leave the chaotic set.
 
         If some of these states become quiet or periodic, the cell is not chaotic: its unresolved samples are assigned
         to the attractors that these states reach, in the same proportions. If one of these states reaches an orbit
@@ -195,7 +195,8 @@ class InelasticClassifier(Classifier):
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
         """Follow samples `which` until each has an outcome or has made all impacts that its limit allows.
 
-        early: whether attractors will soon capture most of these samples, so that they are checked after fewer flights.
+        early: whether attractors will soon capture most of these samples; samples in SIMD lanes are then checked after
+        fewer flights.
         """
         in_lanes, tables = self.in_lanes[samples.cell[which]], (samples.for_kernels(), self.balls.for_kernels())
         some, flights = sorted_by_roughness(which[in_lanes], samples, self.roughness), CHUNK if early else LONG_CHUNK
@@ -205,7 +206,7 @@ class InelasticClassifier(Classifier):
     def follow_with_tangent(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: ProbeRecord
     ) -> None:
-        """Follow samples `which` with a tangent vector, and write exponents' sums and visited-cell bitmaps to `seen`.
+        """Follow samples `which` with a tangent vector; write sums for exponents, and visited-cell bitmaps, to `seen`.
 
         Each sample is followed for at least `least` impacts on Σ⁺ and `periods` forcing periods, or to its limit.
         """

@@ -67,7 +67,7 @@ class StiffClassifier(Classifier):
     def follow_with_tangent(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: ProbeRecord
     ) -> None:
-        """Follow samples `which` with a tangent vector, and write exponents' sums and visited-cell bitmaps to `seen`.
+        """Follow samples `which` with a tangent vector; write sums for exponents, and visited-cell bitmaps, to `seen`.
 
         Each sample is followed for at least `least` returns and `periods` forcing periods, or to its limit.
         """

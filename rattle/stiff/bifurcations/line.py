@@ -102,7 +102,7 @@ class MotionsOnLine:
         return found is not None and found[2] < TWICE
 
     def flip_near(self, y: Array, width: float) -> Array | None:
-        """Return the flip on this line near a motion y, in use half of the last motion of a doubled branch.
+        """Return the flip on this line near a motion y, such as half of the last motion of a doubled branch.
 
         Returns
         -------
