@@ -1,8 +1,8 @@
 """Period-one motions with restitution r and drift q in closed form, and the limits of A and C.
 
 P(1,1,0), for any forcing: the impulse of its impact balances the drift, so the motion arrives with speed δq/(1 + r) and
-leaves with speed v = r δq/(1 + r). With E = e^(−δ), the phase τ of its impact, and
-the determinant and trace of its tangent map, are given by
+leaves with speed v = r δq/(1 + r). With E = e^(−δ), the phase τ of its impact, and the
+determinant and trace of its tangent map, are given by
 
     e'(τ) = qδ/(1 − E) − q − v,    det = r²E,    trace = 1 + r²E + (1 + r)² (1 − E) e''(τ)/(δ²q).
 
