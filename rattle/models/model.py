@@ -152,13 +152,13 @@ class AnyGear(Protocol):
         """Return the uncertainty exponent of the basins."""
 
     def intensity(self, motion: Motion, periods: float | None = None) -> Intensity:
-        """Return the intensity of a motion."""
+        """Return the intensity of a motion: impacts, speeds and energy per forcing period."""
 
     def impacts(self, motion: Motion, periods: float | None = None) -> Impacts:
         """Return the impacts of a motion."""
 
     def spectrum(self, motion: Motion, highest: float = 32.0, resolution: int = 64) -> Lines | Density:
-        """Return the order spectrum of a motion."""
+        """Return the order spectrum of the contact force of a motion."""
 
     def sound(
         self,
@@ -169,7 +169,7 @@ class AnyGear(Protocol):
         ring: float = 2000.0,
         decay: float = 0.005,
     ) -> Array:
-        """Return the sound of a motion."""
+        """Return the sound of a motion at a speed of rotation, as a signal with `rate` samples per second."""
 
 
 class Functions(Protocol):
@@ -186,7 +186,7 @@ class Functions(Protocol):
         """Return the states after n returns to Σ⁺, with both Lyapunov exponents."""
 
     def rests_late(self, *given: Any, **more: Any) -> NDArray[np.bool_]:
-        """Return whether a motion that becomes quiet makes so many impacts that it may look chaotic."""
+        """Return flags of points where a motion that becomes quiet makes so many impacts that it may look chaotic."""
 
     def stretch(self, *given: Any, **more: Any) -> Array:
         """Return sums over the impacts of chaotic motions, from which their intensities are computed."""
@@ -224,7 +224,7 @@ class Model(ABC):
     cell_milliseconds : float, optional
         The time that a cell takes, where it hardly depends on the number of samples; None where it does.
     design_gears : int
-        The number of random gears from which a question about tolerances at a point is answered at once.
+        The number of random gears from which the explorer estimates the yield at a point.
     takes_harmonics : bool
         True if the forcing may have harmonics besides the first.
     one_cosine : frozenset of Capability
@@ -351,7 +351,7 @@ class Model(ABC):
         )
 
     def rests_late(self, delta: ArrayLike, epsilon: ArrayLike) -> NDArray[np.bool_]:
-        """Return whether a motion that becomes quiet makes so many impacts that it may look chaotic."""
+        """Return flags of points where a motion that becomes quiet makes so many impacts that it may look chaotic."""
         at = self.parameters_at(delta, epsilon)
         flat = at.flat()
         return self.functions.rests_late(flat.delta, flat.epsilon, **flat.others).reshape(at.shape)

@@ -40,7 +40,7 @@ def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
     for axes, (saddle, lines) in zip(panels, manifolds, strict=True):
         labels = Labels(axes, [*lines, np.array([saddle])])
         labels.add("A", saddle, size=10)
-    figure.set_layout_engine("none")  # so that labels stay where they were placed
+    figure.set_layout_engine("none")  # a new layout would move the axes under the placed labels
     return Drawing(figure, (f"at its lower end: {curve.low_end}", f"at its upper end: {curve.high_end}"))
 
 

@@ -62,7 +62,7 @@ def polyline(curve: Curve) -> Array:
 
 
 def draw_curve(axes: Axes, curve: Curve, width: float = 1.4, halo: bool = True) -> Array:
-    """Draw a bifurcation curve in its style, and return its `polyline`."""
+    """Draw a bifurcation curve in its style, with a white outline if `halo`, and return its `polyline`."""
     line = polyline(curve)
     draw_line(axes, curve.name, line, STYLES[curve.name], width, halo)
     return line
@@ -71,7 +71,10 @@ def draw_curve(axes: Axes, curve: Curve, width: float = 1.4, halo: bool = True) 
 def draw_line(
     axes: Axes, name: str, line: Array, style: tuple[str, Any], width: float = 1.4, halo: bool = True
 ) -> None:
-    """Draw a line (k, 2) whose pieces are separated by NaN. style: colour and dashes. name: the line's legend entry."""
+    """Draw a line (k, 2) whose pieces are separated by NaN, with a white outline if `halo`.
+
+    style: colour and dashes. name: the line's legend entry.
+    """
     colour, dashes = style
     axes.plot(
         *line.T,
@@ -166,7 +169,7 @@ def plane_figure(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
         labels.add_along(name.replace("_", " "), line, 10 if name in IN_PAPER else 8, STYLES[name][0])
     for name, line in marks.items():
         labels.add_along(name, line, 7, MARKED["color"])
-    figure.set_layout_engine("none")  # so that labels stay where they were placed
+    figure.set_layout_engine("none")  # a new layout would move the axes under the placed labels
     return Drawing(figure, tuple(notes))
 
 

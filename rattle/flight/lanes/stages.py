@@ -148,7 +148,7 @@ def select_number(go, new, old):
     """Return the new number if the lane goes on, else the old one.
 
     LLVM would turn a plain choice into a masked store, which is slow without AVX-512. The maximum of the
-    old number and LEAST, the most negative number, equals the old number, but hides from LLVM where it came from.
+    old number and LEAST, the most negative number, equals the old number, but LLVM does not recognise it as such.
 
     Returns
     -------
@@ -163,7 +163,7 @@ def _build_land(tangent):
 
     @inline
     def land(b, groups):
-        """Move the lanes with a proved impact, and with impacts left, to this impact, and reflect their velocity.
+        """Move each lane whose impact is proved to this impact, unless its limit is reached, and reflect its velocity.
 
         With tangent vectors, the flights of other lanes get duration 0, and for `carry` sin1 and cos1 become the sine
         and cosine at the departure.
