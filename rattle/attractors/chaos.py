@@ -85,7 +85,7 @@ def exponents(sums):
     Returns
     -------
     tuple[float, float, float]
-        λ₁, λ₂ and the 95 % half-width of λ₁; NaN if nothing was measured.
+        λ₁, λ₂ and the 95 % half-width of λ₁; NaN if fewer than two batches were measured.
     """
     time, stretch, contraction, used = 0.0, 0.0, 0.0, 0
     for i in range(sums.shape[0]):

@@ -166,7 +166,7 @@ class Classifier(ABC):
 
     @abstractmethod
     def find_radii(self, centres: Centres) -> None:
-        """Find the radii of the capture regions around these centres, and write them to `centres.radius`."""
+        """Find twice the radii of the capture regions around these centres, and write them to `centres.radius`."""
 
     @abstractmethod
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:

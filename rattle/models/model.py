@@ -265,7 +265,7 @@ class Model(ABC):
         return asdict(self)
 
     def __str__(self) -> str:
-        """Return a readable description."""
+        """Return β and the parameters that the model adds, with their values, as text."""
         return ", ".join(f"{each.long_name} = {self.numbers[each.name]:g}" for each in self.parameters())
 
     @property
@@ -283,7 +283,7 @@ class Model(ABC):
         """Return the gear at one point. Raises ParameterError."""
 
     def limits(self, delta: float) -> Limits:
-        """Return the eccentricities of SN1, of the flip of C and of the quiet limit, at one damping."""
+        """Return the eccentricities of SN1 and of the quiet limit at one damping; the flip of C only in subclasses."""
         gear = self.gear(delta, 0.0)
         unknown = f"not computed at one damping for the {self.name} model"
         flip = MissingLimit("flip", unknown, None)
@@ -296,7 +296,7 @@ class Model(ABC):
         return Limits(born, None, gear.quiet_limit, (flip,))
 
     def codimension_two(self) -> Sequence[CodimensionTwo]:
-        """Return the codimension-two points, where curves meet."""
+        """Return the codimension-two points, where curves meet; none unless a subclass computes them."""
         return ()
 
     def parameters_at(self, delta: ArrayLike, epsilon: ArrayLike) -> Parameters:
@@ -334,8 +334,8 @@ class Model(ABC):
     def impulse_balance_errors(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> Array:
         """Return the error |(Σv₊ − Σv₋)/(2πδT) − 1| of the balance of impulses, for the attractors of cells (n,).
 
-        Σv₊ and Σv₋ are the sums of the impulses on Σ⁺ and Σ⁻ over a time T; in a contact of the stiff gear the spring
-        gives the impulse.
+        v₊ and v₋ are the speeds of the impacts on Σ⁺ and Σ⁻ during a time T; half the impulse of the spring takes their
+        place in a contact of the stiff gear. With a load 2πδ is replaced by 2πδ(1 + load).
 
         Returns
         -------

@@ -116,8 +116,8 @@ def plane_figure(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
     """Draw the bifurcation diagram of Figures 7 and 8: curves, codimension-two points and regions in a window.
 
     Curves that the paper has are thick, other curves thin. At the paper's β dashed lines show the ranges of its Figures
-    5 and 9, and a rectangle shows the window of Figure 8. If COD21 and COD23 are close together in the window, an inset
-    shows the distances of PD1 and G1 from SN2.
+    5 and 9, and a rectangle shows the window of Figure 8. If COD21 and COD23 are in the window and at least 1/200
+    of its width apart in δ, an inset shows the distances of PD1 and G1 from SN2.
 
     Parameters
     ----------
@@ -193,8 +193,8 @@ def _draw_inset(
     Returns
     -------
     Box | None
-        The box of the inset in data coordinates. None if COD21 and COD23 are not close together in the window, or no
-        corner is free: then nothing is drawn.
+        The box of the inset in data coordinates. None if COD21 or COD23 is not in the window, the window is wider along
+        δ than FARTHEST times their distance, or no corner is free: then nothing is drawn.
     """
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     if not {"COD21", "COD23"} <= set(points) or not {"SN2", "PD1", "G1"} <= set(curves):
