@@ -429,7 +429,7 @@ def add_analytic_acceleration(x, sine, cosine, epsilon):
 
 @inline
 def analytic_force_ahead(sign, sin0, cos0, delta, epsilon):
-    """Return the result of `force_ahead` for complex sine and cosine, and δ > 0."""
+    """Return the result of `force_ahead` for the wall `sign` (±1), complex sine and cosine, and δ > 0."""
     size = sign * TWO_PI * epsilon
     mean = sign * 2 * TWO_PI * delta
     return mean, -size * (TWO_PI * cos0 + delta * sin0), size * (TWO_PI * sin0 - delta * cos0)

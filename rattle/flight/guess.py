@@ -45,7 +45,7 @@ PER_DRIFT = f32(1.0 / DRIFT)
 
 
 class Minimum(NamedTuple):
-    """A point of a flight near a minimum of F."""
+    """A point of a flight near a minimum of its height F, with bounds of F and |F'| there."""
 
     bound: f32  # lower bound of F at the point
     tilt: f32  # upper bound of |F'| at the point

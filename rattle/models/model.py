@@ -149,7 +149,7 @@ class AnyGear(Protocol):
         """Return the attractor that each state (τ, v) reaches."""
 
     def uncertainty(self, pairs: int | None = None, v_max: SpeedLimit = None, seed: int = 0) -> Uncertainty:
-        """Return the uncertainty exponent of the basins."""
+        """Return the uncertainty exponent of the basin boundary."""
 
     def intensity(self, motion: Motion, periods: float | None = None) -> Intensity:
         """Return the intensity of a motion: impacts, speeds and energy per forcing period."""

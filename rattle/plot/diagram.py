@@ -172,7 +172,7 @@ def draw_along_epsilon(delta: float, epsilon: tuple[float, float], beta: float =
 
 
 def draw_stiff_along_epsilon(delta: float, epsilon: tuple[float, float], beta: float, kappa: float) -> Drawing:
-    """Draw the diagram of the stiff gear along ε, in the axes limits of `draw_along_epsilon`. Raises ParameterError."""
+    """Draw the stiff gear's diagram along ε, with the axes limits of `draw_along_epsilon`. Raises ParameterError."""
     _steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, ALL_PHASES))
     found = stiff_diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, kappa, STIFF_STEPS)
     return Drawing(diagram_figure(found, *limits), _left_out_note(found))

@@ -126,7 +126,7 @@ class Plan:
 
     @property
     def rows(self) -> int:
-        """The number of rows of all parts of the plan, each of which is a gear."""
+        """The number of rows, and so of gears, of all parts of the plan together."""
         return self.gears + self.n_sharing * (1 + 2 * len(self.tolerances.names))
 
     def is_judged(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -106,7 +106,7 @@ def refine(b, groups):
 
 @inline
 def prove(b, groups):
-    """Prove that the located impact is the first."""
+    """Decide for each lane whether its located impact is proved to be the first of its flight."""
     for i in range(GROUP * groups):
         rising, s, flight = b.falls[i] == ZERO, b.s_[i], flight32(b, i)
         minimum = Minimum(b.bound[i], b.tilt[i], b.turn[i])
@@ -248,7 +248,7 @@ def enter_contact(b, groups):
 
 @kernel
 def search(b, i, paths):
-    """Compute the flight of lane i by `safe_impact`, which cannot skip an impact; stop a lane in lasting contact."""
+    """Compute the flight of lane i by `safe_impact`; stop the lane if it is in lasting contact or finds no impact."""
     wall, flight = np.int64(b.wall[i]), flight64(b, i)
     if stays_in_contact(wall, flight.w, b.tau[i], flight.delta, flight.epsilon, DRIFT):
         b.stuck[i], b.limit[i] = IN_CONTACT, -1.0
