@@ -144,7 +144,7 @@ def is_contracting_at(tau, v, i, centres, point):
 
 @kernel
 def find_radii_one_by_one(centres, cells):
-    """Write the largest radii at which the conditions hold to `centres`; for gears whose flights go one by one."""
+    """Write the sizes of capture regions to `centres.radius`; for gears whose flights are computed one by one."""
     for i in range(centres.radius.size):
         point = point_of(centres.cell[i], cells)
         direction = 0

@@ -193,8 +193,8 @@ def count_unresolved(cells: Counts, status: Counts, impacts: Counts, first: Coun
     """Return the number of unresolved samples in each of these cells (k,), and whether more of them may still settle.
 
     More samples may settle if some settled after the first stage, and the unresolved samples have not been followed for
-    long enough since the last of them settled. It is long enough if at least LEAKS_MISSED more samples would have
-    settled at the rate at which samples settled until then.
+    long enough since the last of them settled. They have been followed for long enough if, at the rate at which samples
+    settled until then, at least LEAKS_MISSED more samples would have settled.
 
     Parameters
     ----------

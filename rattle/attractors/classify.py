@@ -166,7 +166,7 @@ class Classifier(ABC):
 
     @abstractmethod
     def find_radii(self, centres: Centres) -> None:
-        """Find twice the radii of the capture regions around these centres, and write them to `centres.radius`."""
+        """Find the sizes of capture regions around these centres, and write them to `centres.radius` (`Centres`)."""
 
     @abstractmethod
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
@@ -350,12 +350,12 @@ class Classifier(ABC):
         return np.ones(cells.size, np.bool_)
 
     def samples_outlast_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags (k,) of the cells where all unresolved samples stay unresolved when followed as far as probes.
+        """Return flags (k,) of the cells where all unresolved samples stay unresolved for as long as the probes.
 
-        Sets that lose samples slowly are frequent at weak damping and in cells with a quiet motion, and twelve probes
-        do not reveal the loss. Therefore all unresolved samples of the cells are followed, for as many impacts as the
-        probe with the most impacts. At weak damping, and if cells have fewer samples than MANY, neighbours of these
-        samples are followed too.
+        Chaotic sets that lose samples slowly are frequent at weak damping and in cells with a quiet motion, and twelve
+        probes do not reveal the loss. Therefore all unresolved samples of the cells are followed, for as many impacts
+        as the probe with the most impacts. At weak damping, and if cells have fewer samples than MANY, neighbours of
+        these samples are followed too.
 
         Returns
         -------
@@ -485,8 +485,8 @@ class Classifier(ABC):
             seen.sums[todo], seen.prints[todo] = part
             left, time = samples.status[now] == Outcome.UNRESOLVED, samples.time[now] - before
             chattering = self.may_be_chattering(samples.cell[now], time, PERIODS * longer)
-            # the exponent is not judged if the sample may be chattering, or if its budget ended before it was followed
-            # for long enough
+            # the exponent is not judged if the sample may be chattering, or if its budget of impacts ended before the
+            # required observation time
             stopped = chattering | (time < PERIODS * longer) & (room < most)
             chaotic[todo] = left & ~stopped & are_chaotic(part.sums)
             todo = todo[left & ~chaotic[todo] & ~stopped & (samples.impacts[now] < self.budget)]

@@ -250,7 +250,7 @@ def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: 
 
 
 def strokes(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
-    """Yield each admissible part of a curve along which neither the stability changes nor τ jumps by 1.
+    """Yield the longest admissible parts of a curve in which neither the stability changes nor τ jumps by 1.
 
     Yields
     ------
