@@ -10,7 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-LONGEST_NAME = 80  # no known name is longer; a longer text is not compared, as the time grows as its length squared
+# no known name is longer; a longer text is not compared, because the time of a comparison grows as the square of length
+LONGEST_NAME = 80
 LEAST_PART = 3  # a known name is suggested if it contains the given text, which must be at least this long
 MOST_MEANT = 3  # a message suggests at most this many names
 MAY_BE_ZERO = ("epsilon", "load")  # parameters that may be 0; all others must be greater than 0

@@ -41,6 +41,8 @@ def precompile(*, preload: bool = False, optional: bool = False, **added: float 
 
     Raises
     ------
+    ParameterError
+        If no model has the given parameters.
     RattleError
         If the kernels cannot be compiled; the message says why.
     """

@@ -47,8 +47,8 @@ class Centres(NamedTuple):
     m00, m01, m11
         The matrix M of the norm.
     radius
-        Radius of the capture region: before the search the largest radius to try, after the search the radius found; 0
-        where there is none.
+        Radius of the outer ellipse on which the conditions are checked, twice that of the capture region: before the
+        search the largest radius to try, after it the largest one at which the conditions hold; 0 if there is none.
     """
 
     cell: Any
@@ -144,7 +144,7 @@ def is_contracting_at(tau, v, i, centres, point):
 
 @kernel
 def find_radii_one_by_one(centres, cells):
-    """Write the radii of capture regions to `centres`; for gears whose flights are computed one by one."""
+    """Write the sizes of capture regions to `centres.radius`; for gears whose flights are computed one by one."""
     for i in range(centres.radius.size):
         point = point_of(centres.cell[i], cells)
         direction = 0

@@ -61,7 +61,7 @@ class StatePlane:
 
     @property
     def delta(self) -> float:
-        """Damping."""
+        """The damping δ of the gear."""
         return float(self.parameters.delta[0])
 
     @property
@@ -130,7 +130,7 @@ class Basins(TabularResult):
 
     @property
     def v_max(self) -> float:
-        """Upper end of the box in speed."""
+        """The largest speed of the box."""
         return self.box.v_high
 
     def _caption(self) -> str:

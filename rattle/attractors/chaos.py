@@ -85,7 +85,7 @@ def exponents(sums):
     Returns
     -------
     tuple[float, float, float]
-        λ₁, λ₂ and the 95 % half-width of λ₁; NaN if nothing was measured.
+        λ₁, λ₂ and the 95 % half-width of λ₁; NaN if fewer than two batches were measured.
     """
     time, stretch, contraction, used = 0.0, 0.0, 0.0, 0
     for i in range(sums.shape[0]):
@@ -125,7 +125,10 @@ def is_chaotic(sums):
 
 @kernel
 def fill_chaos_flags(sums, found):
-    """Write to found (k,) whether each trajectory is chaotic. sums (k, BATCHES, 3): as in `are_chaotic`."""
+    """Write to found (k,) whether each trajectory is chaotic.
+
+    sums (k, BATCHES, 3): the time, ln stretch and ln|det| of each batch of flights.
+    """
     for k in range(found.size):
         found[k] = is_chaotic(sums[k])
 
@@ -189,9 +192,9 @@ def fill_unresolved_counts(cells, status, impacts, first, left, leaks):
 def count_unresolved(cells: Counts, status: Counts, impacts: Counts, first: Counts) -> tuple[Counts, NDArray[np.bool_]]:
     """Return the number of unresolved samples in each of these cells (k,), and whether more of them may still settle.
 
-    More samples may settle if others settled after the first stage, and the unresolved samples have not been followed
-    for long enough since the last of these losses. The observation is long enough if, at the rate of loss until then,
-    at least LEAKS_MISSED more samples would have settled.
+    More samples may settle if some settled after the first stage, and the unresolved samples have not been followed for
+    long enough since the last of them settled. They have been followed for long enough if, at the rate at which samples
+    settled until then, at least LEAKS_MISSED more samples would have settled.
 
     Parameters
     ----------

@@ -166,7 +166,7 @@ class Classifier(ABC):
 
     @abstractmethod
     def find_radii(self, centres: Centres) -> None:
-        """Find the radii of the capture regions around these centres, and write them to `centres.radius`."""
+        """Find the sizes of capture regions around these centres, and write them to `centres.radius` (`Centres`)."""
 
     @abstractmethod
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
@@ -185,7 +185,7 @@ class Classifier(ABC):
         """
 
     def run(self) -> None:
-        """Follow every sample to its attractor or its budget."""
+        """Follow the samples until each one is on an attractor, or its stages or its budget are used up."""
         index = np.arange(self.samples.cell.size).reshape(-1, self.count)
         pilot = np.zeros(self.count, np.bool_)
         pilot[np.arange(min(PILOT, self.count)) * self.count // min(PILOT, self.count)] = True
@@ -338,20 +338,29 @@ class Classifier(ABC):
         return np.asarray(self.weak[cells] | self.has_quiet[cells] | (self.count < MANY))
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags (k,) of cells whose probes are measured only when no more samples settle; by default all."""
-        return np.ones(cells.size, np.bool_)
+        """Return flags (k,) of the cells whose probes are measured only when no more samples are expected to settle.
 
-    def samples_outlast_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags of the cells whose unresolved samples all stay unresolved for as long as the longest probe.
-
-        At weak damping, and in cells with a quiet motion, sets that lose samples slowly are frequent, and twelve probes
-        do not reveal the loss. In these cells all unresolved samples are followed. At weak damping, and in cells with
-        fewer samples than MANY, neighbours of these samples are followed too.
+        Here these are all cells; a subclass may exempt some.
 
         Returns
         -------
         NDArray[np.bool_]
-            True for cells where no sample and no neighbour reaches an attractor.
+            True for cells whose probes have to wait.
+        """
+        return np.ones(cells.size, np.bool_)
+
+    def samples_outlast_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return flags (k,) of the cells where all unresolved samples stay unresolved for as long as the probes.
+
+        Chaotic sets that lose samples slowly are frequent at weak damping and in cells with a quiet motion, and twelve
+        probes do not reveal the loss. Therefore all unresolved samples of the cells are followed, for as many impacts
+        as the probe with the most impacts. At weak damping, and if cells have fewer samples than MANY, neighbours of
+        these samples are followed too.
+
+        Returns
+        -------
+        NDArray[np.bool_]
+            False for cells where a sample or a neighbour reaches an attractor, or where a sample may be chattering.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -388,7 +397,8 @@ class Classifier(ABC):
         Returns
         -------
         NDArray[np.bool_]
-            Flags (k,) of the cells whose neighbours stay unresolved.
+            Flags (k,) of the cells whose tested neighbours stay unresolved. Except at weak damping, a neighbour that
+            may be chattering counts as resolved.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -475,7 +485,8 @@ class Classifier(ABC):
             seen.sums[todo], seen.prints[todo] = part
             left, time = samples.status[now] == Outcome.UNRESOLVED, samples.time[now] - before
             chattering = self.may_be_chattering(samples.cell[now], time, PERIODS * longer)
-            # the exponent is not judged if the sample may be chattering, or if its budget ended before its time
+            # the exponent is not judged if the sample may be chattering, or if its budget of impacts ended before the
+            # required observation time
             stopped = chattering | (time < PERIODS * longer) & (room < most)
             chaotic[todo] = left & ~stopped & are_chaotic(part.sums)
             todo = todo[left & ~chaotic[todo] & ~stopped & (samples.impacts[now] < self.budget)]
@@ -490,7 +501,7 @@ class Classifier(ABC):
         Returns
         -------
         NDArray[np.bool_]
-            False for cells where a sample turned out not to be chaotic.
+            False for cells where a longer observation did not show that every followed sample is chaotic.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -524,7 +535,7 @@ class Classifier(ABC):
         Returns
         -------
         NDArray[np.bool_]
-            False for cells where a sample turned out not to be chaotic.
+            False for cells where the longer observation did not show that every sample is chaotic.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)

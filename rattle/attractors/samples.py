@@ -100,7 +100,7 @@ class SampleSets(NamedTuple):
         return SampleSets(self.which[first + number * among // of], size)
 
     def cells_where_all(self, holds: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return flags (n,) of the cells where `holds` (k,) is true for all samples."""
+        """Return flags (n,) of the cells where `holds` (k,) is true for all samples of the cell."""
         cell = np.repeat(np.arange(self.size.size), self.size)
         return np.asarray(np.bincount(cell[~holds], minlength=self.size.size) == 0)
 
@@ -218,7 +218,7 @@ class Reference(NamedTuple):
 
 @inline
 def first_reference(tau, v):
-    """Return the first reference of a trajectory."""
+    """Return the first reference state of Brent's cycle search: (τ, v), the state after 0 returns."""
     return Reference(tau, v, 0, 1)
 
 

@@ -50,7 +50,7 @@ class SampleSpec:
     Raises
     ------
     ParameterError
-        If a value is outside its domain.
+        If `count`, `seed` or `budget` is outside its domain. The other values are checked when states are drawn.
     """
 
     count: int = 256

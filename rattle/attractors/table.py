@@ -259,7 +259,18 @@ def tabulate_attractors(classifier: Classifier, missed: bool = False) -> tuple[A
 
 
 def attractors_of_samples(classifier: type[Classifier], parameters: Parameters, sample: SampleSpec) -> AttractorTable:
-    """Return the attractors that a sample of each of these points finds. Raises ParameterError."""
+    """Return the attractors that a sample of each of these points finds, and known stable orbits that it misses.
+
+    Returns
+    -------
+    AttractorTable
+        A row for each attractor; 0 samples for a missed orbit.
+
+    Raises
+    ------
+    ParameterError
+        If there are too many samples in all, or the largest speed or the sampled box is not valid.
+    """
     cells = parameters.flat()
     require(
         cells.size * sample.count <= 64 * MOST_SAMPLES,

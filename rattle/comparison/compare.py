@@ -255,13 +255,15 @@ def _histogram(phases: list[Array], rate: float, bins: int) -> Array:
 def _distance(a: Array, rate_a: float, b: Array, rate_b: float) -> float:
     """Return the earth mover's distance of two distributions of phases on the circle.
 
-    rate_a, rate_b: the number of impacts per forcing period that each phase in a or b stands for. With the distribution
-    functions F of a and G of b, the distance for one impact is the mean of |F − G − median(F − G)|.
+    a, b: phases in rising order. rate_a, rate_b: the number of impacts per forcing period that each phase in a or b
+    stands for. With the distribution functions F of a and G of b, each impact that both have is moved by the mean of
+    |F − G − median(F − G)|.
 
     Returns
     -------
     float
-        The distance in forcing periods; an impact that only one distribution has adds FARTHEST.
+        The sum over the impacts of one forcing period, in forcing periods; an impact that only one distribution has
+        adds FARTHEST.
     """
     here, there = rate_a * a.size, rate_b * b.size
     unmatched = FARTHEST * abs(here - there)

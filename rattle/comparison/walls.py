@@ -103,7 +103,7 @@ class FitProblem(NamedTuple):
 
     @property
     def first_impacts(self) -> FitProblem:
-        """The first LISTENED impacts, from which the offset is found."""
+        """The same problem with the first LISTENED impacts only, from which the offset is found."""
         time, speed, wall = self.measured
         some = None if speed is None else speed[:LISTENED]
         return self._replace(measured=MeasuredImpacts(time[:LISTENED], some, None if wall is None else wall[:LISTENED]))

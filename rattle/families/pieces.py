@@ -37,7 +37,11 @@ class GridPiece:
         self.samples = np.zeros(0, np.int64)
 
     def add_attractors(self, table: AttractorTable) -> None:
-        """Add the periodic attractors of a table of cells that were not known so far, and continue the new orbits."""
+        """Add the periodic attractors in a table that are not known yet, and continue them into the other cells.
+
+        table: attractors of some cells. The number of samples of each periodic attractor is stored, also if the
+        attractor was known as an orbit that continuation found.
+        """
         table = table.take(table.kind == Outcome.PERIODIC)
         before, which = self.n, np.zeros(table.cell.size, np.int64)
         while self.orbits.cell.size < before + which.size:

@@ -23,7 +23,7 @@ Integers = NDArray[np.int64]
 class Sums(NamedTuple):
     """Sums over some cells of a grid: one entry for each component, in rising order of `component`.
 
-    component: the number of the component. kind, m, n_plus, n_minus: its label.
+    component: the number of the component. kind, m, n_plus, n_minus: its kind and its label.
     cells: the number of its cells. rows: the number of its attractors, more than `cells` if a cell has two.
     unsampled: the number of its attractors that no sample reaches. samples: the number of samples that reach it.
     top, bottom, left, right: the first and the last row and column of its cells.

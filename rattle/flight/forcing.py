@@ -170,7 +170,7 @@ def short_step(u):
 
 @inline
 def later_phase(step, sine, cosine):
-    """Return the sine and cosine of the phase after a `short_step`."""
+    """Return the sine and cosine of a phase a short time later; `step` is the result of `short_step` for this time."""
     omc, siny = step
     cosine1 = cosine - (siny * sine + omc * cosine)
     return sine + (siny * cosine - omc * sine), cosine1
@@ -344,14 +344,14 @@ def minus_fifth_derivative32(sine, cosine, epsilon):
 
 @inline
 def change_scale32(s):
-    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε, e the forcing, which bounds its float32 error."""
+    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε, e the forcing: the scale of its rounding error."""
     y = W1 * s
     return min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
 
 
 @inline
 def coarse_change_scale32(s, epsilon):
-    """Return an upper bound of ε times `change_scale32`, in fewer operations."""
+    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|, coarser than that of `change_scale32` but faster."""
     return epsilon * (W1 * s + f32(3.0))
 
 
@@ -429,7 +429,7 @@ def add_analytic_acceleration(x, sine, cosine, epsilon):
 
 @inline
 def analytic_force_ahead(sign, sin0, cos0, delta, epsilon):
-    """Return the result of `force_ahead` for complex sine and cosine, and δ > 0."""
+    """Return the result of `force_ahead` for the wall `sign` (±1), complex sine and cosine, and δ > 0."""
     size = sign * TWO_PI * epsilon
     mean = sign * 2 * TWO_PI * delta
     return mean, -size * (TWO_PI * cos0 + delta * sin0), size * (TWO_PI * sin0 - delta * cos0)

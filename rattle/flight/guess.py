@@ -45,7 +45,7 @@ PER_DRIFT = f32(1.0 / DRIFT)
 
 
 class Minimum(NamedTuple):
-    """A point of a flight near a minimum of F."""
+    """A point of a flight near a minimum of its height F, with bounds of F and |F'| there."""
 
     bound: f32  # lower bound of F at the point
     tilt: f32  # upper bound of |F'| at the point
@@ -203,7 +203,7 @@ def step_to_level(rising, level, series):
     c0 = f0 - level
     root = sqrt(abs(c1 * c1 - f32(4.0) * c0 * c2))
     signed = root if rising else -root
-    # in this case c1 and the square root have the same sign, so their sum does not cancel
+    # if `direct`, c1 and the signed square root have the same sign, so their sum does not cancel
     direct = (c1 > f32(0.0)) == rising
     numerator = f32(-2.0) * c0 if direct else signed - c1
     denominator = c1 + signed if direct else f32(2.0) * c2

@@ -24,7 +24,8 @@ LATER = f32(1.0002)  # the flight may end later in double than in single precisi
 LARGEST_STEP = f32(0.05)
 # above this ratio of the terms of F to s |F'| at the impact, the time s of the impact loses its thirteenth digit
 STEEPEST = f32(100.0)
-# above this damping, rounding of the times of the arc may change F' by more than ERROR allows (`is_off_arc_ends`)
+# above this damping, rounding of the times to the ends of the arc of negative contact force may change F' by more than
+# ERROR allows (`is_off_arc_ends`)
 FASTEST = f32(20.0)
 
 

@@ -8,7 +8,15 @@ from rattle.numerics.compile import inline
 
 @inline
 def flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
-    """Return ∂F/∂w₀, ∂F/∂t₀ and ∂F'/∂t₀ of a flight's height F at fixed flight time; ∂F'/∂w₀ is e^(−δs)."""
+    """Return ∂F/∂w₀, ∂F/∂t₀ and ∂F'/∂t₀ of a flight's height F at fixed flight time s.
+
+    lost: 1 − e^(−δs). The fourth derivative, ∂F'/∂w₀, is e^(−δs).
+
+    Returns
+    -------
+    tuple of float
+        The three derivatives.
+    """
     f_w = lost * inverse_delta
     f_t, v_t = derivatives_by_departure(f_w, 1.0 - lost, sin0, cos0, sin1, cos1, epsilon)
     return f_w, f_t, v_t
@@ -19,7 +27,7 @@ def flight_tangent(w1, lost, sin1, cos1, flight):
     """Return ∂(t₁, w₁ after reflection)/∂(t₀, w₀) of one flight, row by row.
 
     With the duration s = t₁ − t₀ and F fixed at the wall, ds = −(∂F/∂t₀ dt₀ + ∂F/∂w₀ dw₀)/w₁, with derivatives at fixed
-    s, and dt₁ = dt₀ + ds. The impact law reflects the change of w₁.
+    s, and dt₁ = dt₀ + ds. The impact law reflects the change of w₁. lost: 1 − e^(−δs).
 
     Returns
     -------

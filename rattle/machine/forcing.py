@@ -100,8 +100,7 @@ def components_of(
     Parameters
     ----------
     teeth, driven_teeth : int, optional
-        Tooth numbers. Unless both are given, both gears turn at the same speed; without `teeth` there are no errors of
-        the mesh.
+        Tooth numbers. Unless both are given, both gears turn at the same speed. Errors of the mesh need `teeth`.
     numbers : dict
         Amplitudes in m by name: eccentricity, and the names in `AMPLITUDES`.
     errors, driven_errors : sequence of (int, amplitude, phase)
@@ -111,6 +110,11 @@ def components_of(
     -------
     list of Component
         Orders of the first gear's revolution, amplitudes and phases.
+
+    Raises
+    ------
+    ParameterError
+        If there is an error of the mesh, but no `teeth`.
     """
     turns = Fraction(1) if teeth is None or driven_teeth is None else Fraction(teeth, driven_teeth)
     found: list[Component] = [(Fraction(1), numbers.get("eccentricity", 0.0), 0.0)]

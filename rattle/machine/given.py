@@ -57,8 +57,8 @@ def si_number(name: str, value: Any) -> float:
     Raises
     ------
     ParameterError
-        If the number is not above 0 (for names in `MAY_BE_ZERO`: if it is below 0), or the quantity has another
-        dimension.
+        If the number is not above 0 (for names in `MAY_BE_ZERO`: if it is below 0), the quantity has another
+        dimension, or a quantity for `speed` is not an angle over time.
     """
     if is_quantity(value):
         if name == "speed" and not any(angle in str(value.units) for angle in ANGLES):
@@ -76,7 +76,7 @@ def is_quantity(value: Any) -> bool:
 
 
 def require_plausible(inertia: float, backlash: float, eccentricity: float, radius: float, prefix: str = "") -> None:
-    """Raise ParameterError if a number is so large that its unit must be wrong.
+    """Raise ParameterError if a number is so large that its unit must be wrong, or if the radius is 0.
 
     prefix: "driven_" if the names in messages are those of the second gear.
     """
@@ -123,7 +123,8 @@ def require_matching_gears(given: Mapping[str, Any], radius: Any, teeth: int | N
     Raises
     ------
     ParameterError
-        If radii and tooth numbers disagree, or a second gear of another size lacks its inertia or drag.
+        If radii and tooth numbers disagree, a second gear of another size lacks its inertia or drag, or the second
+        tooth number is given without the first.
     """
     driven = given.get("driven_radius")
     require(

@@ -269,7 +269,7 @@ class Machine:
 
     @property
     def effective_mass(self) -> float:
-        """The effective mass of an impact along the line of action, 1/(r₁²/I₁ + r₂²/I₂), kg."""
+        """The effective mass of an impact, 1/(r₁²/I₁ + r₂²/I₂) in kg, with I₁ = ∞ if the speed is imposed."""
         units = self.units
         return float(units.energy / units.velocity**2)
 

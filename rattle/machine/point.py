@@ -73,7 +73,8 @@ def machine_point(
     Raises
     ------
     ParameterError
-        If numbers of the two gears disagree, or exceed the range of double precision.
+        If numbers of the two gears disagree, or exceed the range of double precision; if a mesh error lacks `teeth`, or
+        the transmission error has too high or too many orders.
     """
     from rattle.models import ADDED  # imported here, because it loads all gears
 

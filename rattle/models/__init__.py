@@ -37,7 +37,7 @@ class CapabilityError(ParameterError):
 
 
 def owner_of(name: str) -> type[Model]:
-    """Return the model that adds a parameter."""
+    """Return the model that adds the parameter with this name to δ, ε and β."""
     return next(model for model in MODELS.values() if name in {each.name for each in model.added})
 
 

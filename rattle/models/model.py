@@ -149,16 +149,16 @@ class AnyGear(Protocol):
         """Return the attractor that each state (τ, v) reaches."""
 
     def uncertainty(self, pairs: int | None = None, v_max: SpeedLimit = None, seed: int = 0) -> Uncertainty:
-        """Return the uncertainty exponent of the basins."""
+        """Return the uncertainty exponent of the basin boundary."""
 
     def intensity(self, motion: Motion, periods: float | None = None) -> Intensity:
-        """Return the intensity of a motion."""
+        """Return the intensity of a motion: impacts, speeds and energy per forcing period."""
 
     def impacts(self, motion: Motion, periods: float | None = None) -> Impacts:
         """Return the impacts of a motion."""
 
     def spectrum(self, motion: Motion, highest: float = 32.0, resolution: int = 64) -> Lines | Density:
-        """Return the order spectrum of a motion."""
+        """Return the order spectrum of the contact force of a motion."""
 
     def sound(
         self,
@@ -169,7 +169,7 @@ class AnyGear(Protocol):
         ring: float = 2000.0,
         decay: float = 0.005,
     ) -> Array:
-        """Return the sound of a motion."""
+        """Return the sound of a motion at a speed of rotation, as a signal with `rate` samples per second."""
 
 
 class Functions(Protocol):
@@ -186,7 +186,7 @@ class Functions(Protocol):
         """Return the states after n returns to Σ⁺, with both Lyapunov exponents."""
 
     def rests_late(self, *given: Any, **more: Any) -> NDArray[np.bool_]:
-        """Return whether a motion that becomes quiet makes so many impacts that it may look chaotic."""
+        """Return flags of points where a motion that becomes quiet makes so many impacts that it may look chaotic."""
 
     def stretch(self, *given: Any, **more: Any) -> Array:
         """Return sums over the impacts of chaotic motions, from which their intensities are computed."""
@@ -224,7 +224,7 @@ class Model(ABC):
     cell_milliseconds : float, optional
         The time that a cell takes, where it hardly depends on the number of samples; None where it does.
     design_gears : int
-        The number of random gears from which a question about tolerances at a point is answered at once.
+        The number of random gears from which the explorer estimates the yield at a point.
     takes_harmonics : bool
         True if the forcing may have harmonics besides the first.
     one_cosine : frozenset of Capability
@@ -265,7 +265,7 @@ class Model(ABC):
         return asdict(self)
 
     def __str__(self) -> str:
-        """Return a readable description."""
+        """Return β and the parameters that the model adds, with their values, as text."""
         return ", ".join(f"{each.long_name} = {self.numbers[each.name]:g}" for each in self.parameters())
 
     @property
@@ -283,7 +283,7 @@ class Model(ABC):
         """Return the gear at one point. Raises ParameterError."""
 
     def limits(self, delta: float) -> Limits:
-        """Return the eccentricities of SN1, of the flip of C and of the quiet limit, at one damping."""
+        """Return the eccentricities of SN1 and of the quiet limit at one damping; the flip of C only in subclasses."""
         gear = self.gear(delta, 0.0)
         unknown = f"not computed at one damping for the {self.name} model"
         flip = MissingLimit("flip", unknown, None)
@@ -296,7 +296,7 @@ class Model(ABC):
         return Limits(born, None, gear.quiet_limit, (flip,))
 
     def codimension_two(self) -> Sequence[CodimensionTwo]:
-        """Return the codimension-two points, where curves meet."""
+        """Return the codimension-two points, where curves meet; none unless a subclass computes them."""
         return ()
 
     def parameters_at(self, delta: ArrayLike, epsilon: ArrayLike) -> Parameters:
@@ -334,8 +334,8 @@ class Model(ABC):
     def impulse_balance_errors(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> Array:
         """Return the error |(Σv₊ − Σv₋)/(2πδT) − 1| of the balance of impulses, for the attractors of cells (n,).
 
-        Σv₊ and Σv₋ are the sums of the impulses on Σ⁺ and Σ⁻ over a time T; in a contact of the stiff gear the spring
-        gives the impulse.
+        v₊ and v₋ are the speeds of the impacts on Σ⁺ and Σ⁻ during a time T; half the impulse of the spring takes their
+        place in a contact of the stiff gear. With a load 2πδ is replaced by 2πδ(1 + load).
 
         Returns
         -------
@@ -351,7 +351,7 @@ class Model(ABC):
         )
 
     def rests_late(self, delta: ArrayLike, epsilon: ArrayLike) -> NDArray[np.bool_]:
-        """Return whether a motion that becomes quiet makes so many impacts that it may look chaotic."""
+        """Return flags of points where a motion that becomes quiet makes so many impacts that it may look chaotic."""
         at = self.parameters_at(delta, epsilon)
         flat = at.flat()
         return self.functions.rests_late(flat.delta, flat.epsilon, **flat.others).reshape(at.shape)

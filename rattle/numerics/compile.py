@@ -40,7 +40,7 @@ from rattle.numerics.processes import environment
 if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
     raise RattleError("NUMBA_DISABLE_JIT is set, and without the compiler nothing can be computed: unset it")
 
-log = logging.getLogger(__name__)  # its messages of level INFO name the step of a compilation that begins
+log = logging.getLogger(__name__)  # a message of level INFO names each step of a compilation when it begins
 
 #: Parts of the library that compute no number of a survey.
 COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience", "notebook.py", "precompile.py"}
@@ -90,7 +90,8 @@ def _cache_root() -> str:
             os.makedirs(root, 0o700, exist_ok=True)
             found = os.lstat(root)
             private = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
-            if os.access(root, os.W_OK | os.X_OK) and (root == usual or private):  # files in it are executed
+            # a temporary directory must be private, because files in it are executed
+            if os.access(root, os.W_OK | os.X_OK) and (root == usual or private):
                 return root
     return usual
 
@@ -301,7 +302,7 @@ def _compile(*work: str) -> None:
 def compile_here(about: str, *works: str) -> None:
     """Compile the kernels of these jobs in this process, which ends when its parent process ends."""
     threading.Thread(target=lambda: sys.stdin.read() or os._exit(1), daemon=True).start()
-    gc.set_threshold(100_000, 20, 20)  # garbage collection takes an eighth of the time by default
+    gc.set_threshold(100_000, 20, 20)  # with the default thresholds garbage collection takes an eighth of the time
     for work in works:
         _HERE[:] = [note_of(about, work)]
         module, _, name = work.partition(":")

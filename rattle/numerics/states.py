@@ -50,6 +50,8 @@ def sampled_states(
     ------
     ParameterError
         If an argument is outside its domain.
+    RattleError
+        If the density function fails for arrays that broadcast.
     """
     count = require_integer("count", count, 1, MOST_STATES)
     seed = require_integer("seed", seed, 0, (1 << 128) - 1)

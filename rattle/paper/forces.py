@@ -11,7 +11,8 @@ from rattle.paper.records import Finding, FindingEvidence, Statement
 
 #: δ, ε, τ and v of a step of Π that meets Σ⁻ twice in a row.
 EXAMPLE = (0.4, 0.25, 0.32, 5.82)
-#: δ, ε and τ at which Π jumps, and two speeds v on both sides of the jump, where a flight touches Σ⁺ from below.
+#: δ, ε and τ at which Π jumps at some v, and two speeds below and above this v. At the jump the maximum of a flight
+#: touches Σ⁺.
 JUMP = (0.4, 0.25, 0.46, 2.8, 2.9)
 
 

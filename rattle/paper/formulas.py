@@ -39,7 +39,7 @@ def acceleration_by_formula(phase: Array, v: float, delta: float, epsilon: float
 
 
 def f(phase: Array, v: float, delta: float, epsilon: float) -> Array:
-    """Return f by the paper's (3.9) as printed, which is 2Φ''' on departure."""
+    """Return the f of the paper's (3.9) as printed: twice Φ''' on departure."""
     sine = np.sin(TWO_PI * phase)
     return 4 * (
         -(delta**2) * v / 2 + delta**2 * np.pi * epsilon * sine - 2 * delta**2 * np.pi + 4 * np.pi**3 * epsilon * sine
@@ -47,7 +47,7 @@ def f(phase: Array, v: float, delta: float, epsilon: float) -> Array:
 
 
 def g(phase: Array, v: float, delta: float, epsilon: float) -> Array:
-    """Return g by the paper's (3.10) as printed, which is the square of Φ'' on departure."""
+    """Return the g of the paper's (3.10) as printed: the square of Φ'' on departure (not the contact force g)."""
     return acceleration_by_formula(phase, v, delta, epsilon) ** 2
 
 

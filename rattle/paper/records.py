@@ -86,7 +86,7 @@ class Statement:
 
     @property
     def is_as_expected(self) -> bool:
-        """True if the statement holds; a statement that fails must be a finding."""
+        """True if the statement holds, because a statement that fails belongs among the findings."""
         return self.holds
 
 

@@ -74,7 +74,8 @@ def fold_line(tau: Array, v: Array, v_max: float) -> Array:
     points = [np.column_stack([tau - turn, v])]
     at = []
     for i in np.flatnonzero(np.diff(turn)):
-        edge = max(turn[i], turn[i + 1])  # neighbouring points are far less than a period apart, so one edge is crossed
+        # neighbouring points are far less than a period apart, so the line passes only one whole phase between them
+        edge = max(turn[i], turn[i + 1])
         share = (edge - tau[i]) / (tau[i + 1] - tau[i])
         height = v[i] + share * (v[i + 1] - v[i])
         points.append(np.array([[edge - turn[i], height], [np.nan, np.nan], [edge - turn[i + 1], height]]))
@@ -289,7 +290,7 @@ def basins_with_manifolds(delta: float, epsilon: float, beta: float = BETA, reso
     lines += [_orbit_marker(stable) for stable in CROSSES if any(orbit.stable is stable for orbit in shown.values())]
     _add_basin_legend(figure, basins.attractors, palette, lines, 6)
     _write_labels(axes, basins, shown, drawn, gamma)
-    figure.set_layout_engine("none")  # so that labels stay where they were placed
+    figure.set_layout_engine("none")  # a new layout would move the axes under the placed labels
     return Drawing(figure, tuple(notes))
 
 
@@ -303,7 +304,7 @@ def manifold_line(
 ) -> tuple[Array, str | None]:
     """Return a manifold of A or B as a line (k, 2) with phases in [0, 1], and the reason if a part is missing."""
     if orbit is None:
-        return np.empty((0, 2)), None  # another note names missing orbits
+        return np.empty((0, 2)), None  # no reason, because another note names missing orbits
     if orbit.stable:
         return np.empty((0, 2)), f"{name} is stable there: it has no {kind} manifold to draw"
     sides, why, v_max = [], None, largest_drawn_speed(gear)

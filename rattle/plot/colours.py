@@ -190,7 +190,7 @@ class Palette:
         return self._taken.setdefault((label, self._times[label]), self._farthest_spare())
 
     def _farthest_spare(self) -> str:
-        """Return the spare colour that differs most from all colours in the picture and from those of all kinds."""
+        """Return the spare colour farthest from the picture's colours and those of quiet, chaotic, undecided motion."""
         taken = np.array([_cielab(each) for each in self._taken.values()])
         away = [float(np.hypot.reduce(taken - each, axis=1).min()) for _, each in _spare_colours()]
         return _spare_colours()[int(np.argmax(away))][0]

@@ -22,7 +22,7 @@ SHOWN = 0.25
 def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
     """Draw the crisis curve, its end at COD22, and the manifolds W^u(A) and W^s(A) at a tangency and at a corner.
 
-    The function raises the same errors as `rattle.crisis.crisis_curve`.
+    The arguments and errors are those of `rattle.crisis.crisis_curve`.
 
     Returns
     -------
@@ -40,7 +40,7 @@ def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
     for axes, (saddle, lines) in zip(panels, manifolds, strict=True):
         labels = Labels(axes, [*lines, np.array([saddle])])
         labels.add("A", saddle, size=10)
-    figure.set_layout_engine("none")  # so that labels stay where they were placed
+    figure.set_layout_engine("none")  # a new layout would move the axes under the placed labels
     return Drawing(figure, (f"at its lower end: {curve.low_end}", f"at its upper end: {curve.high_end}"))
 
 
@@ -71,7 +71,7 @@ def _draw_crisis_curve(axes: Axes, curve: CrisisCurve) -> None:
 
 
 def _draw_gap_at_end(axes: Axes, curve: CrisisCurve) -> None:
-    """Draw the distance in ε of the crisis curve from SN1, against its distance in δ from COD22."""
+    """Draw the distance in ε of the crisis curve from SN1, near its end, against its distance in δ from COD22."""
     (end,) = (point for point in codimension_two(curve.beta) if point.name == "COD22")
     offset, gap = curve.delta - end.delta, curve.epsilon - sn1_formula(curve.delta)
     near = gap < 2e-3 * end.epsilon

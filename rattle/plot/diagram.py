@@ -117,7 +117,7 @@ def _draw_diagram(diagram: Diagram[Any, Any], v: Limits, tau: tuple[float, float
         labels = Labels(panel, lines)
         _mark_events(panel, labels, diagram, which, scale, offset)
         _write_orbit_names(panel, labels, curves, which, one=which == "v" and not diagram.added)
-    figure.set_layout_engine("none")  # so that labels stay where they were placed
+    figure.set_layout_engine("none")  # a new layout would move the axes under the placed labels
     return figure
 
 
@@ -172,7 +172,7 @@ def draw_along_epsilon(delta: float, epsilon: tuple[float, float], beta: float =
 
 
 def draw_stiff_along_epsilon(delta: float, epsilon: tuple[float, float], beta: float, kappa: float) -> Drawing:
-    """Draw the diagram of the stiff gear along ε, in the axes limits of `draw_along_epsilon`. Raises ParameterError."""
+    """Draw the stiff gear's diagram along ε, with the axes limits of `draw_along_epsilon`. Raises ParameterError."""
     _steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, ALL_PHASES))
     found = stiff_diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, kappa, STIFF_STEPS)
     return Drawing(diagram_figure(found, *limits), _left_out_note(found))
@@ -250,7 +250,13 @@ def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: 
 
 
 def strokes(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
-    """Yield (stable, slice of points) for each admissible part of one stability; a jump of τ by 1 also ends a part."""
+    """Yield the longest admissible parts of a curve in which neither the stability changes nor τ jumps by 1.
+
+    Yields
+    ------
+    tuple[bool, slice]
+        Whether the part is stable, and its points.
+    """
     parts = zip(curve.admissible[:-1], curve.stable[:-1], np.abs(np.diff(curve.tau)) > 0.5, strict=True)
     kinds = [None if jumps or not is_admissible else bool(stable) for is_admissible, stable, jumps in parts]
     first = 0

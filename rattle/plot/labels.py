@@ -266,7 +266,7 @@ def _places_beside(stretch: Array, height: float) -> list[tuple[Array, float, fl
         return []
     chord = stretch[-1] - stretch[0]
     angle = float(np.arctan2(chord[1], chord[0]))
-    angle = (angle + np.pi / 2) % np.pi - np.pi / 2  # so that the label is not upside down
+    angle = (angle + np.pi / 2) % np.pi - np.pi / 2  # at most a quarter turn, so that the label is not upside down
     normal = np.array([-np.sin(angle), np.cos(angle)])
     off = (stretch - stretch[0]) @ normal
     bend = float(np.ptp(off))

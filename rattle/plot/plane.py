@@ -62,7 +62,7 @@ def polyline(curve: Curve) -> Array:
 
 
 def draw_curve(axes: Axes, curve: Curve, width: float = 1.4, halo: bool = True) -> Array:
-    """Draw a bifurcation curve in its style, and return its `polyline`."""
+    """Draw a bifurcation curve in its style, with a white outline if `halo`, and return its `polyline`."""
     line = polyline(curve)
     draw_line(axes, curve.name, line, STYLES[curve.name], width, halo)
     return line
@@ -71,7 +71,10 @@ def draw_curve(axes: Axes, curve: Curve, width: float = 1.4, halo: bool = True) 
 def draw_line(
     axes: Axes, name: str, line: Array, style: tuple[str, Any], width: float = 1.4, halo: bool = True
 ) -> None:
-    """Draw a line (k, 2) whose pieces are separated by NaN. style: colour and dashes. name: the line's legend entry."""
+    """Draw a line (k, 2) whose pieces are separated by NaN, with a white outline if `halo`.
+
+    style: colour and dashes. name: the line's legend entry.
+    """
     colour, dashes = style
     axes.plot(
         *line.T,
@@ -113,8 +116,8 @@ def plane_figure(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
     """Draw the bifurcation diagram of Figures 7 and 8: curves, codimension-two points and regions in a window.
 
     Curves that the paper has are thick, other curves thin. At the paper's β dashed lines show the ranges of its Figures
-    5 and 9, and a rectangle shows the window of Figure 8. If COD21 and COD23 are close together in the window, an inset
-    shows the distances of PD1 and G1 from SN2.
+    5 and 9, and a rectangle shows the window of Figure 8. If COD21 and COD23 are in the window and at least 1/200
+    of its width apart in δ, an inset shows the distances of PD1 and G1 from SN2.
 
     Parameters
     ----------
@@ -166,7 +169,7 @@ def plane_figure(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
         labels.add_along(name.replace("_", " "), line, 10 if name in IN_PAPER else 8, STYLES[name][0])
     for name, line in marks.items():
         labels.add_along(name, line, 7, MARKED["color"])
-    figure.set_layout_engine("none")  # so that labels stay where they were placed
+    figure.set_layout_engine("none")  # a new layout would move the axes under the placed labels
     return Drawing(figure, tuple(notes))
 
 
@@ -190,8 +193,8 @@ def _draw_inset(
     Returns
     -------
     Box | None
-        The box of the inset in data coordinates. None if COD21 and COD23 are not close together in the window, or no
-        corner is free: then nothing is drawn.
+        The box of the inset in data coordinates. None if COD21 or COD23 is not in the window, the window is wider along
+        δ than FARTHEST times their distance, or no corner is free: then nothing is drawn.
     """
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     if not {"COD21", "COD23"} <= set(points) or not {"SN2", "PD1", "G1"} <= set(curves):

@@ -211,7 +211,7 @@ def codimension_two_figure(beta: float = 0.6) -> Drawing:
             if name == "COD22":
                 text = places.annotate(f"r = {r:g}", point, (6, 1), textcoords="offset points", fontsize=8)
                 text.set_path_effects(HALO)
-    places.margins(x=0.12)  # leaves room for the labels of r
+    places.margins(x=0.12)  # a wider margin leaves room for the labels of r
     places.set(xlabel="damping δ", ylabel="eccentricity ε", title=f"half-backlash β = {beta:g}")
     places.legend(fontsize=8, frameon=False)
     last = curves["COD22"]

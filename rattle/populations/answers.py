@@ -52,8 +52,8 @@ class WorstGear(NamedTuple):
     """One of the gears with the largest mean energy.
 
     row: the number of the gear in the population. numbers: the values of the numbers that vary, by name. quiet: the
-    share of the gear's runs that are quiet. energy: the mean over its runs of Σv²/2 per revolution; for a machine the
-    mean power in W.
+    share of the gear's runs that are quiet. energy: the mean over its runs of Σv²/2 per forcing period; for a machine
+    the mean power in W.
     """
 
     row: int
@@ -66,7 +66,7 @@ class WorstGear(NamedTuple):
 class Population:
     """A computed population of gears: its plan, its rows, and methods that answer questions about it.
 
-    Energies are Σv²/2 per revolution in the model's unit. For machines `watts_per_unit` converts energies to watts.
+    Energies are Σv²/2 per forcing period in the model's unit. For machines `watts_per_unit` converts energies to watts.
     """
 
     plan: Plan
@@ -84,7 +84,7 @@ class Population:
 
     @cached_property
     def quiet(self) -> Estimate:
-        """The probability that a random gear, started from a random state, runs quietly.
+        """The probability that a random gear runs quietly after a random start: a random state, or the plan's shock.
 
         Undecided samples widen the interval; in the value they count as not quiet.
         """
@@ -113,14 +113,14 @@ class Population:
 
     @property
     def watts_per_unit(self) -> Array | float:
-        """The power in W of one unit of energy per revolution, for each gear (n,); 1 if the gears are not machines."""
+        """The power in W of one unit of energy per forcing period, for each gear (n,); 1 if gears are not machines."""
         units = self.plan.tolerances.points(self.gears.values).units
         return 1.0 if units is None else np.broadcast_to(units.power, len(self.gears.values))
 
     def intensity(self, quantiles: Sequence[float] = QUANTILES) -> dict[float, Estimate]:
-        """Return quantiles of the energy per revolution; for machines quantiles of the power in watts.
+        """Return quantiles of the energy per forcing period; for machines quantiles of the power in watts.
 
-        The distribution is that of a random gear started from a random state.
+        The distribution is that of a random gear after a random start: a random state, or the plan's shock.
 
         Parameters
         ----------
@@ -167,14 +167,15 @@ class Population:
         Returns
         -------
         dict[str, Index]
-            The indices of each number, by its name.
+            The indices of each number, by its name. If only one number varies, both of its indices are 1.
 
         Raises
         ------
         ParameterError
             If `of` is neither "quiet" nor "energy".
         RattleError
-            If the output does not vary significantly between gears, or `pairs` is 0.
+            If `pairs` is 0, fewer than FEWEST gears have decided samples, or the output does not vary significantly
+            between gears; never if only one number varies.
         """
         require_one_of("of", of, OUTPUTS)
         if len(self.names) == 1:

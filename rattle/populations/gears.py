@@ -43,8 +43,8 @@ class Gears(NamedTuple):
     delta, epsilon, beta : ndarray, (n,)
         The dimensionless parameters.
     energy : ndarray, (n, count)
-        Σv²/2 per revolution of the attractor that each sample reaches, in rising order: 0 if it is quiet, NaN (last) if
-        the sample is undecided.
+        Σv²/2 per forcing period on the attractor that each sample reaches, in rising order: 0 if the attractor is
+        quiet, NaN (last) if the sample is undecided.
     verdict : ndarray of int, (n,)
         Index into `VERDICTS`.
     """
@@ -84,7 +84,7 @@ def blocks_of_gears(delta: Array, count: int) -> list[slice]:
 
 
 def sorted_energies(plan: Plan, points: Points, count: int, seed: int) -> Array:
-    """Return Σv²/2 per revolution of the attractor of each sample (n, count), sorted within each gear.
+    """Return Σv²/2 per forcing period on the attractor of each sample (n, count), sorted within each gear.
 
     Returns
     -------

@@ -307,7 +307,8 @@ class _Solver:
         Returns
         -------
         tuple[int, int]
-            The numbers of quiet and of undecided samples; both are 0 above the quiet limit.
+            The numbers of quiet and of undecided samples. If rigid teeth cannot stay in contact at the value, no sample
+            is followed and both are 0.
         """
         points = points_of({**self.given, self.of: np.array([value])})
         at = points.parameters

@@ -113,7 +113,10 @@ class Plan:
 
     @cached_property
     def n_sharing(self) -> int:
-        """The number of rows of each part but the first, which are for Sobol indices; 0 if only one number varies."""
+        """The number of rows of each part but the first, which are for Sobol indices: `pairs`, but at most `gears`.
+
+        It is 0 if only one number varies.
+        """
         return min(self.pairs, self.gears) if len(self.tolerances.names) > 1 else 0
 
     @cached_property
@@ -123,7 +126,7 @@ class Plan:
 
     @property
     def rows(self) -> int:
-        """The number of rows of all parts of the plan, each of which is a gear."""
+        """The number of rows, and so of gears, of all parts of the plan together."""
         return self.gears + self.n_sharing * (1 + 2 * len(self.tolerances.names))
 
     def is_judged(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:

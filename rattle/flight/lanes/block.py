@@ -30,7 +30,8 @@ _PARAMETERS = ("inverse_delta", "delta", "epsilon", "gap")
 #: for elastic impacts); the impacts on both walls, the most impacts on Σ⁺, and the reason of an early stop (0 if none);
 #: a tangent vector (dt, dw), the product of determinants, and the time. The last line is for the code that follows
 #: trajectories: a reference state and its number of impacts, the number of checks so far and the number at which the
-#: reference is replaced; the batch that is measured (below 0 if none yet) and its begin; the unit of speeds.
+#: reference is replaced; the batch that is measured (below 0 if none yet) and the time up to which it is recorded; the
+#: unit of speeds.
 _CARRIED = (
     *_STATE,
     *_PARAMETERS,

@@ -124,7 +124,7 @@ def locate(b, n):
 
 @inline
 def prove_scanned(b, n):
-    """Prove the located impacts to be the first, for flights whose contact force keeps its sign."""
+    """Discard the proof of located impacts that may not be the first, where the contact force keeps its sign."""
     for k in range(n):
         rising, minimum = b.z_falls[k] == ZERO, Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])
         clear = clears_the_gap(b.z_wall[k], rising, b.z_s[k], minimum, b.z_gap[k], compacted_flight(b, k))
@@ -133,7 +133,7 @@ def prove_scanned(b, n):
 
 @inline
 def prove_scanned_turns(b, n):
-    """Prove the located impacts to be the first, where the contact force of some lane changes sign."""
+    """Discard the proof of impacts that may not be the first, where the contact force of some lane changes sign."""
     for k in range(n):
         wall, gap, rising, tau, s = b.z_wall[k], b.z_gap[k], b.z_falls[k] == ZERO, b.z_tau[k], b.z_s[k]
         flight, arc, minimum = compacted_flight(b, k), compacted_arc(b, k), Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])

@@ -106,7 +106,7 @@ def refine(b, groups):
 
 @inline
 def prove(b, groups):
-    """Prove that the located impact is the first."""
+    """Decide for each lane whether its located impact is proved to be the first of its flight."""
     for i in range(GROUP * groups):
         rising, s, flight = b.falls[i] == ZERO, b.s_[i], flight32(b, i)
         minimum = Minimum(b.bound[i], b.tilt[i], b.turn[i])
@@ -148,7 +148,7 @@ def select_number(go, new, old):
     """Return the new number if the lane goes on, else the old one.
 
     LLVM would turn a plain choice into a masked store, which is slow without AVX-512. The maximum of the
-    old number and LEAST, the most negative number, equals the old number, but hides from LLVM where it came from.
+    old number and LEAST, the most negative number, equals the old number, but LLVM does not recognise it as such.
 
     Returns
     -------
@@ -163,7 +163,7 @@ def _build_land(tangent):
 
     @inline
     def land(b, groups):
-        """Move the lanes with a proved impact, and with impacts left, to this impact, and reflect their velocity.
+        """Move each lane whose impact is proved to this impact, unless its limit is reached, and reflect its velocity.
 
         With tangent vectors, the flights of other lanes get duration 0, and for `carry` sin1 and cos1 become the sine
         and cosine at the departure.
@@ -248,7 +248,7 @@ def enter_contact(b, groups):
 
 @kernel
 def search(b, i, paths):
-    """Compute the flight of lane i by `safe_impact`, which cannot skip an impact; stop a lane in lasting contact."""
+    """Compute the flight of lane i by `safe_impact`; stop the lane if it is in lasting contact or finds no impact."""
     wall, flight = np.int64(b.wall[i]), flight64(b, i)
     if stays_in_contact(wall, flight.w, b.tau[i], flight.delta, flight.epsilon, DRIFT):
         b.stuck[i], b.limit[i] = IN_CONTACT, -1.0

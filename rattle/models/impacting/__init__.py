@@ -24,7 +24,7 @@ class Impacting(Model):
     functions: ClassVar[Functions] = impacting
     classifier = ImpactingClassifier
     curve_names = impacting.NAMES
-    compiled_at = 0.089, 0.1, 0.25  # cells with quiet and periodic, with quiet and chaotic, with only chaotic motions
+    compiled_at = 0.089, 0.1, 0.25  # quiet and periodic; quiet and chaotic; only chaotic motions
 
     def gear(self, delta: float, epsilon: float) -> Gear:
         """Return the gear at one point."""
