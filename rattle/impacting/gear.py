@@ -149,7 +149,7 @@ class Gear(SampledGear, Rattling):
         return capture_speed(self.delta, self.epsilon, self.beta)
 
     def first_impact(self, wall: int, phase: float, velocity: float) -> FirstImpact:
-        """Return the first impact after leaving a wall at this phase with this velocity into the gap.
+        """Return the first impact of a flight that leaves a wall at this phase with this velocity.
 
         Parameters
         ----------
@@ -333,8 +333,8 @@ class Gear(SampledGear, Rattling):
     def gamma(self, spacing: float = 0.02) -> tuple[GammaPiece, ...]:
         """Return the grazing curve Γ: all states (τ, v) whose flight touches Σ⁻ with speed 0, accurate to 1e-10.
 
-        Neighbouring points of a piece are at most `spacing` (at least 1e-4) apart in (τ, v). Outside the paper's range
-        of speeds, distances in v are measured in sevenths of the natural speed (`basins`).
+        Neighbouring points of a piece are at most `spacing` (at least 1e-4) apart in (τ, v). Outside the paper's plane
+        distances in v are measured in sevenths of the natural speed 1.5 √(16πδβ) + 2πε.
 
         Returns
         -------

@@ -44,9 +44,10 @@ def roughness_of(cells: Any) -> NDArray[np.float64]:
 def sorted_by_roughness(
     which: NDArray[np.int64], samples: Trajectories, roughness: NDArray[np.float64]
 ) -> NDArray[np.int64]:
-    """Return the samples `which`, with those first in whose cells the contact force swings most relative to its mean.
+    """Return the samples `which`, sorted by the roughness of their cells, the largest first.
 
-    So neighbouring lanes need the same stages of a flight. roughness (n_cells,): the results of `roughness_of`.
+    Neighbouring lanes then mostly need the same stages of a flight. roughness (n_cells,): the results of
+    `roughness_of`.
 
     Returns
     -------

@@ -42,8 +42,8 @@ class Crisis:
         Numbers of impacts on Σ⁻ between successive impacts on Σ⁺ along the orbit of the contact, without the zeros at
         the beginning and at the end. At a corner they are those on the side with more impacts on Σ⁻.
     parameter : float
-        Position s on W^u(A) of one point of the contact's orbit; near A, s is the arclength from A. It is the point
-        after which the orbit first meets Σ⁻ between its first and its second impact on Σ⁺.
+        Position s on W^u(A) of one point of the contact's orbit; near A, s is the arclength from A. In its second
+        return to Σ⁺ from this point the orbit meets Σ⁻ for the first time.
     steps : int
         Impacts on Σ⁺ from this point to the return to W^s(A) near A.
     chaotic : bool

@@ -84,7 +84,18 @@ def _returns_at_next_point(last: Crisis) -> int:
 
 
 def contact_at_delta(known: list[Crisis], delta: float) -> Crisis:
-    """Return the crisis at this damping that continues the crises `known`, the nearest last; RattleError if none."""
+    """Return the crisis at this damping that continues the known crises, of which the last is the nearest to it.
+
+    Returns
+    -------
+    Crisis
+        The crisis.
+
+    Raises
+    ------
+    RattleError
+        If no crisis is found there.
+    """
     y = np.log([[point.gap, point.parameter] for point in known])
     gap, s = np.exp(_extrapolate(known, np.array([point.delta for point in known]), y, delta))
     return solve_contact(

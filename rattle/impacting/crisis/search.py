@@ -74,7 +74,7 @@ def _follow_manifold(delta: float, beta: float, gap: float, density: int) -> Fol
 
 
 def has_escaping_piece(delta: float, beta: float, gap: float, density: int) -> bool:
-    """Return whether one of `density` samples of W^u(A) per unit of ln s becomes quiet at ε = SN1 + gap."""
+    """Return whether any sample of W^u(A), `density` of them per unit of ln s, becomes quiet at ε = SN1 + gap."""
     return bool(_follow_manifold(delta, beta, gap, density).becomes_quiet.any())
 
 
@@ -121,7 +121,7 @@ def _returns_of_orbit(delta: float, beta: float, gap: float, s: float) -> tuple[
     Returns
     -------
     tuple[int, list[int]]
-        The number of impacts to the state after which the orbit meets Σ⁻ between its first and its second impact on Σ⁺,
+        The number of impacts to the state that is one return to Σ⁺ before the return in which the orbit first meets Σ⁻,
         −1 if it never meets Σ⁻; and the numbers of impacts, counted from this state, at which the orbit comes back to A
         close to W^s(A).
     """
