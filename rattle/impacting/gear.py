@@ -103,7 +103,7 @@ class Gear(SampledGear, Rattling):
         """Return an `InelasticGear` if restitution, load or harmonics make the gear inelastic."""
         if is_elastic(restitution, load, harmonics):
             return super().__new__(cls)
-        # imported here, because that package imports this one
+        # imported here, because `rattle.inelastic` imports this module
         other = import_module("rattle.inelastic.gear").InelasticGear
         return other(*point, **named, restitution=restitution, load=load, harmonics=harmonics)
 

@@ -46,7 +46,7 @@ WORK = np.dtype(
 
 @inline
 def direction_of(lane, few):
-    """Return which direction a lane tries, and the number of halvings from the group's largest radius to its own.
+    """Return the direction that a lane tries, and the number of halvings from its group's largest radius to its radius.
 
     few: the group tries four directions at four radii; otherwise all directions at one radius.
 
@@ -73,7 +73,7 @@ def load_centre(b, group, i, centres, cells):
 
 @inline
 def load_states(b, work, group, i, level, few, centres):
-    """Put the states that a group tries next around centre i on its lanes, a state on each lane."""
+    """Put on each lane of a group the state that the lane tries next around centre i. level, few: see `WORK`."""
     for j in range(GROUP):
         lane = group * GROUP + j
         direction, halvings = direction_of(j, few)

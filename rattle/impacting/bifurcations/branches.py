@@ -49,7 +49,7 @@ SAME_MOTION = 1e-6  # largest difference between the impact times of equal motio
 
 @dataclass(frozen=True, repr=False)
 class Branch(FollowedBranch):
-    """A branch of the impacting model: see `FollowedBranch`.
+    """A branch of periodic motions of the impacting gear along a line, with the fields of `FollowedBranch`.
 
     unknowns (k, n + 2): for each of k points the n impact times, as in `PeriodicOrbit`, then δ and ε.
     """

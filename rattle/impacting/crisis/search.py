@@ -24,8 +24,8 @@ from rattle.impacting.orbits.period_one import period_one
 from rattle.orbits.saddles import Array
 
 STEP = 0.04  # relative step in ε − SN1, where SN1 is the ε of the curve SN1 at the damping
-# the first ε − SN1 is LOWEST · SN1 times the squared relative distance in δ from COD22, which counts as SMALLEST at
-# least
+# the first ε − SN1 is LOWEST · SN1 times the squared relative distance in δ from COD22, which counts as
+# SMALLEST if it is smaller
 LOWEST, SMALLEST = 0.5, 2e-5
 # last ε − SN1 that is tried, relative to SN1; at weak damping the search ends at the quiet limit, far above SN1
 HIGHEST = 2.0
