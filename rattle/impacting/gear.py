@@ -167,6 +167,8 @@ class Gear(SampledGear, Rattling):
         ------
         ParameterError
             If wall is not ±1, a number is not finite, or the velocity is zero or points out of the gap.
+        RattleError
+            If there is no next impact.
         """
         require(require_finite("wall", wall) in (1, -1), f"wall must be +1 or -1, got {wall!r}")
         tau = _folded_phase(phase)
@@ -267,6 +269,13 @@ class Gear(SampledGear, Rattling):
         -------
         Trajectory
             (time, phi, velocity, impact_time, impact_wall, impact_speed, rest).
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+        RattleError
+            If the motion makes too many impacts, or cannot be followed.
         """
         tau = _folded_phase(tau)
         return trajectory(self.delta, self.epsilon, self.beta, tau, v, periods, points, self.capture_speed)
@@ -278,7 +287,8 @@ class Gear(SampledGear, Rattling):
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> PeriodicOrbit:
         """Return the periodic motion near a departure (τ, v) that repeats after n_plus impacts on Σ⁺.
 
-        The motion is returned with its least period, so it may have fewer impacts on Σ⁺; see `periodic_orbit`.
+        The motion is returned with its least period, so it may have fewer impacts on Σ⁺. Errors are those of
+        `periodic_orbit`.
 
         Returns
         -------

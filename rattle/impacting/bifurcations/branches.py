@@ -170,7 +170,7 @@ def doubled(
 def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) -> tuple[Branch, Branch]:
     """Return the two branches that meet at a graze (GR).
 
-    Arguments and errors are those of `branch`.
+    Other arguments and errors are those of `branch`.
 
     Returns
     -------

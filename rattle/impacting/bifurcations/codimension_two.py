@@ -245,7 +245,7 @@ def robust_chaos_interval(beta: float = 0.6) -> tuple[float, float]:
     ParameterError
         If beta is outside its domain.
     RattleError
-        If this half-backlash has no COD21 or no COD22.
+        If this half-backlash has no COD21 or no COD22, or is below 1e-6.
     """
     beta = require_number("beta", beta, positive=True)
     lower, upper = (_point_on_grazing_curve(name, POINTS[name].residual, beta)[0] for name in ("COD21", "COD22"))

@@ -202,6 +202,8 @@ def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
     ------
     ParameterError
         If the motion is of another type, or of another gear.
+    RattleError
+        If Newton's method finds no admissible motion near the state of the `Orbit`.
     """
     if isinstance(orbit, PeriodicOrbit):
         return orbit
