@@ -76,7 +76,7 @@ class SaddleManifolds:
 
     @cached_property
     def stable_manifold(self) -> LocalManifold:
-        """The local manifold W^s(A)."""
+        """The local part of W^s(A), the stable manifold of the saddle A, as a power series."""
         return local_manifold(self.saddle, stable=True)
 
     @cached_property
@@ -166,7 +166,7 @@ class SaddleManifolds:
 
 @lru_cache(maxsize=256)
 def saddle_manifolds_at(delta: float, epsilon: float, beta: float) -> SaddleManifolds:
-    """Return the manifolds of A at a parameter point, cached."""
+    """Return the saddle A at a parameter point with both manifolds; the latest results are kept."""
     return SaddleManifolds(delta, epsilon, beta)
 
 

@@ -225,7 +225,7 @@ def crisis_curve(
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If there is no crisis at the damping at which the curve is begun.
+        If COD22 does not exist at this half-backlash, or no crisis is found at the damping where the search begins.
     """
     beta = require_number("beta", beta, positive=True)
     resolution = require_number("resolution", resolution, positive=True)

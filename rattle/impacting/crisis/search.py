@@ -45,7 +45,7 @@ WIDER = 12  # most doublings of the width of a window in s
 
 
 def end_of_curve(beta: float) -> float:
-    """Return δ of COD22, where the crisis curve ends."""
+    """Return δ of COD22, where the crisis curve ends. Raises RattleError if COD22 does not exist at this beta."""
     for point in codimension_two(beta):
         if point.name == "COD22":
             return point.delta
@@ -202,7 +202,18 @@ def _contact_of_run(delta: float, beta: float, low: float, high: float, run: Arr
 
 
 def first_contact(delta: float, beta: float, low: float, high: float) -> Crisis:
-    """Return the contact of W^u(A) with W^s(A) that has the least ε between SN1 + low and SN1 + high."""
+    """Return the contact of W^u(A) with W^s(A) that has the least ε between SN1 + low and SN1 + high.
+
+    Returns
+    -------
+    Crisis
+        The contact.
+
+    Raises
+    ------
+    RattleError
+        If no contact is found, or W^u(A) still escapes below each contact found.
+    """
     for _ in range(MOST_PIECES):
         found = contact_near(delta, beta, low, high)
         below = found.gap * (1.0 - MARGIN)
