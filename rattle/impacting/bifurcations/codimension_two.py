@@ -74,7 +74,7 @@ def _square_root_factor(delta: float, beta: float) -> float:
 class Condition:
     """A codimension-two point: its condition along the grazing curve, and the curves that meet there.
 
-    curves: the names of these curves, each with the side of the point on which the curve exists: −1 for smaller and +1
+    curves: the names of these curves, each with one side of the point on which the curve exists: −1 for smaller, +1
     for larger δ.
     """
 
