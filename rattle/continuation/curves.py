@@ -133,7 +133,7 @@ class Curve(TabularResult):
         Raises
         ------
         ParameterError
-            Unless exactly one of `delta` and `epsilon` is given.
+            If not exactly one of `delta` and `epsilon` is given, or the given number is outside its domain.
         """
         given = [(name, x) for name, x in (("delta", delta), ("epsilon", epsilon)) if x is not None]
         require(len(given) == 1, "exactly one of delta and epsilon must be given")

@@ -49,7 +49,8 @@ LARGEST_PERIOD, MOST_BRANCHES = 64, 1000
 CHAOTIC_POINTS = 200
 #: Number of steps after which a branch is searched again near an attractor that seems to stay on its branch.
 CHECKED = 10
-#: Largest change between steps, in phase and in units of speed, at which an attractor counts as the same.
+#: Largest change of an attractor's state between steps at which it counts as the same attractor: in phase, and in speed
+#: relative to the unit of speed.
 JUMP = 0.05
 #: Largest distance between states that count as the same state of an orbit.
 SAME_ORBIT = 1e-6
@@ -279,12 +280,12 @@ def _motions_of_attractors(sweeps: Sweeps, parameters: Parameters, search: Searc
 
 
 def _is_close(one: KnownAttractor, other: KnownAttractor, unit: float) -> bool:
-    """Return whether the states of two attractors differ by less than JUMP, in phase and in units of speed."""
+    """Return whether the states of two attractors differ by less than JUMP, in τ and in v/unit."""
     return abs(wrapped(one.tau - other.tau)) < JUMP and abs(one.v - other.v) < JUMP * unit
 
 
 def _unsampled_pieces(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tuple[list[BranchPiece], bool]:
-    """Return the stable parts of branches that no sample found, and add motions that the sweeps missed to the sweeps.
+    """Return the stable parts of branches that no sample found, and make motions that the sweeps missed known to them.
 
     Returns
     -------

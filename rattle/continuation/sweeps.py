@@ -3,7 +3,8 @@
     known = the attractors that a sample of states finds at every step
     start a run forward from each known attractor at the first step, and backward from each at the last step; finish
     for each step, while it has a known attractor that no run has reached in either direction:
-        start a run forward from this attractor; if no sample found it, the run stops at any known attractor; finish
+        start a run forward from this attractor; finish. If no sample found the attractor, the run also ends at
+            attractors that only backward runs have reached.
 
     finish: until all runs have ended, follow the state of each run at its next step to an attractor:
         if this is quiet motion, or an attractor that was reached in this direction before: the run ends, and a run in
@@ -147,7 +148,7 @@ class Sweeps:
     def _finish_runs(self) -> None:
         """Advance all runs, and the runs that they start, until all have ended.
 
-        Of the runs that arrive at one step next, only one advances at a time.
+        If several runs have the same next step, one advances and the others wait.
         """
         while self._runs:
             now: dict[int, _Run] = {}
@@ -171,11 +172,15 @@ class Sweeps:
     def _record_arrival(
         self, run: _Run, table: AttractorTable, rows: NDArray[np.int64], end: tuple[float, float]
     ) -> None:
-        """Record the attractor that a run reached, and move the run on; if the attractor is not new, end the run.
+        """Record the attractor that a run reached, and move the run to its next step; or end the run.
 
-        A run that ends starts a run in the opposite direction from the step before. If this opposite run ends in quiet
-        motion, as happens on a chaotic set that samples leave after some time, a run in the first direction starts
-        again from where the first run had passed.
+        The run ends after the last step, in quiet motion, or at an attractor that had been reached before (`_Run`). In
+        the last two cases a run in the opposite direction starts from the step before. If this opposite run ends in
+        quiet motion, as happens on a chaotic set that samples leave after some time, a run in the first direction
+        starts again from where the first run had passed.
+
+        rows: for the run, and then for each known attractor of the step, the row of `table` with the attractor that its
+        state goes to. end: the state of the run after it was followed.
         """
         row, here = rows[0], self.known[run.step]
         kind = int(table.kind[row])

@@ -103,7 +103,7 @@ class Gear(SampledGear, Rattling):
         """Return an `InelasticGear` if restitution, load or harmonics make the gear inelastic."""
         if is_elastic(restitution, load, harmonics):
             return super().__new__(cls)
-        # imported here, because that package imports this one
+        # imported here, because `rattle.inelastic` imports this module
         other = import_module("rattle.inelastic.gear").InelasticGear
         return other(*point, **named, restitution=restitution, load=load, harmonics=harmonics)
 
@@ -149,7 +149,7 @@ class Gear(SampledGear, Rattling):
         return capture_speed(self.delta, self.epsilon, self.beta)
 
     def first_impact(self, wall: int, phase: float, velocity: float) -> FirstImpact:
-        """Return the first impact after leaving a wall at this phase with this velocity into the gap.
+        """Return the first impact of a flight that leaves a wall at this phase with this velocity.
 
         Parameters
         ----------
@@ -167,6 +167,8 @@ class Gear(SampledGear, Rattling):
         ------
         ParameterError
             If wall is not ±1, a number is not finite, or the velocity is zero or points out of the gap.
+        RattleError
+            If there is no next impact.
         """
         require(require_finite("wall", wall) in (1, -1), f"wall must be +1 or -1, got {wall!r}")
         tau = _folded_phase(phase)
@@ -267,6 +269,13 @@ class Gear(SampledGear, Rattling):
         -------
         Trajectory
             (time, phi, velocity, impact_time, impact_wall, impact_speed, rest).
+
+        Raises
+        ------
+        ParameterError
+            If an argument is outside its domain.
+        RattleError
+            If the motion makes too many impacts, or cannot be followed.
         """
         tau = _folded_phase(tau)
         return trajectory(self.delta, self.epsilon, self.beta, tau, v, periods, points, self.capture_speed)
@@ -278,7 +287,8 @@ class Gear(SampledGear, Rattling):
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> PeriodicOrbit:
         """Return the periodic motion near a departure (τ, v) that repeats after n_plus impacts on Σ⁺.
 
-        The motion is returned with its least period, so it may have fewer impacts on Σ⁺; see `periodic_orbit`.
+        The motion is returned with its least period, so it may have fewer impacts on Σ⁺. Errors are those of
+        `periodic_orbit`.
 
         Returns
         -------
@@ -333,8 +343,8 @@ class Gear(SampledGear, Rattling):
     def gamma(self, spacing: float = 0.02) -> tuple[GammaPiece, ...]:
         """Return the grazing curve Γ: all states (τ, v) whose flight touches Σ⁻ with speed 0, accurate to 1e-10.
 
-        Neighbouring points of a piece are at most `spacing` (at least 1e-4) apart in (τ, v). Outside the paper's range
-        of speeds, distances in v are measured in sevenths of the natural speed (`basins`).
+        Neighbouring points of a piece are at most `spacing` (at least 1e-4) apart in (τ, v). Outside the paper's plane
+        distances in v are measured in sevenths of the natural speed 1.5 √(16πδβ) + 2πε.
 
         Returns
         -------

@@ -27,7 +27,7 @@ MOST_IMPACTS = 1_000_000
 
 @kernel
 def write_impulse_imbalances(cell, returns, periods, tau, v, cells, sums, found):
-    """Write the relative error of the impulse balance of each motion (n,) to `found`; NaN if it cannot be followed.
+    """Write the relative error of each motion's impulse balance to `found` (n,); NaN if the motion cannot be followed.
 
     Each motion is followed for returns[i] returns to Σ⁺ or periods[i] forcing periods, whichever ends first. If both
     are unlimited, it is followed for PERIODS forcing periods, or RELAXATIONS/δ if this is more. `sums` (1, COLUMNS) is
@@ -45,11 +45,11 @@ def write_impulse_imbalances(cell, returns, periods, tau, v, cells, sums, found)
 
 
 def impulse_balance_errors(table: AttractorTable, cells: Any) -> NDArray[np.float64]:
-    """Return the relative error |(Σv₊ − Σv₋)/(2πδT) − 1| of the impulse balance of every attractor of a table (n,).
+    """Return the relative error |(P₊ − P₋)/(4πδT) − 1| of the impulse balance of every attractor of a table (n,).
 
-    v₊ and v₋ are the speeds of the impacts on Σ⁺ and Σ⁻ during T forcing periods. With a load 2πδ is replaced by 2πδ(1
-    + load). A periodic attractor is followed over one period, so its error is rounding only. A chaotic attractor is
-    followed for 64 forcing periods, or 8/δ if this is more.
+    P₊ and P₋ are the sums of the impulses on Σ⁺ and on Σ⁻ during T forcing periods. With a load 4πδ is replaced by
+    4πδ(1 + load). A periodic attractor is followed over one period, so its error is rounding only. A chaotic attractor
+    is followed for 64 forcing periods, or 8/δ if this is more.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def impulse_balance_errors(table: AttractorTable, cells: Any) -> NDArray[np.floa
     Returns
     -------
     NDArray[np.float64]
-        The errors; NaN for attractors that are neither periodic nor chaotic.
+        The errors; NaN for attractors that are neither periodic nor chaotic, or cannot be followed.
     """
     errors = np.full(table.cell.size, np.nan)
     rows = np.flatnonzero((table.kind == Outcome.PERIODIC) | (table.kind == Outcome.CHAOTIC))

@@ -52,7 +52,7 @@ class Rattling(ABC):
         ParameterError
             If an argument is outside its domain.
         RattleError
-            If the motion does not belong to this gear, or comes to rest.
+            If the motion does not belong to this gear, comes to rest, or cannot be followed for so long.
         """
         return intensity(motion, self._point, periods)
 
@@ -76,7 +76,7 @@ class Rattling(ABC):
         A periodic or quiet motion has exact lines. For elastic impacts at ±β a line has the amplitude (1/m) Σ ∓2v
         e^(−2πi order t), summed over the impacts of a period; the amplitude of order 0 is −4πδ(1 + load). A chaotic
         motion has a density at steps of 1/resolution, with a 95 % interval, from 256 segments of `resolution` forcing
-        periods. The method raises the same exceptions as `intensity`.
+        periods. The method raises the same exceptions as `intensity`, and RattleError for an undecided motion.
 
         Returns
         -------

@@ -39,7 +39,7 @@ class Lines(NamedTuple):
     """The force of a periodic or quiet motion, Σ_k amplitude e^(2πi order t) over orders k/m of both signs.
 
     order (n,) holds the orders from 0 on; amplitude (n,) is complex and dimensionless. The amplitude of a negative
-    order is the complex conjugate.
+    order is the complex conjugate. The force is positive in the direction of rising Φ.
     """
 
     order: Array

@@ -98,7 +98,7 @@ def write_batch_sums(cell, tau, v, periods, cells, sums):
 
 
 def follow_one_by_one(cell: NDArray[np.int64], tau: Array, v: Array, longer: Array, cells: Any) -> Array:
-    """Follow chaotic motions (n,) one after another, and sum over their impacts. This function is a `Stretch`.
+    """Follow chaotic motions (n,) one after another, and sum over their impacts (a function of the type `Stretch`).
 
     longer (n,): the duration for which each motion is followed, in units of STRETCH forcing periods.
 

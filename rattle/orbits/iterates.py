@@ -123,8 +123,8 @@ class Trajectory(NamedTuple):
     impact_time, impact_wall, impact_speed : ndarray, (k,)
         The impacts: time, wall +1 (Φ = β) or −1, and speed |Φ'|.
     rest : float
-        Time from which the motion is at rest on Σ⁺, inf if it does not come to rest. Bounces after this time, slower
-        than 1e-4, are left out.
+        Time from which contact lasts for ever, inf if it never does. The impacting gear bounces for ever: its bounces
+        count as contact once they are slower than 1e-4 and certain to become quiet, and are then left out.
     """
 
     time: Array

@@ -159,7 +159,7 @@ def manifold(
     Raises
     ------
     ParameterError
-        If the orbit is not a saddle.
+        If the orbit is not a saddle, or another argument is outside its domain.
     RattleError
         If no local manifold is found, mostly because the saddle is close to grazing, or too many points are needed.
     """
@@ -195,8 +195,8 @@ def _rows_of_image(level: _Image, end: int) -> Array:
     """Return the points of the j-th image of the fundamental domain as rows (6, n).
 
     The rows are: τ, v, position t of the point's j-th preimage in the domain, j, whether a piece begins, and number of
-    impacts on Σ⁻. The points from number `end` on, the first that has no image, are left out. So is the first point
-    if j > 0, because it is the last point of image j − 1.
+    impacts on Σ⁻. Points from number `end` on are left out, because point `end` has no image. If j > 0 the first point
+    is left out too, because it is the last point of image j − 1.
 
     Returns
     -------

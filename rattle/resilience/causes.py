@@ -46,7 +46,7 @@ class OrbitEnd:
     """The end of an orbit between two points of a path.
 
     cause: why the orbit ends. low, high: the orbit ends between these shares of the way from the first point to the
-    second. orbit: the orbit at the second point, None if it was not followed that far.
+    second. orbit: the orbit at the second point if it does not end before (cause "sampling"), otherwise None.
     """
 
     cause: str
@@ -127,7 +127,7 @@ def distance_after_part(gear: AnyGear, label: TrackedOrbit, found: Any) -> float
     """Return the least distance between the start of a motion and its states after 1/2, 1/3, … of its period.
 
     The fractions are 1/k for all k ≥ 2 that divide m, n₊ and n₋ of the motion. A motion that closes after 1/k of its
-    period is a shorter motion, run through k times. label: its label; found: the motion.
+    period is a shorter motion, run through k times. found: the motion. label: a record with the motion's label.
 
     Returns
     -------

@@ -26,8 +26,8 @@ class Convergence:
     """The times at which samples (n,) arrive at their attractors.
 
     attractors: the attractors, the largest basin fraction first. which (n,): the index of each sample's attractor.
-    time (n,): forcing periods until the sample has arrived at its quiet or periodic attractor: until it departs from Σ⁺
-    nearer to the attractor than the distance `within` for the first time. The time is NaN for chaotic and undecided
+    time (n,): forcing periods until the sample has arrived at its quiet or periodic attractor, which is its first
+    departure from Σ⁺ at a distance below `within` from the attractor. The time is NaN for chaotic and undecided
     samples, and for samples that did not arrive within the observation time.
     """
 

@@ -74,9 +74,9 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
     Raises
     ------
     ParameterError
-        If an argument is outside its domain.
+        If an argument is outside its domain, or both states go to the same attractor.
     RattleError
-        If the motion on the edge comes to rest.
+        If the motion on the boundary comes to rest.
     """
     turns = require_integer("turns", turns, 1, 100_000)
     pair = np.array([require_pair(name, state) for name, state in (("one", one), ("other", other))])

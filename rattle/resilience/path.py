@@ -311,7 +311,7 @@ class _ChangeFinder:
         """
         tau, v = float(self.rows.tau[row]), float(self.rows.v[row])
         if self.rows.kind[row] == Outcome.CHAOTIC and model_at(there).rests_late(there.delta, there.epsilon):
-            return -1  # a motion that comes to rest would make too many impacts there to be followed
+            return -1  # becoming quiet takes more impacts there than a motion is followed for
         many = CHAOTIC_STATES if self.rows.kind[row] == Outcome.CHAOTIC else 1
         on = gear.iterate(tau, v, 7 * np.arange(many))
         goes = there.reached(on.tau, on.v).attractors[0]

@@ -46,7 +46,7 @@ WORK = np.dtype(
 
 @inline
 def direction_of(lane, few):
-    """Return which direction a lane tries, and the number of halvings from the group's largest radius to its own.
+    """Return the direction that a lane tries, and the number of halvings from its group's largest radius to its radius.
 
     few: the group tries four directions at four radii; otherwise all directions at one radius.
 
@@ -73,7 +73,7 @@ def load_centre(b, group, i, centres, cells):
 
 @inline
 def load_states(b, work, group, i, level, few, centres):
-    """Put the states that a group tries next around centre i on its lanes, a state on each lane."""
+    """Put on each lane of a group the state that the lane tries next around centre i. level, few: see `WORK`."""
     for j in range(GROUP):
         lane = group * GROUP + j
         direction, halvings = direction_of(j, few)
@@ -87,7 +87,10 @@ def load_states(b, work, group, i, level, few, centres):
 
 @inline
 def fly_once(memory, work, groups, force, paths):
-    """Advance the state of every unfinished lane by one flight, and multiply its tangent matrix by the flight's."""
+    """Advance the state of every unfinished lane by one flight, and multiply its tangent matrix by the flight's.
+
+    `force` is the result of `needed_stage`: the kind of guess and of proof that the flights need.
+    """
     b = memory[0]
     for i in range(GROUP * groups):
         work.w[i], work.sin0[i], work.cos0[i], b.time[i] = b.w[i], b.sin0[i], b.cos0[i], 0.0
@@ -132,7 +135,8 @@ def meets_conditions(b, work, lane, i, centres):
 def halvings_without_failure(b, work, group, i, level, few, centres):
     """Return the number of halvings from LARGEST to the largest tried radius at which no direction failed.
 
-    If a direction failed at every tried radius, the number for the smallest of these radii is increased by 1.
+    If every tried radius has a direction that failed, the result is the number of halvings to the smallest of these
+    radii plus 1.
 
     Returns
     -------
@@ -152,7 +156,10 @@ def halvings_without_failure(b, work, group, i, level, few, centres):
 
 @kernel
 def write_radii(memory, work, centres, cells, paths):
-    """Write the radius of every capture region to `centres`, 0 if there is none. `work` is scratch memory (`WORK`)."""
+    """Write the radius of every capture region to `centres`, 0 if there is none.
+
+    `work` is scratch memory (`WORK`). `paths` (2,) counts flights that need a scan, and those that need a safe search.
+    """
     b, n, fresh, force = memory[0], centres.radius.size, NONE, SMOOTH
     of, level, few = work.of, work.level, work.few
     of[:] = -1

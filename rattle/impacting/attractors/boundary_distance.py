@@ -37,8 +37,8 @@ EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64
 # largest number of impacts by which a state is followed backwards; speed, in natural speeds, above which it is not
 # followed further
 PREIMAGES, CEILING = 64, 25.0 / 7.0
-# number of states of a cell whose preimages are computed; number of copies near each state, if there are few states;
-# distance of these copies, in τ and relative in v
+# largest number of states of a cell, with their copies, whose preimages are computed; number of copies near each state;
+# largest distance of these copies, in τ and relative in v
 STATES, COPIES, NEAR = 1024, 3, 1.0 / 64.0
 TRIED = 64  # in each cell so many preimages of states, the slowest ones, are followed to their attractors
 # number of pattern searches of a cell; least phase difference between the states at which they begin
@@ -131,7 +131,7 @@ class _Cells:
         return np.hstack([tau, np.tile(x, (n, 1))]), np.hstack([v, plane])
 
     def keep_first_states(self) -> None:
-        """Keep the slowest states of `first_states` found to leave quiet motion, and the slowest of their preimages."""
+        """Keep the slowest states of `first_states` that leave quiet motion, and the slowest of their preimages."""
         (tau, v), status = self.sampled, self.classifier.status
         away = (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[:, None])
         self.undecided = np.where((status != Outcome.QUIET) & ~away, v, np.inf).min(axis=1)
@@ -139,7 +139,15 @@ class _Cells:
         self.keep_preimages(away, tau, v)
 
     def states_in_strip(self, below: Array, i: int) -> tuple[Array, Array]:
-        """Return τ and v (n, SAMPLED) of set number i of states, slower than `below` (n,), uniform in τ and ln v."""
+        """Return τ and v (n, SAMPLED) of set number i of states, uniform in τ and in ln v.
+
+        The speeds of a cell lie between the speed `floor` below which states become quiet and `below` (n,).
+
+        Returns
+        -------
+        tuple[Array, Array]
+            τ and v.
+        """
         x, y = sobol_points((i + 1) * SAMPLED)[i * SAMPLED :].T
         low, high = np.log(self.floor)[:, None], np.log(np.maximum(below, self.floor))[:, None]
         return np.repeat(x[None], below.size, axis=0), np.exp(low + (high - low) * y)
@@ -186,11 +194,12 @@ class _Cells:
     def keep_preimages(self, away: NDArray[np.bool_], tau: Array, v: Array) -> None:
         """Keep the slowest preimages of the states flagged in `away`, and of the edges of new capture regions.
 
-        `away` (n, k) flags the states that reach an attractor other than quiet motion. If there are few such
-        states, copies close to them are added. New capture regions are the regions found since the last call.
+        `away` (n, k) flags the states that reach an attractor other than quiet motion. Each of them has COPIES copies
+        close to it; if a cell has too many of them, only some are used. New capture regions are the regions found since
+        the last call.
         """
         number = away.sum(axis=1)[:, None]
-        every = -(-number * (1 + COPIES) // STATES)  # only every `every`-th state is used, because room is limited
+        every = -(-number * (1 + COPIES) // STATES)  # use every `every`-th state only: at most STATES
         some = np.flatnonzero(away & (np.cumsum(away, axis=1) % np.maximum(every, 1) == 0))
         near = sobol_points(1 + COPIES)[:, :, None] * NEAR
         near_tau, near_v = fold(tau.flat[some] + near[:, 0]), v.flat[some] * (1.0 - near[:, 1])
@@ -246,7 +255,11 @@ class _Cells:
         self.tau, self.v = best_tau.reshape(-1, STARTS), best.reshape(-1, STARTS)
 
     def confirm_chaos(self) -> None:
-        """Follow the kept states of chaotic cells for longer. A state that then becomes quiet counts as undecided."""
+        """Follow the slowest states found in chaotic cells for LASTING times their limit of impacts.
+
+        A state that becomes quiet after all is dropped, and its speed counts among those of undecided states, because
+        other states that seem chaotic may become quiet as late.
+        """
         row, column = np.nonzero(self.chaos[:, None] & np.isfinite(self.v))
         transient = ~self.leaves_quiet(row, self.tau[row, column], self.v[row, column], LASTING)
         row, column = row[transient], column[transient]

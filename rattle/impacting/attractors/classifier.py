@@ -44,9 +44,10 @@ def roughness_of(cells: Any) -> NDArray[np.float64]:
 def sorted_by_roughness(
     which: NDArray[np.int64], samples: Trajectories, roughness: NDArray[np.float64]
 ) -> NDArray[np.int64]:
-    """Return the samples `which`, with those first in whose cells the contact force swings most relative to its mean.
+    """Return the samples `which`, sorted by the roughness of their cells, the largest first.
 
-    So neighbouring lanes need the same stages of a flight. roughness (n_cells,): the results of `roughness_of`.
+    Neighbouring lanes then mostly need the same stages of a flight. roughness (n_cells,): the results of
+    `roughness_of`.
 
     Returns
     -------
@@ -66,7 +67,7 @@ class ImpactingClassifier(Classifier):
     """Classify the samples of a block of cells of the impacting gear."""
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
-        """Prepare the classifier. `paths` (2,): numbers of flights with a scan, and with a safe search."""
+        """Prepare the classifier. Its `paths` (2,) counts flights with a scan, and flights with a safe search."""
         self.paths = np.zeros(2, np.int64)
         self._block = working_block()
         self._roughness = roughness_of(cells)
@@ -122,7 +123,7 @@ class ImpactingClassifier(Classifier):
     def follow_with_tangent(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: ProbeRecord
     ) -> None:
-        """Follow samples as `Classifier.follow_with_tangent` says, and write their sums and bitmaps to `seen`."""
+        """Follow samples with a tangent vector (`Classifier.follow_with_tangent`), and write observations to `seen`."""
         tables = self.samples.for_kernels(), self.balls.for_kernels()
         measure(self._block, which, least, periods, self.cells, *tables, seen.sums, seen.prints, self.paths)
 

@@ -99,7 +99,7 @@ def finish_sample(b, i, k, status, orbit, samples):
 
 @inline
 def check_recurrence(b, i, k, samples):
-    """Return whether lane i is back at its reference state, not before `samples.pause[k]` impacts of sample k.
+    """Return whether lane i is back at its reference state, and sample k has made `samples.pause[k]` impacts or more.
 
     If so, `samples.gap[k]` becomes the number of impacts on Σ⁺ since the reference state. If not, the reference state
     is replaced when its next replacement is due.
@@ -172,7 +172,8 @@ def check_lanes(b, groups, fresh, which, cells, samples, balls):
 def settle(memory, which, flights, cells, samples, balls, paths):
     """Follow the samples `which` until each has an outcome or reaches its limit, with `flights` between two checks.
 
-    A sample that reaches its limit of impacts without an outcome remains UNRESOLVED.
+    A sample that reaches its limit of impacts without an outcome remains UNRESOLVED. `paths` (2,) counts flights that
+    need a scan, and flights that need a safe search.
     """
     b, fresh, groups = memory[0], NONE, GROUPS
     clear_block(b)
@@ -262,7 +263,7 @@ def measure(memory, which, least, periods, cells, samples, balls, sums, footprin
 
     Probe j goes on for at least least[j] impacts and periods[j] forcing periods, unless it has an outcome or reaches
     its limit of impacts before. sums[j, batch], zero at the start, collects its time, ln stretch and ln|det| after
-    ALIGNMENT impacts. footprints[j] is its visited-cell bitmap.
+    ALIGNMENT impacts. footprints[j] is its visited-cell bitmap. `paths` is that of `settle`.
     """
     b, fresh, groups, watch = memory[0], NONE, GROUPS, Observation(least, periods, sums, footprints)
     clear_block(b)

@@ -1,4 +1,4 @@
-"""Follow chaotic motions in lanes for longer than their classification did, and sum over their impacts (compiled)."""
+"""Follow chaotic motions in lanes, after their classification, and sum speeds and impulses of impacts (compiled)."""
 
 import math
 from typing import Any
@@ -35,9 +35,10 @@ def add_impacts(b, groups, speeds, squares, impulses, fastest):
 def fly_and_sum(memory, lanes, cell, tau, v, looks, cells, sums, paths):
     """Follow motions (n,) of these cells until each was checked `looks` (n,) times, and sum over their impacts.
 
-    CHUNK flights pass between two checks. `sums` (n, BATCHES, COLUMNS), zero at the start, collects the impacts of
-    BATCHES equal parts of the checks. The sums of a motion that becomes quiet are NaN. `lanes` (4, LANES) is scratch
-    memory.
+    CHUNK flights pass between two checks. `sums` (n, BATCHES, COLUMNS), zero at the start, has the columns of
+    `rattle.intensity.visit.sum_impacts`; each batch holds the impacts of an equal part of the checks. The sums of a
+    motion that becomes quiet are NaN. `lanes` (4, LANES) is scratch memory. `paths` (2,) counts flights that need a
+    scan, and flights that need a safe search.
     """
     speeds, squares, impulses, fastest = lanes[0], lanes[1], lanes[2], lanes[3]
     lanes[:] = 0.0
@@ -80,7 +81,7 @@ def fly_and_sum(memory, lanes, cell, tau, v, looks, cells, sums, paths):
 def stretch(
     cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], longer: NDArray[np.float64], cells: Any
 ) -> NDArray[np.float64]:
-    """Return the sums over the impacts of chaotic motions (n,) of these cells.
+    """Return the sums over the impacts of chaotic motions (n,) that start at (tau, v) in the cells number `cell`.
 
     longer (n,): the duration for which each motion is followed, relative to the duration at strong damping.
 

@@ -49,7 +49,7 @@ SAME_MOTION = 1e-6  # largest difference between the impact times of equal motio
 
 @dataclass(frozen=True, repr=False)
 class Branch(FollowedBranch):
-    """A branch of the impacting model: see `FollowedBranch`.
+    """A branch of periodic motions of the impacting gear along a line, with the fields of `FollowedBranch`.
 
     unknowns (k, n + 2): for each of k points the n impact times, as in `PeriodicOrbit`, then δ and ε.
     """
@@ -170,7 +170,7 @@ def doubled(
 def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) -> tuple[Branch, Branch]:
     """Return the two branches that meet at a graze (GR).
 
-    Arguments and errors are those of `branch`.
+    Other arguments and errors are those of `branch`.
 
     Returns
     -------

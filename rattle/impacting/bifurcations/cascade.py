@@ -51,7 +51,7 @@ def _line_near(
 
 
 def _loss_of_stability(here: Branch) -> Event | None:
-    """Return the first event along the branch at which its motion ceases to be stable."""
+    """Return the first event after the branch's start at which its motion loses stability; None if there is none."""
     stable = [*here.stable[here.start :], False]
     if True not in stable:
         return None

@@ -74,7 +74,7 @@ def _square_root_factor(delta: float, beta: float) -> float:
 class Condition:
     """A codimension-two point: its condition along the grazing curve, and the curves that meet there.
 
-    curves: the names of these curves, each with the side of the point on which the curve exists: −1 for smaller and +1
+    curves: the names of these curves, each with one side of the point on which the curve exists: −1 for smaller, +1
     for larger δ.
     """
 
@@ -245,7 +245,7 @@ def robust_chaos_interval(beta: float = 0.6) -> tuple[float, float]:
     ParameterError
         If beta is outside its domain.
     RattleError
-        If this half-backlash has no COD21 or no COD22.
+        If this half-backlash has no COD21 or no COD22, or is below 1e-6.
     """
     beta = require_number("beta", beta, positive=True)
     lower, upper = (_point_on_grazing_curve(name, POINTS[name].residual, beta)[0] for name in ("COD21", "COD22"))

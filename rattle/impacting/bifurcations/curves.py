@@ -126,7 +126,7 @@ def bifurcation_curve(
     Raises
     ------
     ParameterError
-        If an argument is outside its domain.
+        If an argument is outside its domain, or the window does not contain the event.
     """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     resolution = require_integer("resolution", resolution, 1, MOST_ACROSS)

@@ -128,7 +128,7 @@ def find_events(
         for j in np.flatnonzero((values[k] < 0) != (values[k + 1] < 0)):
             kind, impact, test = tests[j]
             y = root_between(problem, a, b, partial(test, b - a), FOUND)
-            if y is None and kind is Kind.SADDLE_NODE:  # where two branches cross, no step from a to b converges
+            if y is None and kind is Kind.SADDLE_NODE:  # where branches cross, Newton's method fails
                 y = 0.5 * (a + b)
             if y is not None:
                 found.append(Candidate(y, kind, itinerary, line.unknowns_at(y), impact))

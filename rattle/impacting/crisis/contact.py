@@ -42,8 +42,8 @@ class Crisis:
         Numbers of impacts on Σ⁻ between successive impacts on Σ⁺ along the orbit of the contact, without the zeros at
         the beginning and at the end. At a corner they are those on the side with more impacts on Σ⁻.
     parameter : float
-        Position s on W^u(A) of one point of the contact's orbit; near A, s is the arclength from A. It is the point
-        after which the orbit first meets Σ⁻ between its first and its second impact on Σ⁺.
+        Position s on W^u(A) of one point of the contact's orbit; near A, s is the arclength from A. In its second
+        return to Σ⁺ from this point the orbit meets Σ⁻ for the first time.
     steps : int
         Impacts on Σ⁺ from this point to the return to W^s(A) near A.
     chaotic : bool
@@ -76,7 +76,7 @@ class SaddleManifolds:
 
     @cached_property
     def stable_manifold(self) -> LocalManifold:
-        """The local manifold W^s(A)."""
+        """The local part of W^s(A), the stable manifold of the saddle A, as a power series."""
         return local_manifold(self.saddle, stable=True)
 
     @cached_property
@@ -166,7 +166,7 @@ class SaddleManifolds:
 
 @lru_cache(maxsize=256)
 def saddle_manifolds_at(delta: float, epsilon: float, beta: float) -> SaddleManifolds:
-    """Return the manifolds of A at a parameter point, cached."""
+    """Return the saddle A at a parameter point with both manifolds; the latest results are kept."""
     return SaddleManifolds(delta, epsilon, beta)
 
 

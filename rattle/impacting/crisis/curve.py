@@ -84,7 +84,18 @@ def _returns_at_next_point(last: Crisis) -> int:
 
 
 def contact_at_delta(known: list[Crisis], delta: float) -> Crisis:
-    """Return the crisis at this damping that continues the crises `known`, the nearest last; RattleError if none."""
+    """Return the crisis at this damping that continues the known crises, of which the last is the nearest to it.
+
+    Returns
+    -------
+    Crisis
+        The crisis.
+
+    Raises
+    ------
+    RattleError
+        If no crisis is found there.
+    """
     y = np.log([[point.gap, point.parameter] for point in known])
     gap, s = np.exp(_extrapolate(known, np.array([point.delta for point in known]), y, delta))
     return solve_contact(
@@ -214,7 +225,7 @@ def crisis_curve(
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If there is no crisis at the damping at which the curve is begun.
+        If COD22 does not exist at this half-backlash, or no crisis is found at the damping where the search begins.
     """
     beta = require_number("beta", beta, positive=True)
     resolution = require_number("resolution", resolution, positive=True)

@@ -37,7 +37,7 @@ FIRST_RETURNS, RETURNS = 64, 256
 # largest number of impacts of a sample at strong damping; at weak damping it is larger, in proportion to
 # `most_impacts_to_rest`
 MOST_IMPACTS = 8192
-# impacts that are ignored as a transient; impacts over which the Lyapunov exponent is measured then
+# impacts that are ignored as a transient; impacts after these over which the Lyapunov exponent is measured
 SETTLE, WATCH = 20_000, 4_000
 WATCHED = 32  # number of samples whose Lyapunov exponents are measured
 # distances below the crisis, relative to ε − SN1, at which chaos is tested; no narrow window of periodic motion holds

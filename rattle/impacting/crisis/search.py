@@ -24,8 +24,8 @@ from rattle.impacting.orbits.period_one import period_one
 from rattle.orbits.saddles import Array
 
 STEP = 0.04  # relative step in ε − SN1, where SN1 is the ε of the curve SN1 at the damping
-# the first ε − SN1 is LOWEST · SN1 times the squared relative distance in δ from COD22, which counts as SMALLEST at
-# least
+# the first ε − SN1 is LOWEST · SN1 times the squared relative distance in δ from COD22, which counts as
+# SMALLEST if it is smaller
 LOWEST, SMALLEST = 0.5, 2e-5
 # last ε − SN1 that is tried, relative to SN1; at weak damping the search ends at the quiet limit, far above SN1
 HIGHEST = 2.0
@@ -45,7 +45,7 @@ WIDER = 12  # most doublings of the width of a window in s
 
 
 def end_of_curve(beta: float) -> float:
-    """Return δ of COD22, where the crisis curve ends."""
+    """Return δ of COD22, where the crisis curve ends. Raises RattleError if COD22 does not exist at this beta."""
     for point in codimension_two(beta):
         if point.name == "COD22":
             return point.delta
@@ -74,7 +74,7 @@ def _follow_manifold(delta: float, beta: float, gap: float, density: int) -> Fol
 
 
 def has_escaping_piece(delta: float, beta: float, gap: float, density: int) -> bool:
-    """Return whether one of `density` samples of W^u(A) per unit of ln s becomes quiet at ε = SN1 + gap."""
+    """Return whether any sample of W^u(A), `density` of them per unit of ln s, becomes quiet at ε = SN1 + gap."""
     return bool(_follow_manifold(delta, beta, gap, density).becomes_quiet.any())
 
 
@@ -121,7 +121,7 @@ def _returns_of_orbit(delta: float, beta: float, gap: float, s: float) -> tuple[
     Returns
     -------
     tuple[int, list[int]]
-        The number of impacts to the state after which the orbit meets Σ⁻ between its first and its second impact on Σ⁺,
+        The number of impacts to the state that is one return to Σ⁺ before the return in which the orbit first meets Σ⁻,
         −1 if it never meets Σ⁻; and the numbers of impacts, counted from this state, at which the orbit comes back to A
         close to W^s(A).
     """
@@ -202,7 +202,18 @@ def _contact_of_run(delta: float, beta: float, low: float, high: float, run: Arr
 
 
 def first_contact(delta: float, beta: float, low: float, high: float) -> Crisis:
-    """Return the contact of W^u(A) with W^s(A) that has the least ε between SN1 + low and SN1 + high."""
+    """Return the contact of W^u(A) with W^s(A) that has the least ε between SN1 + low and SN1 + high.
+
+    Returns
+    -------
+    Crisis
+        The contact.
+
+    Raises
+    ------
+    RattleError
+        If no contact is found, or W^u(A) still escapes below each contact found.
+    """
     for _ in range(MOST_PIECES):
         found = contact_near(delta, beta, low, high)
         below = found.gap * (1.0 - MARGIN)

@@ -50,11 +50,13 @@ def _make_driver(tangent: bool) -> Any:
     def drive(memory, tau, v, n, delta, epsilon, beta, paths):
         """Return Π^n of each element of flat arrays. A lane that finishes an element gets the next element.
 
+        `paths` (2,), raised in place, counts flights that need a scan, and flights that need a safe search.
+
         Returns
         -------
         tuple of ndarray
-            (status, τ, v, impacts on Σ⁺, impacts on Σ⁻, growth). growth (3, size) holds the time and, with a tangent
-            vector, ln stretch and ln|det|, otherwise 0.
+            (status, τ, v, impacts on Σ⁺, impacts on Σ⁻, growth). growth (3, size) holds the time and, if the kernel was
+            made with `tangent`, ln stretch and ln|det| of a tangent vector, otherwise 0.
         """
         b, size = memory[0], tau.size
         out_tau, out_v = tau.copy(), v.copy()

@@ -235,7 +235,7 @@ def double_impact_orbit(sigma, delta, epsilon, beta):
 
 @kernel
 def record_root(orbit, admissible, tau, v, trace, exists, phase, speed, traces, i):
-    """Write an admissible orbit A to D of cell i, unless the cell has one of this letter already.
+    """Write an orbit A to D of cell i if it is admissible, unless the cell has one of this letter already.
 
     The orbits of a cell are passed in the order of falling σ, from 1/2 on. So of several orbits of one letter the one
     with the largest σ is written, which is on the branch born at SN2.

@@ -37,7 +37,7 @@ def sine_offset_series(q: Any) -> Any:
 def sine_offset(delta: ArrayLike) -> FloatArray:
     """Return 2 − δ coth(δ/2) ≤ 0, which is ε sin 2πτ of A and C. At small δ a series avoids cancellation."""
     d = np.asarray(delta, dtype=np.float64)
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # in values that np.where discards
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # np.where discards values with errors
         series, exact = sine_offset_series(d * d), 2.0 - d / np.tanh(d / 2)
     return np.where(d < SMALL, series, exact)
 

@@ -26,7 +26,7 @@ GRAZING_TIME = 1e-4
 
 @dataclass(frozen=True, repr=False)
 class PeriodicOrbit(Periodic):
-    """A periodic motion of the impacting gear: see `Periodic`."""
+    """A periodic motion of the impacting gear at one parameter point, with the fields of `Periodic`."""
 
     @property
     def departures(self) -> Array:
@@ -35,7 +35,7 @@ class PeriodicOrbit(Periodic):
 
     @property
     def point(self) -> Point:
-        """Return the motion's parameter point for kernels; its test for quiet motion is off."""
+        """Return the motion's parameter point for kernels, in which the test for quiet motion is off."""
         return Point(self.delta, self.epsilon, self.beta, 0.0)
 
     @property
@@ -202,6 +202,8 @@ def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
     ------
     ParameterError
         If the motion is of another type, or of another gear.
+    RattleError
+        If Newton's method finds no admissible motion near the state of the `Orbit`.
     """
     if isinstance(orbit, PeriodicOrbit):
         return orbit

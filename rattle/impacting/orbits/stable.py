@@ -26,7 +26,7 @@ Counts = NDArray[np.int64]
 
 MOST_CROSSINGS = 16  # largest k of itineraries (+−)^k, where + and − are impacts on Σ⁺ and Σ⁻
 MOST_ON_ONE_WALL = 6  # largest number of impacts on one wall if there is a single impact on the other wall
-PHASES = 4  # number of phases of the first impact from which a circuit of motions (+−)^k is searched
+PHASES = 4  # number of phases of the first impact from which a circuit of motions between the walls is searched
 # guesses of the duration of a flight across the gap, in forcing periods, each with a flag: try Newton's method before a
 # walk along the circuit
 STARTS = ((0.3, True), (0.25, True), (0.15, False), (0.12, False))
@@ -58,7 +58,7 @@ class StableOrbits(NamedTuple):
 
 @kernel
 def find_alternating_orbits(least, work, delta, epsilon, beta):
-    """Add the stable orbits of period one with the walls (+−)^k, k ≤ MOST_CROSSINGS, to `work.found`.
+    """Add the stable orbits of period one that meet Σ⁺ and Σ⁻ in turn, k ≤ MOST_CROSSINGS times each, to `work.found`.
 
     For each k they are searched by a walk along a circuit of motions (`circuits`). When the first impact has moved by
     1/k, to the time that the third impact had at the start, the motions repeat and the walk ends. least: the phase of
