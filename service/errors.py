@@ -67,7 +67,7 @@ class MissingError(ServiceError):
     code = "not_in_survey"
 
 
-class AccessError(ServiceError):
+class NoKeysError(ServiceError):
     """The service does not start, because keys are required but none exists."""
 
     code = "unsafe_access"

@@ -91,8 +91,8 @@ def cluster_context(
 ) -> AbstractContextManager[Client]:
     """Return the context of a cluster: an existing one, or processes that start on this machine.
 
-    numbers: the parameters that the model adds, whose kernels are compiled meanwhile. scheduler: the address of a dask
-    scheduler; None starts processes, and prints a message.
+    numbers: the values of the parameters that the model adds, by name; a thread compiles this model's kernels while
+    processes start. scheduler: the address of a dask scheduler; None starts processes, and prints a message.
 
     Returns
     -------

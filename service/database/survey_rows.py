@@ -236,6 +236,10 @@ class Surveys(Transactions):
 
         Raises
         ------
+        UnknownSurveyError
+            There is no such survey or population.
+        UnauthorizedError
+            The key of ``owner`` was revoked.
         QueueFullError
             ``max_jobs`` surveys are waiting or running, or as many of the owner as its key allows.
         ConflictError
@@ -244,7 +248,10 @@ class Surveys(Transactions):
         with self._write() as (session, _):
             job = _find_job(session, survey_id)
             if job.message == BEING_DELETED:
-                raise ConflictError(f"{job.kind.capitalize()} {survey_id} is {BEING_DELETED}. Submit it again.")
+                which = f"{job.kind.capitalize()} {survey_id}"
+                raise ConflictError(
+                    f"{which} is {BEING_DELETED} and cannot be continued. Submit its request as a new one."
+                )
             if not State(job.state).is_final:
                 which = f"{job.kind.capitalize()} {survey_id}"
                 raise ConflictError(f"{which} is {job.state}: wait until it has ended, and try again.")

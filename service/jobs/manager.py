@@ -171,7 +171,9 @@ class JobManager:
         QueueFullError
             ``max_jobs`` surveys are waiting or running, or as many as the key of ``owner`` allows.
         ConflictError
-            The survey is active or being deleted, or another version completed it.
+            The survey is active or being deleted, its stored request is unreadable, or another version completed it.
+        UnauthorizedError
+            The key of ``owner`` was revoked.
         """
         job = self._database.job(survey_id)
         if not job.is_readable:

@@ -254,7 +254,8 @@ class _Search:
     ) -> PeriodicOrbit | Event | None:
         """Follow a motion from its cell to the other cell of the pair, at (δ, ε) = target, or to a bifurcation.
 
-        worth: trace the curve of the bifurcation too, unless the motion has too many impacts or enough are known.
+        worth: trace the bifurcation's curve too, unless the motion has more than LONGEST_TRACED impacts per period, or
+        `most_curves` curves have been traced.
 
         Returns
         -------

@@ -47,7 +47,7 @@ class RunState:
         return spread_evenly(new, columns)[: MEASURED - len(self.foreseen)]
 
     def record_measured(self, tile: AnyTile) -> bool:
-        """Record the cost of a tile after one of its cells was measured. Return whether to measure another one."""
+        """Record a tile's cost after one of its cells was measured. Return whether to measure another of its cells."""
         part = self.partial[tile.index]
         self.foreseen[tile.index] = part.record.seconds / part.record.cells
         if part.record.cells < self._each:

@@ -397,7 +397,7 @@ def _is_listed(plane: xr.DataArray, code: int, values: np.ndarray) -> bool:
 def colours_of_codes(plane: xr.DataArray) -> Sequence[str]:
     """Return the colour of each code of a map of codes."""
     own = str(plane.attrs.get(FLAG_COLOURS, "")).split()
-    if plane.name == LARGEST and plane.coords[AMONG] == WHICH[1]:  # its code 0 means only quiet
+    if plane.name == LARGEST and plane.coords[AMONG] == WHICH[1]:  # code 0: no family except quiet running
         own[0] = KIND_COLOURS["quiet"]
     return own or {"region": REGION_COLOURS, KIND: COLOURS_OF_KINDS}.get(str(plane.name), CODE_COLOURS)
 

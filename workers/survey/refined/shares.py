@@ -85,8 +85,8 @@ def branches_of(existing: GridPiece) -> Branches:
 class _Leaf:
     """A leaf to fill, with n × n cells.
 
-    cell (n, n): the numbers of the leaf's cells in the frame. known (n, n): flags of the computed cells. empty (n, n):
-    flags of the cells to fill.
+    cell (n, n): the numbers of the leaf's cells in the frame (see `Blocks`). known (n, n): flags of the computed cells.
+    empty (n, n): flags of the cells to fill.
     """
 
     evidence: Evidence
