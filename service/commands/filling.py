@@ -170,7 +170,7 @@ def _complete_survey(request: AnyRequest, out: str, client: Client | None, shoul
 
 
 def _steps_after_tiles(request: SurveyRequest) -> Iterator[str]:
-    """Yield a description of each step that follows after the survey's tiles."""
+    """Yield descriptions of the steps that follow the survey's tiles; levels are not named after families."""
     from gear_rattle.workers import Group
     from gear_rattle.workers.survey.levels.grid import levels_of
 

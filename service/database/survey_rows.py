@@ -35,7 +35,10 @@ IS_ACTIVE = JobRow.state.in_(bindparam("active", ACTIVE, expanding=True, literal
 
 
 class ActiveSurvey(NamedTuple):
-    """An active survey. owner: id of the API key that submitted it, or None. left: number of its remaining cells."""
+    """An active survey or population.
+
+    owner: id of the API key that submitted it, or None. left: number of its remaining cells or gears.
+    """
 
     id: str
     owner: str | None
@@ -161,7 +164,7 @@ class Surveys(Transactions):
             return [ActiveSurvey(*row) for row in found]
 
     def set_turn_messages(self, survey_id: str) -> None:
-        """Write into the messages of the other active surveys that they wait for this survey, whose turn begins now."""
+        """Write into the messages of the other queued surveys that they wait for this survey, whose turn begins now."""
         with self._write() as (session, _):
             if (job := _find_active(session, survey_id)) is None:
                 return

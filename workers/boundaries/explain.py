@@ -152,7 +152,7 @@ class _Search:
         return (float(delta[0]), float(delta[-1])), (float(epsilon[0]), float(epsilon[-1]))
 
     def run(self) -> Iterator[tuple[int, str]]:
-        """Compute curves for all pairs. Yield the number of each pair that no curve explains, and the reason."""
+        """Compute curves for all pairs. Yield for each unexplained difference the number of its pair and the reason."""
         for n in range(len(self.pairs)):
             if self.pairs.region[n] and not self.is_region_explained()[n]:
                 for orbit, target in self._period_one_changes(n):

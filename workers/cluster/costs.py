@@ -102,7 +102,7 @@ class RunState:
         )
 
     def seconds_left(self, threads: int) -> float | None:
-        """Return the seconds until all tiles have ended; None if no cell and no tile has been measured."""
+        """Return the seconds until all tiles have ended; None without threads, or before a cell or tile is measured."""
         trusted = TRUST * (self._ended + self._rest) if self.foreseen else 0.0
         if not threads or not self._ended + trusted:
             return None

@@ -325,7 +325,16 @@ def draw_map(
 def valueless_layers(
     variable: str, values: np.ndarray, status: np.ndarray, nothing: str
 ) -> dict[str, tuple[np.ndarray, str]]:
-    """Return the layers of cells without a value: for each reason, in words, the flags of its cells and a colour."""
+    """Return {reason: (flags of the cells, colour)} for the cells that the colour bar does not explain.
+
+    The reasons, in words, are missing or infinite values and, for the variables AT_ZERO, the value 0. nothing: the
+    words for computed cells without a value.
+
+    Returns
+    -------
+    dict[str, tuple[np.ndarray, str]]
+        A layer for each reason, even if no cell has it.
+    """
     layers = {
         "not computed": (status == 0, NOT_COMPUTED),
         "failed": (status == FAILED, FAILURE),
