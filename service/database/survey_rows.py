@@ -250,13 +250,12 @@ class Surveys(Transactions):
         """
         with self._write() as (session, _):
             job = _find_job(session, survey_id)
+            which = f"{job.kind.capitalize()} {survey_id}"
             if job.message == BEING_DELETED:
-                which = f"{job.kind.capitalize()} {survey_id}"
                 raise ConflictError(
                     f"{which} is {BEING_DELETED} and cannot be continued. Submit its request as a new one."
                 )
             if not State(job.state).is_final:
-                which = f"{job.kind.capitalize()} {survey_id}"
                 raise ConflictError(f"{which} is {job.state}: wait until it has ended, and try again.")
             _require_quota(session, owner, 0, max_jobs)
             job.state, job.message, job.finished = State.ACCEPTED, "", None

@@ -19,7 +19,9 @@ FEWEST, EACH = 128, 5  # at least FEWEST cells are measured in all tiles togethe
 #: they are computed again with all others, which takes less time than computing the others without them.
 KEPT = 64
 NEAREST = 5  # a tile's cost is the mean of this many measured tiles near it, because a single one may be an exception
-TRUST = 1.0  # weight of the predicted seconds of all tiles, beside the measured seconds of finished tiles
+#: The ratio of measured and predicted seconds of the finished tiles is drawn towards 1: this multiple of the predicted
+#: seconds of all tiles is added to both.
+TRUST = 1.0
 BITS = 20  # numbers of rows and columns of tiles have at most this many bits
 
 
