@@ -1,4 +1,4 @@
-"""Assemble the ASGI application from its settings. Nothing is opened before its lifespan starts."""
+"""Assemble the ASGI application from its settings. Its lifespan opens the data directory, database and cluster."""
 
 from __future__ import annotations
 

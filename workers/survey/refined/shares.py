@@ -216,7 +216,7 @@ class _Leaf:
         return found
 
     def _nearest_attractors(self, kind: int, has: np.ndarray) -> np.ndarray:
-        """Return for each empty cell the row of `evidence.table` with an attractor of this kind in the nearest cell.
+        """Return for each empty cell the row in `evidence.table` of the nearest attractor of this kind.
 
         Parameters
         ----------
