@@ -1,4 +1,4 @@
-"""Assemble the ASGI application from its settings. Nothing is opened before its lifespan starts."""
+"""Assemble the ASGI application from its settings. Its lifespan opens the data directory, database and cluster."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
         static_url=REFERENCE_ASSETS,
-        swagger_ui_parameters={"validatorUrl": None},  # by default the page sends the document to another host
+        swagger_ui_parameters={"validatorUrl": None},  # by default another host validates the document
     )
     app.add_middleware(AnyTagMiddleware)
     app.add_middleware(HeadMiddleware)

@@ -43,7 +43,7 @@ class UnauthorizedError(ServiceError):
 
 
 class ForbiddenError(ServiceError):
-    """The caller has no permission for the request."""
+    """The request is not allowed: its key lacks a permission, or it names another host or comes from another site."""
 
     code = "forbidden"
 
@@ -62,12 +62,12 @@ class WaitTimeoutError(ServiceError, TimeoutError):
 
 
 class MissingError(ServiceError):
-    """A survey or population exists, but the requested part of it does not."""
+    """A survey or population exists, but the service has not the requested part or file format of it."""
 
     code = "not_in_survey"
 
 
-class AccessError(ServiceError):
+class NoKeysError(ServiceError):
     """The service does not start, because keys are required but none exists."""
 
     code = "unsafe_access"
@@ -86,7 +86,7 @@ class ConflictError(ServiceError):
 
 
 class LimitError(ServiceError):
-    """A value of the request is outside the limits of this service. field: location of the value in the request."""
+    """The service does not accept a value of the request. field: the location of the value in the request."""
 
     code = "limit_exceeded"
 
@@ -132,7 +132,7 @@ class KernelsError(UnavailableError):
 
 
 class DataDirectoryError(ServiceError):
-    """The data directory or job database cannot be used: foreign, not writable, or locked by another service."""
+    """The data directory or job database cannot be used: missing, foreign, unsupported, locked or not writable."""
 
     code = "data_directory_unusable"
 

@@ -44,7 +44,13 @@ class PriorityLimiter:
             self._limiter.release_on_behalf_of(slot)
 
     async def run_in_background(self, compute: Callable[[], Awaitable[Result]]) -> Result:
-        """Return the result of `compute`, which begins when no foreground one waits, and again after a pre-emption."""
+        """Run `compute` when the limit allows it and no foreground computation waits, and return the result.
+
+        Returns
+        -------
+        Result
+            The result of the first call of `compute` that is not pre-empted; a pre-empted call is repeated.
+        """
         while True:
             await self._nobody_waits.wait()
             async with self._limiter:

@@ -61,7 +61,7 @@ class Settings(BaseSettings):
     max_samples: int = Field(
         default=256_000_000, ge=1, description="cells times initial conditions of one survey; basins count as 4096"
     )
-    # A task cannot be interrupted, so this limits the time for which a dismissed survey still occupies a worker.
+    # A task cannot be interrupted, so this limit bounds the time for which a dismissed survey occupies a worker.
     max_tile_samples: int = Field(default=1_048_576, ge=1, description="cells times initial conditions of one tile")
     max_jobs: int = Field(default=32, ge=1, description="surveys waiting or running")
 

@@ -34,8 +34,8 @@ from gear_rattle.workers import Bucket
 class Front:
     """The state of an application that its routes need. It exists during the application's lifespan.
 
-    picture_limiter, export_limiter, point_limiter: limits of the pictures that are drawn, the files that are written
-    and the parameter points that are computed at the same time.
+    picture_limiter, export_limiter, point_limiter: limiters of how many pictures are drawn, files are written, and
+    parameter points are computed at the same time.
     """
 
     settings: Settings

@@ -26,7 +26,15 @@ COUNTED_VARIABLES = (SOURCE_LEVEL, AUDIT, LEAF)  # stored variables from which t
 
 
 def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Return whether a survey requests a bound that its store does not record as met. All tiles must be computed."""
+    """Return whether a survey requests a bound on wrong cells that its store does not record as met.
+
+    All tiles of the survey must be computed.
+
+    Returns
+    -------
+    bool
+        False for a survey without such a bound.
+    """
     return request.has_bound and AUDIT_ATTRIBUTES[-1] not in attributes_of(place_of(where))
 
 
@@ -37,7 +45,7 @@ def meet_bound(
     at_once: int = 1,
     should_pause: Callable[[], bool] = lambda: False,
 ) -> bool:
-    """Compute rounds of audits until the bound of a survey is met. All tiles of the survey must be computed.
+    """Compute rounds of audits until a survey meets its bound on the share of wrong cells. All tiles must be computed.
 
     The caller holds the lock of the store, and the survey's families are not joined yet. The content of a tile follows
     from the request and the rounds, and each round follows from the audit counts of all tiles. So the result does not

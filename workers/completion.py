@@ -1,4 +1,4 @@
-"""Complete a survey whose tiles are all computed: meet its bound, add families and levels, prove attractors."""
+"""Complete a survey whose tiles are all computed: bound its wrong cells, add families and levels, prove attractors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,13 @@ from gear_rattle.workers.survey.request import SurveyRequest
 
 
 def is_incomplete(request: AnyRequest, where: str | Path | Place) -> bool:
-    """Return whether a survey whose tiles are all computed still lacks its bound, families, levels or certificates."""
+    """Return whether a survey with all tiles lacks a bound on wrong cells, families, levels or certificates.
+
+    Returns
+    -------
+    bool
+        True if the request includes one of these and the store lacks it; False for a population.
+    """
     return isinstance(request, SurveyRequest) and any(
         lacks(request, where) for lacks in (lacks_bound, lacks_families, lacks_levels, lacks_certificates)
     )

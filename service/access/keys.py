@@ -36,7 +36,10 @@ class Caller:
 
     @property
     def identity(self) -> Identity | None:
-        """The id of the caller's key and the hash of its session; None if the service needs no keys."""
+        """The id of the caller's key, and the hash of the browser's session; None if the service needs no keys.
+
+        The hash is None for a request with the key itself.
+        """
         return (self.key.id, self.session) if self.key else None
 
     @property

@@ -58,8 +58,8 @@ CONTENT_SECURITY = "; ".join(
         "frame-ancestors 'self'",
     )
 )
-#: Headers of all answers. They keep pages of other sites from misinterpreting or embedding answers, and from showing
-#: pages of this service in a frame.
+#: Headers of all answers. They keep browsers from guessing another media type, and pages of other sites from loading
+#: answers as scripts or images, or showing pages of this service in a frame.
 RESPONSE_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Cross-Origin-Resource-Policy": "same-origin",

@@ -33,7 +33,7 @@ class Revocations:
 
     @contextmanager
     def cancel_when_revoked(self, caller: Caller | None) -> Iterator[CancelScope]:
-        """Yield a scope that is cancelled when the caller is no longer authorised; never, if the caller is None."""
+        """Yield a scope that is cancelled when the caller is no longer authorised; never for a caller without a key."""
         with CancelScope() as scope:
             if caller is not None and (identity := caller.identity) is not None:
                 self._open[scope] = identity

@@ -1,4 +1,4 @@
-"""Draw a survey into a file."""
+"""Draw a survey, and write its picture or another figure to a file."""
 
 from __future__ import annotations
 

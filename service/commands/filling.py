@@ -91,8 +91,8 @@ def cluster_context(
 ) -> AbstractContextManager[Client]:
     """Return the context of a cluster: an existing one, or processes that start on this machine.
 
-    numbers: the parameters that the model adds, whose kernels are compiled meanwhile. scheduler: the address of a dask
-    scheduler; None starts processes, and prints a message.
+    numbers: the values of the parameters that the model adds, by name; a thread compiles this model's kernels while
+    processes start. scheduler: the address of a dask scheduler; None starts processes, and prints a message.
 
     Returns
     -------
@@ -170,7 +170,7 @@ def _complete_survey(request: AnyRequest, out: str, client: Client | None, shoul
 
 
 def _steps_after_tiles(request: SurveyRequest) -> Iterator[str]:
-    """Yield a description of each step that follows after the survey's tiles."""
+    """Yield descriptions of the steps that follow the survey's tiles; levels are not named after families."""
     from gear_rattle.workers import Group
     from gear_rattle.workers.survey.levels.grid import levels_of
 

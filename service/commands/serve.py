@@ -80,15 +80,15 @@ def serve(
 
 
 def require_keys(settings: Settings, database: Database) -> None:
-    """Raise AccessError if the service requires API keys and no valid key exists."""
+    """Raise NoKeysError if the service requires API keys and no valid key exists."""
     from gear_rattle.service.access.keys import has_live_key
     from gear_rattle.service.access.middleware import requires_keys
-    from gear_rattle.service.errors import AccessError
+    from gear_rattle.service.errors import NoKeysError
 
     if not requires_keys(settings) or has_live_key(database):
         return
     where = "--database-url URL" if settings.database_url else f"--data {settings.data}"  # a URL may hold a password
-    raise AccessError(
+    raise NoKeysError(
         f"On {settings.host} every request needs an API key, and there is none. Make one: rattle key add NAME --scope "
         f"submit {where}; or listen on 127.0.0.1; or, where everybody who reaches the service may use it, add "
         "--insecure."

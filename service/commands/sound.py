@@ -53,7 +53,7 @@ def sound(
 
 
 def _chosen_attractor(point: GivenPoint, found: tuple[Attractor, ...], number: int | None) -> Attractor:
-    """Return the attractor with a number, counted from 1; if `number` is None, the attractor with the most energy."""
+    """Return the attractor with a number from 1; for None the one with the most energy, if possible not undecided."""
     if number is not None:
         if not 1 <= number <= len(found):
             raise typer.BadParameter(

@@ -72,7 +72,7 @@ class Database(Surveys, Keys):
         self._reader.dispose()
 
     def _open(self, exclusive: bool) -> None:
-        current = is_current(self._reader)  # before any change, because it refuses other programs' databases
+        current = is_current(self._reader)  # first, because it refuses another program's database unchanged
         if current and not exclusive:
             return
         self._lock = lock_database(self._reader)

@@ -58,7 +58,7 @@ def is_current(engine: Engine) -> bool:
 
 
 def upgrade_schema(engine: Engine) -> None:
-    """Upgrade the schema and the data in one transaction. The caller must have locked the database."""
+    """Upgrade schema and data in one transaction; set WAL mode in SQLite. The caller must have locked the database."""
     from alembic import command
 
     if engine.dialect.name == "sqlite":

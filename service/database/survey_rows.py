@@ -35,7 +35,10 @@ IS_ACTIVE = JobRow.state.in_(bindparam("active", ACTIVE, expanding=True, literal
 
 
 class ActiveSurvey(NamedTuple):
-    """An active survey. owner: id of the API key that submitted it, or None. left: number of its remaining cells."""
+    """An active survey or population.
+
+    owner: id of the API key that submitted it, or None. left: number of its remaining cells or gears.
+    """
 
     id: str
     owner: str | None
@@ -161,7 +164,7 @@ class Surveys(Transactions):
             return [ActiveSurvey(*row) for row in found]
 
     def set_turn_messages(self, survey_id: str) -> None:
-        """Write into the messages of the other active surveys that they wait for this survey, whose turn begins now."""
+        """Write into the messages of the other queued surveys that they wait for this survey, whose turn begins now."""
         with self._write() as (session, _):
             if (job := _find_active(session, survey_id)) is None:
                 return
@@ -236,6 +239,10 @@ class Surveys(Transactions):
 
         Raises
         ------
+        UnknownSurveyError
+            There is no such survey or population.
+        UnauthorizedError
+            The key of ``owner`` was revoked.
         QueueFullError
             ``max_jobs`` surveys are waiting or running, or as many of the owner as its key allows.
         ConflictError
@@ -243,10 +250,12 @@ class Surveys(Transactions):
         """
         with self._write() as (session, _):
             job = _find_job(session, survey_id)
+            which = f"{job.kind.capitalize()} {survey_id}"
             if job.message == BEING_DELETED:
-                raise ConflictError(f"{job.kind.capitalize()} {survey_id} is {BEING_DELETED}. Submit it again.")
+                raise ConflictError(
+                    f"{which} is {BEING_DELETED} and cannot be continued. Submit its request as a new one."
+                )
             if not State(job.state).is_final:
-                which = f"{job.kind.capitalize()} {survey_id}"
                 raise ConflictError(f"{which} is {job.state}: wait until it has ended, and try again.")
             _require_quota(session, owner, 0, max_jobs)
             job.state, job.message, job.finished = State.ACCEPTED, "", None

@@ -193,7 +193,7 @@ class DataDirectory:
         return [StoreEntry.from_path(path) for path in sorted(self._stores.iterdir())]
 
     def sweep_partial_files(self, survey_id: str, content_hash: str) -> None:
-        """Remove the partial files that killed writers left in a survey's store. No process may be writing to it."""
+        """Remove the partial files of killed writers from a store of this content hash. No process may write there."""
         store = self._path_of(survey_id)
         try:
             found = json.loads((store / "zarr.json").read_bytes())["attributes"]["content_hash"]

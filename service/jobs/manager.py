@@ -171,7 +171,9 @@ class JobManager:
         QueueFullError
             ``max_jobs`` surveys are waiting or running, or as many as the key of ``owner`` allows.
         ConflictError
-            The survey is active or being deleted, or another version completed it.
+            The survey is active or being deleted, its stored request is unreadable, or another version completed it.
+        UnauthorizedError
+            The key of ``owner`` was revoked.
         """
         job = self._database.job(survey_id)
         if not job.is_readable:
@@ -345,7 +347,7 @@ class JobManager:
     def _prepare_tiles(
         self, job: JobRow, request: AnyRequest, path: Path | Bucket, client: Client
     ) -> tuple[dict[int, AnyTile], bool]:
-        """Create the store. Return the missing tiles of the survey, by index, and whether recorded tiles are lost."""
+        """Create or repair the store. Return the missing tiles by index, and whether tiles on record are lost."""
 
         # The cluster computes the template, because curves take minutes in some windows.
         def compute_template(request: AnyRequest, created: str | None) -> Template:

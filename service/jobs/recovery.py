@@ -13,8 +13,9 @@ log = logging.getLogger(__name__)
 
 
 def recover(database: Database, directory: DataDirectory) -> None:
-    """Complete deletions, remove partial files of killed writers, and log entries without a survey or population.
+    """Complete deletions, and remove partial files of killed writers.
 
+    Stores that belong to no survey or population of the job database are only reported in the log.
     The job manager checks running surveys against their stores when it resumes them.
     """
     entries = directory.entries()

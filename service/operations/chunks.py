@@ -41,7 +41,7 @@ def _cached_manifest(store: Path | Bucket, ended: bool) -> Manifest:  # noqa: AR
     Raises
     ------
     LookupError
-        The store has no manifest.
+        The store has no manifest that this version can read.
     """
     if (manifest := manifest_of(place_of(store))) is None:
         raise LookupError

@@ -14,7 +14,7 @@ STEPS, COUNT = 160, 32  # points of the parameter along a diagram, and initial c
 
 
 def diagram_span(gear: AnyGear, direction: str, either_way: float | None = None) -> Pair:
-    """Return a range of δ or ε around a point, cut off at the border of the plane.
+    """Return a range of δ or ε around a point. Its low end is at least 0 in ε, and at least half the point's δ in δ.
 
     direction: "epsilon" or "delta". either_way: the extent on each side; None: the default extent.
 

@@ -82,7 +82,14 @@ async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
 
 
 def _seconds_by_similar_survey(front: Front, request: AnyRequest) -> tuple[float, str] | None:
-    """Return the seconds per cell of a similar survey, and a text that names this survey; None if none is similar."""
+    """Return the seconds per cell that follow from a similar survey, and a text that names this survey.
+
+    Returns
+    -------
+    tuple[float, str] | None
+        The survey's seconds per cell times the ratio of the numbers of samples, and the text; None for a population, or
+        if no survey is similar.
+    """
     if isinstance(request, PopulationRequest):
         return None
     jobs, _ = list_jobs(front, COMPARED_SURVEYS)
@@ -140,7 +147,7 @@ def _is_similar_sample(request: SurveyRequest, other: SurveyRequest) -> bool:
 
 
 def cell_seconds(request: AnyRequest) -> float:
-    """Return the seconds that one process takes for a cell, measured on a few cells spread over the survey."""
+    """Return the seconds that one process takes for a cell (or gear), measured on a few of the request's cells."""
     few = _few_gears(request) if isinstance(request, PopulationRequest) else _few_cells(request)
     for _ in range(2):
         began = time.perf_counter()

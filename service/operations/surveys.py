@@ -40,7 +40,10 @@ class Description(StrictRecord):
 def submit_survey(
     front: Front, caller: Caller, request: AnyRequest, idempotency_key: str | None = None, force: bool = False
 ) -> JobRow:
-    """Accept a survey or a population, or return an identical one that exists. force: always accept a new one.
+    """Accept a survey or a population, or return an identical one that exists.
+
+    force: accept a new one although an identical one exists. An idempotency key that was used before returns its survey
+    even so.
 
     Returns
     -------

@@ -92,7 +92,7 @@ async def look_of_query(
 
 
 def _range(name: str, low: float | None, high: float | None, ends: tuple[str, str] | None = None) -> Pair | None:
-    """Return both ends of a range, or None if neither is given. Raises LimitError for one end or an empty range."""
+    """Return both ends of a range, or None if neither is given. Raises LimitError for one end or a too narrow range."""
     first, last = ends or (f"{name}_min", f"{name}_max")
     both = _both_or_none(first, low, last, high)
     if both is None:
@@ -139,7 +139,7 @@ async def options_of_query(
     pixels_epsilon: Pixels = None,
     caption: Annotated[bool, Query(description="name the survey, its address and the version below the map")] = False,
 ) -> PictureOptions:
-    """Return the options of a picture that the query describes. Raises LimitError if it has too many pixels."""
+    """Return the options of a picture that the query describes. Raises LimitError for wrong numbers of pixels."""
     pixels = _both_or_none("pixels_delta", pixels_delta, "pixels_epsilon", pixels_epsilon)
     if pixels and math.prod(pixels) > MOST_CELLS:
         raise LimitError(

@@ -268,7 +268,7 @@ ANSWERS = {
 
 
 def _links(parameters: dict[str, str], *names: str) -> dict[str, Any]:
-    """Return OpenAPI links to the operations `names`. parameters: paths of their values in the answer, by name."""
+    """Return OpenAPI links to the operations `names`. parameters: {parameter: path of its value in the answer}."""
     further = {"read": {"key": "zarr.json"}}
     return {
         name: {
@@ -280,7 +280,7 @@ def _links(parameters: dict[str, str], *names: str) -> dict[str, Any]:
 
 
 def _point_links(*names: str, **parts: str) -> dict[str, Any]:
-    """Return OpenAPI links to operations at a point. parts: {number: its path in the answer} if not its name."""
+    """Return OpenAPI links to operations at a point. parts: {number: path in the answer}; by default its name."""
     return _links({name: parts.get(name, name) for name in ("delta", "epsilon", *OTHERS)}, *names)
 
 

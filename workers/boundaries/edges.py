@@ -85,9 +85,10 @@ def edges_in_part(
 def edges_of(
     parts: Iterable[ComponentEdges], family: np.ndarray, table: FamilyTable, names: Sequence[str]
 ) -> FamilyEdges:
-    """Count the edges of each family in the whole survey, from the edges in its parts.
+    """Count the edges of each family (see `FamilyEdges`) in the whole survey, from the edges in the parts of its grid.
 
-    family: the number of the family of each component. table: the families. names: the names of the curves.
+    family: for each component (a connected part of a family), the number of its family. table: the families. names: the
+    names of the curves.
 
     Returns
     -------

@@ -152,7 +152,7 @@ class _Search:
         return (float(delta[0]), float(delta[-1])), (float(epsilon[0]), float(epsilon[-1]))
 
     def run(self) -> Iterator[tuple[int, str]]:
-        """Compute curves for all pairs. Yield the number of each pair that no curve explains, and the reason."""
+        """Compute curves for all pairs. Yield for each unexplained difference the number of its pair and the reason."""
         for n in range(len(self.pairs)):
             if self.pairs.region[n] and not self.is_region_explained()[n]:
                 for orbit, target in self._period_one_changes(n):
@@ -254,7 +254,8 @@ class _Search:
     ) -> PeriodicOrbit | Event | None:
         """Follow a motion from its cell to the other cell of the pair, at (δ, ε) = target, or to a bifurcation.
 
-        worth: trace the curve of the bifurcation too, unless the motion has too many impacts or enough are known.
+        worth: trace the bifurcation's curve too, unless the motion has more than LONGEST_TRACED impacts per period, or
+        `most_curves` curves have been traced.
 
         Returns
         -------

@@ -63,7 +63,7 @@ NOTES = {
 }
 #: Settings that leave dask's HTTP servers without pages, because every local account can reach these servers.
 NO_PAGES: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
-SPANS = "spans"  # an extension of dask that is left out, because the records of the scheduler's one are never deleted
+SPANS = "spans"  # an extension of dask that is left out, because it keeps records in the scheduler for ever
 
 OURS, MODULE = "gear-rattle", "gear_rattle"
 #: Packages whose versions must be equal in all processes. With different versions, processes cannot exchange messages,
@@ -88,7 +88,7 @@ class WarmKernels(WorkerPlugin):
         await warming
 
     def teardown(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
-        """Keep the garbage collector from examining all modules at the end, which took a third of a second."""
+        """Keep the garbage collector from examining all modules as the worker ends, which took a third of a second."""
         gc.freeze()
 
 
@@ -117,7 +117,7 @@ def version_check(versions: Mapping[str, str | None], module: str, topic: str) -
         name = "gear-rattle-versions"
 
         async def setup(self, worker: Worker) -> None:
-            """Compare versions before the worker begins a task. A closing worker begins none."""
+            """Close the worker before its first task if its software differs; otherwise load the kernels."""
             import asyncio
             import platform
             from contextlib import suppress

@@ -19,7 +19,9 @@ FEWEST, EACH = 128, 5  # at least FEWEST cells are measured in all tiles togethe
 #: they are computed again with all others, which takes less time than computing the others without them.
 KEPT = 64
 NEAREST = 5  # a tile's cost is the mean of this many measured tiles near it, because a single one may be an exception
-TRUST = 1.0  # weight of the predicted seconds of all tiles, beside the measured seconds of finished tiles
+#: The ratio of measured and predicted seconds of the finished tiles is drawn towards 1: this multiple of the predicted
+#: seconds of all tiles is added to both.
+TRUST = 1.0
 BITS = 20  # numbers of rows and columns of tiles have at most this many bits
 
 
@@ -47,7 +49,7 @@ class RunState:
         return spread_evenly(new, columns)[: MEASURED - len(self.foreseen)]
 
     def record_measured(self, tile: AnyTile) -> bool:
-        """Record the cost of a tile after one of its cells was measured. Return whether to measure another one."""
+        """Record a tile's cost after one of its cells was measured. Return whether to measure another of its cells."""
         part = self.partial[tile.index]
         self.foreseen[tile.index] = part.record.seconds / part.record.cells
         if part.record.cells < self._each:
@@ -102,7 +104,7 @@ class RunState:
         )
 
     def seconds_left(self, threads: int) -> float | None:
-        """Return the seconds until all tiles have ended; None if no cell and no tile has been measured."""
+        """Return the seconds until all tiles have ended; None without threads, or before a cell or tile is measured."""
         trusted = TRUST * (self._ended + self._rest) if self.foreseen else 0.0
         if not threads or not self._ended + trusted:
             return None

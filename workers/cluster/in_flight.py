@@ -90,7 +90,7 @@ class InFlight(ABC, Generic[Work, Result]):
         future.add_done_callback(partial(self._loop.add_callback, self._queue_result))
 
     def next_result(self, seconds: float) -> tuple[Task[Work], Result] | None:
-        """Return the next finished task and its result, or None if no task finishes within `seconds`."""
+        """Return the next finished task and its result; None if no task ends in time, or it failed or was forgotten."""
         try:
             future, result, error = self._ended.get(timeout=seconds)
         except Empty:

@@ -66,7 +66,7 @@ class CompletionTasks(InFlight[_Item, Any]):
         try:
             while self._waiting or self.in_flight:
                 if self._should_stop():
-                    raise StoppedError("stopped while the survey was completed")
+                    raise StoppedError("stopped after the tiles, during the steps that complete the survey")
                 room = self.count_threads(WORKERLESS_SECONDS) - len(self.in_flight)
                 for _ in range(min(room, len(self._waiting))):
                     item = self._waiting.popleft()
@@ -86,7 +86,7 @@ class CompletionTasks(InFlight[_Item, Any]):
         return SEVERAL * max(self.count_threads(WORKERLESS_SECONDS), 1)
 
     def handle_error(self, task: Task[_Item], error: BaseException) -> None:
-        """Repeat a task after a worker's death; raise any other error."""
+        """Repeat a task whose worker died, unless ATTEMPTS attempts have failed so; raise any other error."""
         self.drop(task.work.__eq__)
         if not isinstance(error, KilledWorker):
             raise error

@@ -79,7 +79,7 @@ class _WindowTasks(InFlight[WindowPart, PartValues]):
         self._cells, self._seconds = 0, 0.0
 
     def parts(self, grid: WindowGrid, level: int, first_cells: int) -> Iterator[WindowPart]:
-        """Yield the parts of a level. Their size follows from measured times, so that a part takes PART_SECONDS."""
+        """Yield the parts of a level, each of about PART_SECONDS; before times are measured, of `first_cells` cells."""
         cells = max(1, int(PART_SECONDS * self._cells / self._seconds)) if self._seconds else first_cells
         for block in grid.blocks(level):
             yield from grid.parts(block, cells)

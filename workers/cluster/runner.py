@@ -90,7 +90,7 @@ def advance_tile(
 
 @lru_cache(maxsize=16)
 def _loaded_for(_request: AnyRequest) -> list[bool]:
-    """Return the list that belongs to a request. The caller adds an entry once this process has loaded the kernels."""
+    """Return the same list for equal requests; the caller adds an entry once this process has loaded their kernels."""
     return []
 
 
@@ -99,7 +99,7 @@ def _always_false() -> bool:
 
 
 def template_on(client: Client, request: AnyRequest, created: str | None, should_stop: Callable[[], bool]) -> Template:
-    """Compute `template_of` on a cluster, because some curves take minutes to trace.
+    """Compute the files of an empty store with `template_of` on a cluster, because some curves take minutes to trace.
 
     Parameters
     ----------

@@ -155,7 +155,7 @@ class Submission(InFlight[Attempt, Found]):
         return found
 
     def handle_error(self, task: Task[Attempt], error: BaseException) -> None:
-        """Compute a tile in a process of its own if it has killed its workers; raise any other error."""
+        """Compute a tile in a process of its own if its first task killed workers; raise an error in any other case."""
         tile = task.work.tile
         if not isinstance(error, KilledWorker):
             raise tile_error(self._request, tile, error) from error

@@ -172,7 +172,7 @@ def _as_slice(some: range) -> slice:
 def compute_part(
     request: SurveyRequest, variable: str, index: int, delta: np.ndarray, epsilon: np.ndarray
 ) -> PartValues:
-    """Compute a map on the cells epsilon × delta; failed cells have the fill value. This is a task of the cluster."""
+    """Compute a map on the cells epsilon × delta: a task of the cluster. Failed cells have the fill value or FAILED."""
     began = time.perf_counter()
     quantity = map_quantity(variable, index, request)
     # The variable `status`, which has no group, needs the computation of all stored variables.

@@ -240,7 +240,14 @@ class _Join:
         )
 
     def _slots_of_families(self, summaries: Sequence[BlockSummary], family: np.ndarray, families: int) -> np.ndarray:
-        """Return the slot that each family has in all its cells, −1 for none. The last entry −1 is for "no family"."""
+        """Return the slot that each family has in all its cells. The last entry is for "no family".
+
+        Returns
+        -------
+        np.ndarray
+            Shape (families + 1,), int8; −1 for a family without such a slot, and for "no family". If the survey's slots
+            do not follow families, all entries are −1.
+        """
         if not self._request.slots_follow_families:
             return np.full(families + 1, -1, np.int8)
         pairs = np.unique(np.sort(np.concatenate([family[each.pairs] for each in summaries]), axis=1), axis=0)

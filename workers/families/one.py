@@ -126,7 +126,7 @@ def _family_maps(survey: xr.Dataset, number: int, entered: xr.Dataset) -> dict[s
     at = entered["entered_row"].values, entered["entered_column"].values
 
     def values_of_largest(name: str, of_entered: np.ndarray) -> np.ndarray:
-        """Return the values of each cell's attractor with the largest fraction, or of a continued orbit without a slot.
+        """Return for each cell the value at the family's attractor of largest fraction, or at its continued orbit.
 
         of_entered: the values of the continued orbits without a slot, for cells where no slot lists the family.
 

@@ -36,7 +36,7 @@ from rattle import Attractors
 from rattle.families import NO_FAMILY, QUIET_FAMILY, Rectangle, Sums, connected, entering, in_order, sums_of, together
 from rattle.numerics import StructOfArrays
 
-POSITIONS = 1 << 16  # a number larger than that of the attractors of any cell
+POSITIONS = 1 << 16  # every cell has fewer attractors than this
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Two maps of a survey's families: the largest family of each cell (named, coloured codes), and the share of a family.
 
-Both maps are computed from the store when they are read, one band of rows after the other.
+Both maps are computed from the store when they are read, a few rows at a time.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ def _contacts_of(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
 
 
 def family_colours(table: xr.Dataset) -> list[str]:
-    """Return a colour for each of the first families: the colour of its label, or a spare one if that is used."""
+    """Return colours of the first OTHERS − 1 families: that of the label, or another if an earlier family has it."""
     palette, found = Palette(APART), []
     rows = (np.asarray(table[name][: OTHERS - 1]).tolist() for name in ("kind", "m", "n_plus", "n_minus"))
     for kind, *label in zip(*rows, strict=True):

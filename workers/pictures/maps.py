@@ -325,7 +325,16 @@ def draw_map(
 def valueless_layers(
     variable: str, values: np.ndarray, status: np.ndarray, nothing: str
 ) -> dict[str, tuple[np.ndarray, str]]:
-    """Return the layers of cells without a value: for each reason, in words, the flags of its cells and a colour."""
+    """Return {reason: (flags of the cells, colour)} for the cells that the colour bar does not explain.
+
+    The reasons, in words, are missing or infinite values and, for the variables AT_ZERO, the value 0. nothing: the
+    words for computed cells without a value.
+
+    Returns
+    -------
+    dict[str, tuple[np.ndarray, str]]
+        A layer for each reason, even if no cell has it.
+    """
     layers = {
         "not computed": (status == 0, NOT_COMPUTED),
         "failed": (status == FAILED, FAILURE),
@@ -397,7 +406,7 @@ def _is_listed(plane: xr.DataArray, code: int, values: np.ndarray) -> bool:
 def colours_of_codes(plane: xr.DataArray) -> Sequence[str]:
     """Return the colour of each code of a map of codes."""
     own = str(plane.attrs.get(FLAG_COLOURS, "")).split()
-    if plane.name == LARGEST and plane.coords[AMONG] == WHICH[1]:  # its code 0 means only quiet
+    if plane.name == LARGEST and plane.coords[AMONG] == WHICH[1]:  # code 0: no family except quiet running
         own[0] = KIND_COLOURS["quiet"]
     return own or {"region": REGION_COLOURS, KIND: COLOURS_OF_KINDS}.get(str(plane.name), CODE_COLOURS)
 

@@ -114,7 +114,7 @@ else:
 class GearNumbers(_Numbers):
     """The numbers of a gear: delta, epsilon, beta, and parameters that a model adds.
 
-    Instead of these, the numbers may be those of a machine in SI units, as `rattle.Machine` takes them, with rpm.
+    Instead of these, the numbers may be those of a machine in SI units, as `rattle.Machine` takes them, including rpm.
     """
 
     drive: Literal["torque", "speed"] | None = None

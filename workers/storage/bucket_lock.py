@@ -30,7 +30,7 @@ def _boot_id() -> str:
 
 
 def has_died(holder: dict[str, Any]) -> bool:
-    """Return whether a process has certainly ended. False if its host name or boot id is another one, or unknown."""
+    """Return whether the process with an identity has certainly ended; False if it ran on another host or boot."""
     if not _boot_id() or (holder["host"], holder["boot"]) != (socket.gethostname(), _boot_id()):
         return False
     try:

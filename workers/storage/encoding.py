@@ -15,7 +15,7 @@ NO_FILL: dict[str, Any] = {"_FillValue": None}  # CF forbids a fill value of coo
 
 
 def prepare_for_writing(dataset: xr.Dataset) -> xr.Dataset:
-    """Reduce encodings and flags to what any file can hold under the CF conventions.
+    """Reduce encodings to those that any file can hold, and give `flag_values` the type that CF conventions require.
 
     `to_netcdf` and `to_zarr` can then write the dataset, or a part of it, in any chunks and in either format of zarr.
 
@@ -27,6 +27,6 @@ def prepare_for_writing(dataset: xr.Dataset) -> xr.Dataset:
     for name, values in dataset.variables.items():
         encoding = {key: value for key, value in values.encoding.items() if key in KEPT}
         values.encoding = encoding | (NO_FILL if name in dataset.coords else {})
-        if "flag_values" in values.attrs:  # JSON has no types, but CF requires the variable's type
+        if "flag_values" in values.attrs:  # read from JSON as plain ints, but CF requires the variable's type
             values.attrs["flag_values"] = np.array(values.attrs["flag_values"], values.dtype)
     return dataset

@@ -1,4 +1,4 @@
-"""Export a survey to a file for other programs, a band of rows at a time, so that it takes little memory."""
+"""Export a survey to a file for other programs, some rows of cells at a time, so that it takes little memory."""
 
 import tempfile
 from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -198,7 +198,7 @@ def _numbers_as_text(column: np.ndarray) -> list[str]:
     """Convert numbers to text that reads back to the same value; NaN becomes empty text."""
     if column.dtype == bool:
         column = column.astype(np.int8)
-    if column.dtype == np.float32:  # converted to a double, 0.1 would be written as 0.10000000149011612
+    if column.dtype == np.float32:  # as a double, the float32 0.1 would be written 0.10000000149011612
         return ["" if np.isnan(value) else str(value) for value in column]
     if column.dtype.kind not in "iuf":
         return [str(value) for value in column]

@@ -62,7 +62,7 @@ class Integrity:
 
 
 def examine(where: str | Path | Place, processes: int = 1) -> Integrity:
-    """Check every file of a survey's store. In a completed survey a missing chunk counts as lost.
+    """Check every file of the store of a survey or population. If it is completed, a missing chunk counts as lost.
 
     Parameters
     ----------

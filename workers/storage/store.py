@@ -1,4 +1,4 @@
-"""The zarr store of a survey: create it, fill it tile by tile, resume, finish and open it."""
+"""The zarr store of a survey or population: create it, fill it tile by tile, resume, finish and open it."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ _blank = lru_cache(maxsize=16)(empty_arrays)
 
 
 def create_store(request: AnyRequest, where: str | Path | Place, make: Make | None = None) -> None:
-    """Create the empty store of a survey, or accept and repair the store that an earlier run of the same survey left.
+    """Create the empty store of a survey or population, or accept and repair the store of an earlier, equal request.
 
     The new store appears complete, in one step. In an earlier store, damaged files that belong to no tile (for
     example metadata) are written again; the values of cells are not touched. Any other content of the path is left
@@ -283,7 +283,9 @@ def _chunk_keys(request: AnyRequest, tile: AnyTile) -> dict[str, str]:
 
 
 def finish_store(where: str | Path | Place) -> None:
-    """Finish a survey whose tiles are all computed: remove partial files, and write the date. This may be repeated.
+    """Finish a survey or population whose tiles are all computed: remove partial files, and write the date.
+
+    In a refined survey without a bound the audited cells are counted, too. The call may be repeated.
 
     Raises
     ------

@@ -85,8 +85,8 @@ def branches_of(existing: GridPiece) -> Branches:
 class _Leaf:
     """A leaf to fill, with n × n cells.
 
-    cell (n, n): the numbers of the leaf's cells in the frame. known (n, n): flags of the computed cells. empty (n, n):
-    flags of the cells to fill.
+    cell (n, n): the numbers of the leaf's cells in the frame (see `Blocks`). known (n, n): flags of the computed cells.
+    empty (n, n): flags of the cells to fill.
     """
 
     evidence: Evidence
@@ -216,7 +216,7 @@ class _Leaf:
         return found
 
     def _nearest_attractors(self, kind: int, has: np.ndarray) -> np.ndarray:
-        """Return for each empty cell the row of `evidence.table` with an attractor of this kind in the nearest cell.
+        """Return for each empty cell the row in `evidence.table` of the nearest attractor of this kind.
 
         Parameters
         ----------

@@ -21,7 +21,7 @@ class Tree:
     """The leaves (squares of cells) of a tile.
 
     evidence: everything known about the tile's cells. crossed: two arrays (rows, columns) of flags, which say whether a
-    curve passes between a cell of the frame and the next cell along δ (first array) or along ε (second array).
+    curve passes between a cell of the frame (see `Blocks`) and the next cell along δ (first array) or ε (second array).
     draws (cells,): a random number for each cell, which decides the round that audits it. rounds: the rounds of audits.
     audit (cells,): the finding of the audit, 0 (not audited), AUDITED or DISAGREED. leaf (cells,): KINDS times the
     number of the last round in which the cell was to be filled, plus the kind of the cell's leaf. filled: the leaves
