@@ -43,7 +43,7 @@ class Extent:
 
     @property
     def state(self) -> PointState:
-        """State of the tabs of the point in the middle, which shows the diagram along the row or column."""
+        """State of the tabs for the point in the middle: its diagram runs along this row or column."""
         return PointState(direction=self.direction, span=float(f"{self.either_way:.12g}"))
 
 
