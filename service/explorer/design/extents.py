@@ -52,7 +52,7 @@ class End(NamedTuple):
 
 
 class Extent(NamedTuple):
-    """The range of ε in which a motion attracts. windows: the number of periodic windows that a sweep of chaos met."""
+    """The range of ε in which a motion attracts. windows: number of periodic windows that a sweep of chaos passed."""
 
     low: End
     high: End
@@ -60,9 +60,10 @@ class Extent(NamedTuple):
 
 
 def followed_range(gear: AnyGear, map_range: Pair | None) -> Pair:
-    """Return the range of ε in which motions are followed: from 0 to the end of the map, or to twice the quiet limit.
+    """Return the range of ε in which motions are followed.
 
-    The larger of both is taken, and the range always includes the gear. map_range: range of ε of the map, if any.
+    It begins at 0 and ends at the largest of these: the end of the map, twice the quiet limit, and 1.05 times the ε of
+    the gear. map_range: range of ε of the map, None if there is no map.
 
     Returns
     -------

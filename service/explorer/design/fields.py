@@ -83,7 +83,7 @@ POINT = (
 
 
 def text_in_unit(name: str, value: float) -> str:
-    """Return a number of a machine in its unit, for people."""
+    """Return a number of a machine as text, in the unit of its field. name: key of `NUMBERS`."""
     return f"{NUMBERS[name].to_field_unit(value):.6g}"
 
 

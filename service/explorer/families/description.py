@@ -188,7 +188,7 @@ def family_in_words(found: FamilyDescription, model: Model) -> str:
 
 
 def _borders_in_words(found: FamilyDescription, model: Model) -> list[str]:
-    """Return a sentence on the curves at which the family is born or ends."""
+    """Return one sentence, in a list, on the curves at which the family is born or ends."""
     edges = int(found.row["edges"])
     if not edges:
         return ["Its cells have no border with other cells."]

@@ -57,7 +57,7 @@ class ComparisonMaps:
         store.subscribe(self._on_pointer_change, "pointer")
 
     def _on_view_change(self) -> None:
-        """Make as many comparison maps as the view lists, and let each show what the view says of it."""
+        """Make as many comparison maps as the view lists, and show in each the survey and variable that are chosen."""
         view = self._store.view
         self.add.visible = not view.is_example and len(view.further) < MOST_FURTHER
         if not self._store.has_surveys:

@@ -69,11 +69,11 @@ class ComparisonMap(SurveyMap):
             choices, self.title.pane, plot, self.key.pane, self.links.pane, self.said.pane,
             sizing_mode="stretch_both", margin=0, css_classes=[SHOWN],
         )  # fmt: skip
-        self._further: ComparisonChoice | None = None  # choice that the figure shows; None before the first one
+        self._further: ComparisonChoice | None = None  # choice of the map in the figure; None before the first drawing
         self._window: Ranges | None = None
 
     def show_view(self, surveys: Mapping[str, str]) -> None:
-        """Show the comparison map that the view has at this map's index. surveys: options of the menu of surveys."""
+        """Show the survey and variable that the view has for this map. surveys: options of the menu of surveys."""
         view, jobs = self._store.view, self._store.jobs
         further = view.further[self._place]
         job, first = (jobs[each].job if each in jobs else None for each in (further.survey, view.survey))

@@ -34,14 +34,14 @@ from rattle.models import model_at
 RESOLUTIONS = ((100, "cells"), (300, "refined"), (600, "refined"))
 #: (cells along each axis, method) of each picture of the basins at another point of the diagram.
 PLACE_RESOLUTIONS = ((100, "cells"), (300, "refined"))
-# a computation, after the text that shows its error if it fails
+# (text that shows the error if the computation fails, computation)
 Part = tuple[Text, Callable[[], Awaitable[None]]]
 
 
 class BasinsTab:
-    """Show basins and lines in the (τ, v) plane, at the open point or at the place that the slider chooses.
+    """Show basins and lines in the (τ, v) plane, at the open point or at another point of its diagram.
 
-    When the basins of a place are known, `OpenPoint.place` is set to it, so that the tab of the motion shows it too.
+    When the basins of another point are known, the tab of the motion shows a motion of that point too.
     """
 
     def __init__(self, point: OpenPoint, panel: PointPanel) -> None:
@@ -128,7 +128,7 @@ class BasinsTab:
         )
 
         def show() -> None:
-            if place == self._place:  # if they differ, the viewer has chosen another place meanwhile
+            if place == self._place:  # otherwise the viewer has chosen another place meanwhile
                 self._panel.picture.remove_lines()
                 self._panel.about_lines.html = ""
                 self._show_cells(found.basins, found.orbits)

@@ -36,7 +36,7 @@ NAMES = {"epsilon": "eccentricity ε", "delta": "damping δ"}
 UPWARD, DOWNWARD = {"light": "#4a90d9", "dark": "#7fb3e0"}, "#e8862e"
 DOTS = 3.6, 1.8  # diameters in pixels: where both sweeps find one state, the small dot lies on the large one
 ROOM = 0.04  # margin above and below the speeds, relative to their range
-DENSE, ALL = "dense", "all"  # the axis shows the densest range of speeds, or all speeds
+DENSE, ALL = "dense", "all"  # choices of a viewer: the axis shows the dense range of speeds, or all speeds
 MOST_THIN = 0.5  # least excess of a dense range of speeds: its share of all states less its share of the axis
 PLACES = 1e-7, 1e-3  # states whose parameter and speed are equal when rounded to these steps count once
 # pixels: height of the figure, height of its speed axis, width that is assumed until a browser sends the true one
@@ -91,7 +91,7 @@ class DiagramPicture:
         WidgetWatcher().call_on_change(self.speeds, self._fit_speed_axis)
         self._found: DiagramLines | None = None
         self._across: float = NARROW
-        self.figure.on_change("inner_width", handler_in_event_loop(self._on_width))  # set by a browser
+        self.figure.on_change("inner_width", handler_in_event_loop(self._on_width))  # a browser sets this width
 
     def clear(self) -> None:
         """Remove all lines, dots and events from the picture."""
@@ -195,8 +195,8 @@ def speed_range(found: DiagramLines) -> Pair:
 def dense_speed_range(found: DiagramLines) -> Pair | None:
     """Return the range of speeds in which the states of attractors are dense, with a margin; None if there is none.
 
-    A chaotic attractor or a cascade has many states at each parameter, and a periodic motion few. The result
-    is the range of largest excess mass: its share of the distinct states less its share of the range of all speeds.
+    A chaotic attractor or a cascade has many states at each parameter, and a periodic motion few. The result is the
+    range of largest excess mass: its share of the distinct states less its share of the range of all speeds.
 
     Returns
     -------
@@ -271,7 +271,7 @@ def axis_name(found: DiagramLines) -> str:
 
 
 def diagram_table(found: DiagramLines, chaos: Sequence[ChaosEvent] = ()) -> str:
-    """Return a table of events in HTML, sorted; the link of an event opens the point (δ, ε) at which it happens.
+    """Return a table of events in HTML. The link of an event opens the point (δ, ε) at which it happens.
 
     Events on curves of the (δ, ε) plane stand before the other events of branches.
 

@@ -108,7 +108,7 @@ class SpectrumPicture:
             clear(source)
 
     def show(self, found: Lines | Density, machine: Machine | None, colour: str) -> None:
-        """Draw a spectrum in a colour: in N or N²/Hz against Hz if a machine is given, else dimensionless by order."""
+        """Draw a spectrum in a colour: in N or N²/Hz over Hz if a machine is given, else dimensionless over orders."""
         self.clear()
         hertz, newton = (machine.units.frequency, machine.units.force) if machine else (1.0, 1.0)
         x = hertz * found.order

@@ -168,7 +168,7 @@ class PointPanel:
 
     @cached_property
     def motion_choice(self) -> pn.widgets.Select:
-        """Menu of the motions of which one is shown."""
+        """Menu from which a viewer chooses the motion that is shown."""
         found = pn.widgets.Select(
             label="Motion shown (or click in the basins)", options={}, stylesheets=self._sheets, width=330
         )
@@ -226,7 +226,7 @@ class PointPanel:
 
     @property
     def tolerance(self) -> ToleranceFields:
-        """Fields of the tolerances, made visible."""
+        """Fields of the tolerances. Reading this property makes them visible."""
         self._tolerance.visible = True
         return self._tolerance_fields
 

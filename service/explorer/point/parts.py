@@ -19,7 +19,7 @@ from rattle.flight import wrapped
 from rattle.models import AnyGear, Capability, model_at, require_capability
 
 ARCLENGTH, SPACING = 60.0, 0.02  # arclength of a drawn manifold; spacing of points on manifolds and Γ
-MOST_POINTS = 8000  # states of a diagram's sweeps that are drawn, up to a factor of 2
+MOST_POINTS = 8000  # fewer than twice so many states of a diagram's sweeps are drawn
 SAME_ORBIT = 1e-6  # an attractor and an orbit are the same motion if neither τ nor v differs by more
 CELL_NAMES = {f"attractor_{name}" for name in ("kind", "m", "n_plus", "n_minus", "fraction")}
 Array = NDArray[np.float64]
@@ -85,7 +85,7 @@ class PlaneLines(NamedTuple):
 
 
 class Stroke(NamedTuple):
-    """A part of a branch in a diagram that is stable throughout, or unstable throughout.
+    """A part of a branch in a diagram; either all motions of the part are stable, or none is.
 
     x: the parameter. v, tau: speed and phase of one impact on Σ⁺. motion: the name of the motion.
     """

@@ -145,7 +145,7 @@ def machine_and_model(
 
 
 def open_machine_and_model(store: Store) -> tuple[Machine | None, Model] | None:
-    """Return the machine and the model of the open point; None if no point is open or its survey is not known yet."""
+    """Return the machine and the model of the open point; None if no point is open or the map's survey is unknown."""
     view = store.view
     if view.point is None or not store.has_surveys or (view.survey and store.request is None):
         return None
@@ -153,7 +153,7 @@ def open_machine_and_model(store: Store) -> tuple[Machine | None, Model] | None:
 
 
 def open_point_as_pin(store: Store) -> Pin | None:
-    """Return the open point as a pin; None if no point is open, or if its survey is not known yet."""
+    """Return the open point as a pin; None if no point is open, or if the map's survey is not known yet."""
     opened, point = open_machine_and_model(store), store.view.point
     return None if opened is None or point is None else pin_of(*point, opened[1])
 

@@ -82,7 +82,7 @@ def percent_text(share: float) -> str:
 
 
 def complex_text(value: complex, digits: int = 4) -> str:
-    """Return a complex number as text. An imaginary part that can be a rounding error (1e-12) is left out."""
+    """Return a complex number as text. An imaginary part below 1e-12 of max(1, |real part|) is left out."""
     if abs(value.imag) < 1e-12 * max(1.0, abs(value.real)):
         return number_text(value.real, digits)
     sign = "+" if value.imag > 0 else MINUS
@@ -238,7 +238,7 @@ def shares_bar(found: SampledAttractors, palette: Palette) -> str:
 
 
 def html_table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """Return a table in HTML, rows after the first six folded; the first cell of a row is its head. Cells are HTML."""
+    """Return a table in HTML, rows after the first six folded; the first cell of a row is a head. Cells are HTML."""
     head = "".join(f'<th scope="col">{each}</th>' for each in heads)
     lines = []
     for first, *rest in rows:

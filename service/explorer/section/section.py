@@ -33,7 +33,7 @@ NO_WAY = "The end point needs a δ above 0 and an ε of at least 0."
 
 
 class ProfileSection:
-    """Show the profile of a survey along the diagram of the open point. below: its place, below the diagram."""
+    """Show the profile of a survey along the diagram of the open point. below: panel for it under the diagram."""
 
     def __init__(self, shared: SharedState, viewer: Viewer, store: Store, theme: str, sheet: str) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
