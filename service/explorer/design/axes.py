@@ -26,7 +26,7 @@ class MapAxes:
     """Axes of a map: δ and ε, or a machine's speed and eccentricity with δ and ε above and on the right.
 
     Damping falls as speed rises, so for a machine δ rises to the left. is_follower: True if the map shares its ranges
-    with another map, which sets this direction.
+    with another map, which alone sets the direction of the δ axis.
     """
 
     def __init__(self, plot: figure, is_follower: bool) -> None:
@@ -48,7 +48,7 @@ class MapAxes:
         for pair in (self._own, self._second):
             for axis, span, name in zip(pair, self._spans, NAMES, strict=True):
                 axis.formatter = CustomJSTickFormatter(args={"range": span}, code=asset("ticks.js"))
-                # On a telephone labels of small dampings would lie over each other.
+                # Without this policy, labels of small dampings overlap on the narrow screen of a telephone.
                 axis.major_label_policy = NoOverlap()
                 naming = CustomJS(args={"axis": axis, "range": span, "name": name}, code=asset("axis_label.js"))
                 span.js_on_change("start", naming)
@@ -56,7 +56,7 @@ class MapAxes:
         self.show(None)
 
     def show(self, machine: SurveyedMachine | None) -> None:
-        """Show the axes of a machine; if it is None, δ and ε alone."""
+        """Show the axes for the survey of a machine; if `machine` is None, only the axes of δ and ε."""
         scales = {"rpm": 1.0, "eccentricity": 1.0}
         if machine is not None:
             scales = {
@@ -75,7 +75,7 @@ class MapAxes:
             span.update(start=span.end, end=span.start)
 
     def show_window(self, *window: Pair) -> None:
-        """Set the window, and the labels of δ and ε."""
+        """Set the ranges of δ and ε that the map shows, and the labels of both axes."""
         for pair, span, name, (low, high) in zip(
             zip(self._own, self._second, strict=True), self._spans, NAMES, window, strict=True
         ):
@@ -87,7 +87,15 @@ class MapAxes:
 
 
 def label_offset(window: Pair) -> tuple[float, int] | None:
-    """Return the offset and the unit, as a power of ten, of a narrow window's tick labels; None for a wide window."""
+    """Return (offset, n) for the tick labels of a narrow window; None for a wide window.
+
+    A tick label of a narrow window is the distance from the offset in units of 10ⁿ.
+
+    Returns
+    -------
+    tuple[float, int] | None
+        The offset and the exponent n.
+    """
     low, high = window
     span, scale = high - low, max(abs(low), abs(high))
     if span > NARROW * scale:

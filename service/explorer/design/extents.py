@@ -19,13 +19,15 @@ from rattle.models import AnyGear, Capability, model_at
 from rattle.plot import legend_name
 from rattle.stiff import StiffOrbit, stiff_branch
 
-MOST_FOLLOWED, MOST_IMPACTS = 12, 64  # most attractors that are followed, and most impacts of a motion on a branch
+# largest number of attractors that are followed; largest number of impacts of a motion that is followed on a branch
+MOST_FOLLOWED, MOST_IMPACTS = 12, 64
 STEPS = 150  # steps of a sweep over the whole range of ε
-STATES, RETURNS = 16, 37  # states of a chaotic attractor that a sweep follows, and returns between two of them
-WINDOW = 4  # steps of a periodic window that a sweep of chaos passes
-FINEST, NEAR, LEAST = 1 / 32, 1 / 8, 1e-9  # width of a bracket over a step, over its distance, and over the range
+STATES, RETURNS = 16, 37  # states of a chaotic attractor that a sweep follows; returns from one to the next
+WINDOW = 4  # a sweep of chaos passes periodic windows of at most so many steps
+# steps are halved down to FINEST of a full step and NEAR of the distance from the point, but not below LEAST of a step
+FINEST, NEAR, LEAST = 1 / 32, 1 / 8, 1e-9
 
-#: Kinds of an end: events of a branch as rattle names them, then the ends that are no event.
+#: Kinds of an end: first the events of a branch, with the names of `rattle`, then the ends that are no such event.
 SADDLE_NODE, FLIP, GRAZING = "SN", "PD", "GR"
 CRISIS, QUIET_LIMIT, SWEPT, RANGE, LOST = "crisis", "quiet limit", "swept", "range", "lost"
 
@@ -33,10 +35,12 @@ CRISIS, QUIET_LIMIT, SWEPT, RANGE, LOST = "crisis", "quiet limit", "swept", "ran
 class End(NamedTuple):
     """One end of the range of ε in which a motion attracts.
 
-    kind: SN, PD or GR for an event of the branch; "crisis", "quiet limit"; "swept" for a bracket; "range" if the motion
-    attracts up to the end of the range, "lost" if it could not be followed farther. error: half the width of the
-    bracket, 0 if the end is exact. curve: the curve of the map on which the event lies, or "". beyond: the attractor
-    that a sweep reaches beyond the end, or "". remains: whether the motion exists beyond the end without attracting.
+    kind: SN, PD or GR for an event of the branch; "crisis", "quiet limit"; "swept" if a sweep only bracketed the end;
+    "range" if the motion attracts up to the end of the range, "lost" if it could not be followed farther. error: half
+    the width of the bracket, 0 if the end is exact. curve: the curve of the (δ, ε) plane on which the event lies, or
+    "". beyond: the attractor that a sweep reaches beyond the end, or the motion that follows an event of a branch; ""
+    if unknown. remains: True if the end is a period doubling of the motion itself, beyond which the motion exists
+    without attracting.
     """
 
     kind: str
@@ -48,7 +52,7 @@ class End(NamedTuple):
 
 
 class Extent(NamedTuple):
-    """The range of ε in which a motion attracts. windows: the number of periodic windows that a sweep of chaos met."""
+    """The range of ε in which a motion attracts. windows: number of periodic windows that a sweep of chaos passed."""
 
     low: End
     high: End
@@ -56,12 +60,21 @@ class Extent(NamedTuple):
 
 
 def followed_range(gear: AnyGear, map_range: Pair | None) -> Pair:
-    """Return the range of ε in which motions are followed: from 0, beyond the map and beyond twice the quiet limit."""
+    """Return the range of ε in which motions are followed.
+
+    It begins at 0 and ends at the largest of these: the end of the map, twice the quiet limit, and 1.05 times the ε of
+    the gear. map_range: range of ε of the map, None if there is no map.
+
+    Returns
+    -------
+    Pair
+        Lowest and highest ε.
+    """
     return 0.0, max(map_range[1] if map_range else 0.0, 2.0 * gear.quiet_limit, 1.05 * gear.epsilon)
 
 
 def motion_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> Extent | None:
-    """Return the extent of one attractor in the range `within` of ε; None if it is undecided."""
+    """Return the range of ε in which an attractor attracts, searched in the range `within`; None if it is undecided."""
     if attractor.kind == "undecided":
         return None
     if attractor.kind == "quiet":
@@ -75,13 +88,13 @@ def motion_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> E
 
 
 def add_crisis(gear: AnyGear, extents: Sequence[Extent | None]) -> tuple[Extent | None, ...]:
-    """Replace the swept upper end of chaos by the boundary crisis if the crisis of this damping lies at it."""
+    """Return the extents, with the boundary crisis of the gear's damping in place of a swept upper end near it."""
     crisis = _crisis(gear) if Capability.CRISIS in model_at(gear).has else None
     return tuple(each if each is None or crisis is None else _ends_in(each, crisis) for each in extents)
 
 
 def has_swept_chaos(attractors: Sequence[rattle.Attractor], extents: Sequence[Extent | None]) -> bool:
-    """Return whether the upper end of a chaotic attractor is a bracket, which a crisis may explain."""
+    """Return whether the upper end of a chaotic attractor is only a bracket, which a boundary crisis may replace."""
     pairs = zip(attractors, extents, strict=False)  # attractors beyond MOST_FOLLOWED have no extent
     return any(one.kind == "chaotic" and each is not None and each.high.kind == SWEPT for one, each in pairs)
 
@@ -102,7 +115,7 @@ def _ends_in(extent: Extent, crisis: float) -> Extent:
 
 
 def _branch_of(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> Any:
-    """Return the branch of a periodic attractor along ε; None for a model whose motions are on no branch."""
+    """Return the branch of a periodic attractor along ε; None for a model without branches."""
     orbit = gear.orbit(attractor.tau, attractor.v, attractor.n_plus)
     if isinstance(orbit, PeriodicOrbit):
         return rattle.branch(orbit, "epsilon", within)
@@ -111,7 +124,7 @@ def _branch_of(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> Any:
 
 def _extent_of_branch(branch: Any, within: Pair) -> Extent:
     """Return the extent of the attracting part of a branch around the point from which the branch was followed."""
-    grazes = [(each, each.after or -1) for each in getattr(branch, "grazes", ())]  # a branch of stiff gears ends there
+    grazes = [(each, each.after or -1) for each in getattr(branch, "grazes", ())]  # stiff branches end at grazes
     events = [(each, _piece_of(each, branch)) for each in branch.events if each.admissible] + grazes
     attracts = branch.stable & branch.admissible
 
@@ -119,7 +132,7 @@ def _extent_of_branch(branch: Any, within: Pair) -> Extent:
         point = branch.start
         while True:
             beyond, is_last = point + way, not 0 <= point + way < len(branch)
-            piece = min(point, beyond)  # the piece of the branch between these two points
+            piece = min(point, beyond)  # number of the piece of the branch between `point` and `beyond`
             here = [event for event, at in events if at == piece][::way]
             if here and (is_last or here[0].kind in (SADDLE_NODE, FLIP) or not attracts[beyond]):
                 return _end_at(here[0], branch, not is_last and bool(branch.admissible[beyond]))
@@ -133,13 +146,13 @@ def _extent_of_branch(branch: Any, within: Pair) -> Extent:
 
 
 def _piece_of(event: Any, branch: Any) -> int:
-    """Return the number of the point before an event on a branch; −1 for the flip at which the branch begins."""
+    """Return the number of the branch's last point before an event; −1 for the flip from which the branch begins."""
     is_origin = event.itinerary.m < branch.m and event.after == 0 and branch.ends[0] != "span"
     return -1 if is_origin else int(event.after)
 
 
 def _end_at(event: Any, branch: Any, remains: bool) -> End:
-    """Return the end of a motion at an event. remains: whether the next point of the branch is an admissible motion."""
+    """Return the end of a motion at an event of its branch. remains: True if the branch's next point is admissible."""
     next_motion = getattr(event, "beyond", None)
     return End(
         str(event.kind),
@@ -151,13 +164,13 @@ def _end_at(event: Any, branch: Any, remains: bool) -> End:
 
 
 def _swept_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> Extent:
-    """Return the extent of an attractor, found by following its states in steps of ε to either side."""
+    """Return the range of ε in which an attractor attracts, found by following its states in steps to either side."""
     (low, below), (high, above) = (_sweep(gear, attractor, end, within) for end in within)
     return Extent(low, high, below + above)
 
 
 def _sweep(gear: AnyGear, attractor: rattle.Attractor, end: float, within: Pair) -> tuple[End, int]:
-    """Follow an attractor in steps of ε towards `end`, the steps halved where it is lost.
+    """Follow an attractor in steps of ε towards `end`. A step that loses the attractor is repeated at half its size.
 
     Returns
     -------
@@ -187,7 +200,7 @@ def _sweep(gear: AnyGear, attractor: rattle.Attractor, end: float, within: Pair)
 
 
 def _continued(gear: AnyGear, known: rattle.Attractor, at: float, there: float) -> tuple[rattle.Attractor, ...]:
-    """Return the attractors at ε = `there` that states of an attractor at ε = `at` go to, by falling share."""
+    """Return the attractors at ε = `there` to which states of an attractor at ε = `at` go, the most frequent first."""
     model = model_at(gear)
     tau, v = np.array([known.tau]), np.array([known.v])
     if known.kind == "chaotic":
@@ -198,7 +211,7 @@ def _continued(gear: AnyGear, known: rattle.Attractor, at: float, there: float) 
 
 
 def _like(attractor: rattle.Attractor, found: Iterable[rattle.Attractor]) -> rattle.Attractor | None:
-    """Return the first attractor of the same kind and label; None if there is none."""
+    """Return the first attractor in `found` with the kind and label of `attractor`; None if there is none."""
     names = (each for each in found if legend_name(each) == legend_name(attractor))
     return next(names, None)
 
@@ -206,12 +219,15 @@ def _like(attractor: rattle.Attractor, found: Iterable[rattle.Attractor]) -> rat
 def _after_window(
     gear: AnyGear, attractor: rattle.Attractor, found: Sequence[rattle.Attractor], at: float, step: float, end: float
 ) -> tuple[float, rattle.Attractor] | None:
-    """Return where chaos begins again within WINDOW steps of ε beyond the attractors `found` at ε = `at`.
+    """Return where chaos begins again after a periodic window, which begins with the attractors `found` at ε = `at`.
+
+    The first attractor is followed for at most WINDOW steps of size `step`, not beyond `end`.
 
     Returns
     -------
     tuple[float, rattle.Attractor] | None
-        The eccentricity and the chaotic attractor there; None if the motion is not chaotic or no chaos follows.
+        The eccentricity and the chaotic attractor there; None if `attractor` is not chaotic, if the first attractor in
+        `found` is not periodic, or if no chaos follows.
     """
     if attractor.kind != "chaotic":
         return None

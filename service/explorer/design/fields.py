@@ -34,15 +34,15 @@ class NumberEntry(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Name and unit."""
+        """Label of the field: the name, and the unit if there is one."""
         return f"{self.name}, {self.unit}" if self.unit else self.name
 
     def to_field_unit(self, value: float) -> float:
-        """Return a value of the library (in SI units, speed in rpm) in the unit of the field."""
+        """Return a number in the unit of the field. value: the number in the library's unit (SI, but rpm for speed)."""
         return float(f"{value * self.per:.{DIGITS}g}")
 
     def to_library_unit(self, value: float | None) -> float | None:
-        """Return an entered value in the library's unit; None for None. 100 µm become exactly 100e-6 m."""
+        """Return an entered value in the library's unit (SI, but rpm for speed); 100 µm become exactly 100e-6 m."""
         if value is None:
             return None
         return int(value) if self.is_count and float(value).is_integer() else value / self.per
@@ -83,7 +83,7 @@ POINT = (
 
 
 def text_in_unit(name: str, value: float) -> str:
-    """Return a number of a machine in its unit, for people."""
+    """Return a number of a machine as text, in the unit of its field. name: key of `NUMBERS`."""
     return f"{NUMBERS[name].to_field_unit(value):.6g}"
 
 
@@ -95,7 +95,7 @@ def machine_ranges(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict
     Returns
     -------
     dict[str, Pair]
-        Ranges by name.
+        Range of the speed under "rpm", range of the eccentricity in m under "eccentricity".
     """
     return {
         "rpm": (float(machine.rpm(delta[1])), float(machine.rpm(delta[0]))),
@@ -167,7 +167,7 @@ class MachineFields:
         return given | {"drive": self._drive.value}
 
     def show(self, machine: Mapping[str, Any]) -> None:
-        """Set the fields to the numbers of a machine, which are in SI units."""
+        """Fill the fields for a machine. machine: the drive, and numbers by name in the library's units."""
         for name, widget in self._numbers.items():
             value = machine.get(name)
             widget.value = None if value is None else NUMBERS[name].to_field_unit(value)

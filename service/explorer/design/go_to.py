@@ -50,7 +50,7 @@ class GoToPanel:
         self._close.visible = self._store.view.point is not None
 
     def _show_bookmark(self) -> None:
-        """Select the bookmark that the view shows, or none once the view has moved away."""
+        """Select in the list the bookmark that the view shows, or none if the view shows no bookmark."""
         view = self._store.view
         shown = shown_bookmark(view.window, view.point) if self._is_of_bookmarks() else None
         with self._watch.paused():
@@ -61,7 +61,7 @@ class GoToPanel:
         return self._store.model == MODELS[DEFAULT_MODEL]()
 
     def _go_to_bookmark(self) -> None:
-        """Go to the chosen bookmark, if the map is of the gear that has it."""
+        """Go to the chosen bookmark, or show an error if the map is of another gear than the bookmarks."""
         place: Bookmark | str = self.named.value
         if isinstance(place, str):
             self._show_bookmark()
@@ -122,7 +122,7 @@ class GoToPanel:
             self._open_point(PointOpened((gear.delta, gear.epsilon), entered))
 
     def _open_point(self, event: PointOpened) -> None:
-        """Open a point, and close the form, below which the answer would be out of sight."""
+        """Open a point, and close the fields, which would push the answer below them out of sight."""
         self._toggle_fields()
         self._store.dispatch(event)
 

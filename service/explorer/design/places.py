@@ -23,7 +23,7 @@ CRISES = {"0.6": (0.6, 0.1108867568), "0.762": (0.762, 0.09742235)}
 
 @dataclass(frozen=True)
 class Bookmark:
-    """A window of the plane; the point to open in it, or None; and the state of its tabs, or None for no own state."""
+    """A window of the plane; the point to open in it, or None; the state of its tabs, or None to keep the open tab."""
 
     window: Ranges
     point: Pair | None = None

@@ -14,7 +14,7 @@ SECONDS, RATE = 3.0, 22050  # length of a sound in seconds, and its samples per 
 
 
 def motion_intensities(gear: AnyGear, attractors: Sequence[rattle.Attractor]) -> tuple[rattle.Intensity | None, ...]:
-    """Return the intensity of each attractor: None if it cannot be followed, values of NaN if it is undecided."""
+    """Return the intensity of each attractor; None if the library fails to follow it, NaN values if it is undecided."""
     return tuple(_intensity(gear, each) for each in attractors)
 
 
@@ -36,7 +36,7 @@ def spectrum_lines(gear: AnyGear, attractor: rattle.Attractor) -> Lines | Densit
     Raises
     ------
     RattleError
-        The attractor is undecided.
+        The attractor is undecided, or cannot be followed from its (τ, v), for instance because it comes to rest.
     """
     return gear.spectrum(attractor, HIGHEST)
 

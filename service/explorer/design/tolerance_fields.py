@@ -1,4 +1,4 @@
-"""Enter the tolerances of a point."""
+"""Fields in which a viewer enters the tolerances of a point and requests its yield."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TENTH = 0.1  # default standard deviations, relative to the point's numbers
 
 
 class ToleranceFields:
-    """Fields for two standard deviations and a probability, and a button that requests the yield."""
+    """Fields for two standard deviations and the required probability of quiet running, and a button for the yield."""
 
     def __init__(self, dispatch: Callable[[Event], None], sheets: list[str]) -> None:
         self._dispatch = dispatch

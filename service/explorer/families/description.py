@@ -43,7 +43,7 @@ class Extent:
 
     @property
     def state(self) -> PointState:
-        """State of the tabs of the point in the middle, which shows the diagram along the row or column."""
+        """State of the tabs for the point in the middle: its diagram runs along this row or column."""
         return PointState(direction=self.direction, span=float(f"{self.either_way:.12g}"))
 
 
@@ -188,7 +188,7 @@ def family_in_words(found: FamilyDescription, model: Model) -> str:
 
 
 def _borders_in_words(found: FamilyDescription, model: Model) -> list[str]:
-    """Return a sentence on the curves at which the family is born or ends."""
+    """Return one sentence, in a list, on the curves at which the family is born or ends."""
     edges = int(found.row["edges"])
     if not edges:
         return ["Its cells have no border with other cells."]

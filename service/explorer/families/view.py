@@ -41,10 +41,10 @@ ALONG = {"delta": "Its diagram along δ", "epsilon": "Its diagram along ε"}
 
 
 class FamilyData(NamedTuple):
-    """Families read from a survey, the same for all windows.
+    """Data of a survey's families, read from its store. They do not depend on the window of the map.
 
-    names: the names of the first families. family: the description of the chosen family, None without one. plane: the
-    map of its basin fraction. why: the message if no family has the chosen number, else "".
+    names: the names of the first families. family: the description of the chosen family, None if none is chosen. plane:
+    the map of this family's basin fraction. why: the message if no family has the chosen number, else "".
     """
 
     names: list[str]
@@ -54,7 +54,7 @@ class FamilyData(NamedTuple):
 
 
 class FamiliesView:
-    """Show a chosen family. which: the list of families. panel: the description of the chosen family, below the map.
+    """Show a chosen family. which: the menu of families. panel: the description of the chosen family, below the map.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class FamiliesView:
         )  # fmt: skip
         self._extents: dict[str, Extent] = {}
         self.drawings = DrawingRunner(viewer, self._show_error)
-        # id of the survey, number of the slice, number of the family
+        # the shown family: id of its survey, number of its slice, its own number
         self._of: tuple[str, int, int | None] = ("", 0, None)
         self._known: tuple[tuple[Any, ...], FamilyData] | None = None
         store.subscribe(self._on_view_change, "survey", "slice", "family", "delta", "epsilon", "seen", JOBS)
@@ -138,7 +138,7 @@ class FamiliesView:
             self._clear_description()
             self._show_message(known.why)
             return
-        # the chosen family may be beyond the MOST_LISTED families
+        # the chosen family is added, because the list has only the first MOST_LISTED families
         self._set_options(options | {known.family.name: str(number)}, number)
         self._figure.dim_cells(np.isnan(seen.values) | (seen.values <= 0), seen.box)
         self._extents = {each.direction: each for each in known.family.extents}
@@ -175,7 +175,7 @@ class FamiliesView:
         self._store.dispatch(FamilyChosen(int(chosen) if chosen else None))
 
     def open_diagram(self, direction: str) -> None:
-        """Open the point in the middle of the family's longest row ("delta") or column, with the diagram along it."""
+        """Open the point in the middle of the family's longest row ("delta") or column, with a diagram along it."""
         extent = self._extents.get(direction)
         if extent is not None:
             self._store.dispatch(PointOpened(extent.middle, state=extent.state))

@@ -32,8 +32,8 @@ def require_small(request: SurveyRequest) -> None:
 class Difference(MapPlane):
     """Values of the first map less the values of another map, float32. For maps of codes: 1 where they differ, else 0.
 
-    The value is NaN where either map has no value. The status is 0 where either map is not computed or the other map
-    has no cell.
+    A difference of phases is wrapped to [−0.5, 0.5). The value is NaN where either map has no value. The status is 0
+    where either map is not computed or the other map has no cell.
 
     is_same_grid: True if both maps have the same cells. Otherwise each cell of the first map is compared with the cell
     of the other map that contains its centre.
@@ -75,5 +75,5 @@ class Difference(MapPlane):
         self.plane = xr.DataArray(self.values, dims=CELL, name=f"{variable.name}_difference", attrs=attributes)
 
     def cell_at(self, delta: float, epsilon: float) -> xr.Dataset | None:
-        """Return all variables of the first survey's cell at a point. It blocks: use a thread."""
+        """Return all variables of the first survey's cell at a point; None outside. It blocks: use a thread."""
         return self._first.cell_at(delta, epsilon)

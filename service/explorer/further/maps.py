@@ -57,7 +57,7 @@ class ComparisonMaps:
         store.subscribe(self._on_pointer_change, "pointer")
 
     def _on_view_change(self) -> None:
-        """Make as many maps as the view has, and let each show its part of the view."""
+        """Make as many comparison maps as the view lists, and show in each the survey and variable that are chosen."""
         view = self._store.view
         self.add.visible = not view.is_example and len(view.further) < MOST_FURTHER
         if not self._store.has_surveys:
@@ -83,7 +83,7 @@ class ComparisonMaps:
             each.show_pointer()
 
     def _add_map(self) -> None:
-        """Add a comparison map of the first map's survey: the next of its maps that is not shown yet."""
+        """Add a comparison map: the first map of the same survey that is not shown yet."""
         view, request = self._store.view, self._store.request
         if request is None or view.is_example:
             return
@@ -93,6 +93,6 @@ class ComparisonMaps:
         self._store.dispatch(MapAdded(ComparisonChoice(view.survey, free[0].variable, free[0].index, view.slice)))
 
     def end(self) -> None:
-        """Release the resources of a closed page."""
+        """Release the resources of all comparison maps, because the page was closed."""
         for each in self.maps:
             each.end()

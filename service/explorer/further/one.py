@@ -42,7 +42,7 @@ MINUS = "first map less this one"
 
 
 class ComparisonMap(SurveyMap):
-    """Comparison map with the index `place`. A viewer chooses its survey and variable in the widgets above it."""
+    """Comparison map number `place`, from 0. A viewer chooses its survey and variable in the widgets above it."""
 
     def __init__(
         self, shared: SharedState, viewer: Viewer, store: Store, figure: MapFigure, sheet: str, place: int
@@ -69,11 +69,11 @@ class ComparisonMap(SurveyMap):
             choices, self.title.pane, plot, self.key.pane, self.links.pane, self.said.pane,
             sizing_mode="stretch_both", margin=0, css_classes=[SHOWN],
         )  # fmt: skip
-        self._further: ComparisonChoice | None = None  # choice of the map that is drawn
+        self._further: ComparisonChoice | None = None  # choice of the map in the figure; None before the first drawing
         self._window: Ranges | None = None
 
     def show_view(self, surveys: Mapping[str, str]) -> None:
-        """Show the map that the view has at the index `place`. surveys: options of the menu, from `survey_options`."""
+        """Show the survey and variable that the view has for this map. surveys: options of the menu of surveys."""
         view, jobs = self._store.view, self._store.jobs
         further = view.further[self._place]
         job, first = (jobs[each].job if each in jobs else None for each in (further.survey, view.survey))
@@ -91,7 +91,7 @@ class ComparisonMap(SurveyMap):
             self._show_window_and_lines(self.plane)
 
     def _show_choices(self, further: ComparisonChoice, job: JobRow, surveys: Mapping[str, str]) -> ComparisonChoice:
-        """Set the menus of surveys and maps; return the chosen map, or the survey's first map if it lacks that map."""
+        """Set the menus. Return the choice, with the survey's first map in place of a map that the survey lacks."""
         request = request_of_job(job)
         number = sum(request.slice_index(further.slice))
         chosen, options = map_options(request, MapChoice(further.variable, further.index))
@@ -149,7 +149,7 @@ class ComparisonMap(SurveyMap):
         self.links.html = ""
 
     def _show_window_and_lines(self, plane: MapPlane) -> None:
-        """Show the window, the lines and the pins of the view."""
+        """Show on this map the window, the lines and the pins of the view, and links to its pictures."""
         view, window, model = self._store.view, self._store.window, plane.request.gear_model
         if self._window != window:
             self._window = window
@@ -161,7 +161,7 @@ class ComparisonMap(SurveyMap):
         self.lines.draw([name for name in lines if name not in WHOLE], model, window)
 
     def show_pointer(self) -> None:
-        """Mark the point that a viewer points at, and write the value of the cell there."""
+        """Mark the point at which a viewer points on any map, and write the value of this map's cell there."""
         pointer = self._store.view.pointer
         self.figure.mark_cursor(None if pointer is None else pointer.at)
         if pointer is not None and self.plane is not None:
@@ -187,7 +187,7 @@ class ComparisonMap(SurveyMap):
 
 
 def _title_of(plane: MapPlane, colours: Colouring, job: JobRow, first: JobRow | None, request: SurveyRequest) -> str:
-    if not isinstance(plane, Difference) or first is None:  # the widgets above the map show its survey and its variable
+    if not isinstance(plane, Difference) or first is None:  # not a difference: the widgets above it name its survey
         return f"{plane.request.gear_model}{f' ({colours.note})' if colours.note else ''}"
     cells = "the same cells"
     if not plane.is_same_grid:

@@ -19,7 +19,7 @@ def survey_options(jobs: Iterable[JobRow]) -> dict[str, str]:
 
 
 def _named_slices(job: JobRow) -> list[tuple[str, int, str]]:
-    """Return the survey's name with the number and the words of each slice; 0 and "" if it has no third axis."""
+    """Return (survey's name, number, words) for each slice of a survey; number 0 and words "" without a third axis."""
     thirds = request_of_job(job).third_axis
     slices = [(i, f", {name} = {value:g}") for name, axis in thirds.items() for i, value in enumerate(axis.values())]
     return [(job.display_name, number, words) for number, words in slices or [(0, "")]]

@@ -100,7 +100,7 @@ def _largest_exponent(known: PinResults) -> str:
 
 
 def _cell_text(known: PinResults | None, name: str) -> str:
-    """Return the basin fractions and largest exponents of a point's attractors of one name; a dash for none."""
+    """Return fractions and exponents of a point's attractors of one name; a dash for none, "" if results are None."""
     if known is None:
         return ""
     return "; ".join(_share_text(each) for called, each in _named_motions(known) if called == name) or "–"

@@ -101,7 +101,7 @@ class Pins:
     async def _compute_all(self) -> None:
         while (pin := self._next_pin()) is not None:
             self._work[pin] = work = PointTasks(self._viewer.front, self._viewer.document, pin.model.name)
-            # `wait` raises no error if the pin is removed meanwhile
+            # `asyncio.wait` does not raise the CancelledError of a task whose pin was removed meanwhile
             await asyncio.wait([work.start(self._compute_pin(pin, work))])
 
     async def _compute_pin(self, pin: Pin, work: PointTasks) -> None:

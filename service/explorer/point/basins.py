@@ -1,4 +1,4 @@
-"""The picture of basins of attraction: cells, Γ, manifolds, A to D, and the initial condition that was chosen."""
+"""The picture of the basins of attraction, with Γ, manifolds, the motions A to D, and a chosen initial condition."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gear_rattle.service.explorer.state.events import Event, InitialConditionCho
 from rattle.attractors import PAPER_SPEED
 from rattle.plot import MANIFOLDS, Palette, legend_name
 
-MOST_NAMED = 24  # most basins that the legend names
+MOST_NAMED = 24  # largest number of basins that the legend names
 GAMMA = "Γ"
 #: Colour and dashes of each line; both manifolds of a saddle have one colour.
 STYLES = {
@@ -33,7 +33,7 @@ STEPS = "return value < 0 ? 'not seen' : String(value)"
 
 
 class BasinsPicture:
-    """Picture of basins in the (τ, v) plane. A click chooses the motion that begins there."""
+    """Picture of basins in the (τ, v) plane. A click chooses the motion that begins at the clicked state (τ, v)."""
 
     def __init__(self, theme: str, dispatch: Callable[[Event], None]) -> None:
         self._dispatch = dispatch
@@ -133,7 +133,7 @@ class BasinsPicture:
             clear(source)
 
     def clear(self) -> None:
-        """Show nothing."""
+        """Remove the basins, the lines and all marks from the picture."""
         for source in (self._cells, self._orbits, self._chosen, *self._lines.values()):
             clear(source)
 
@@ -143,7 +143,7 @@ class BasinsPicture:
 
 
 def basins_legend(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: Palette) -> str:
-    """Return the legend in HTML: the first MOST_NAMED attractors with the shares of their basins, and the lines."""
+    """Return the legend in HTML: the first MOST_NAMED attractors, the basin fraction of each, and the lines."""
     parts = []
     shares = np.bincount(basins.labels.ravel(), minlength=len(basins.attractors)) / basins.labels.size
     for each, share in zip(basins.attractors[:MOST_NAMED], shares, strict=False):
@@ -157,7 +157,7 @@ def basins_legend(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: 
 
 
 def basins_caption(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: Palette) -> str:
-    """Return the legend and the number of cells of the picture, in HTML."""
+    """Return in HTML the legend, and below it the number of cells of the (τ, v) plane in the picture."""
     side = basins.tau.size
     how = f'<p class="faint">{side} × {side} cells. Click one to see its motion.</p>'
     return basins_legend(basins, lines, palette) + how

@@ -1,4 +1,7 @@
-"""Fill the tab of the basins: those of the point, or of the place on the line of its diagram that a slider chooses."""
+"""Fill the tab of the basins: basins at the open point, or at another point (δ, ε) of its diagram.
+
+A slider moves along the diagram, from its first point (δ, ε) to its last, and chooses this other point.
+"""
 
 from __future__ import annotations
 
@@ -27,21 +30,25 @@ from gear_rattle.service.explorer.point.state import (
 )
 from rattle.models import model_at
 
-#: (cells along each axis, method) of the basins of the point, from the first picture to the last one.
+#: (cells along each axis, method) of each picture of the basins at the open point, from the first to the finest.
 RESOLUTIONS = ((100, "cells"), (300, "refined"), (600, "refined"))
-#: The same for another place on the line of the diagram.
+#: (cells along each axis, method) of each picture of the basins at another point of the diagram.
 PLACE_RESOLUTIONS = ((100, "cells"), (300, "refined"))
-Part = tuple[Text, Callable[[], Awaitable[None]]]  # the text that shows an error of a computation, and the computation
+# (text that shows the error if the computation fails, computation)
+Part = tuple[Text, Callable[[], Awaitable[None]]]
 
 
 class BasinsTab:
-    """Basins and lines in the (τ, v) plane. The motion follows the place whose basins are shown (`OpenPoint.place`)."""
+    """Show basins and lines in the (τ, v) plane, at the open point or at another point of its diagram.
+
+    When the basins of another point are known, the tab of the motion shows a motion of that point too.
+    """
 
     def __init__(self, point: OpenPoint, panel: PointPanel) -> None:
         self._point, self._panel = point, panel
         self._basins: rattle.Basins | None = None
         self._lines: PlaneLines | None = None
-        self._place: Pair | None = None  # the chosen place; None for the point itself
+        self._place: Pair | None = None  # point (δ, ε) that the slider chooses; None for the open point itself
         first, *finer = [(panel.under_basins, partial(self._compute_own, *each)) for each in RESOLUTIONS]
         self._own_parts: list[Part] = [first, (panel.about_lines, self._compute_lines), *finer]
         self._place_parts: list[Part] = []
@@ -72,7 +79,7 @@ class BasinsTab:
                 self._tasks[is_away] = point.work.start(self._fill(is_away))
 
     def _show_slider(self, place: Pair | None) -> None:
-        """Show the place on the line of the diagram: its position, and that of the point itself."""
+        """Set the slider to a place (δ, ε) on the line of the diagram, or to the open point if `place` is None."""
         gear, state = self._point.gear, self._point.state
         (begin, end), here = diagram_line(gear, state), (gear.delta, gear.epsilon)
         axis = max((0, 1), key=lambda each: abs(end[each] - begin[each]))
@@ -81,7 +88,7 @@ class BasinsTab:
         self._panel.show_place(own_stop if state.at is None else round(PLACES * state.at), own_stop, place or here)
 
     def _missing_parts(self, is_away: bool) -> list[Part]:
-        """Return the parts that the open tab still lacks: of the point, or (`is_away`) of the chosen place."""
+        """Return the parts that the open tab still lacks: those of the chosen place if `is_away`, else of the point."""
         tab = self._point.state.shown_tab
         if is_away:
             return self._place_parts if self._place is not None and tab in (BASINS, MOTION) else []
@@ -121,7 +128,7 @@ class BasinsTab:
         )
 
         def show() -> None:
-            if place == self._place:  # otherwise another place was chosen meanwhile
+            if place == self._place:  # otherwise the viewer has chosen another place meanwhile
                 self._panel.picture.remove_lines()
                 self._panel.about_lines.html = ""
                 self._show_cells(found.basins, found.orbits)

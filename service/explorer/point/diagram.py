@@ -27,7 +27,7 @@ from gear_rattle.service.explorer.point.words import (
 
 MARKERS = {"SN": "circle", "PD": "diamond", "GR": "square"}
 SIGNS = {"SN": "●", "PD": "◆", "GR": "■"}
-EVENT, MOST_LISTED = "#f2c14e", 4  # colour of events, and the most that one tooltip lists
+EVENT, MOST_LISTED = "#f2c14e", 4  # colour of events; largest number of events that a tooltip lists
 HERE = "#d7191c"
 MEANINGS = {"SN": "saddle-node", "PD": "period doubling", "GR": "grazing"}
 INFINITE = 1e12  # multipliers larger than this are written as ∞; they occur at grazes
@@ -36,11 +36,13 @@ NAMES = {"epsilon": "eccentricity ε", "delta": "damping δ"}
 UPWARD, DOWNWARD = {"light": "#4a90d9", "dark": "#7fb3e0"}, "#e8862e"
 DOTS = 3.6, 1.8  # diameters in pixels: where both sweeps find one state, the small dot lies on the large one
 ROOM = 0.04  # margin above and below the speeds, relative to their range
-DENSE, ALL = "dense", "all"  # choices of the speeds that the axis shows
+DENSE, ALL = "dense", "all"  # choices of a viewer: the axis shows the dense range of speeds, or all speeds
 MOST_THIN = 0.5  # least excess of a dense range of speeds: its share of all states less its share of the axis
-PLACES = 1e-7, 1e-3  # steps of the parameter and the speed: states that round to one step count once
-HEIGHT, INNER, NARROW = 360, 270, 300  # pixels: height, height of the speed axis, width until a browser sends it
-NAME_ROWS, ROW, LETTER, MOST_NAMES = 4, 15, 6.2, 12  # event names: rows, pixels of a row and a letter, most names
+PLACES = 1e-7, 1e-3  # states whose parameter and speed are equal when rounded to these steps count once
+# pixels: height of the figure, height of its speed axis, width that is assumed until a browser sends the true one
+HEIGHT, INNER, NARROW = 360, 270, 300
+# event names: number of rows, height of a row and width of a letter in pixels, largest number of names
+NAME_ROWS, ROW, LETTER, MOST_NAMES = 4, 15, 6.2, 12
 
 
 class DiagramPicture:
@@ -89,17 +91,17 @@ class DiagramPicture:
         WidgetWatcher().call_on_change(self.speeds, self._fit_speed_axis)
         self._found: DiagramLines | None = None
         self._across: float = NARROW
-        self.figure.on_change("inner_width", handler_in_event_loop(self._on_width))  # a browser sends the width
+        self.figure.on_change("inner_width", handler_in_event_loop(self._on_width))  # a browser sets this width
 
     def clear(self) -> None:
-        """Show nothing."""
+        """Remove all lines, dots and events from the picture."""
         self._found = None
         self.speeds.visible = False
         for source in (*self._seen.values(), self._strokes, self._marks, self._names):
             clear(source)
 
     def show(self, found: DiagramLines, at: float) -> None:
-        """Draw a diagram. at: the position of the point on the axis of the diagram."""
+        """Draw a diagram. at: position on its parameter axis of the point (δ, ε) whose basins and motion are shown."""
         self._found = found
         self.figure.x_range.update(start=found.span[0], end=found.span[1])
         self.figure.xaxis.axis_label = axis_name(found)
@@ -133,7 +135,7 @@ class DiagramPicture:
         self._fit_speed_axis()
 
     def _fit_speed_axis(self) -> None:
-        """Fit the speed axis to the dense speeds or to all speeds, with room above for the names of events."""
+        """Fit the speed axis to the dense speeds or to all speeds, as chosen, with room above for event names."""
         found = self._found
         if found is None:
             return
@@ -154,12 +156,16 @@ class DiagramPicture:
         }
 
     def mark_position(self, at: float) -> None:
-        """Mark the parameter of the point whose basins and motion are shown. at: position on the axis."""
+        """Mark the point (δ, ε) whose basins and motion are shown. at: its position on the parameter axis."""
         self._here.location = at
 
 
 class EventName(NamedTuple):
-    """Name of an event on the picture: its text, and its row above the data from 0. x, v: the event in the diagram."""
+    """Name of an event, as text in one of the rows above the data, with a line down to the event.
+
+    x, v: parameter and impact speed of the event. row: number of the row, 0 for the lowest. align: end of the text,
+    "left" or "right", that is at the line.
+    """
 
     x: float
     v: float
@@ -171,7 +177,7 @@ class EventName(NamedTuple):
     right: float  # where the text ends, in pixels from the left edge of the picture
 
     def collides_with(self, other: EventName) -> bool:
-        """Return whether the texts overlap, or the line down to one event crosses the text of the other."""
+        """Return whether the two texts overlap, or the line from one text to its event crosses the other text."""
         if self.row == other.row:
             return self.left < other.right and other.left < self.right
         upper, lower = (self, other) if self.row > other.row else (other, self)
@@ -179,7 +185,7 @@ class EventName(NamedTuple):
 
 
 def speed_range(found: DiagramLines) -> Pair:
-    """Return the range of all speeds in a diagram, with some room."""
+    """Return the range of all speeds in a diagram, with a margin at both ends."""
     speeds = [each for each in (found.v, found.marks.v, *(one.v for one in found.strokes)) if each.size]
     if not speeds:
         return 0.0, 7.0
@@ -187,15 +193,15 @@ def speed_range(found: DiagramLines) -> Pair:
 
 
 def dense_speed_range(found: DiagramLines) -> Pair | None:
-    """Return the range of speeds where attractors have most states, with some room; None where no range stands out.
+    """Return the range of speeds in which the states of attractors are dense, with a margin; None if there is none.
 
-    A chaotic attractor or a cascade has many states at each parameter, and a periodic motion few. The range is the one
-    of largest excess mass: its share of the distinct states less its share of the range of all speeds.
+    A chaotic attractor or a cascade has many states at each parameter, and a periodic motion few. The result is the
+    range of largest excess mass: its share of the distinct states less its share of the range of all speeds.
 
     Returns
     -------
     tuple[float, float] | None
-        Lowest and highest speed; None if the excess is below MOST_THIN.
+        Lowest and highest speed; None if the excess mass is at most MOST_THIN.
     """
     low, high = speed_range(found)
     distinct = np.unique(np.round(np.column_stack([found.x, found.v]) / PLACES), axis=0)
@@ -216,14 +222,14 @@ def _add_margin(low: float, high: float) -> Pair:
 
 
 def placed_event_names(found: DiagramLines, across: float, shown: Pair = (-np.inf, np.inf)) -> list[EventName]:
-    """Return the event names that fit above a picture. Names of events on curves of the map are placed first.
+    """Return the event names that fit above a diagram. Names of events on curves of the (δ, ε) plane are placed first.
 
     Parameters
     ----------
     across : float
         Width of the picture in pixels.
     shown : (low, high)
-        Speeds that the axis shows; an event whose impacts all have other speeds gets no name.
+        Range of speeds that the axis shows; an event gets no name if the speeds of all its impacts are outside.
 
     Returns
     -------
@@ -252,27 +258,30 @@ def placed_event_names(found: DiagramLines, across: float, shown: Pair = (-np.in
 
 
 def _event_in_words(marks: EventImpacts, i: int) -> str:
-    """Return an event in words: its kind, its motion, and the curve of the plane that it is on."""
+    """Return the event of impact `i` in words: the curve of the plane on which it lies, its kind, its motion."""
     name = f"{marks.name[i]}, " if marks.name[i] else ""
     return f"{name}{MEANINGS[marks.kind[i]]} of {marks.motion[i]}"
 
 
 def axis_name(found: DiagramLines) -> str:
-    """Return the name of a diagram's axis."""
+    """Return the name of a diagram's parameter axis."""
     if found.to is None:
         return NAMES[found.direction]
     return f"way from here to δ {found.to[0]:.6g}, ε {found.to[1]:.6g}"
 
 
 def diagram_table(found: DiagramLines, chaos: Sequence[ChaosEvent] = ()) -> str:
-    """Return a table of events in HTML, first the events on curves of the map; a click on one opens its point.
+    """Return a table of events in HTML. The link of an event opens the point (δ, ε) at which it happens.
+
+    Events on curves of the (δ, ε) plane stand before the other events of branches.
 
     Parameters
     ----------
     found : DiagramLines
         The diagram.
     chaos : Sequence[ChaosEvent]
-        Beginnings and ends of chaos along ε, see `chaos_events`. They are listed first in a diagram along ε.
+        Beginnings and ends of chaos along ε, see `chaos_events`. They are the first rows for a diagram along ε, and
+        are left out for any other diagram.
 
     Returns
     -------
@@ -298,7 +307,7 @@ def _link_to_point(delta: float, epsilon: float, text: str) -> str:
 
 
 def diagram_caption(found: DiagramLines) -> str:
-    """Return a sentence on what the picture shows."""
+    """Return the caption of a diagram: its axis and range, and the numbers of its motions and events."""
     named = sorted({name for name in found.marks.name if name})
     motions = count_in_words(len({each.motion for each in found.strokes}), "periodic motion")
     curves = f", among them {', '.join(named)}" if named else ""
@@ -311,7 +320,7 @@ def diagram_caption(found: DiagramLines) -> str:
 
 
 def diagram_legend(found: DiagramLines, theme: str) -> str:
-    """Return the key of lines, dots and markers, in HTML."""
+    """Return the key of a diagram's lines, dots and event markers, in HTML."""
     there = {each.stable for each in found.strokes}
     lines = [
         (f"3px {dash} currentColor", name)

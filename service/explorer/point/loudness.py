@@ -20,7 +20,7 @@ from rattle.intensity import natural_energy
 from rattle.plot import Palette, legend_name
 
 PLAIN = ("Impacts per forcing period", "Mean speed", "Largest speed", "Energy Σv²/2", "dB re 2π²δ²")
-#: What 0 dB means: the reference of `natural_energy`, and that of a machine.
+#: The reference of 0 dB in words: for a gear without a machine (`natural_energy`), and for a machine.
 ZERO_LEVEL = "the energy of one impact of speed 2πδ in each forcing period"
 ZERO_LEVEL_IN_SI = "an impact power of 1 pW"
 IN_SI = ("Impacts/s", "Mean speed, m/s", "Largest speed, m/s", "J per revolution", "Power, W", "dB re 1 pW")
@@ -33,7 +33,7 @@ def intensity_table(
     machine: Machine | None,
     palette: Palette,
 ) -> str:
-    """Return the attractors' intensities as a table in HTML, in SI units if a machine is given; None gives dashes."""
+    """Return a table of intensities in HTML, in SI units if a machine is given; dashes for an intensity None."""
     rows = []
     for attractor, each in zip(attractors, found, strict=True):
         cells = ["–"] * len(IN_SI if machine else PLAIN)
@@ -52,7 +52,7 @@ def loudest_in_words(
     delta: float,
     machine: Machine | None,
 ) -> str:
-    """Return a sentence on the attractor of largest impact energy; empty if no attractor is known to rattle."""
+    """Return a sentence on the attractor of largest impact energy; "" if no attractor is known to have impacts."""
     known = [(each, one) for each, one in zip(attractors, found, strict=True) if one is not None and one.energy > 0]
     if not known:
         return ""
@@ -80,7 +80,7 @@ def _si_texts(found: rattle.Intensity, machine: Machine) -> list[str]:
 
 
 def _decibels(level: float) -> str:
-    """Return a level to 0.01 dB: smaller differences are not heard, and rounding errors may make 1e-15 dB of 0 dB."""
+    """Return a level in dB as text, rounded to 0.01 dB, because rounding errors may turn 0 dB into 1e-15 dB."""
     return number_text(round(level, 2) + 0.0)
 
 
@@ -103,12 +103,12 @@ class SpectrumPicture:
         ]
 
     def clear(self) -> None:
-        """Show nothing."""
+        """Remove the spectrum from the picture."""
         for source in (self.lines, self._density):
             clear(source)
 
     def show(self, found: Lines | Density, machine: Machine | None, colour: str) -> None:
-        """Draw a spectrum in a colour: in N and Hz if a machine is given, else dimensionless against the order."""
+        """Draw a spectrum in a colour: in N or N²/Hz over Hz if a machine is given, else dimensionless over orders."""
         self.clear()
         hertz, newton = (machine.units.frequency, machine.units.force) if machine else (1.0, 1.0)
         x = hertz * found.order
@@ -133,13 +133,13 @@ class SpectrumPicture:
 
 
 def spectrum_caption(found: Lines | Density, what: str) -> str:
-    """Return a sentence on what the picture shows."""
+    """Return the caption of a spectrum. what: the motion in words."""
     if isinstance(found, Density):
         return f"Order spectrum of the force between the teeth, {what}: its density, with the 95 % interval."
     return f"Order spectrum of the force between the teeth, {what}: exact lines, at positive and negative orders."
 
 
 def audio_html(file: bytes) -> str:
-    """Return an audio element in HTML that has the WAV file in it, and plays it at once."""
+    """Return an audio element in HTML that contains the WAV file `file` and plays it as soon as it is shown."""
     data = b64encode(file).decode("ascii")
     return f'<audio controls autoplay src="data:audio/wav;base64,{data}"></audio>'

@@ -13,11 +13,11 @@ from gear_rattle.service.explorer.common.figures import ink_of, line_colour, the
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.point.words import PERIOD, count_in_words, recurrence_in_words
 
-ROOM = 1.12  # extent of the pictures, relative to the distance of the walls from the middle
+ROOM = 1.12  # half the extent of the Φ axes, relative to β, the distance of each wall from the middle
 
 
 class MotionPictures:
-    """The trace and the portrait of a motion between the walls."""
+    """The time trace Φ(t) and the phase portrait of a motion between the walls, as two figures."""
 
     def __init__(self, theme: str) -> None:
         self._theme = theme
@@ -45,7 +45,7 @@ class MotionPictures:
         self.trace.add_tools(HoverTool(renderers=[impacts], tooltips=tooltips, formatters=formatters))
 
     def clear(self) -> None:
-        """Show nothing."""
+        """Remove the motion from both pictures."""
         for source in (self.samples, self._impacts):
             clear(source)
 
@@ -74,9 +74,10 @@ class MotionPictures:
 def motion_caption(
     found: rattle.Trajectory, what: str, period: str = PERIOD, attractor: rattle.Attractor | None = None
 ) -> str:
-    """Return a sentence on what the pictures show.
+    """Return the caption of a motion. what: the motion in words.
 
-    For a periodic attractor it counts the impacts of one period, for other motions the impacts in the picture.
+    The caption gives the time until rest if the motion comes to rest. Otherwise it counts impacts: those of one period
+    of a periodic `attractor`, and those in the picture for any other motion.
 
     Returns
     -------
@@ -97,6 +98,6 @@ def motion_caption(
 
 
 def _periods_in_words(number: float, period: str) -> str:
-    """Return a number of periods, which need not be whole: 1 revolution, 2.5 revolutions."""
+    """Return a number of periods, not always whole, with its noun `period`: 1 revolution, 2.5 revolutions."""
     shown = f"{number:.3g}"
     return f"{shown} {period}{'' if shown == '1' else 's'}"

@@ -28,18 +28,18 @@ from gear_rattle.service.explorer.state.events import (
 )
 
 MARGIN = (0, 4)
-#: Styles with which two pictures stand side by side only if both fit. Panel would always keep room for both.
+#: Styles with which two pictures stand side by side only if both fit; without them they always do.
 NARROW, WRAPPED = ":host { min-width: 0 !important; }", ":host { flex-wrap: wrap; min-width: 0 !important; }"
 WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": MARGIN}
-PLACES = 100  # steps of the slider along the line of the diagram
+PLACES = 100  # steps of the slider from the first to the last point (δ, ε) of the diagram
 DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
-ALONG = (BASINS, MOTION, DIAGRAM)  # tabs that follow the slider
+ALONG = (BASINS, MOTION, DIAGRAM)  # tabs that show the point (δ, ε) that the slider chooses
 CLICKED = -1  # number of the motion from the clicked state, in the list of motions
 
 
 @dataclass(frozen=True)
 class FigurePlace:
-    """Place for a figure below the diagram with the same parameter axis; empty and hidden at first."""
+    """Panel for a figure below the diagram, empty and hidden at first. x_range: the parameter axis of both figures."""
 
     panel: pn.Column = field(default_factory=lambda: pn.Column(sizing_mode="stretch_width", margin=0, visible=False))
     x_range: Range1d = field(default_factory=lambda: Range1d(start=0.0, end=1.0))
@@ -58,7 +58,7 @@ class PointPanel:
 
     def __init__(self, theme: str, dispatch: Callable[[Event], None], below: FigurePlace | None = None) -> None:
         self.theme, self._dispatch, self._below = theme, dispatch, below or FigurePlace()
-        self._own_stop = 0  # position of the slider for the point itself
+        self._own_stop = 0  # position of the slider at which it stands for the open point itself
         self._watch = WidgetWatcher()
         self._texts = [self._new_text() for _ in range(17)]
         (
@@ -114,7 +114,7 @@ class PointPanel:
             self._dispatch(AttractorChosen(number))
 
     def clear(self) -> None:
-        """Remove all that is shown of a point."""
+        """Remove everything that the panel shows of a point, and hide its tabs."""
         self.where.html = ""
         self._tabs.visible = self.place_slider.visible = False
         for body in self._bodies.values():
@@ -122,7 +122,7 @@ class PointPanel:
         self.clear_results()
 
     def clear_results(self) -> None:
-        """Remove all results of a point, but not the text with its position, which may be the next point's already."""
+        """Remove all results of a point except the text of the position, which may be the next point's already."""
         for text in self._texts:
             if text is not self.where:
                 text.html = ""
@@ -140,7 +140,7 @@ class PointPanel:
 
     @cached_property
     def picture(self) -> basins.BasinsPicture:
-        """Picture of the basins; it and its tab are made at first use."""
+        """Picture of the basins. The picture and its tab are made at first use."""
         found = basins.BasinsPicture(self.theme, self._dispatch)
         self._bodies[BASINS][:] = [
             self._new_text("<h2 class=tab>Basins of attraction</h2>").pane,
@@ -152,7 +152,7 @@ class PointPanel:
 
     @cached_property
     def place_slider(self) -> pn.widgets.IntSlider:
-        """Slider for the place on the line of the diagram whose basins and motion are shown."""
+        """Slider that chooses the point (δ, ε) of the diagram whose basins and motion are shown."""
         found = pn.widgets.IntSlider(
             label="", start=0, end=PLACES, show_value=False, stylesheets=self._sheets, max_width=420, margin=(2, 16),
             sizing_mode="stretch_width", visible=False,
@@ -161,14 +161,14 @@ class PointPanel:
         return found
 
     def show_place(self, stop: int, own_stop: int, at: Pair) -> None:
-        """Set the slider to a position, and its label to the point (δ, ε) there. own_stop: position of the point."""
+        """Set the slider to position `stop`. own_stop: position of the open point. at: point (δ, ε) for the label."""
         self._own_stop = own_stop
         with self._watch.paused():
             self.place_slider.param.update(value=stop, label=f"Along the diagram, at δ {at[0]:.5g}, ε {at[1]:.5g}")
 
     @cached_property
     def motion_choice(self) -> pn.widgets.Select:
-        """Choice of the motion that is shown."""
+        """Menu from which a viewer chooses the motion that is shown."""
         found = pn.widgets.Select(
             label="Motion shown (or click in the basins)", options={}, stylesheets=self._sheets, width=330
         )
@@ -176,18 +176,18 @@ class PointPanel:
         return found
 
     def mark_initial_state(self, tau: float, v: float) -> None:
-        """Mark the initial state of the motion in the basins, if their picture has been made."""
+        """Mark a motion's initial state (τ, v) in the picture of the basins, if this picture has been made."""
         if "picture" in self.__dict__:
             self.picture.mark_initial_state(tau, v)
 
     def offer_motions(self, options: Mapping[str, int], chosen: int | None) -> None:
-        """Offer motions to choose from, as numbers by name. chosen: the number of the selected motion, or None."""
+        """Fill the menu of motions. options: numbers of the motions by name. chosen: the selected number, or None."""
         with self._watch.paused():
             self.motion_choice.param.update(options=dict(options), value=chosen)
 
     @cached_property
     def motions(self) -> motion.MotionPictures:
-        """Pictures of the motion; they and their tab are made at first use."""
+        """Pictures of the motion. The pictures and their tab are made at first use."""
         found = motion.MotionPictures(self.theme)
         panes = [pn.pane.Bokeh(each, margin=0, sizing_mode="stretch_width") for each in (found.trace, found.portrait)]
         self._bodies[MOTION][:] = [
@@ -201,12 +201,12 @@ class PointPanel:
 
     @cached_property
     def spectrum(self) -> loudness.SpectrumPicture:
-        """The order spectrum of the motion."""
+        """Picture of the order spectrum of the motion that is shown."""
         return loudness.SpectrumPicture(self.theme)
 
     @cached_property
     def rpm(self) -> pn.widgets.FloatInput:
-        """Field for the speed of the machine, in rpm, whose sound is played."""
+        """Field for the speed in rpm at which a motion is played as a sound."""
         style: dict[str, Any] = {"width": 130, "margin": (2, 4), "stylesheets": self._sheets}
         return pn.widgets.FloatInput(label="Speed, rpm", value=3000.0, start=0.0, **style)
 
@@ -226,7 +226,7 @@ class PointPanel:
 
     @property
     def tolerance(self) -> ToleranceFields:
-        """Fields of the tolerances."""
+        """Fields of the tolerances. Reading this property makes them visible."""
         self._tolerance.visible = True
         return self._tolerance_fields
 
@@ -244,7 +244,7 @@ class PointPanel:
         return found
 
     def mark_position(self, at: float) -> None:
-        """Mark the chosen place on the axis of the diagram, if its picture has been made."""
+        """Mark the point that the slider chooses in the diagram, if it was drawn. at: position on the axis."""
         if "diagram" in self.__dict__:
             self.diagram.mark_position(at)
 
@@ -255,7 +255,7 @@ class PointPanel:
 
     @cached_property
     def diagram(self) -> diagram.DiagramPicture:
-        """Picture of the one-parameter diagram; it and its tab are made at first use."""
+        """Picture of the one-parameter diagram. The picture and its tab are made at first use."""
         found = diagram.DiagramPicture(self.theme, self._below.x_range)
         self._bodies[DIAGRAM][:] = [
             self._new_text("<h2 class=tab>One-parameter diagram</h2>").pane, self.direction, found.speeds,

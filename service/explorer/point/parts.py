@@ -1,4 +1,4 @@
-"""Compute the parts of the view of one parameter point. Other processes run these functions of a gear."""
+"""Compute the parts of the view of one parameter point, by functions of a gear that other processes run."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from rattle.continuation import plane_scale
 from rattle.flight import wrapped
 from rattle.models import AnyGear, Capability, model_at, require_capability
 
-ARCLENGTH, SPACING = 60.0, 0.02  # arclength of manifolds; spacing of points on manifolds and Γ
-MOST_POINTS = 8000  # states of a diagram's sweeps that are drawn, up to a factor of 2
-SAME_ORBIT = 1e-6  # largest difference of τ and of v between an attractor and the same orbit
+ARCLENGTH, SPACING = 60.0, 0.02  # arclength of a drawn manifold; spacing of points on manifolds and Γ
+MOST_POINTS = 8000  # fewer than twice so many states of a diagram's sweeps are drawn
+SAME_ORBIT = 1e-6  # an attractor and an orbit are the same motion if neither τ nor v differs by more
 CELL_NAMES = {f"attractor_{name}" for name in ("kind", "m", "n_plus", "n_minus", "fraction")}
 Array = NDArray[np.float64]
 
 
 def largest_sampled_speed(delta: float, epsilon: float, beta: float) -> float:
-    """Return the largest speed that a view shows: the paper's in the paper's plane, elsewhere the natural speed."""
+    """Return the largest speed that is sampled and drawn: 7 in the paper's plane, the natural speed elsewhere."""
     return sampled_speed(None, delta, epsilon, beta)
 
 
@@ -85,7 +85,7 @@ class PlaneLines(NamedTuple):
 
 
 class Stroke(NamedTuple):
-    """A part of a branch in a diagram that is stable throughout, or unstable throughout.
+    """A part of a branch in a diagram; either all motions of the part are stable, or none is.
 
     x: the parameter. v, tau: speed and phase of one impact on Σ⁺. motion: the name of the motion.
     """
@@ -143,7 +143,7 @@ class DiagramLines(NamedTuple):
 
 
 def listed_attractors(cell: xr.Dataset) -> Iterator[tuple[xr.Dataset, str, tuple[int, int, int], int]]:
-    """Yield each attractor of a survey's cell: its variables, its kind, its label (m, n₊, n₋), its contact phases."""
+    """Yield each attractor of a survey's cell: variables, kind, label (m, n₊, n₋), and number of contact phases."""
     for slot in range(cell.sizes["attractor"]):
         one = cell.isel(attractor=slot)
         kind = rattle.KINDS[int(one["attractor_kind"])]
@@ -153,7 +153,7 @@ def listed_attractors(cell: xr.Dataset) -> Iterator[tuple[xr.Dataset, str, tuple
 
 
 def survey_attractors(cell: xr.Dataset, starts: int) -> SampledAttractors | None:
-    """Return the attractors of a survey's cell; None if variables are missing, or if its fractions do not add to 1."""
+    """Return the attractors of a survey's cell; None if variables are missing, or basin fractions do not add to 1."""
     if not set(cell.data_vars) >= CELL_NAMES:
         return None
     found, nan = [], float("nan")
@@ -187,14 +187,14 @@ def _multipliers(gear: AnyGear, attractor: rattle.Attractor) -> tuple[complex, c
     state = attractor.tau, attractor.v, attractor.n_plus
     try:
         orbit = gear.orbit(*state)
-    except rattle.RattleError:  # too close to grazing for Newton's method: the table has a dash
+    except rattle.RattleError:  # too close to grazing for Newton's method: a table then has a dash for the multipliers
         return None
     first, second = orbit.multipliers
     return complex(first), complex(second)
 
 
 def add_letters(found: SampledAttractors, orbits: Iterable[rattle.Orbit]) -> SampledAttractors:
-    """Return `found`, with the letter of each attractor that is one of these period-one orbits."""
+    """Return `found` with new letters: the letter of each attractor that is one of these period-one orbits, else ""."""
     return found._replace(letters=tuple(_letter(orbits, each) for each in found.attractors))
 
 
@@ -206,7 +206,7 @@ def _letter(orbits: Iterable[rattle.Orbit], attractor: rattle.Attractor) -> str:
 
 
 def margin(gear: Any) -> Margin:
-    """Return the least impact that ends quiet motion. The model of the gear must have a margin."""
+    """Return the least impact that ends quiet motion. The gear's model must have `Capability.MARGIN`."""
     v, tau, undecided = gear.boundary_distance()
     leads_to = None
     if 0 < v < np.inf:

@@ -1,4 +1,4 @@
-"""The open point: its machine and model, its gear, and the results that are known of it so far."""
+"""The open point: its machine, its model, its gear, and its results that are known so far."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ATTRACTORS, CHAOS, ORBITS, PLACE, READY = "attractors", "chaos", "orbits", "plac
 
 
 class Place(NamedTuple):
-    """Gear whose motion is shown, and its attractors; no attractors if it is the gear of the open point itself."""
+    """Gear whose basins and motion are shown, and its attractors; () if it is the gear of the open point itself."""
 
     gear: AnyGear
     attractors: tuple[rattle.Attractor, ...] = ()
@@ -48,7 +48,7 @@ class OpenPoint(Listeners):
     chaos : list[ChaosEvent]
         Beginnings and ends of chaos along ε, empty until they are known.
     place : Place
-        The point itself, or the place on the line of the diagram whose basins are known and shown instead.
+        The point itself, or another point (δ, ε) of its diagram, whose basins are known and shown instead.
     is_ready : bool
         True once the answer is on the page, after which the open tab is filled.
     """
@@ -57,7 +57,7 @@ class OpenPoint(Listeners):
         super().__init__()
         self.store, self.work, self.gear, self.machine = store, work, gear, machine
         self.period = period_name(machine)
-        self.palette = Palette()  # one for all pictures and tables of the point
+        self.palette = Palette()  # all pictures and tables of the point share this palette
         self._fastest = largest_sampled_speed(gear.delta, gear.epsilon, gear.beta)
         self.attractors: SampledAttractors | None = None
         self.orbits: tuple[rattle.Orbit, ...] = ()
@@ -85,12 +85,12 @@ class OpenPoint(Listeners):
 
     @property
     def state(self) -> PointState:
-        """State of the tabs. An initial condition beyond the speeds that the basins show is left out."""
+        """State of the tabs, without its initial condition if that is faster than the largest speed of the basins."""
         return self.store.view.point_state.limited_to(self._fastest)
 
     @property
     def is_away(self) -> bool:
-        """True if another place than the point is shown."""
+        """True if the basins and the motion of another point (δ, ε) of the diagram are shown."""
         return self.place.gear is not self.gear
 
     @property
@@ -109,7 +109,7 @@ class OpenPoint(Listeners):
     def shown_attractor(self) -> rattle.Attractor | None:
         """Attractor to show, None if none is known.
 
-        At another place than the point, this is the attractor with the same name there. If there is none, it is the
+        At another point of the diagram, this is the attractor with the same name there. If there is none, it is the
         first attractor there that is not quiet, else the first.
         """
         own = self._known_attractors[self.attractor_number] if self._known_attractors else None
@@ -126,11 +126,11 @@ def diagram_line(gear: AnyGear, state: PointState) -> tuple[Pair, Pair]:
 
 
 def chosen_place(gear: AnyGear, state: PointState) -> Pair | None:
-    """Return the chosen place (δ, ε) on the line of the diagram; None for the point itself."""
+    """Return the point (δ, ε) of the diagram that the slider chooses; None for the open point itself."""
     if state.at is None:
         return None
     (delta, epsilon), (to_delta, to_epsilon) = diagram_line(gear, state)
-    left = 1.0 - state.at  # with this form the ends of the line are exact
+    left = 1.0 - state.at  # in this form `at` = 0 and 1 give exactly the ends of the line
     return left * delta + state.at * to_delta, left * epsilon + state.at * to_epsilon
 
 
@@ -145,7 +145,7 @@ def machine_and_model(
 
 
 def open_machine_and_model(store: Store) -> tuple[Machine | None, Model] | None:
-    """Return the machine and the model of the open point; None if no point is open or its survey is not known yet."""
+    """Return the machine and the model of the open point; None if no point is open or the map's survey is unknown."""
     view = store.view
     if view.point is None or not store.has_surveys or (view.survey and store.request is None):
         return None
@@ -153,7 +153,7 @@ def open_machine_and_model(store: Store) -> tuple[Machine | None, Model] | None:
 
 
 def open_point_as_pin(store: Store) -> Pin | None:
-    """Return the open point as a pin; None if no point is open, or if its survey is not known yet."""
+    """Return the open point as a pin; None if no point is open, or if the map's survey is not known yet."""
     opened, point = open_machine_and_model(store), store.view.point
     return None if opened is None or point is None else pin_of(*point, opened[1])
 
@@ -164,9 +164,10 @@ def point_marks(view: View, model: Model, machine: SurveyedMachine | None) -> tu
     Returns
     -------
     point : Pair | None
-        The point, or the shown place on the line of its diagram; None if it has another model than the survey.
+        The point, or the chosen point of its diagram; None if no point is open, or if its model is not the survey's.
     lines : np.ndarray | None
-        Lines (k, 2), separated by NaN: the ellipse of its tolerances, and the line of its diagram to another point.
+        Points (k, 2) of the ellipse of its tolerances and of the line to the end of its diagram, separated by NaN; None
+        if there are no such lines.
     """
     if view.point is None:
         return None, None
@@ -177,6 +178,6 @@ def point_marks(view: View, model: Model, machine: SurveyedMachine | None) -> tu
     lines = [] if state.tolerance is None else [tolerance_outline(*here, made, state.tolerance)]
     if state.to is not None:
         lines += [np.full((1, 2), np.nan), np.array([here, state.to])]
-    with suppress(RattleError):  # no gear is possible at this point; the panel of the point says so
+    with suppress(RattleError):  # no gear is possible at this point: the panel of the point shows the error
         here = chosen_place(model.gear(*here), state) or here
     return here, np.concatenate(lines) if lines else None

@@ -1,4 +1,4 @@
-"""Fill the tabs of the motion and of the diagram, and the yield of the point's tolerances."""
+"""Fill the tabs of the motion and of the diagram, and compute the yield of gears with the point's tolerances."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ from gear_rattle.service.explorer.point.work import waiting_html
 from rattle.plot import legend_name
 
 POINTS = 3000  # computed points of a motion
-PERIODS, MOST_PERIODS, CHAOTIC_PERIODS = 12.0, 60.0, 30.0  # forcing periods shown: 3 m of a P(m, n₊, n₋) within limits
+# forcing periods that are shown of a P(m, n₊, n₋), 3 m between two limits, and of a chaotic motion
+PERIODS, MOST_PERIODS, CHAOTIC_PERIODS = 12.0, 60.0, 30.0
 NO_ATTRACTOR = "#8a96a3"  # colour of the motion from a clicked state
-QUIET_LINE = "#8f8000"  # colour of lines of quiet motion: its yellow, dark enough for a white background
+QUIET_LINE = "#8f8000"  # colour of lines of quiet motion, a yellow that is dark enough for a white background
 
 
 class MotionTab:
@@ -38,7 +39,7 @@ class MotionTab:
             panel.rpm.value = float(f"{point.machine.rpm:.6g}")
 
     def _on_view_change(self) -> None:
-        """Offer the motions, and show the chosen one if its tab is open and does not show it yet."""
+        """Fill the menu of motions, and show the chosen motion if its tab is open and still shows another motion."""
         point = self._point
         if point.attractors is not None:
             self._offer_motions(point.attractors.attractors)
@@ -48,7 +49,7 @@ class MotionTab:
             self._motion = point.work.start(part, self._motion)
 
     def _offer_motions(self, attractors: tuple[rattle.Attractor, ...]) -> None:
-        """Offer the attractors, and the clicked motion, as choices."""
+        """Fill the menu of motions: the attractors, and the motion from the clicked state if there is one."""
         options = {f"{i + 1}. {legend_name(each)}": i for i, each in enumerate(attractors)}
         number = self._point.attractor_number
         if self._point.state.start is not None:
@@ -58,7 +59,7 @@ class MotionTab:
 
     @property
     def _motion_key(self) -> tuple[object, ...]:
-        """Key of the chosen motion: its attractor, its initial condition and its gear."""
+        """Key of the chosen motion: the number of its attractor, the clicked initial condition, and its gear."""
         return self._point.state.attractor, self._point.state.start, self._point.place.gear
 
     async def _compute_motion(self) -> None:
@@ -119,7 +120,7 @@ class MotionTab:
 
 
 class DiagramTab:
-    """The one-parameter diagram through the point, and the table of its events among the numbers."""
+    """The one-parameter diagram through the point, and the table of its events in the tab of numbers."""
 
     def __init__(self, point: OpenPoint, panel: PointPanel) -> None:
         self._point, self._panel = point, panel
@@ -132,7 +133,7 @@ class DiagramTab:
         point.subscribe(self._list_events, CHAOS)
 
     def _on_view_change(self) -> None:
-        """Compute the chosen diagram if a tab that shows it is open, and mark the chosen place on it."""
+        """Compute the chosen diagram if a tab that shows it is open, and mark the point that the slider chooses."""
         point, panel, state = self._point, self._panel, self._point.state
         if not point.is_ready:
             return
@@ -149,7 +150,7 @@ class DiagramTab:
 
     @property
     def _position(self) -> float:
-        """Position of the chosen place on the axis of the diagram."""
+        """Value on the diagram's parameter axis at the point that the slider chooses."""
         gear, state = self._point.gear, self._point.state
         if state.to is not None:
             return state.at or 0.0
@@ -161,7 +162,7 @@ class DiagramTab:
         if self._known is None:
             found = await self._point.work.compute(parts.diagram, self._point.gear, *way, what="The diagram", slow=True)
             if way != self._way:
-                return  # another diagram was chosen, and is being computed
+                return  # the viewer has chosen another diagram, which another task computes
             self._known = found
         await self._point.work.change(self._show)
 
@@ -177,7 +178,7 @@ class DiagramTab:
             panel.under_diagram.html = diagram.diagram_legend(found, panel.theme) + said
 
     def _list_events(self) -> None:
-        """List the events of the diagram, and beginnings and ends of chaos, in the table of events."""
+        """Fill the table of events: events of the diagram, and beginnings and ends of chaos."""
         if self._known is not None:
             self._panel.events.html = diagram.diagram_table(self._known, self._point.chaos)
 

@@ -1,4 +1,4 @@
-"""Show one parameter point: its motions, how likely and how safe they are; basins, one motion, a diagram."""
+"""Show one parameter point: how likely and how safe quiet running is, all motions, basins, one motion, a diagram."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from rattle import Machine
 from rattle.models import Capability, Model, lacking, model_at
 
 COUNT = 1024  # number of initial conditions from which the basin fractions are estimated
-PAINT_SECONDS = 0.05  # seconds for a browser to show the words before it lays out pictures
+PAINT_SECONDS = 0.05  # seconds to wait, so that a browser shows the words before it lays out pictures
 OF_ONE_COSINE = "The motions A to D and their regions are defined for a forcing of one cosine only."
 SURVEYED = ' <span class="faint">(from the survey\'s grid cell; the point itself is being computed)</span>'
 COMPILING = "Kernels are being compiled, once after the service was installed or updated. This takes a minute or so …"
@@ -93,7 +93,7 @@ class PointView:
 
 
 class Answer:
-    """The answer and the numbers of a point: words and tables. It shows the open tab, and says when it may be filled.
+    """The answer and the numbers of a point: words and tables. `OpenPoint.is_ready` is set when the words are shown.
 
     Pictures come after the words, because the service takes time to draw them, and the browser to lay them out.
     """
@@ -124,7 +124,7 @@ class Answer:
             point.work.start(point.work.run_part(self._panel.safe, self._compute_margin))
 
     async def _fill(self) -> None:
-        """Fill in the words first, and then the open tab, so that the next click is answered at once."""
+        """Fill in attractors and intensities, let the tabs be filled (`is_ready`), then fill in orbits and extents."""
         point, panel = self._point, self._panel
         await point.work.run_part(panel.likely, self._compute_attractors)
         await point.work.run_part(panel.loud, self._compute_intensities)
@@ -141,7 +141,7 @@ class Answer:
         await self._point.work.change(lambda: self._show_attractors(found))
 
     def show(self, found: parts.SampledAttractors, note: str = "") -> None:
-        """Show how likely the gear is to run quietly. note: HTML after the sentence."""
+        """Show in a sentence how likely the gear is to run quietly. note: HTML after the sentence."""
         said = escape(words.likelihood_in_words(self._gear, found, self._point.period))
         self._panel.likely.html = f'<p class="answer"><strong>{said}</strong>{note}</p>'
         self._panel.shares.html = words.shares_bar(found, self._point.palette)
@@ -163,7 +163,7 @@ class Answer:
         await point.work.set_text(self._panel.loudest, f"<p>{escape(loudest)}</p>" if loudest else "")
 
     async def _compute_extents(self) -> None:
-        """Compute one motion after the other, so that the table grows and each computation is short."""
+        """Compute the extents of the motions one by one, so that their table grows and each computation is short."""
         point, gear = self._point, self._gear
         if point.attractors is None:
             return
@@ -175,18 +175,18 @@ class Answer:
                 found = await point.work.compute(
                     extents.motion_extent, gear, each, within, what="The range of a motion", slow=True
                 )
-            except UnavailableError:  # it takes too long: the other motions are followed nevertheless
+            except UnavailableError:  # not computed in time: the other motions are followed nevertheless
                 found = None
             known.append(found)
             await point.work.change(partial(self._show_extents, known))
         if extents.has_swept_chaos(attractors, known):
-            with suppress(UnavailableError):  # then the end stays the bracket of the sweep
+            with suppress(UnavailableError):  # if this fails, the end of chaos stays the bracket that the sweep found
                 known[:] = await point.work.compute(
                     extents.add_crisis, gear, known, what="The boundary crisis", slow=True
                 )
             await point.work.change(partial(self._show_extents, known))
         chaos = words.chaos_events(gear, attractors, known)
-        if chaos:  # once: a table that is replaced folds its rows again
+        if chaos:  # only at the end, because a new table of events folds rows that a viewer has unfolded
             await point.work.change(lambda: point.update(chaos=chaos))
 
     def _show_extents(self, known: Sequence[extents.Extent | None]) -> None:

@@ -32,12 +32,12 @@ from rattle.parameters import Harmonic
 from rattle.plot import Palette, legend_name
 
 MINUS = "\N{MINUS SIGN}"
-ENOUGH = 5e-4  # a positive share below it is written as "less than 0.05 %"
+ENOUGH = 5e-4  # a positive share below this one is written as "less than 0.05 %"
 MOST_HARMONICS = 6  # most harmonics that a sentence lists
 MOST_NAMED = 6  # most attractors that are named below the bar of basin fractions
 ROWS = 6  # rows of a table that are shown before a viewer unfolds it
 PERIOD, REVOLUTION = "forcing period", "revolution"
-#: Words for the event at the lower and at the upper end of the range in which a motion attracts.
+#: Words for the kind of event, at the lower end (BEGINS) and the upper end (ENDS) of the ε in which a motion attracts.
 BEGINS = {SADDLE_NODE: "begins by a saddle-node", FLIP: "begins by period doubling", GRAZING: "begins at a graze"}
 ENDS = {
     SADDLE_NODE: "ends by a saddle-node",
@@ -63,12 +63,12 @@ def count_in_words(count: int, noun: str) -> str:
 
 
 def period_name(machine: Machine | None) -> str:
-    """Return the name of the forcing period: "revolution" if it is one revolution of the machine."""
+    """Return "revolution" if the forcing period is one revolution of the machine, else "forcing period"."""
     return REVOLUTION if machine is not None and machine.revolutions == 1 else PERIOD
 
 
 def recurrence_in_words(count: int, period: str) -> str:
-    """Return "every revolution", or "every 3 revolutions" for a count of 3."""
+    """Return how often a motion repeats: "every revolution", or "every 3 revolutions" for a count of 3."""
     return f"every {period}" if count == 1 else f"every {count_in_words(count, period)}"
 
 
@@ -82,7 +82,7 @@ def percent_text(share: float) -> str:
 
 
 def complex_text(value: complex, digits: int = 4) -> str:
-    """Return a complex number as text. An imaginary part below 1e-12, which is a rounding error, is left out."""
+    """Return a complex number as text. An imaginary part below 1e-12 of max(1, |real part|) is left out."""
     if abs(value.imag) < 1e-12 * max(1.0, abs(value.real)):
         return number_text(value.real, digits)
     sign = "+" if value.imag > 0 else MINUS
@@ -90,7 +90,7 @@ def complex_text(value: complex, digits: int = 4) -> str:
 
 
 def multipliers_text(values: tuple[complex, complex] | None) -> str:
-    """Return both multipliers as text, as a ± bi if they are conjugate; a dash for None."""
+    """Return two Floquet multipliers as text, in the form a ± bi if they are conjugate; a dash for None."""
     if values is None:
         return "–"
     first, second = values
@@ -112,12 +112,12 @@ def motion_in_words(attractor: rattle.Attractor, letter: str = "", period: str =
 
 
 def swatch_html(colour: str) -> str:
-    """Return a small field of a colour, in HTML."""
+    """Return a small square of a colour, in HTML, for legends and tables."""
     return f'<span class="swatch" style="background:{colour}"></span>'
 
 
 def name_with_letter(attractor: rattle.Attractor, letter: str) -> str:
-    """Return the label or the kind of an attractor, and its letter among A to D."""
+    """Return the label or the kind of an attractor, and its letter A to D unless this is ""."""
     return f"{legend_name(attractor)} = {letter}" if letter else legend_name(attractor)
 
 
@@ -176,7 +176,7 @@ def likelihood_in_words(gear: AnyGear, found: SampledAttractors, period: str = P
     pairs = list(zip(found.attractors, found.letters, strict=True))
     quiet, undecided = (next((x for x, _ in pairs if x.kind == kind), None) for kind in ("quiet", "undecided"))
     rattling = [(each, letter) for each, letter in pairs if each.kind in ("periodic", "chaotic")]
-    # upper bound of the basin fraction of a motion that no start reached
+    # upper bound of the basin fraction of a motion that no sample reached
     below = percent_text(float(rattle.wilson_interval(0, found.starts)[1]))
     sentences = []
     if quiet:
@@ -202,7 +202,7 @@ def likelihood_in_words(gear: AnyGear, found: SampledAttractors, period: str = P
 
 
 def margin_in_words(gear: AnyGear, found: Margin, period: str = PERIOD) -> str:
-    """Return in words the least impact that ends quiet running, and the motion that follows."""
+    """Return in words the least impact that ends quiet running, and the motion to which this impact leads."""
     if gear.epsilon >= gear.quiet_limit:
         return "There is no quiet running that an impact could end: the margin is 0."
     if math.isnan(found.v):
@@ -220,7 +220,7 @@ def margin_in_words(gear: AnyGear, found: Margin, period: str = PERIOD) -> str:
 
 
 def shares_bar(found: SampledAttractors, palette: Palette) -> str:
-    """Return the basin fractions as one bar in HTML, with the names of the largest below it."""
+    """Return the basin fractions as one bar in HTML, with the first MOST_NAMED attractors named below it."""
     named = [
         (palette.colour(each), f"{name_with_letter(each, letter)} {percent_text(each.fraction)}", each.fraction)
         for each, letter in zip(found.attractors, found.letters, strict=True)
@@ -238,7 +238,7 @@ def shares_bar(found: SampledAttractors, palette: Palette) -> str:
 
 
 def html_table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """Return a table in HTML, rows after the first six folded; the first cell of a row is its head. Cells are HTML."""
+    """Return a table in HTML, rows after the first six folded; the first cell of a row is a head. Cells are HTML."""
     head = "".join(f'<th scope="col">{each}</th>' for each in heads)
     lines = []
     for first, *rest in rows:
@@ -251,7 +251,7 @@ def html_table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]]
 
 
 def orbits_table(found: PeriodOneOrbits) -> str:
-    """Return the period-one orbits A to D that exist."""
+    """Return a table in HTML of the period-one orbits A to D that exist at a point."""
     if not found.orbits:
         return "<p>None of the period-one orbits A to D exists here.</p>"
     rows = (
@@ -273,7 +273,7 @@ def orbits_table(found: PeriodOneOrbits) -> str:
 
 
 def notebook_link(gear: AnyGear, direction: str, span: float | None, to: Pair | None) -> str:
-    """Return the link to this point as a notebook, with the diagram that is shown."""
+    """Return a link in HTML to a notebook that computes this point and the diagram that the page shows of it."""
     at = gear.parameters.point()
     along = {"direction": direction, "span": span} if to is None else {"to_delta": to[0], "to_epsilon": to[1]}
     harmonics = [("harmonic", each) for each in harmonic_texts(gear.parameters.harmonics)]
@@ -284,7 +284,7 @@ def notebook_link(gear: AnyGear, direction: str, span: float | None, to: Pair | 
 
 
 def attractors_table(found: SampledAttractors, palette: Palette) -> str:
-    """Return the attractors, with fractions, exponents and multipliers."""
+    """Return a table in HTML of the attractors with their basin fractions, Lyapunov exponents and multipliers."""
     rows = []
     for each, letter, multipliers in zip(found.attractors, found.letters, found.multipliers, strict=True):
         low, high = each.fraction_interval
@@ -303,7 +303,7 @@ def attractors_table(found: SampledAttractors, palette: Palette) -> str:
 
 
 def bracket_text(value: float, error: float) -> str:
-    """Return a number with the half-width of its bracket, and no more digits than the bracket allows."""
+    """Return a number with its error, the half-width of a bracket, and no more digits than this error allows."""
     if error == 0.0:
         return number_text(value)
     places = max(0, -math.floor(math.log10(error)))
@@ -311,7 +311,7 @@ def bracket_text(value: float, error: float) -> str:
 
 
 def end_in_words(end: End, is_upper: bool, scale: float = 1.0) -> str:
-    """Return one end of the range in which a motion attracts, and the event there.
+    """Return in words one end of the range of ε in which a motion attracts, and the event there.
 
     Parameters
     ----------
@@ -352,7 +352,7 @@ def extents_table(
     found : SampledAttractors
         The attractors of the point.
     extents : sequence of Extent or None
-        The extents of the first attractors; None for an attractor that could not be followed.
+        The extents of the first attractors; None for an undecided one, and for one not computed in time.
     machine : Machine | None
         Machine whose eccentricities are shown, in µm; None for ε.
     palette : Palette
@@ -378,14 +378,22 @@ def extents_table(
     return html_table(caption, ("Motion", f"From {unit}", f"To {unit}"), rows)
 
 
-#: The beginning or the end of chaos: the event's name, the motion's, the point (δ, ε), and its ε as text.
+#: The beginning or the end of chaos: name of the event, name of the motion, point (δ, ε), and ε as text.
 ChaosEvent = tuple[str, str, Pair, str]
 
 
 def chaos_events(
     gear: AnyGear, attractors: Sequence[rattle.Attractor], extents: Sequence[Extent | None]
 ) -> list[ChaosEvent]:
-    """Return the beginning and the end of each chaotic attractor as events: name, motion, point (δ, ε), and its ε."""
+    """Return the beginning and the end along ε of each chaotic attractor as events.
+
+    An end is left out if the attractor has no extent, or if chaos lasts up to the end of the range that was swept.
+
+    Returns
+    -------
+    list[ChaosEvent]
+        At most two events for each chaotic attractor.
+    """
     return [
         (what, legend_name(each), (gear.delta, end.epsilon), bracket_text(end.epsilon, end.error))
         for each, extent in zip(attractors, extents, strict=False)

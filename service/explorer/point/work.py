@@ -1,4 +1,4 @@
-"""Run the tasks of the view of one point: other processes compute its parts, and all tasks end with the view."""
+"""Run the tasks of the view of one point. Other processes compute its parts. All tasks end soon after the view."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from rattle.models import DEFAULT_MODEL
 if TYPE_CHECKING:
     from bokeh.document import Document
 
-GRACE_SECONDS = 15.0  # seconds for a running task to end by itself; cancelling the task would end its process
+GRACE_SECONDS = 15.0  # seconds in which a task may end by itself before it is cancelled, which would end its process
 
 Result = TypeVar("Result")
 Arguments = TypeVarTuple("Arguments")
@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 
 
 async def prepare_processes(front: Front) -> None:
-    """Start the processes that compute points, and load their kernels, so that the first click is as fast as others."""
+    """Start the processes that compute points, and load their kernels, so that the first click is not a slow one."""
     async with anyio.create_task_group() as tasks:
         for _ in range(front.settings.max_points):
             tasks.start_soon(_prepare_one, front)
@@ -48,12 +48,12 @@ async def _prepare_one(front: Front) -> None:
             what="The kernels",
             advice="",
         )
-    except RattleError as error:  # the first clicked point will load the kernels itself
+    except RattleError as error:  # the process of the first clicked point will then load the kernels
         log.info("no process is ready for points yet: %s", error)
 
 
 def waiting_html(what: str) -> str:
-    """Return the HTML that is shown while `what` is being computed."""
+    """Return a message in HTML for the time in which `what`, a noun such as "the diagram", is being computed."""
     return f'<p class="faint" role="status">computing {escape(what)} …</p>'
 
 
@@ -97,6 +97,8 @@ class PointTasks:
     ) -> Result:
         """Return the result of a function, computed in another process. Slow functions never take all processes.
 
+        what: the result in words, for messages.
+
         Raises UnavailableError if too many computations wait, or if this one takes too long.
 
         Returns
@@ -124,7 +126,7 @@ class PointTasks:
             raise asyncio.CancelledError
 
     async def run_part(self, text: Text, work: Callable[[], Awaitable[None]]) -> None:
-        """Do one part of a view. If it fails, `text` shows the reason, and the other parts go on."""
+        """Run `work`, which computes and shows one part of a view. If it fails, `text` shows the error."""
         try:
             await work()
         except RattleError as error:
@@ -139,7 +141,7 @@ class PointTasks:
         await self.set_text(text, alert_html(message, "wrong"))
 
     async def set_text(self, text: Text, html: str) -> None:
-        """Set the HTML of a text."""
+        """Set the HTML of a text of the page. Raises CancelledError if the view has ended."""
 
         def change() -> None:
             text.html = html
@@ -147,7 +149,7 @@ class PointTasks:
         await self.change(change)
 
     async def change(self, what: Callable[[], object]) -> None:
-        """Change the document when nothing else does, and wait for it. Raises CancelledError if the view has ended."""
+        """Run `what`, which changes the document, and wait for it. Raises CancelledError if the view has ended."""
         self._require_open()
         if self._document is None or self._document.session_context is None:
             what()

@@ -1,4 +1,4 @@
-"""Draw a profile as steps, over the axis of the diagram above it."""
+"""Draw a profile as steps against the parameter of the diagram, which is above the figure of the profile."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ROOM = 0.06  # margin above and below the values, as a share of their range
 
 
 class ProfilePicture:
-    """Figure of a map's values against the parameter of the diagram."""
+    """Figure of a map's values along a diagram, against the diagram's parameter."""
 
     def __init__(self, theme: str, x_range: Range1d) -> None:
         self.figure: Any = themed_figure("profile", theme, "", "", HEIGHT, x_range, (0.0, 1.0))
@@ -30,7 +30,7 @@ class ProfilePicture:
         )
 
     def clear(self) -> None:
-        """Show nothing."""
+        """Remove the profile from the figure."""
         clear(self.steps)
 
     def show(self, found: Profile, span: Pair, limits: Pair | None) -> Pair:
@@ -69,7 +69,7 @@ def _value_text(found: Profile, value: float) -> str:
 
 
 def value_range(found: Profile) -> Pair:
-    """Return the default range of the axis of values: all codes, or all values."""
+    """Return the default range of the axis of values: all codes for a map of codes, else all finite values."""
     if found.names:
         return min(found.names) - 0.5, max(found.names) + 0.5
     known = found.values[np.isfinite(found.values)].astype(float)

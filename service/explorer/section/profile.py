@@ -12,7 +12,7 @@ from gear_rattle.service.explorer.map.colouring import shown_values, valueless_c
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.workers.pictures.maps import scale_of, title_of
 
-#: Most cells around the line that are read. If there are more, several are read as one, as a map draws them.
+#: Largest numbers of cells along δ and ε that are read around a line. If there are more, several are read as one.
 ROOM = (1024, 1024)
 OUTSIDE = "outside of the survey"
 Ends = tuple[Pair, Pair]
@@ -44,7 +44,7 @@ def crossed_cells(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.n
     Parameters
     ----------
     box : Ranges
-        Box that the rows and columns of equal cells cover.
+        Ranges of δ and ε that the cells cover: rows of one width along ε, columns of one width along δ.
     shape : tuple[int, int]
         Numbers of rows and of columns.
     ends : Ends
@@ -103,7 +103,7 @@ def _cells_per_value(plane: MapPlane, block: MapBlock) -> tuple[int, int]:
 
 
 def profile_in_words(found: Profile) -> str:
-    """Return a sentence on what a profile shows."""
+    """Return the caption of a profile: its map, the cells that it crosses, and its gaps."""
     cells = "each cell" if found.together == (1, 1) else f"{found.together[0]} × {found.together[1]} cells as one"
     gaps = "; ".join(f"{share:.2g} of the way: {why}" for why, share in found.gaps.items())
     return f"{found.title[:1].upper()}{found.title[1:]}, along the diagram above: {cells} that it crosses." + (

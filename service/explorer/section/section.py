@@ -33,7 +33,7 @@ NO_WAY = "The end point needs a δ above 0 and an ε of at least 0."
 
 
 class ProfileSection:
-    """Profile of the survey along the diagram of the open point. below: its panel, which is below the diagram."""
+    """Show the profile of a survey along the diagram of the open point. below: panel for it under the diagram."""
 
     def __init__(self, shared: SharedState, viewer: Viewer, store: Store, theme: str, sheet: str) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
@@ -108,7 +108,7 @@ class ProfileSection:
             limits = self.picture.show(found, span, view.profile_limits if view.profile == chosen else None)
             with self._watch.paused():
                 self.low.value, self.high.value = limits
-            if self._way != (ends, span):  # if the diagram is the same, its axis stays as a viewer may have moved it
+            if self._way != (ends, span):  # for the same diagram the axis stays where a viewer has moved it
                 self._way = ends, span
                 self.below.x_range.update(start=span[0], end=span[1])
             self.said.html = faint_html(profile_in_words(found))
