@@ -72,7 +72,10 @@ class Store(Listeners):
         self._known: tuple[str, SurveyRequest] | None = None
 
     def subscribe(self, listener: Callable[[], object], *names: str) -> None:
-        """Call a listener after changes of the named fields of the view or of the surveys (JOBS), by default of any."""
+        """Call a listener after changes of named fields of the view, or of the list of surveys (named JOBS).
+
+        Without names, call the listener after every change.
+        """
         super().subscribe(listener, *(names or (*NAMES, JOBS)))
 
     def dispatch(self, event: Event) -> None:
@@ -105,7 +108,7 @@ class Store(Listeners):
 
     @property
     def request(self) -> SurveyRequest | None:
-        """Request of the chosen slice; without a third axis the same as `whole_request`. None if that is None."""
+        """Request of the chosen slice; `whole_request` if the survey has no third axis, or if that is None."""
         whole = self.whole_request
         return whole if whole is None else whole.slice_request(whole.slice_index(self.view.slice))
 
