@@ -139,7 +139,7 @@ class KeyedLines(MapLines):
         self.key.shades = [{"label": each.label, "colour": each.colour, "share": each.share} for each in shades]
 
     def _list_lines(self) -> None:
-        """List the lines of the survey's model in the key. In a machine's survey, only lines in its plane are kept."""
+        """List the lines of the survey's model in the key; for a machine's survey, later only lines in its plane."""
         request, model = self._store.request, self._store.model
         window = None if request is None or request.machine is None else window_of(request)
         if (listed := (model, window)) == self._listed:
@@ -239,7 +239,7 @@ def _is_offered(name: str, model: Model) -> bool:
 
 
 def _line_meaning(name: str, model: Model) -> str:
-    """Return the sentence of the help about a line; of a curve of another model its own description."""
+    """Return the meaning of a line: the help's sentence, or for a curve of another model that model's description."""
     if name == POINTS:
         return "; ".join(f"{point}: {what}" for point, what in tour_rows("Points where lines meet").items())
     if name in (CRISIS, LIMIT) or model.name == DEFAULT_MODEL:
