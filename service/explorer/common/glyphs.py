@@ -71,7 +71,7 @@ def clear(source: ColumnDataSource) -> None:
 
 
 def style_of(name: str) -> tuple[str, tuple[float, ...]]:
-    """Return the colour of a line and its dashes in pixels, as in `rattle.plot`; () for a solid line."""
+    """Return the colour of a named line, and its dashes and gaps in pixels, () for a solid line; see `rattle.plot`."""
     styles: dict[str, Any] = {**STYLES, **OWN_STYLES}
     colour, dashes = styles[name]
     return ("#000000" if colour == "black" else colour), tuple(2.0 * d for d in dashes[1]) if dashes != "-" else ()

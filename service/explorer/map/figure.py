@@ -184,7 +184,7 @@ class MapFigure:
         self._reserve_bar_width()
 
     def _reserve_bar_width(self) -> None:
-        """Keep room for a colour bar at the right of the map, and for its numbers."""
+        """Keep room for the colour bar and its numbers at the right of the map, if the bar is there."""
         self.figure.min_border_right = None if self._is_narrow or self._is_categorical else BAR_ROOM
 
     def _is_inside(self, delta: float, epsilon: float) -> bool:
@@ -232,7 +232,7 @@ class MapFigure:
             return UNSEEN
 
     def draw_cells(self, block: MapBlock, colours: Colouring) -> None:
-        """Draw the cells of a survey."""
+        """Draw the cells of a survey in these colours, and the names of regions or families."""
         self._box, where = block.box, image_position(block.box)
         self._apply_colours(colours)
         shown = np.where(colours.reasons == 0, block.values, np.float32(np.nan))

@@ -43,7 +43,7 @@ UNSEEN: Room = (700, 550)  # assumed pixels of a map until the browser has repor
 
 @dataclass(frozen=True)
 class MapBlock:
-    """Drawn cells of a map: values, float32, and status (epsilon, delta), and the box that the cells cover.
+    """Drawn cells of a map: `values` (float32) and `status`, both (epsilon, delta), and the `box` that the cells cover.
 
     If a map has more cells than pixels, a drawn cell stands for several cells and shows rare values among them. The
     fields `shares` and `without` are explained in `gear_rattle.workers.pictures.levels.DisplayedCells`.
@@ -64,7 +64,7 @@ class MapBlock:
 
 
 class MapPlane:
-    """Map of a survey: `values`, float32 (epsilon, delta), and `status` of each cell."""
+    """Map of a survey: the `values` (float32) and the `status` of its cells, both (epsilon, delta)."""
 
     is_kept = True  # True if all cells are kept in memory
 

@@ -71,7 +71,7 @@ class Readout:
         return not self._numbers.visible
 
     def clear(self) -> None:
-        """Replace the numbers by a hint how a viewer reads the numbers of a cell."""
+        """Replace the numbers by a hint that explains how to read a cell."""
         self._tables.html = HINT
         self._head.visible, self._numbers.visible = False, True
 

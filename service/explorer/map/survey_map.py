@@ -142,7 +142,7 @@ class SurveyMap(ABC):
             self._refining = self._viewer.start(self._draw_all_cells(plane, window, pixels))
 
     async def _draw_all_cells(self, plane: MapPlane, window: Ranges, room: Room) -> None:
-        """Draw all cells of a window, some of which are left out in the drawing of the whole survey."""
+        """Draw the cells of a window, several of which may be one cell in the drawing of the whole survey."""
         values, box = await self._viewer.run_in_thread(partial(shown_window, plane, window, room))
         self._viewer.change(
             lambda: self.figure.draw_finer_cells(values, box) if (plane, window) == self._refined else None

@@ -1,4 +1,4 @@
-"""Events that change the view of a page: everything that a viewer does there, and what the page has drawn."""
+"""Events that change the view of a page: actions of its viewer, and maps that the page itself has chosen or drawn."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class BackChosen:
 
 @dataclass(frozen=True)
 class ForwardChosen:
-    """The map was set forward to the window from which `BackChosen` had left."""
+    """The map was set forward again, to the window that it showed before `BackChosen`."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class PointerMoved:
 class PointOpened:
     """A point (δ, ε) was opened. machine: the machine that was entered for it, or None.
 
-    state: state of the point's tabs; None keeps the tab that is open.
+    state: state of the point's tabs; None keeps the state if the point is open already, else only the open tab.
     """
 
     point: Pair
@@ -150,7 +150,7 @@ class AttractorChosen:
 
 @dataclass(frozen=True)
 class InitialConditionChosen:
-    """The initial condition (τ, v) of the motion that is shown was chosen in the basins."""
+    """The initial condition (τ, v) of the motion that is shown was chosen in the picture of the basins."""
 
     start: Pair
 
@@ -199,7 +199,7 @@ class PointClosed:
 class BookmarkChosen:
     """A bookmark was chosen: its window, its point (None for no point), and the state of the point's tabs.
 
-    state: None keeps the tab that is open.
+    state: None keeps the state if the point is open already, else only the open tab.
     """
 
     window: Ranges

@@ -29,7 +29,7 @@ def reduce(view: View, event: Event) -> View:
     view : View
         View before the event.
     event : Event
-        What a viewer did, see `gear_rattle.service.explorer.state.events`.
+        What the viewer or the page did, see `gear_rattle.service.explorer.state.events`.
 
     Returns
     -------

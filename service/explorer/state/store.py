@@ -96,7 +96,7 @@ class Store(Listeners):
 
     @property
     def whole_request(self) -> SurveyRequest | None:
-        """Request of the chosen survey, of the example if none is chosen; None if the survey cannot be read."""
+        """Request of the chosen survey, or of the example; None if the survey is not known or cannot be read."""
         if self.view.is_example:
             return self._example
         job = self.job
@@ -108,7 +108,7 @@ class Store(Listeners):
 
     @property
     def request(self) -> SurveyRequest | None:
-        """Request of the chosen slice; `whole_request` if the survey has no third axis, or if that is None."""
+        """Request of the chosen slice, or of a survey without third axis; None if `whole_request` is None."""
         whole = self.whole_request
         return whole if whole is None else whole.slice_request(whole.slice_index(self.view.slice))
 
@@ -120,7 +120,7 @@ class Store(Listeners):
 
     @property
     def machine(self) -> SurveyedMachine | None:
-        """Machine of the chosen survey; None if the survey has no machine."""
+        """Machine of the chosen survey; None if the survey has no machine, or if `request` is None."""
         request = self.request
         return None if request is None else request.machine
 
