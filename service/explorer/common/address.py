@@ -34,17 +34,18 @@ Ranges = tuple[Pair, Pair]  # (low, high) of δ and of ε in a figure, which may
 Limits = Literal["auto", "robust", "full"]
 LIMITS: tuple[Limits, ...] = ("auto", "robust", "full")
 OVERLAYS = LINES  # names of all lines and marks that can be drawn over a map
-#: Lines over a map whose lines nobody has chosen: few; over regions all of their borders.
+#: Default lines over a map: FEW_LINES; over a map of the variable REGION instead BORDERS, which are all curves of the
+#: model and its codimension-two points.
 FEW_LINES, BORDERS, REGION = ("SN1", "G1", QUIET_LIMIT), (*NAMES, POINTS), "region"
 UNCHOSEN: Ranges = (0.4, 1.0), (0.0, 0.3)  # window of (δ, ε) if no survey is chosen
 THEMES = ("light", "dark")
 MOST_PINS = 8
-UNNAMED = next(iter(ADDED))  # the additional parameter whose value an address has without the parameter's name
+UNNAMED = next(iter(ADDED))  # the additional parameter whose value stands in an address without its name
 HARMONIC = "harmonic:"  # prefix of a harmonic in the text of a pin
-LONGEST = 16_000  # longest value in characters: 2000 for each of MOST_PINS pins
+LONGEST = 16_000  # longest value that is read, in characters: 2000 for each of MOST_PINS pins
 POINT_STATE = "p."
 KEYBOARD = "keyboard"
-EXAMPLE = "example"  # stands for the id of a survey: the example, which comes with the explorer
+EXAMPLE = "example"  # stands in place of a survey's id for the example that comes with the explorer
 MOST_FURTHER = 3
 FURTHER = tuple(f"map{number}" for number in range(2, 2 + MOST_FURTHER))
 
@@ -88,7 +89,7 @@ class EnteredMachine(NamedTuple):
         return ",".join([*plain, *more])
 
 
-NUMBERED = EnteredMachine._fields.index("restitution")  # number of fields that an address has without their names
+NUMBERED = EnteredMachine._fields.index("restitution")  # fields whose values stand in an address without their names
 
 
 class Pin(NamedTuple):
@@ -123,26 +124,26 @@ class Pin(NamedTuple):
 
 
 def pin_of(delta: float, epsilon: float, model: Model) -> Pin:
-    """Return a point of a model as a pin."""
+    """Return the pin of a parameter point (δ, ε) of a model."""
     added = tuple((each.name, model.numbers[each.name]) for each in model.added)
     return Pin(delta, epsilon, model.beta, added, model.parameters_at(delta, epsilon).harmonics)
 
 
 def points_by_number(pins: Sequence[Pin], model: Model) -> dict[str, Pair]:
-    """Return {number of a pin: its point (δ, ε)} for the pins of this model. Pins of all models are numbered from 1."""
+    """Return {number of a pin: its point (δ, ε)} for the pins of a model. Numbers, from 1, count pins of all models."""
     return {str(i): (pin.delta, pin.epsilon) for i, pin in enumerate(pins, start=1) if pin.model == model}
 
 
 @dataclass(frozen=True)
 class MapChoice:
-    """Map of a survey: the name of its variable, and an index if the variable has several maps."""
+    """Map of a survey: the name of its variable, and an index if the variable has a map for each attractor or orbit."""
 
     variable: str
     index: int = 0
 
     @property
     def address_text(self) -> str:
-        """Text of the map in an address."""
+        """Text of the map in a page's address: variable,index."""
         return f"{self.variable},{self.index}"
 
     @classmethod
@@ -154,7 +155,10 @@ class MapChoice:
 
 @dataclass(frozen=True)
 class ComparisonChoice:
-    """Choice of a comparison map. minus: True if the map shows the first map of the page less this survey's map."""
+    """Choice of a comparison map.
+
+    minus: True for a difference: the first map of the page minus the map of the same variable of `survey`.
+    """
 
     survey: str
     variable: str
@@ -164,13 +168,13 @@ class ComparisonChoice:
 
     @property
     def address_text(self) -> str:
-        """Text of the comparison map in an address."""
+        """Text of the comparison map in a page's address: survey,variable,index,slice, and ",minus" if `minus`."""
         parts = (self.survey, self.variable, str(self.index), str(self.slice), "minus" if self.minus else "")
         return ",".join(parts).rstrip(",")
 
     @classmethod
     def read(cls, text: str) -> ComparisonChoice:
-        """Return the map that a text in an address names. Raises ValueError if the text is not valid."""
+        """Return the comparison map that a text in an address names. Raises ValueError if the text is not valid."""
         survey, variable, index, number, *minus = text.split(",")
         return cls(
             _parse_word(survey), _parse_word(variable), _parse_index(index), _parse_index(number), minus == ["minus"]
@@ -178,17 +182,17 @@ class ComparisonChoice:
 
 
 class Pointer(NamedTuple):
-    """Point (δ, ε) that a viewer points at. source: name of the figure under the mouse, or KEYBOARD."""
+    """Point (δ, ε) that a viewer points at. source: name of the figure under the mouse; KEYBOARD for the cursor."""
 
     at: Pair
     source: str
 
 
 class DrawnSettings(NamedTuple):
-    """Settings of a drawn map that the page chose, because the view does not fix them.
+    """Settings of a map as it was drawn; the view may have a rule for the range of the colours in place of numbers.
 
-    limits: range of the colours, None for a map of codes. log: True if the colours are on a log scale. pixels: size of
-    the map on the screen, None if the whole survey is shown.
+    limits: range of the colours, None for a categorical map. log: True if the colours are on a log scale. pixels: size
+    of the map on the screen, None if the whole survey is shown.
     """
 
     limits: Pair | None
@@ -197,7 +201,7 @@ class DrawnSettings(NamedTuple):
 
 
 def address_text(value: EnteredMachine | Pin | MapChoice | ComparisonChoice) -> str:
-    """Return the text of a value in an address."""
+    """Return the text that stands for a value in the address (URL) of a page."""
     return value.address_text
 
 
@@ -358,7 +362,7 @@ class View:
 
     @property
     def is_example(self) -> bool:
-        """True if the example is shown: it was chosen, or no survey is."""
+        """True if the page shows the example, because a viewer chose it or because no survey is chosen."""
         return self.survey in ("", EXAMPLE)
 
     @property
@@ -367,14 +371,14 @@ class View:
         return self.lines_over(self.variable)
 
     def lines_over(self, variable: str) -> tuple[str, ...]:
-        """Return the lines over a map of another variable."""
+        """Return the lines over the map of a variable: the lines that a viewer chose, or the default lines."""
         if self.overlays is not None:
             return self.overlays
         return BORDERS if variable == REGION else FEW_LINES
 
     @classmethod
     def parse(cls, query: Mapping[str, Sequence[bytes]]) -> View:
-        """Return the view that a query describes; values that cannot be read are left at their defaults."""
+        """Return the view that a query describes. A field without a value that can be read gets its default."""
         firsts = {name: values[0].decode("utf-8", "replace") for name, values in query.items() if values}
         texts = {name: value for name, value in firsts.items() if len(value) <= LONGEST}
         found = read_fields(cls, texts)

@@ -1,4 +1,4 @@
-"""Fields of a dataclass that an address has: how each is read from its text, and written."""
+"""Dataclass fields that are part of a page's address (its URL): how each is read from its text, and written as text."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ N = TypeVar("N", int, float)
 
 
 def address_field(default: Any, parse: Callable[[str], Any], text: Callable[[Any], str] = str) -> Any:
-    """Return a dataclass field that an address has, unless it has its default.
+    """Return a dataclass field whose value is part of a page's address, unless the value is the default.
 
     Parameters
     ----------
@@ -32,7 +32,13 @@ def address_field(default: Any, parse: Callable[[str], Any], text: Callable[[Any
 
 
 def read_fields(cls: Any, texts: Mapping[str, str]) -> dict[str, Any]:
-    """Return the values of a dataclass's fields that texts describe, by name; without texts that are not valid."""
+    """Return {name: value} of the address fields of a dataclass `cls`, read from `texts`, which are {name: text}.
+
+    Returns
+    -------
+    dict[str, Any]
+        Values by name, without a field whose text is missing or invalid, or whose value is its default.
+    """
     values = (
         (each, read_text(texts, each.name, each.metadata["parse"], each.default))
         for each in fields(cls)
@@ -42,13 +48,13 @@ def read_fields(cls: Any, texts: Mapping[str, str]) -> dict[str, Any]:
 
 
 def field_texts(instance: Any) -> dict[str, str]:
-    """Return the texts of an instance's fields, by name; a field with its default has no text."""
+    """Return {name: text} of the address fields of a dataclass instance, without fields that have their defaults."""
     values = ((each, getattr(instance, each.name)) for each in fields(instance) if "text" in each.metadata)
     return {each.name: each.metadata["text"](value) for each, value in values if value != each.default}
 
 
 def read_text(texts: Mapping[str, str], name: str, parse: Callable[[str], T], default: T) -> T:
-    """Return the parsed text of a name; the default if there is no such text, or if `parse` raises ValueError."""
+    """Return `parse(texts[name])`; the default if there is no text of that name, or if `parse` raises ValueError."""
     try:
         return parse(texts[name]) if name in texts else default
     except ValueError:

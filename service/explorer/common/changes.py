@@ -17,7 +17,7 @@ import panel as pn
 from bokeh.document import Document
 from panel.io.state import set_curdoc
 
-Change = Callable[[], Any]  # a function that returns a coroutine, although Bokeh's type hints do not say so
+Change = Callable[[], Any]  # a coroutine function, which Bokeh accepts although its type hints do not say so
 
 log = logging.getLogger(__name__)
 
@@ -46,7 +46,10 @@ def wait_for_browser(document: Document) -> None:
 
 
 def change_document(document: Document, change: Callable[[], object]) -> None:
-    """Call `change` in the event loop, while no other change of the document is under way. For use in any thread."""
+    """Schedule a call of `change` in the event loop, at a time without another change of the document.
+
+    The call is delayed while a browser loads the document. This function may be called in any thread.
+    """
 
     async def apply() -> None:
         if document in _waiting:
@@ -61,7 +64,7 @@ def change_document(document: Document, change: Callable[[], object]) -> None:
             finally:
                 document.unhold()
 
-    # Bokeh accepts coroutines here too, although its type hint does not say so
+    # Bokeh accepts a coroutine function here too, although its type hint does not say so
     schedule: Any = document.add_next_tick_callback
     schedule(apply)
 
@@ -94,7 +97,7 @@ async def change_and_wait(document: Document, change: Callable[[], object]) -> N
 
 
 def act_in_event_loop(act: Callable[[], object]) -> None:
-    """Call `act` while nothing else changes the current page's document; at once if there is no page, as in a test."""
+    """Change the current page by `act`, as `change_document` does. Without a page, as in a test, call `act` at once."""
     document = pn.state.curdoc
     if document is None or document.session_context is None:
         act()

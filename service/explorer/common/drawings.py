@@ -42,7 +42,7 @@ class DrawingRunner:
         Parameters
         ----------
         what : Hashable
-            Name of the drawing. It stays the same when a survey has computed more cells.
+            Value that identifies the drawing. It stays the same when a survey has computed more cells.
         jobs : Sequence[JobRow]
             Surveys of the drawing. If the state or the number of computed cells of a survey has changed, the drawing is
             made again.

@@ -1,4 +1,4 @@
-"""Make the glyphs of the map, without Bokeh's additional glyphs for selections, which take 0.2 s of every page."""
+"""Make the glyphs of the map, without Bokeh's additional glyphs for selections: these would delay a page by 0.2 s."""
 
 from __future__ import annotations
 
@@ -39,9 +39,10 @@ POINT = ("x", "y", "marker", "name", "dx", "dy", "to_x", "to_y")
 
 @dataclass(frozen=True)
 class Scale:
-    """Renderers of a map on one colour scale, linear or logarithmic. Bokeh cannot replace a glyph's mapper later.
+    """Renderers of a map on one colour scale, linear or logarithmic. Bokeh cannot replace a renderer's mapper later.
 
-    cells: renderer of the survey's cells. fine: renderer of finer cells in a window. bar: the colour bar.
+    mapper: the colour mapper of all three. cells: renderer of the survey's cells. fine: renderer of finer cells in a
+    window. bar: the colour bar.
     """
 
     mapper: Any
@@ -70,7 +71,7 @@ def clear(source: ColumnDataSource) -> None:
 
 
 def style_of(name: str) -> tuple[str, tuple[float, ...]]:
-    """Return the colour of a line and its dashes in pixels, as in `rattle.plot`; () for a solid line."""
+    """Return the colour of a named line, and its dashes and gaps in pixels, () for a solid line; see `rattle.plot`."""
     styles: dict[str, Any] = {**STYLES, **OWN_STYLES}
     colour, dashes = styles[name]
     return ("#000000" if colour == "black" else colour), tuple(2.0 * d for d in dashes[1]) if dashes != "-" else ()
@@ -83,7 +84,7 @@ def image_renderer(source: ColumnDataSource, mapper: Any, **named: Any) -> Any:
 
 
 def transparent_mapper() -> Any:
-    """Return a colour mapper whose first colour is transparent."""
+    """Return a colour mapper that makes every value transparent, until its palette is replaced."""
     return LinearColorMapper(palette=[CLEAR], low=0, high=1, nan_color=CLEAR)
 
 
@@ -94,7 +95,15 @@ def veil_renderer(source: ColumnDataSource, paper: str) -> Any:
 
 
 def colour_scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict[bool, Scale]:
-    """Return {False: the linear colour scale, True: the logarithmic one}. fine: source of finer cells of a window."""
+    """Return the linear and the logarithmic colour scale of a map.
+
+    values: source of the survey's cells. fine: source of finer cells of a window. bar: properties of the colour bars.
+
+    Returns
+    -------
+    dict[bool, Scale]
+        {False: the linear scale, True: the logarithmic scale}.
+    """
     found = {}
     for log, kind in ((False, LinearColorMapper), (True, LogColorMapper)):
         mapper = kind(palette=["#000000"], low=1, high=2, nan_color=CLEAR)
@@ -121,7 +130,7 @@ def place_bars(plot: Any, bars: Sequence[Any], is_below: bool) -> None:
     for bar in bars:
         bar.update(width="auto" if is_below else BAR_WIDTH, height=BAR_WIDTH if is_below else "auto")
     right, below = ([each for each in side if each not in bars] for side in (plot.right, plot.below))
-    if is_below:  # the bars are added before they are removed, because Bokeh drops the view of a bar on neither side
+    if is_below:  # bars are added below, then removed at the right: Bokeh drops the view of a bar on neither side
         plot.below = [*below, *bars]
         plot.right = right
     else:
@@ -130,7 +139,7 @@ def place_bars(plot: Any, bars: Sequence[Any], is_below: bool) -> None:
 
 
 def mark_ends(marks: Sequence[Any], bar: Any, is_below: bool) -> None:
-    """Place two arrows at the lower and the upper end of a colour bar."""
+    """Place two arrows at the lower and the upper end of a colour bar. is_below: True if the bar is below the map."""
     across: Any = Node(target=bar, symbol="top" if is_below else "left", offset=BAR_PADDING + BAR_WIDTH // 2)
     for mark, edge, offset in zip(
         marks, ("left", "right") if is_below else ("bottom", "top"), (-BAR_PADDING, BAR_PADDING), strict=True
@@ -166,7 +175,7 @@ def point_renderers(source: ColumnDataSource) -> list[Any]:
 
 
 def name_renderer(source: ColumnDataSource) -> Any:
-    """Return a renderer of the names of regions, with a white edge, each shifted to the right by `dx` pixels."""
+    """Return a renderer of names of regions or families, with a white edge, each `dx` pixels to the right of (x, y)."""
     glyph = Text(
         x="x", y="y", x_offset="dx", text="name", text_align="center", text_baseline="middle", text_font_size="17px",
         text_font_style="bold", text_color="black", text_outline_color="white",
@@ -175,7 +184,7 @@ def name_renderer(source: ColumnDataSource) -> Any:
 
 
 def band_renderer(source: ColumnDataSource) -> Any:
-    """Return the renderer of the band between the ends of the design limit's interval."""
+    """Return the renderer of the area between the lower and the upper ends of the design limit's intervals."""
     area = VArea(x="x", y1="low", y2="high", fill_color=OWN_STYLES[LIMIT][0], fill_alpha=OPACITY)
     return _renderer(source, area, name=BAND_NAME)
 

@@ -50,13 +50,13 @@ class MapKey(JSComponent):
 
 
 class MapButtons(JSComponent):
-    """Buttons of the maps that are explained.
+    """Buttons of the featured maps.
 
     Attributes
     ----------
     buttons : list of dict
-        For each button its label, the variable of its map, its tooltip `about`, and True for `missing` where the survey
-        has no such variable.
+        For each button its `label`, the `variable` of its map, its tooltip `about`, and `missing`: True if the survey
+        lacks the map.
     chosen : str
         Variable of the map that is shown, empty if it has no button.
     """

@@ -1,4 +1,4 @@
-"""Publish the status of the surveys to all open pages: one reading of the database for all, only after a change."""
+"""Publish the status of surveys to all open pages: after a change, by one reading of the database for all pages."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from gear_rattle.service.operations.surveys import list_jobs
 from gear_rattle.service.state import Front
 
 LISTED = 100  # most surveys that are listed: the newest ones
-PAUSE = 0.5  # seconds between two readings of the database
-WINDOW = 20.0  # seconds over which a speed is measured
+PAUSE = 0.5  # seconds after a reading of the database until the next; a new listener ends this pause
+WINDOW = 20.0  # seconds over which the rate of a running survey is measured
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,8 @@ log = logging.getLogger(__name__)
 class StatusPublisher:
     """Publish job status to listeners in the event loop: soon after a listener joins, and after every change.
 
-    A new listener gets no status that was read before it joined, because a page keeps the survey that it finds first.
+    A new listener gets no status that was read before it joined, because a page chooses its default survey from the
+    first status that it gets.
     """
 
     def __init__(self, front: Front) -> None:

@@ -1,4 +1,4 @@
-"""State of the tabs of the open point: its motion, its diagram, its tolerances; and its texts in an address."""
+"""State of the open point's tabs (motion, diagram, tolerances), and the texts that describe it in a page's address."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class PointState:
 
     @property
     def shown_tab(self) -> str:
-        """The open tab. Older addresses have no `tab`; then it is the tab that shows what their other fields choose."""
+        """Name of the open tab. If `tab` is None, as in older addresses, the other fields decide which tab is open."""
         if self.tab is not None:
             return self.tab
         if self.to is not None or self.span is not None or self.direction != "epsilon":
@@ -116,12 +116,20 @@ class PointState:
         return self if self.start is None or self.start[1] <= v_max else replace(self, start=None)
 
     def with_changes(self, **fields: Any) -> PointState:
-        """Return the state with other values of some fields, as an address gives it back."""
+        """Return the state with other values of some fields, as it would be read back from a page's address."""
         return PointState.read(replace(self, **fields).text())
 
     @classmethod
     def read(cls, texts: Mapping[str, str]) -> PointState:
-        """Return the state that these texts describe, by name. A value that cannot be read gets its default."""
+        """Return the state that texts in an address describe.
+
+        texts: {name of a field: its text}; the initial condition `start` has the names "tau" and "v".
+
+        Returns
+        -------
+        PointState
+            The state. A field whose text is missing or cannot be read has its default.
+        """
         found = read_fields(cls, texts)
         start = read_text({"start": f"{texts.get('tau')},{texts.get('v')}"}, "start", _parse_start, None)
         if start is not None:
@@ -129,7 +137,7 @@ class PointState:
         return cls(**found, start=start)
 
     def text(self) -> dict[str, str]:
-        """Return the texts that describe the state, by name; values that are the defaults have no text."""
+        """Return {name: text}, the texts from which `read` makes this state; a field with its default has no text."""
         texts = field_texts(self)
         if self.start is not None:
             texts.pop("attractor", None)

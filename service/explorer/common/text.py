@@ -59,7 +59,10 @@ class Heading(Text):
         self._write()
 
     def show_progress(self, text: str) -> None:
-        """Write after the description which computation runs. This text is hidden while no map is shown."""
+        """Write a note after the description: the computation that runs, or why the map has no finer cells.
+
+        The note is hidden while no map is shown.
+        """
         self._progress = text
         if self._shown:
             self._write()

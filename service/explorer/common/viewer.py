@@ -69,7 +69,7 @@ class Viewer:
 
     @property
     def caller(self) -> Caller:
-        """Caller that opened the page, even if its key was revoked since; a caller without a key if there is none."""
+        """Caller that opened the page, even if its key was revoked since; a caller without a key if there was none."""
         return self._caller or Caller()
 
     @property
@@ -95,7 +95,7 @@ class Viewer:
         return await self.run_as_caller(lambda _caller: work(), scope)
 
     async def run_as_caller(self, act: Callable[[Caller], Result], scope: Scope) -> Result:
-        """Run `act` with the caller in a thread, as `run_in_thread` does, and return the result.
+        """Call `act(caller)` in a thread if the caller's API key has a scope, and return the result.
 
         Returns
         -------
@@ -142,7 +142,7 @@ class Viewer:
             change_document(self.document, what)
 
     def end(self) -> None:
-        """Release the page's resources once it is closed."""
+        """Cancel the tasks of a page that was closed. Its document is not changed any more."""
         self.ended = True
         for task in tuple(self._tasks):
             task.cancel()

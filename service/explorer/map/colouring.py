@@ -30,7 +30,11 @@ WIDE, NAME = 0.02, (130, 24)
 
 @dataclass(frozen=True)
 class Shade:
-    """Colour of a map, its meaning (`label`), and the share of the computed cells that have this colour."""
+    """Colour of a map, its meaning (`label`), and its share.
+
+    share: for a code, such as a region, the share of the computed cells that have it; for cells without a value, and
+    for cells not above 0 on a log scale, their share of all cells.
+    """
 
     label: str
     colour: str
@@ -41,9 +45,10 @@ class Shade:
 class Colouring:
     """Colours of a map.
 
-    reasons: uint8 (epsilon, delta), 0 where a cell has a value, else the number, from 1, of the reason's colour in
-    `reason_colours`. low, high: range of the colours; the first code of a categorical map is `low` + 0.5. log: True if
-    the colours are evenly spaced in the logarithm of the value.
+    reasons: uint8 (epsilon, delta), 0 where a cell is drawn by its value, else the number, from 1, of a colour in
+    `reason_colours` for the reason why it is not (no value, or not above 0 on a log scale). low, high: range of the
+    colours; the first code of a categorical map is `low` + 0.5. log: True if the colours are evenly spaced in the
+    logarithm of the value.
     """
 
     title: str

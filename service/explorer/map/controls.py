@@ -1,4 +1,4 @@
-"""Choose a map: its variable, with buttons for featured maps, its index and slice, and the range of its colours."""
+"""Choose a map: its variable (featured maps have buttons), its attractor or orbit, its slice, and its colour range."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ NUMBERED = "Attractor no."
 class FeaturedMap(NamedTuple):
     """Map with a button.
 
-    variables: names of variables that can show it; the first that a survey has is used. group: quantity of the form of
-    a new survey with which a survey has one of them.
+    variables: names of variables that can show it; the first that a survey has is used. group: quantity that is ticked
+    in the form of a new survey, so that the survey has one of these variables.
     """
 
     button: str
@@ -75,7 +75,7 @@ FEATURED = (
 
 
 def map_buttons(names: Collection[str], request: SurveyRequest) -> list[dict[str, Any]]:
-    """Return the buttons of the featured maps, see `MapButtons`, of a survey that has these variables."""
+    """Return the buttons of the featured maps, as `MapButtons` has them. names: the variables that the survey has."""
     buttons = []
     for each in FEATURED:
         variable = next((name for name in each.variables if name in names), "")
@@ -85,7 +85,7 @@ def map_buttons(names: Collection[str], request: SurveyRequest) -> list[dict[str
 
 
 def _how_to_compute(each: FeaturedMap, request: SurveyRequest) -> str:
-    """Return that a survey lacks a featured map, and how a new survey gets it."""
+    """Return a text about a missing featured map: how a new survey gets the map, or that the model never has it."""
     if each.group not in groups_of(request.model, bool(request.harmonics)):
         return f"{each.button}: not computed in this survey, because its model has no quantity {each.group}."
     return (
@@ -160,7 +160,7 @@ class MapControls:
                 self.slice.param.update(end=axis.num - 1, value=number, label=label)
 
     def _show_limits(self) -> None:
-        """Show the range of the colours, or hide it if the map shows codes."""
+        """Show the widgets for the range of the colours, or hide them if the map is categorical or no map is drawn."""
         view = self._store.view
         drawn = None if view.seen is None else view.seen.limits
         is_own = isinstance(view.limits, tuple)
@@ -186,7 +186,7 @@ class MapControls:
         self._store.dispatch(SliceChosen(int(self.slice.value or 0)))
 
     def _on_rule(self) -> None:
-        """Set the chosen rule and scale. Limits of a viewer's own (OWN) start at the limits of the drawn map."""
+        """Set the chosen rule for the colour range, and the scale. With OWN, start from the limits of the drawn map."""
         view, limits = self._store.view, self.rule.value
         if limits == OWN:
             limits = view.limits if isinstance(view.limits, tuple) else view.seen and view.seen.limits

@@ -35,7 +35,7 @@ CLOSER = 0.5  # factor of the window's width when a viewer zooms in
 EDGE = 0.25  # distance from the window's edge to a cursor that was outside, as a share of the window
 WIDEST = 3.0  # greatest width of a window, in widths of the survey
 WINDOWS = {"back": "Back to the window before", "forward": "Forward to the window after"}
-GO = "point "  # prefix of the command that opens a point of a link
+GO = "point "  # prefix of the command that opens the point (δ, ε) of a link in the page
 
 
 class CursorKeys:
@@ -152,7 +152,7 @@ def _span_containing(span: Pair, value: float) -> Pair:
 
 
 def zoomed_window(window: Ranges, at: Pair, factor: float, box: Ranges) -> Ranges:
-    """Return the window, scaled by a factor about the cursor to at most WIDEST times the survey."""
+    """Return the window, scaled by a factor about the cursor `at` to at most WIDEST times the survey's size (`box`)."""
     delta, epsilon = (
         (value - (value - low) * least, value + (high - value) * least)
         for (low, high), value, (left, right) in zip(window, at, box, strict=True)

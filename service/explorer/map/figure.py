@@ -38,8 +38,8 @@ from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle.plot import MARKERS, STYLES
 
 SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
-#: Sizes in pixels of a letter and of a row of a point's or a region's name, and half the side of a pin's disc. No name
-#: is written over a region's name or a pin.
+#: Pixels: width of a letter and height of a row in the name of a codimension-two point, the same in the name of a
+#: region or a family, and half the side of a pin's disc. No point's name is written over another name or a pin.
 LETTER, ROW, REGION_LETTER, REGION_ROW, DISC = 9.0, 19.0, 9.0, 20.0, 11.0
 POINTER_MS, WINDOW_MS = 50, 200
 BAR_ROOM = 110  # pixels for the colour bar and its numbers: Bokeh does not measure numbers again when they change
@@ -184,7 +184,7 @@ class MapFigure:
         self._reserve_bar_width()
 
     def _reserve_bar_width(self) -> None:
-        """Keep room for a colour bar at the right of the map, and for its numbers."""
+        """Keep room for the colour bar and its numbers at the right of the map, if the bar is there."""
         self.figure.min_border_right = None if self._is_narrow or self._is_categorical else BAR_ROOM
 
     def _is_inside(self, delta: float, epsilon: float) -> bool:
@@ -232,7 +232,7 @@ class MapFigure:
             return UNSEEN
 
     def draw_cells(self, block: MapBlock, colours: Colouring) -> None:
-        """Draw the cells of a survey."""
+        """Draw the cells of a survey in these colours, and the names of regions or families."""
         self._box, where = block.box, image_position(block.box)
         self._apply_colours(colours)
         shown = np.where(colours.reasons == 0, block.values, np.float32(np.nan))
@@ -265,7 +265,7 @@ class MapFigure:
         self._others.data = {"image": [others.astype(np.uint8)], **image_position(box)}
 
     def undim_cells(self) -> None:
-        """Remove the veil from dimmed cells."""
+        """Show dimmed cells as before."""
         glyphs.clear(self._others)
 
     def remove_finer_cells(self) -> None:
@@ -308,7 +308,7 @@ class MapFigure:
         source.data = {"xs": [piece[:, 0] for piece in pieces], "ys": [piece[:, 1] for piece in pieces]}
 
     def draw_limit_band(self, x: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
-        """Draw the interval of the design limit, from low (k,) to high (k,) in ε, at the dampings x (k,)."""
+        """Draw the intervals of the design limit as one area: in ε from low (k,) to high (k,), at damping x (k,)."""
         self._sure.data = {"x": x, "low": low, "high": high}
 
     def mark_points(self, points: Sequence[tuple[str, float, float]]) -> None:
@@ -317,7 +317,7 @@ class MapFigure:
         self._place_names()
 
     def _place_names(self) -> None:
-        """Move names of regions inside the frame, and write names of points where they cover no mark or other name."""
+        """Move names of regions or families into the frame, and write names of points where they cover nothing else."""
         self._move_regions_inside()
         if not self._corners:
             glyphs.clear(self._points)
@@ -349,7 +349,7 @@ class MapFigure:
             self._names.data = {**data, "dx": moved}
 
     def _taken_boxes(self) -> list[Box]:
-        """Return the boxes of the names of regions and of the pins, in pixels."""
+        """Return the boxes of the pins and of the names of regions or families on the screen, in pixels."""
         regions, pins = self._names.data, self.pins_at.data
         return [
             *(
@@ -385,13 +385,13 @@ class MapFigure:
         return self.figure.x_range, self.figure.y_range
 
     def remove_lines(self) -> None:
-        """Remove all curves and points."""
+        """Remove all curves, codimension-two points and intervals of the design limit."""
         self._corners = []
         for source in (self._points, self._sure, *(source for source, _ in self._lines.values())):
             glyphs.clear(source)
 
     def show_overlays(self, names: Sequence[str]) -> None:
-        """Show these overlays and no others."""
+        """Show the lines and marks with these names, and hide all others."""
         for name, (_, renderers) in self._lines.items():
             for renderer in renderers:
                 renderer.visible = name in names
@@ -422,7 +422,7 @@ class MapFigure:
             self.ellipse_at.data = {"x": points[:, 0], "y": points[:, 1]}
 
     def show_axes_of(self, machine: SurveyedMachine | None) -> None:
-        """Show the speeds and eccentricities of a machine along the axes; show δ and ε if it is None."""
+        """Show the speeds and eccentricities of a machine along the axes; without a machine (None) show δ and ε."""
         self._axes.show(machine)
 
     def mark_cursor(self, point: Pair | None) -> None:

@@ -139,7 +139,10 @@ class KeyedLines(MapLines):
         self.key.shades = [{"label": each.label, "colour": each.colour, "share": each.share} for each in shades]
 
     def _list_lines(self) -> None:
-        """List the lines of the survey's model in the key. In a machine's survey, only lines in its plane are kept."""
+        """List the lines of the survey's model in the key.
+
+        In a machine's survey, a task then removes the lines that are nowhere in the survey's plane.
+        """
         request, model = self._store.request, self._store.model
         window = None if request is None or request.machine is None else window_of(request)
         if (listed := (model, window)) == self._listed:
@@ -239,7 +242,7 @@ def _is_offered(name: str, model: Model) -> bool:
 
 
 def _line_meaning(name: str, model: Model) -> str:
-    """Return the sentence of the help about a line; of a curve of another model its own description."""
+    """Return the meaning of a line: the help's sentence, or for a curve of another model that model's description."""
     if name == POINTS:
         return "; ".join(f"{point}: {what}" for point, what in tour_rows("Points where lines meet").items())
     if name in (CRISIS, LIMIT) or model.name == DEFAULT_MODEL:
@@ -288,7 +291,7 @@ def cache_default_lines(model: Model, window: Ranges) -> None:
 
 
 def split_at_nan(line: np.ndarray) -> list[np.ndarray]:
-    """Return a line (k, 2) with NaN between its pieces, as a list of the pieces."""
+    """Return the pieces of a line (k, 2) that has rows of NaN between its pieces."""
     gaps = np.flatnonzero(np.isnan(line[:, 0]))
     return [piece[~np.isnan(piece[:, 0])] for piece in np.split(line, gaps)]
 
@@ -301,7 +304,7 @@ def points_in_window(model: Model, window: Ranges) -> list[tuple[str, float, flo
     Returns
     -------
     list[tuple[str, float, float]]
-        Name, δ and ε of each.
+        Name, δ and ε of each point.
     """
     (left, right), (bottom, top) = window
     return [

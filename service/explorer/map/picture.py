@@ -16,12 +16,12 @@ FORMS = ("png", "svg", "pdf")
 
 
 def drawn_settings(colours: Colouring, pixels: Room | None) -> DrawnSettings:
-    """Return the settings of a map that is drawn in these colours. pixels: its size, None for the whole survey."""
+    """Return the settings of a map drawn in these colours. pixels: the map's size, None for the whole survey."""
     return DrawnSettings(None if colours.categorical else (colours.low, colours.high), colours.log, pixels)
 
 
 def picture_query(request: dict[str, Any], view: View, seen: DrawnSettings | None = None) -> str:
-    """Return the query of a picture. seen: settings of the drawn map, None if no map is drawn yet."""
+    """Return the query of a picture of a survey's map. seen: settings of the drawn map, None if no map is drawn yet."""
     asked: dict[str, Any] = {"variable": view.variable, "index": view.index or None}
     asked["slice"] = view.slice if any(third_axis_names(request)) else None
     for name, window in {"delta": view.delta, "epsilon": view.epsilon}.items():

@@ -43,7 +43,7 @@ UNSEEN: Room = (700, 550)  # assumed pixels of a map until the browser has repor
 
 @dataclass(frozen=True)
 class MapBlock:
-    """Drawn cells of a map: values, float32, and status (epsilon, delta), and the box that the cells cover.
+    """Drawn cells of a map: `values` (float32) and `status`, both (epsilon, delta), and the `box` that the cells cover.
 
     If a map has more cells than pixels, a drawn cell stands for several cells and shows rare values among them. The
     fields `shares` and `without` are explained in `gear_rattle.workers.pictures.levels.DisplayedCells`.
@@ -64,7 +64,7 @@ class MapBlock:
 
 
 class MapPlane:
-    """Map of a survey: `values`, float32 (epsilon, delta), and `status` of each cell."""
+    """Map of a survey: the `values` (float32) and the `status` of its cells, both (epsilon, delta)."""
 
     is_kept = True  # True if all cells are kept in memory
 
@@ -100,7 +100,7 @@ class MapPlane:
             return True
 
     def _readings(self, fresh: set[int]) -> Iterator[list[int]]:
-        """Yield new tiles one by one, or rows with all their tiles if most are new: fewer and larger readings."""
+        """Yield indices of tiles to read at once: all tiles of some rows if most are new, else one new tile."""
         _, across = self.request.tile_grid
         together = across * max(1, BAND // (self.delta.size * self.request.tile_shape[0]))
         every = list(self._tiles)
@@ -124,7 +124,7 @@ class MapPlane:
         return box_of_cells(self.delta, self.epsilon)
 
     def is_thinned(self, room: Room = (SIDE, SIDE)) -> bool:
-        """Return whether there are more cells than pixels. room: pixels along (delta, epsilon)."""
+        """Return whether there are more cells than pixels along an axis. room: pixels along (delta, epsilon)."""
         return self.delta.size > room[0] or self.epsilon.size > room[1]
 
     def block(self, window: Ranges | None = None, room: Room = (SIDE, SIDE), *, anywhere: bool = False) -> MapBlock:
@@ -165,7 +165,7 @@ class MapPlane:
         )
 
     def _values_and_status(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
-        """Return the values and the status of some cells."""
+        """Return the values and the status of the cells in these rows (ε) and columns (δ)."""
         return self.values[rows, columns], self.status[rows, columns]
 
     def all_cells(self) -> tuple[np.ndarray, np.ndarray]:
@@ -363,7 +363,7 @@ def maps_of(request: SurveyRequest) -> dict[str, Any]:
 
 
 def map_options(request: SurveyRequest, *wanted: MapChoice | None) -> tuple[MapChoice, dict[str, str]]:
-    """Return the first wanted map that a survey has, else its first map; and the text of each map by its name."""
+    """Return the first wanted map that a survey has, else its first map; and {name: text in an address} of all maps."""
     maps = map_names(request)
     chosen = next(each for each in (*wanted, *maps.values()) if each is not None and each in maps.values())
     return chosen, {words: each.address_text for words, each in maps.items()}

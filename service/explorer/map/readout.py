@@ -71,7 +71,7 @@ class Readout:
         return not self._numbers.visible
 
     def clear(self) -> None:
-        """Say how a cell is read, in place of its numbers."""
+        """Replace the numbers by a hint that explains how to read a cell."""
         self._tables.html = HINT
         self._head.visible, self._numbers.visible = False, True
 
@@ -112,7 +112,7 @@ def cell_line(cell: xr.Dataset | None, request: SurveyRequest) -> str:
 
 
 def cell_place(cell: xr.Dataset, request: SurveyRequest) -> str:
-    """Return where a cell of a survey is, in as many digits as tell it from its neighbours."""
+    """Return a cell's δ and ε, in enough digits to tell it from its neighbours, or a machine's rpm and eccentricity."""
     delta, epsilon = float(cell["delta"]), float(cell["epsilon"])
     if request.machine is not None:
         return ", ".join(value for _, value in _speed_and_eccentricity(request.machine, delta, epsilon))
@@ -135,9 +135,9 @@ def readout(
 ) -> str:
     """Return tables about a point (δ, ε), in HTML: its region, and the numbers of its cell.
 
-    cell: the survey's cell at the point, None if the point is outside of the survey. request: request of the survey;
-    of a machine's survey speed and eccentricity are written too. here: name and value of a finer map at the point, None
-    without a finer map.
+    cell: the survey's cell at the point, None if the point is outside of the survey. request: the survey's request; if
+    it is the survey of a machine, the tables also have the speed and the eccentricity in the machine's units.
+    here: name and value of a finer map at the point, None without a finer map.
 
     Returns
     -------

@@ -131,7 +131,7 @@ class SharedState:
     on_map_drawn: Callable[[], None] = lambda: None
 
     async def prepare(self) -> None:
-        """Compute the default map and its lines in advance, because the first page would have to wait for them."""
+        """Compute the default map and its lines in advance; otherwise the first page would wait for them."""
         try:
             model, window = await run_in_threadpool(self._draw_default_map)
             await self.front.kernels.wait_until_compiled(model.name, patience=math.inf)
@@ -180,7 +180,7 @@ class SharedState:
         return {} if store.whole_request is None else maps_of(store.whole_request)
 
     def plane(self, job: JobRow | None, variable: str, index: int, number: int) -> MapPlane:
-        """Return a map of a survey, or of the example if `job` is None. It blocks, and raises, like `Atlas.plane`."""
+        """Return a map of a survey, or of the example if `job` is None. It blocks. For errors see `Atlas.plane`."""
         if job is None:
             return self.exact.plane(variable, index)
         is_whole = False

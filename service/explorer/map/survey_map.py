@@ -36,8 +36,10 @@ class SurveyMap(ABC):
 
     Attributes
     ----------
-    plane, colours : MapPlane | None, Colouring | None
-        The drawn map and its colours, None where nothing is drawn.
+    plane : MapPlane | None
+        Map that was drawn last, None if no map of the chosen survey was drawn.
+    colours : Colouring | None
+        Colours of the drawn map, None while no map is shown.
     finer : MapBlock | None
         Finer cells of the window that the workers have computed, None without such cells.
     """
@@ -140,7 +142,7 @@ class SurveyMap(ABC):
             self._refining = self._viewer.start(self._draw_all_cells(plane, window, pixels))
 
     async def _draw_all_cells(self, plane: MapPlane, window: Ranges, room: Room) -> None:
-        """Draw all cells of a window, some of which are left out in the drawing of the whole survey."""
+        """Draw the cells of a window, several of which may be one cell in the drawing of the whole survey."""
         values, box = await self._viewer.run_in_thread(partial(shown_window, plane, window, room))
         self._viewer.change(
             lambda: self.figure.draw_finer_cells(values, box) if (plane, window) == self._refined else None
@@ -180,7 +182,7 @@ class SurveyMap(ABC):
         self._viewer.change(lambda: self.show_shades(shades))
 
     def read_cell(self, read: Callable[[], Read], show: Callable[[Read], object]) -> None:
-        """Call `show` with what `read` returns, which a thread runs; an earlier reading is cancelled."""
+        """Call `read` in a thread, and then `show` with the result of `read`. Cancel an earlier reading."""
         self.stop_reading()
         self._reading = self._viewer.start(self._read_and_show(read, show))
 

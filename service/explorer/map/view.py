@@ -86,7 +86,7 @@ class MapView(SurveyMap):
             self.figure.show_axes_of(whole.machine)
 
     def _on_view_change(self) -> None:
-        """Request a drawing of the view's map, unless the same drawing is finished or under way."""
+        """Request a drawing of the view's map, or write that the chosen survey is gone or cannot be read."""
         store, view, job = self._store, self._store.view, self._store.job
         if self._of != (view.survey, view.slice):
             self._of, self.plane = (view.survey, view.slice), None
@@ -104,7 +104,7 @@ class MapView(SurveyMap):
             self.forget_window()  # the finer cells of the window belong to another map
         request = store.request
         is_large = request is not None and max(request.shape) > SIDE
-        # such a drawing depends on the pixels
+        # the drawing of a large survey, or with names of families, depends on the pixels
         room = self.figure.pixels if is_large or view.variable == LARGEST else ()
         what = view.survey, view.slice, chosen, view.limits, view.log, room
         self.drawings.request(what, [] if job is None else [job], partial(self._draw, view, job))

@@ -139,9 +139,9 @@ class SurveyForm:
         self.sample.fill(request)
 
     def fill_window(self, window: Ranges, model: Model, machine: SurveyedMachine | None = None) -> None:
-        """Set the fields to the part of a window that a survey may have (δ > 0, ε ≥ 0), in few digits.
+        """Set the fields to the part of a window that a survey may cover (δ > 0, ε ≥ 0), in few digits.
 
-        With a machine, set them to its speeds and eccentricities in the window.
+        With a machine, set the fields also to its numbers, and to its speeds and eccentricities in the window.
         """
         delta, epsilon = (rounded_range(*span) for span in clip_to_plane(*window))
         self._fill_plane((delta, epsilon), CELLS, model, machine, is_rounded=True)

@@ -138,7 +138,7 @@ class Explorer:
         return found
 
     def _on_map_drawn(self) -> None:
-        """Start the processes that compute clicked points, when the first page shows a map.
+        """With the setting `preload`, start the processes that compute clicked points, when the first page shows a map.
 
         The processes are not needed without a page. Started earlier, they would slow down the first page.
         """

@@ -178,7 +178,7 @@ class Page:
                 self._list.param.update(rows=rows, chosen=EXAMPLE if view.is_example else view.survey, ready=True)
 
     def _show_address(self) -> None:
-        """Write the view to the address. It is written again when the browser has replaced the address by its own."""
+        """Write the view to the page's address, when the view has changed or the browser has changed the address."""
         self._location.search = self.store.view.query()
 
     def _toggle_form(self) -> None:
@@ -237,7 +237,7 @@ class Page:
             self._act(lambda caller: self._describe(caller, survey_id, entered))
 
     def _act(self, act: Callable[[Caller], object]) -> None:
-        """Act on a survey in a thread, if the caller may submit surveys."""
+        """Call `act` with the caller in a thread, if the caller may submit surveys."""
 
         async def run() -> None:
             await self._viewer.run_as_caller(act, Scope.SUBMIT)

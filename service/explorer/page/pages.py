@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 UNUSED_SECONDS, CHECK_SECONDS = 15.0, 1.0
 
 #: The id of a page is signed, so that nobody can make up the id of another viewer's page. Headers and cookies are not
-#: kept, because Bokeh would write them, with the API key, into the page. Bokeh signs with a process's first secret.
+#: kept, because Bokeh would write them, with the API key, into the page. Bokeh signs with the first key that a process
+#: gives it.
 SETTINGS: dict[str, Any] = {
     "secret_key": secrets.token_bytes(32),
     "sign_sessions": True,

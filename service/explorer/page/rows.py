@@ -19,7 +19,7 @@ STORED = {LARGEST: FAMILY}  # {map that is not stored: the stored variable from 
 
 
 def survey_row(status: JobStatus, view: View, owned: bool) -> dict[str, Any]:
-    """Return a survey's row of the list, for this view. owned: whether the survey belongs to the caller."""
+    """Return a survey's row in the list of surveys of a page. owned: whether the survey belongs to the caller."""
     job = status.job
     state, message = job.shown_status
     submitted = ["submitted", job.created[:16].replace("T", " ") + " UTC"]
@@ -82,7 +82,7 @@ def _value_text(given: Any) -> str:
 
 
 def machine_facts(request: SurveyRequest) -> list[list[str]]:
-    """Return the speeds and eccentricities of a survey of a machine, and its other numbers.
+    """Return the ranges of speed and eccentricity of a machine's survey, and the other numbers of the machine.
 
     The list is empty for a survey without a machine.
 

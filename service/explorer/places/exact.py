@@ -32,7 +32,10 @@ KEPT = 8  # most maps of unfinished surveys in memory
 
 
 class ExactPlane(MapPlane):
-    """Map in closed form. `cell_at` computes the closed forms at the point itself. It blocks: use a thread."""
+    """Map in closed form. The constructor blocks: use a thread.
+
+    `cell_at` computes the closed forms at the point that it is given, not at the centre of the point's cell.
+    """
 
     def __init__(self, cells: Cells, found: xr.Dataset, variable: str, index: int) -> None:
         self.id, self.number, self.request, self._evaluated = "", 0, REQUEST, cells
@@ -50,7 +53,7 @@ class ExactPlane(MapPlane):
 
 
 class ExamplePlane(ExactPlane):
-    """Map of the example."""
+    """Map of the survey that comes with the explorer as an example."""
 
     def __init__(self, cells: Cells, found: xr.Dataset, variable: str, index: int) -> None:
         super().__init__(cells, found, variable, index)
@@ -74,7 +77,10 @@ class ExamplePlane(ExactPlane):
 
 
 class UnfinishedPlane(ExactPlane):
-    """Closed-form map of an unfinished survey, at most SIDE cells along an axis. `cell_at` reads computed cells."""
+    """Closed-form map of an unfinished survey, at most SIDE cells along an axis.
+
+    `cell_at` reads the survey's own cell, if it is computed. The constructor blocks: use a thread.
+    """
 
     def __init__(
         self, request: SurveyRequest, survey_id: str, variable: str, index: int, computed: Callable[[], MapPlane]
@@ -87,7 +93,15 @@ class UnfinishedPlane(ExactPlane):
         self.plane, self._evaluated = self.plane.copy(), replace(cells)
 
     def cell_at(self, delta: float, epsilon: float) -> xr.Dataset | None:
-        """Return the survey's variables at a point, or closed forms if not computed; None outside of the survey."""
+        """Return the variables of the survey's cell at a point; None outside of the survey.
+
+        If the cell is not computed yet, the result has the closed forms at the point.
+
+        Returns
+        -------
+        xr.Dataset | None
+            Variables of the cell, or closed forms.
+        """
         if self.value_and_status(delta, epsilon) is None:
             return None
         with suppress(MissingError):  # the error is raised while the survey waits for its turn
@@ -98,12 +112,12 @@ class UnfinishedPlane(ExactPlane):
 
 
 def _closed_form_request(request: SurveyRequest) -> SurveyRequest:
-    """Return the request of a survey that has only the closed forms of another survey."""
+    """Return the request of a survey of the same cells that computes only the closed forms."""
     return SurveyRequest(beta=request.beta, delta=request.delta, epsilon=request.epsilon, quantities=CLOSED_FORMS)
 
 
 def _thinned_request(request: SurveyRequest) -> SurveyRequest:
-    """Return the request of a survey's closed forms on at most SIDE cells along each axis."""
+    """Return the request of a survey of the closed forms in the same plane, with at most SIDE cells along each axis."""
     delta, epsilon = (
         Axis(start=axis.start, stop=axis.stop, num=min(axis.num, SIDE)) for axis in (request.delta, request.epsilon)
     )
@@ -111,7 +125,7 @@ def _thinned_request(request: SurveyRequest) -> SurveyRequest:
 
 
 class ExactMaps:
-    """Maps that need no computed survey. They are computed once for all pages, at the first request for one of them."""
+    """Maps that need no computed survey. Closed forms are computed at the first request, for all pages."""
 
     request = REQUEST
 
@@ -128,7 +142,18 @@ class ExactMaps:
     def unfinished_map(
         self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], MapPlane]
     ) -> MapPlane:
-        """See `UncomputedMaps`."""
+        """Return a closed-form map of an unfinished survey. It blocks: use a thread.
+
+        Parameters
+        ----------
+        computed : Callable[[], MapPlane]
+            Returns the map of the cells that the survey has computed; raises MissingError if it has no cells yet.
+
+        Returns
+        -------
+        MapPlane
+            The map.
+        """
         key = job.id, variable, index, number
         with self._lock:
             if key not in self._unfinished:
@@ -141,7 +166,7 @@ class ExactMaps:
             return self._unfinished[key]
 
     def plane(self, variable: str, index: int) -> MapPlane:
-        """See `UncomputedMaps`."""
+        """Return a map of the example. It blocks: use a thread. index: number of the attractor or the orbit."""
         return ExamplePlane(self._cells, self._found, variable, index)
 
     @cached_property
@@ -154,7 +179,15 @@ class ExactMaps:
 
 
 def _closed_form_dataset(cells: Cells, names: Collection[str] = ()) -> xr.Dataset:
-    """Return the closed forms of cells as a dataset like an open survey. names: variables, () for all variables."""
+    """Return the closed forms of cells as a dataset of the form that `open_survey` returns.
+
+    names: names of the variables, () for all variables.
+
+    Returns
+    -------
+    xr.Dataset
+        Closed forms, with the coordinates δ and ε.
+    """
     every = [each for each in variables_of_groups(CLOSED_FORMS, REQUEST.model) if each.per_cell]
     quantities = [each for each in every if not names or each.name in names]
     dims = {dim for each in quantities for dim in each.dims[:-2]}

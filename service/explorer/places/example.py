@@ -1,4 +1,7 @@
-"""The survey that comes with the explorer: the paper's Figure 7, shown if there is no other survey (`make example`)."""
+"""The survey that comes with the explorer: the plane of the paper's Figure 7, shown if there is no other survey.
+
+`make example` computes its file.
+"""
 
 from __future__ import annotations
 

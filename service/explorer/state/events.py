@@ -1,4 +1,4 @@
-"""Events that change the view of a page: everything that a viewer does there, and what the page has drawn."""
+"""Events that change the view of a page: actions of its viewer, and maps that the page itself has chosen or drawn."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gear_rattle.service.explorer.common.point_state import PointState, Toleranc
 
 @dataclass(frozen=True)
 class SurveyChosen:
-    """A survey was chosen by its id. is_new: it shows its default map, whatever variable was chosen before."""
+    """A survey was chosen by its id. is_new: True if it was just submitted, and so is shown with its default map."""
 
     survey: str
     is_new: bool = False
@@ -65,7 +65,7 @@ class LimitsSet:
 
 @dataclass(frozen=True)
 class MapDrawn:
-    """A map was drawn. seen: its settings, None if nothing is shown. limits: limits of the view that was drawn."""
+    """A map was drawn. seen: its settings, None if nothing is shown. limits: `limits` of the view that was drawn."""
 
     seen: DrawnSettings | None
     limits: Limits | Pair = "auto"
@@ -106,12 +106,12 @@ class WindowReset:
 
 @dataclass(frozen=True)
 class BackChosen:
-    """The map went back to the window before."""
+    """The map was set back to the window that was shown before this one."""
 
 
 @dataclass(frozen=True)
 class ForwardChosen:
-    """The map went forward to the window from which it had gone back."""
+    """The map was set forward again, to the window that it showed before `BackChosen`."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class PointerMoved:
 class PointOpened:
     """A point (δ, ε) was opened. machine: the machine that was entered for it, or None.
 
-    state: state of the point's tabs; None keeps the tab that is open.
+    state: state of the point's tabs; None keeps the state if the point is open already, else only the open tab.
     """
 
     point: Pair
@@ -150,7 +150,7 @@ class AttractorChosen:
 
 @dataclass(frozen=True)
 class InitialConditionChosen:
-    """The initial condition (τ, v) of the motion that is shown was chosen in the basins."""
+    """The initial condition (τ, v) of the motion that is shown was chosen in the picture of the basins."""
 
     start: Pair
 
@@ -178,7 +178,7 @@ class YieldRequested:
 
 @dataclass(frozen=True)
 class SoundRequested:
-    """The sound of the motion was requested. rpm: speed of the machine, None if a viewer entered none."""
+    """The sound of the shown motion was requested. rpm: speed of the machine, None if a viewer entered none."""
 
     rpm: float | None
 
@@ -197,7 +197,10 @@ class PointClosed:
 
 @dataclass(frozen=True)
 class BookmarkChosen:
-    """A bookmark was chosen: its window, its point (None for no point), and the state of its tabs as in PointOpened."""
+    """A bookmark was chosen: its window, its point (None for no point), and the state of the point's tabs.
+
+    state: None keeps the state if the point is open already, else only the open tab.
+    """
 
     window: Ranges
     point: Pair | None
@@ -221,7 +224,7 @@ class MapAdded:
 
 @dataclass(frozen=True)
 class MapChanged:
-    """The comparison map with the index `place` shows another map."""
+    """Another map was chosen for the comparison map with the index `place`."""
 
     place: int
     further: ComparisonChoice

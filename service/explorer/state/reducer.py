@@ -29,7 +29,7 @@ def reduce(view: View, event: Event) -> View:
     view : View
         View before the event.
     event : Event
-        What a viewer did, see `gear_rattle.service.explorer.state.events`.
+        What the viewer or the page did, see `gear_rattle.service.explorer.state.events`.
 
     Returns
     -------
@@ -51,7 +51,7 @@ def reduce(view: View, event: Event) -> View:
             return replace(view, limits=limits, log=log)
         case events.MapDrawn(seen, limits):
             is_own = seen is not None and isinstance(view.limits, tuple) and view.limits == limits
-            # on a log scale, limits that a viewer entered begin at the least positive value
+            # on a log scale, the least positive value has replaced a lower limit of 0 or less that a viewer entered
             drawn = seen.limits if is_own and seen is not None and seen.limits is not None else view.limits
             return replace(view, seen=seen, limits=drawn)
         case events.OverlaysChosen(overlays):
@@ -137,13 +137,22 @@ def _set_window(view: View, window: Ranges | None) -> View:
 
 
 def _open_point(view: View, point: Pair, machine: EnteredMachine | None, state: PointState | None) -> View:
-    """Open a point. state: state of its tabs; None keeps all tabs of the same point, or the open tab of another one."""
+    """Open a point (δ, ε), if δ > 0 and ε ≥ 0.
+
+    state: state of the point's tabs. If it is None, a point that is already open keeps the state of its tabs, and
+    another point gets the default state with the tab that is open.
+
+    Returns
+    -------
+    View
+        The view with the open point.
+    """
     if point[0] <= 0 or point[1] < 0:
         return view
     if state is None:
         is_open = (view.point, view.machine) == (point, machine)
         state = view.point_state if is_open else PointState(tab=view.point_state.tab)
-    # without a pointer elsewhere, the numbers beside the map are of the point's cell
+    # a pointer elsewhere is dropped, so that the numbers beside the map are of the point's cell
     pointer = view.pointer if view.pointer is not None and view.pointer.at == point else None
     return replace(view, point=point, machine=machine, point_state=state.with_changes(), pointer=pointer)
 

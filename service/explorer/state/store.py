@@ -72,7 +72,10 @@ class Store(Listeners):
         self._known: tuple[str, SurveyRequest] | None = None
 
     def subscribe(self, listener: Callable[[], object], *names: str) -> None:
-        """Call a listener after changes of the named fields of the view or of the surveys (JOBS), by default of any."""
+        """Call a listener after changes of named fields of the view, or of the list of surveys (named JOBS).
+
+        Without names, call the listener after every change.
+        """
         super().subscribe(listener, *(names or (*NAMES, JOBS)))
 
     def dispatch(self, event: Event) -> None:
@@ -93,7 +96,7 @@ class Store(Listeners):
 
     @property
     def whole_request(self) -> SurveyRequest | None:
-        """Request of the chosen survey, of the example if none is chosen; None if the survey cannot be read."""
+        """Request of the chosen survey, or of the example; None if the survey is not known or cannot be read."""
         if self.view.is_example:
             return self._example
         job = self.job
@@ -105,7 +108,7 @@ class Store(Listeners):
 
     @property
     def request(self) -> SurveyRequest | None:
-        """Request of the chosen slice; without a third axis the same as `whole_request`. None if that is None."""
+        """Request of the chosen slice, or of a survey without third axis; None if `whole_request` is None."""
         whole = self.whole_request
         return whole if whole is None else whole.slice_request(whole.slice_index(self.view.slice))
 
@@ -117,7 +120,7 @@ class Store(Listeners):
 
     @property
     def machine(self) -> SurveyedMachine | None:
-        """Machine of the chosen survey; None if the survey has no machine."""
+        """Machine of the chosen survey; None if the survey has no machine, or if `request` is None."""
         request = self.request
         return None if request is None else request.machine
 
