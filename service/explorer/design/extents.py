@@ -87,10 +87,16 @@ def motion_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> E
     return _swept_extent(gear, attractor, within)
 
 
-def add_crisis(gear: AnyGear, extents: Sequence[Extent | None]) -> tuple[Extent | None, ...]:
+def add_crisis(
+    gear: AnyGear, attractors: Sequence[rattle.Attractor], extents: Sequence[Extent | None]
+) -> tuple[Extent | None, ...]:
     """Return the extents, with the boundary crisis of the gear's damping in place of a swept upper end near it."""
     crisis = _crisis(gear) if Capability.CRISIS in model_at(gear).has else None
-    return tuple(each if each is None or crisis is None else _ends_in(each, crisis) for each in extents)
+    pairs = zip(attractors, extents, strict=False)  # attractors beyond MOST_FOLLOWED have no extent
+    return tuple(
+        each if each is None or crisis is None or one.kind != "chaotic" else _ends_in(each, crisis)
+        for one, each in pairs
+    )
 
 
 def has_swept_chaos(attractors: Sequence[rattle.Attractor], extents: Sequence[Extent | None]) -> bool:

@@ -129,7 +129,9 @@ class KeyedLines(MapLines):
         )  # fmt: skip
 
     def _on_chosen(self) -> None:
-        self._store.dispatch(OverlaysChosen(tuple(name for name in OVERLAYS if name in self.key.chosen)))
+        chosen = tuple(name for name in OVERLAYS if name in self.key.chosen)
+        if chosen != self._store.view.lines:  # else the browser repeats the lines that the page has written
+            self._store.dispatch(OverlaysChosen(chosen))
 
     def _on_share(self) -> None:
         self._store.dispatch(ShareSet(float(self.share.value or USUAL_SHARE)))

@@ -128,7 +128,8 @@ class MapView(SurveyMap):
     def show_error(self, error: RattleError) -> None:
         """Write why the map could not be drawn, or that the first cells of the survey are being computed."""
         job = self._store.job
-        is_empty = job is not None and job.state == State.RUNNING and not job.cells_done
+        # the status may be older than the drawing: a survey that waited for its turn then runs already
+        is_empty = job is not None and not State(job.state).is_final and not job.cells_done
         if is_empty and isinstance(error, MissingError):
             self.show_nothing(BEGINS)
         else:

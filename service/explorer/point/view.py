@@ -182,7 +182,7 @@ class Answer:
         if extents.has_swept_chaos(attractors, known):
             with suppress(UnavailableError):  # if this fails, the end of chaos stays the bracket that the sweep found
                 known[:] = await point.work.compute(
-                    extents.add_crisis, gear, known, what="The boundary crisis", slow=True
+                    extents.add_crisis, gear, attractors, known, what="The boundary crisis", slow=True
                 )
             await point.work.change(partial(self._show_extents, known))
         chaos = words.chaos_events(gear, attractors, known)

@@ -333,7 +333,7 @@ def end_in_words(end: End, is_upper: bool, scale: float = 1.0) -> str:
     if end.kind == LOST:
         return f"{at}: could not be followed farther"
     if end.kind == SWEPT:
-        return f"seen {'up to' if is_upper else 'from'} {at} (swept): {side}, {end.beyond}"
+        return f"{at} (swept); {side} it the sweep found {end.beyond}"
     if end.kind == FLIP and end.remains:
         what = "loses stability by period doubling" if is_upper else "becomes stable by period doubling"
     else:

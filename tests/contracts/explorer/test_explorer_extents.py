@@ -92,7 +92,7 @@ def test_chaos_is_swept_to_a_bracket_and_ends_in_the_crisis(delta: float, epsilo
     assert extent.high.beyond in ("quiet", "undecided")  # the first transients are long
     assert abs(extent.high.epsilon - crisis) < 2 * extent.high.error < 2e-4
     assert has_swept_chaos([chaotic], [extent])
-    (exact,) = add_crisis(gear, [extent])
+    (exact,) = add_crisis(gear, [chaotic], [extent])
     assert exact is not None
     assert (exact.high.kind, exact.high.epsilon, exact.high.error) == (CRISIS, crisis, 0.0)
     assert not has_swept_chaos([chaotic], [exact])
@@ -136,7 +136,11 @@ def test_a_stiff_motion_goes_on_beyond_its_graze() -> None:
         (End(FLIP, 0.12), False, "0.12: begins by period doubling"),
         (End(GRAZING, 0.12), True, "0.12: ends at a graze"),
         (End(RANGE, 0.3), True, "does not end up to 0.3"),
-        (End(SWEPT, 0.097, 0.0004, beyond="P(2,2,0)"), False, "seen from 0.0970 ± 0.0004 (swept): below, P(2,2,0)"),
+        (
+            End(SWEPT, 0.097, 0.0004, beyond="P(2,2,0)"),
+            False,
+            "0.0970 ± 0.0004 (swept); below it the sweep found P(2,2,0)",
+        ),
         (End(CRISIS, 0.11088676), True, "0.1109: ends in the boundary crisis"),
     ],
 )
