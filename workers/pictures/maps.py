@@ -233,6 +233,9 @@ def _orbit_or_slot(dim: str, value: object, plane: xr.DataArray) -> str:
         return f"{dim} {value}"
     return SLOTS[plane.attrs.get(SLOT_ORDER, BY_FRACTION)].format(value)
 
+#: Words of the legend for cells with an infinite value, by variable; a level without impacts is −∞ dB.
+INFINITE_VALUE = {each.name: "quiet: no impacts" for each in QUANTITIES if each.name.endswith("_level")}
+
 
 def words_without_value(plane: xr.DataArray) -> str:
     """Return the words with which the legend explains computed cells that have no value."""
@@ -339,7 +342,7 @@ def valueless_layers(
         "not computed": (status == 0, NOT_COMPUTED),
         "failed": (status == FAILED, FAILURE),
         nothing: ((status > 0) & (status != FAILED) & np.isnan(values), NOTHING),
-        "infinite": (np.isinf(values), INFINITE),
+        INFINITE_VALUE.get(variable, "infinite"): (np.isinf(values), INFINITE),
     }
     if variable in AT_ZERO:
         layers[AT_ZERO[variable]] = ((status > 0) & (values == 0), ZERO)

@@ -93,10 +93,9 @@ def add_crisis(
     """Return the extents, with the boundary crisis of the gear's damping in place of a swept upper end near it."""
     crisis = _crisis(gear) if Capability.CRISIS in model_at(gear).has else None
     pairs = zip(attractors, extents, strict=False)  # attractors beyond MOST_FOLLOWED have no extent
-    return tuple(
-        each if each is None or crisis is None or one.kind != "chaotic" else _ends_in(each, crisis)
-        for one, each in pairs
-    )
+    if crisis is None:
+        return tuple(extents)
+    return tuple(_ends_in(each, crisis) if each and one.kind == "chaotic" else each for one, each in pairs)
 
 
 def has_swept_chaos(attractors: Sequence[rattle.Attractor], extents: Sequence[Extent | None]) -> bool:

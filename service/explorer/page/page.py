@@ -71,6 +71,7 @@ class Page:
         location: Any = pn.state.location
         self._location = location
         self._location.param.watch(lambda _event: viewer.change(self._show_address), "search")
+        self._was_told = False  # True once the surveys are known
         self._default_survey = ""  # id of the survey that is shown because the viewer chose none
         self._form: SurveyForm | None = None
         viewer.tell = self._show_notice
@@ -155,11 +156,15 @@ class Page:
         return statuses
 
     def _choose_default(self) -> None:
-        """Show the default survey if the viewer has chosen none, or if the survey shown by default was deleted."""
+        """Show the default survey when the page opens, unless the viewer has chosen one, or after its deletion.
+
+        A survey that comes later does not replace the example, at which the viewer may be looking.
+        """
         shown, jobs = self.store.view.survey, self.store.jobs
+        is_first, self._was_told = not self._was_told, True
         # a job status that was read before the deletion may still come
         gone = shown == self._default_survey and shown not in jobs
-        if (not shown or gone) and (first := default_survey(each.job for each in jobs.values())):
+        if (gone if shown else is_first) and (first := default_survey(each.job for each in jobs.values())):
             self._default_survey = first.id
             self.store.dispatch(SurveyChosen(first.id))
 
