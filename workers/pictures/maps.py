@@ -233,6 +233,7 @@ def _orbit_or_slot(dim: str, value: object, plane: xr.DataArray) -> str:
         return f"{dim} {value}"
     return SLOTS[plane.attrs.get(SLOT_ORDER, BY_FRACTION)].format(value)
 
+
 #: Words of the legend for cells with an infinite value, by variable; a level without impacts is −∞ dB.
 INFINITE_VALUE = {each.name: "quiet: no impacts" for each in QUANTITIES if each.name.endswith("_level")}
 
