@@ -222,7 +222,7 @@ def test_what_is_not_a_survey_cannot_be_verified(tmp_path: Path) -> None:
     with pytest.raises(SurveyError, match="is empty"):
         examine(tmp_path)
     (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(SurveyError, match="no survey"):
+    with pytest.raises(SurveyError, match="holds no store that can be read"):
         examine(tmp_path)
     told = finish("verify", str(tmp_path / "missing"))
     assert told.returncode == 2

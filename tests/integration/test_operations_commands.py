@@ -54,8 +54,11 @@ NETWORK = "needs a network and an environment of its own; tests/install/check_wh
 PREFIX = "needs a proxy; tests/integration/test_proxies.py serves below a path"
 SCHEDULER = "needs a cluster on HOST; tests/integration/test_workers_versions.py uses one by address and scheduler file"
 VERIFY = "needs a store of its own; tests/integration/test_verify_processes.py verifies with several processes"
+LONG = "takes half an hour; the integration tests run surveys of fewer cells with the same options"
 CANNOT = {
     "rattle verify --processes 8": VERIFY,
+    "rattle verify --processes 2": VERIFY,
+    "rattle run --delta 0.4:1.0:10000 --epsilon 0.005:0.3:10000 --quantity region": LONG,
     "docker compose build scheduler": CONTAINERS,
     "docker compose run --rm front rattle key add NAME --scope submit": CONTAINERS,
     "docker compose up --scale worker=8": CONTAINERS,

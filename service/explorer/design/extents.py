@@ -32,7 +32,7 @@ SADDLE_NODE, FLIP, GRAZING = "SN", "PD", "GR"
 CRISIS, QUIET_LIMIT, SWEPT, RANGE, LOST = "crisis", "quiet limit", "swept", "range", "lost"
 
 
-class End(NamedTuple):
+class ExtentEnd(NamedTuple):
     """One end of the range of ε in which a motion attracts.
 
     kind: SN, PD or GR for an event of the branch; "crisis", "quiet limit"; "swept" if a sweep only bracketed the end;
@@ -51,11 +51,11 @@ class End(NamedTuple):
     remains: bool = False
 
 
-class Extent(NamedTuple):
+class MotionExtent(NamedTuple):
     """The range of ε in which a motion attracts. windows: number of periodic windows that a sweep of chaos passed."""
 
-    low: End
-    high: End
+    low: ExtentEnd
+    high: ExtentEnd
     windows: int = 0
 
 
@@ -73,12 +73,12 @@ def followed_range(gear: AnyGear, map_range: Pair | None) -> Pair:
     return 0.0, max(map_range[1] if map_range else 0.0, 2.0 * gear.quiet_limit, 1.05 * gear.epsilon)
 
 
-def motion_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> Extent | None:
+def motion_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> MotionExtent | None:
     """Return the range of ε in which an attractor attracts, searched in the range `within`; None if it is undecided."""
     if attractor.kind == "undecided":
         return None
     if attractor.kind == "quiet":
-        return Extent(End(RANGE, 0.0), End(QUIET_LIMIT, gear.quiet_limit))
+        return MotionExtent(ExtentEnd(RANGE, 0.0), ExtentEnd(QUIET_LIMIT, gear.quiet_limit))
     if attractor.kind == "periodic" and attractor.n_plus + attractor.n_minus <= MOST_IMPACTS:
         with suppress(RattleError):  # the motion is too close to grazing for Newton's method, so it is swept
             branch = _branch_of(gear, attractor, within)
@@ -88,8 +88,8 @@ def motion_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> E
 
 
 def add_crisis(
-    gear: AnyGear, attractors: Sequence[rattle.Attractor], extents: Sequence[Extent | None]
-) -> tuple[Extent | None, ...]:
+    gear: AnyGear, attractors: Sequence[rattle.Attractor], extents: Sequence[MotionExtent | None]
+) -> tuple[MotionExtent | None, ...]:
     """Return the extents, with the boundary crisis of the gear's damping in place of a swept upper end near it."""
     crisis = _crisis(gear) if Capability.CRISIS in model_at(gear).has else None
     pairs = zip(attractors, extents, strict=False)  # attractors beyond MOST_FOLLOWED have no extent
@@ -98,7 +98,7 @@ def add_crisis(
     return tuple(_ends_in(each, crisis) if each and one.kind == "chaotic" else each for one, each in pairs)
 
 
-def has_swept_chaos(attractors: Sequence[rattle.Attractor], extents: Sequence[Extent | None]) -> bool:
+def has_swept_chaos(attractors: Sequence[rattle.Attractor], extents: Sequence[MotionExtent | None]) -> bool:
     """Return whether the upper end of a chaotic attractor is only a bracket, which a boundary crisis may replace."""
     pairs = zip(attractors, extents, strict=False)  # attractors beyond MOST_FOLLOWED have no extent
     return any(one.kind == "chaotic" and each is not None and each.high.kind == SWEPT for one, each in pairs)
@@ -112,7 +112,7 @@ def _crisis(gear: AnyGear) -> float | None:
     return None
 
 
-def _ends_in(extent: Extent, crisis: float) -> Extent:
+def _ends_in(extent: MotionExtent, crisis: float) -> MotionExtent:
     high = extent.high
     if high.kind != SWEPT or abs(high.epsilon - crisis) > 2.0 * high.error:
         return extent
@@ -127,13 +127,13 @@ def _branch_of(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> Any:
     return stiff_branch(orbit, "epsilon", within) if isinstance(orbit, StiffOrbit) else None
 
 
-def _extent_of_branch(branch: Any, within: Pair) -> Extent:
+def _extent_of_branch(branch: Any, within: Pair) -> MotionExtent:
     """Return the extent of the attracting part of a branch around the point from which the branch was followed."""
     grazes = [(each, each.after or -1) for each in getattr(branch, "grazes", ())]  # stiff branches end at grazes
     events = [(each, _piece_of(each, branch)) for each in branch.events if each.admissible] + grazes
     attracts = branch.stable & branch.admissible
 
-    def end(way: int) -> End:
+    def end(way: int) -> ExtentEnd:
         point = branch.start
         while True:
             beyond, is_last = point + way, not 0 <= point + way < len(branch)
@@ -142,12 +142,12 @@ def _extent_of_branch(branch: Any, within: Pair) -> Extent:
             if here and (is_last or here[0].kind in (SADDLE_NODE, FLIP) or not attracts[beyond]):
                 return _end_at(here[0], branch, not is_last and bool(branch.admissible[beyond]))
             if is_last and branch.ends[way > 0] == "span":
-                return End(RANGE, within[way > 0])
+                return ExtentEnd(RANGE, within[way > 0])
             if is_last or not attracts[beyond]:
-                return End(LOST, float(branch.epsilon[point]))
+                return ExtentEnd(LOST, float(branch.epsilon[point]))
             point = beyond
 
-    return Extent(end(-1), end(1))
+    return MotionExtent(end(-1), end(1))
 
 
 def _piece_of(event: Any, branch: Any) -> int:
@@ -156,10 +156,10 @@ def _piece_of(event: Any, branch: Any) -> int:
     return -1 if is_origin else int(event.after)
 
 
-def _end_at(event: Any, branch: Any, remains: bool) -> End:
+def _end_at(event: Any, branch: Any, remains: bool) -> ExtentEnd:
     """Return the end of a motion at an event of its branch. remains: True if the branch's next point is admissible."""
     next_motion = getattr(event, "beyond", None)
-    return End(
+    return ExtentEnd(
         str(event.kind),
         float(event.parameters[1]),
         curve=branch.curve_of(event) or "",
@@ -168,18 +168,18 @@ def _end_at(event: Any, branch: Any, remains: bool) -> End:
     )
 
 
-def _swept_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> Extent:
+def _swept_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> MotionExtent:
     """Return the range of ε in which an attractor attracts, found by following its states in steps to either side."""
     (low, below), (high, above) = (_sweep(gear, attractor, end, within) for end in within)
-    return Extent(low, high, below + above)
+    return MotionExtent(low, high, below + above)
 
 
-def _sweep(gear: AnyGear, attractor: rattle.Attractor, end: float, within: Pair) -> tuple[End, int]:
+def _sweep(gear: AnyGear, attractor: rattle.Attractor, end: float, within: Pair) -> tuple[ExtentEnd, int]:
     """Follow an attractor in steps of ε towards `end`. A step that loses the attractor is repeated at half its size.
 
     Returns
     -------
-    End
+    ExtentEnd
         The end of the attractor, or of the range.
     int
         The number of periodic windows of chaos that the sweep passed.
@@ -199,9 +199,9 @@ def _sweep(gear: AnyGear, attractor: rattle.Attractor, end: float, within: Pair)
             continue
         passed = _after_window(gear, attractor, found, there, way * longest, end)
         if passed is None:
-            return End(SWEPT, (at + there) / 2, abs(there - at) / 2, beyond=legend_name(found[0])), windows
+            return ExtentEnd(SWEPT, (at + there) / 2, abs(there - at) / 2, beyond=legend_name(found[0])), windows
         (at, known), step, windows = passed, longest, windows + 1
-    return End(RANGE, end), windows
+    return ExtentEnd(RANGE, end), windows
 
 
 def _continued(gear: AnyGear, known: rattle.Attractor, at: float, there: float) -> tuple[rattle.Attractor, ...]:

@@ -169,7 +169,7 @@ class Answer:
             return
         attractors, request = point.attractors.attractors, point.store.request
         within = extents.followed_range(gear, None if request is None else window_of(request)[1])
-        known: list[extents.Extent | None] = []
+        known: list[extents.MotionExtent | None] = []
         for each in attractors[: extents.MOST_FOLLOWED]:
             try:
                 found = await point.work.compute(
@@ -189,7 +189,7 @@ class Answer:
         if chaos:  # only at the end, because a new table of events folds rows that a viewer has unfolded
             await point.work.change(lambda: point.update(chaos=chaos))
 
-    def _show_extents(self, known: Sequence[extents.Extent | None]) -> None:
+    def _show_extents(self, known: Sequence[extents.MotionExtent | None]) -> None:
         point = self._point
         if point.attractors is not None:
             self._panel.extents.html = words.extents_table(point.attractors, known, point.machine, point.palette)

@@ -19,8 +19,8 @@ from gear_rattle.service.explorer.design.extents import (
     RANGE,
     SADDLE_NODE,
     SWEPT,
-    End,
-    Extent,
+    ExtentEnd,
+    MotionExtent,
 )
 from gear_rattle.service.explorer.design.fields import ERRORS
 from gear_rattle.service.explorer.point.parts import Margin, PeriodOneOrbits, SampledAttractors
@@ -310,12 +310,12 @@ def bracket_text(value: float, error: float) -> str:
     return f"{value:.{places}f} ± {math.ceil(error * 10**places) / 10**places:.{places}f}".replace("-", MINUS)
 
 
-def end_in_words(end: End, is_upper: bool, scale: float = 1.0) -> str:
+def end_in_words(end: ExtentEnd, is_upper: bool, scale: float = 1.0) -> str:
     """Return in words one end of the range of ε in which a motion attracts, and the event there.
 
     Parameters
     ----------
-    end : End
+    end : ExtentEnd
         The end.
     is_upper : bool
         True for the end at the larger eccentricity.
@@ -343,7 +343,7 @@ def end_in_words(end: End, is_upper: bool, scale: float = 1.0) -> str:
 
 
 def extents_table(
-    found: SampledAttractors, extents: Sequence[Extent | None], machine: Machine | None, palette: Palette
+    found: SampledAttractors, extents: Sequence[MotionExtent | None], machine: Machine | None, palette: Palette
 ) -> str:
     """Return a table of the eccentricities between which each attractor attracts, with the event at each end.
 
@@ -351,7 +351,7 @@ def extents_table(
     ----------
     found : SampledAttractors
         The attractors of the point.
-    extents : sequence of Extent or None
+    extents : sequence of MotionExtent or None
         The extents of the first attractors; None for an undecided one, and for one not computed in time.
     machine : Machine | None
         Machine whose eccentricities are shown, in µm; None for ε.
@@ -383,7 +383,7 @@ ChaosEvent = tuple[str, str, Pair, str]
 
 
 def chaos_events(
-    gear: AnyGear, attractors: Sequence[rattle.Attractor], extents: Sequence[Extent | None]
+    gear: AnyGear, attractors: Sequence[rattle.Attractor], extents: Sequence[MotionExtent | None]
 ) -> list[ChaosEvent]:
     """Return the beginning and the end along ε of each chaotic attractor as events.
 

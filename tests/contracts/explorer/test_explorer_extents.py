@@ -20,8 +20,8 @@ from gear_rattle.service.explorer.design.extents import (
     RANGE,
     SADDLE_NODE,
     SWEPT,
-    End,
-    Extent,
+    ExtentEnd,
+    MotionExtent,
     add_crisis,
     followed_range,
     has_swept_chaos,
@@ -39,7 +39,7 @@ C, D = (1, 1, 0), (1, 1, 1)
 MAP = (0.0, 0.3)
 
 
-def extent_of(gear: rattle.Gear, label: tuple[int, int, int]) -> Extent:
+def extent_of(gear: rattle.Gear, label: tuple[int, int, int]) -> MotionExtent:
     orbit = next(each for each in gear.orbits() if each.stable and (each.m, each.n_plus, each.n_minus) == label)
     found = gear.reached([orbit.tau], [orbit.v]).attractors[0]
     extent = motion_extent(gear, found, followed_range(gear, MAP))
@@ -130,21 +130,21 @@ def test_a_stiff_motion_goes_on_beyond_its_graze() -> None:
 @pytest.mark.parametrize(
     ("end", "is_upper", "said"),
     [
-        (End(SADDLE_NODE, 0.0903456, curve="SN1"), False, "0.09035: begins by a saddle-node (SN1)"),
-        (End(FLIP, 0.12, remains=True), True, "0.12: loses stability by period doubling"),
-        (End(FLIP, 0.12, remains=True), False, "0.12: becomes stable by period doubling"),
-        (End(FLIP, 0.12), False, "0.12: begins by period doubling"),
-        (End(GRAZING, 0.12), True, "0.12: ends at a graze"),
-        (End(RANGE, 0.3), True, "does not end up to 0.3"),
+        (ExtentEnd(SADDLE_NODE, 0.0903456, curve="SN1"), False, "0.09035: begins by a saddle-node (SN1)"),
+        (ExtentEnd(FLIP, 0.12, remains=True), True, "0.12: loses stability by period doubling"),
+        (ExtentEnd(FLIP, 0.12, remains=True), False, "0.12: becomes stable by period doubling"),
+        (ExtentEnd(FLIP, 0.12), False, "0.12: begins by period doubling"),
+        (ExtentEnd(GRAZING, 0.12), True, "0.12: ends at a graze"),
+        (ExtentEnd(RANGE, 0.3), True, "does not end up to 0.3"),
         (
-            End(SWEPT, 0.097, 0.0004, beyond="P(2,2,0)"),
+            ExtentEnd(SWEPT, 0.097, 0.0004, beyond="P(2,2,0)"),
             False,
             "0.0970 ± 0.0004 (swept); below it the sweep found P(2,2,0)",
         ),
-        (End(CRISIS, 0.11088676), True, "0.1109: ends in the boundary crisis"),
+        (ExtentEnd(CRISIS, 0.11088676), True, "0.1109: ends in the boundary crisis"),
     ],
 )
-def test_an_end_is_said_in_words(end: End, is_upper: bool, said: str) -> None:
+def test_an_end_is_said_in_words(end: ExtentEnd, is_upper: bool, said: str) -> None:
     assert words.end_in_words(end, is_upper) == said
 
 
@@ -152,7 +152,9 @@ def test_a_machine_has_its_ends_in_micrometres() -> None:
     machine = rattle.Machine(0.003, 5e-4, 100e-6, 15e-6, 0.05, rpm=3000)
     found = parts.sampled_attractors(machine.gear, 64)
     number = next(i for i, each in enumerate(found.attractors) if each.kind == "quiet")
-    extents = [Extent(End(RANGE, 0.0), End(QUIET_LIMIT, machine.gear.quiet_limit)) for _ in range(number + 1)]
+    extents = [
+        MotionExtent(ExtentEnd(RANGE, 0.0), ExtentEnd(QUIET_LIMIT, machine.gear.quiet_limit)) for _ in range(number + 1)
+    ]
     said = words.extents_table(found, extents, machine, Palette())
     assert "To µm" in said
     limit = words.number_text(1e6 * machine.gear.quiet_limit * machine.units.length)
@@ -163,7 +165,9 @@ def test_the_events_list_the_beginning_and_the_end_of_chaos() -> None:
     gear = rattle.Gear(0.6, 0.1)
     attractors = gear.attractors(64)
     extents = [
-        Extent(End(SWEPT, 0.0977, 0.0001, beyond="P(2,2,0)"), End(CRISIS, 0.1109)) if each.kind == "chaotic" else None
+        MotionExtent(ExtentEnd(SWEPT, 0.0977, 0.0001, beyond="P(2,2,0)"), ExtentEnd(CRISIS, 0.1109))
+        if each.kind == "chaotic"
+        else None
         for each in attractors
     ]
     chaos = words.chaos_events(gear, attractors, extents)

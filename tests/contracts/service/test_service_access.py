@@ -174,7 +174,7 @@ def test_cells_count_until_the_survey_is_deleted(client: TestClient) -> None:
     headers, other = key(client, max_cells=2 * CELLS + 5), key(client)
     first, second = submit(client, headers), submit(client, headers, seed=1)
     refused = client.post("/v1/surveys", json=BODY | {"seed": 2}, headers=headers)
-    assert_problem(refused, 403, f"{CELLS} cells", f"the {2 * CELLS} cells of", f"{2 * CELLS + 5} cells")
+    assert_problem(refused, 403, f"would have {3 * CELLS} cells", f"quota of your key, {2 * CELLS + 5} cells")
     submit(client, other)  # another key has its own
     client.delete(f"/v1/surveys/{first}", headers=headers)  # dismissed: its store is still there
     assert_problem(client.post("/v1/surveys", json=BODY | {"seed": 2}, headers=headers), 403)

@@ -251,7 +251,7 @@ def test_distributions_survive_a_request(kind: Any) -> None:
         ({"gear": FIELDS["gear"] | {"rpm": 3000.0}}, "both define the gear"),
         ({"correlation": [[1.0, 2.0], [2.0, 1.0]]}, "numbers from -1 to 1"),
         ({"correlation": [[1.0]]}, "a row and a column for each number that varies"),
-        ({"gear": FIELDS["gear"] | {"beta": {"distribution": "normal", "mean": 0.6, "deviation": 0.2}}}, "below 0"),
+        ({"gear": FIELDS["gear"] | {"beta": {"distribution": "normal", "mean": 0.6, "deviation": 0.2}}}, "above 0"),
         ({"gear": FIELDS["gear"] | {"beta": {"distribution": "normal", "mean": 0.6, "deviation": 0.0}}}, "deviation"),
         ({"gear": MACHINE["gear"] | {"radius": 50.0}, "correlation": None}, "radius must be in metres"),  # type: ignore[operator]
         ({"share": 0.9, "margin": 0.1}, "give either share or margin, not both"),

@@ -66,9 +66,9 @@ def test_what_is_done_with_the_samples_of_many_cells_is_what_is_done_with_those_
     np.testing.assert_array_equal(sets.evenly_spaced(12).size, [here.size for here in evenly])
     of_each = np.split(holds, np.cumsum(size)[:-1])
     np.testing.assert_array_equal(sets.cells_where_all(holds), [here.all() for here in of_each])
-    np.testing.assert_array_equal(sets.largest(values), [values[here].max() for here in each])
-    np.testing.assert_array_equal(sets.smallest(values), [values[here].min() for here in each])
-    for here, other in zip(sets.each(), each, strict=True):
+    np.testing.assert_array_equal(sets.largest_by_cell(values), [values[here].max() for here in each])
+    np.testing.assert_array_equal(sets.smallest_by_cell(values), [values[here].min() for here in each])
+    for here, other in zip(sets.split_by_cell(), each, strict=True):
         np.testing.assert_array_equal(here, other)
 
 

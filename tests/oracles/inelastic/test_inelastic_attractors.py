@@ -82,7 +82,7 @@ def test_shares_of_random_gears() -> None:
     rng, count, seen = np.random.default_rng(60), 48, Counter()
     for _ in range(either(10, 40)):
         gear = random_gear(rng)
-        tau, v = rng.random(count), rng.random(count) * gear._speed("natural")
+        tau, v = rng.random(count), rng.random(count) * gear._highest_speed("natural")
         reached = gear.reached(tau, v)
         ours = Counter(as_the_brute_force_says(reached.attractors[i].name) for i in reached.which)
         numbers = gear.delta, gear.epsilon, gear.beta, gear.restitution, gear.load, list(gear.harmonics)

@@ -41,7 +41,7 @@ def test_points_go_back_to_the_saddle(name, kind, side):
         _, tau, v, _, _ = images(
             found.tau[at], found.v[at], j * local.steps, j * local.turns, not local.backwards, orbit.point
         )
-        off = np.hypot(*(np.stack([tau, v]) - local.at(found.parameter[at])))
+        off = np.hypot(*(np.stack([tau, v]) - local.states_at(found.parameter[at])))
         assert off[~ends[at]].max(initial=0.0) < 1e-8
         assert off.max(initial=0.0) < 1e-5
         checked += off.size
@@ -58,7 +58,7 @@ def test_it_leaves_the_saddle_along_its_eigenvector(kind):
     multiplier = float(np.real(orbit.multipliers[1 if kind == "stable" else 0]))
     assert step == pytest.approx(multiplier * vector, abs=1e-12)
     local = local_manifold(orbit, kind == "stable")
-    chord = (local.at(np.array([1e-6])) - local.at(np.array([-1e-6])))[:, 0] / 2e-6
+    chord = (local.states_at(np.array([1e-6])) - local.states_at(np.array([-1e-6])))[:, 0] / 2e-6
     assert chord == pytest.approx(vector, abs=1e-8)
 
 

@@ -173,7 +173,7 @@ def test_a_shock_that_cannot_be_is_refused(given: dict[str, Any], says: str) -> 
 @pytest.mark.parametrize(
     ("asked", "says"),
     [
-        ({"gears": 10_000_000}, "exceed the limit of 16,777,216 samples: make count smaller first"),
+        ({"gears": 10_000_000}, "exceed the limit of 16,777,216 samples: make `count` smaller first"),
         ({"gears": 1}, "gears must be an integer from 2"),
         ({"share": 1.0}, "share must be at most 0.9999"),
         ({"share": 0.9, "margin": 0.1}, "give either share or margin, not both"),

@@ -67,7 +67,7 @@ def test_points_go_back_to_the_saddle(name: str, kappa: float, kind: str) -> Non
             _, tau, v, _, _ = images(
                 found.tau[at], found.v[at], j * local.steps, j * local.turns, not local.backwards, orbit.point
             )
-            off = np.hypot(*(np.stack([tau, v]) - local.at(found.parameter[at])))
+            off = np.hypot(*(np.stack([tau, v]) - local.states_at(found.parameter[at])))
             assert off.max(initial=0.0) < 1e-8
             checked += off.size
         assert checked > 5

@@ -137,15 +137,6 @@ def force_of_phase(d: Any, cosine: Any, sine: Any) -> Any:
     return d * (4 * PI) - cosine * (4 * PI**2) - d * sine * (2 * PI)
 
 
-class EquationTerms:
-    """Terms of (16.10) to (16.13), docs/proofs.md: s, δ, a = e^(−δs), b = e^(−δ(1−s)), E = e^(−δ), sin πs, cos πs."""
-
-    def __init__(self, s: Jet, d: Jet) -> None:
-        self.s, self.d = s, d
-        self.a, self.b, self.end = (d * s).exp_minus(), (d * (1 - s)).exp_minus(), d.exp_minus()
-        self.sine, self.cosine = s.sine_and_cosine(1)
-
-
 class ParameterBox:
     """A rectangle of s and δ, over which functions are enclosed by the mean value theorem.
 
