@@ -167,7 +167,8 @@ def _whole_revolutions(turn: Array, e: Array) -> tuple[Array, Array, int]:
     Raises
     ------
     ParameterError
-        If the angles do not span whole revolutions, or the errors have an impossible height or do not close.
+        If the angles do not span whole revolutions, the errors have an impossible height, or the errors at
+        both ends disagree.
     """
     span, step = float(turn[-1] - turn[0]), float(np.median(np.diff(turn)))
     with_end, without = round(span), round(span + step)
@@ -201,7 +202,7 @@ def _whole_revolutions(turn: Array, e: Array) -> tuple[Array, Array, int]:
 
 
 def _largest_gap(turn: Array, revolutions: int) -> float:
-    """Return the largest distance between neighbouring angles in revolutions, all angles modulo one revolution."""
+    """Return the largest distance, in revolutions, between neighbouring angles on the circle; angles count modulo 1."""
     angle = np.unique(turn % 1.0) if revolutions > 1 else np.sort(turn - turn[0])
     return float(max(np.max(np.diff(angle), initial=0.0), 1.0 - angle[-1] + angle[0]))
 
