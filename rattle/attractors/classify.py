@@ -359,12 +359,14 @@ class Classifier(ABC):
         Chaotic sets that lose samples slowly are frequent at weak damping and in cells with a quiet motion, and twelve
         probes do not reveal the loss. Therefore all unresolved samples of the cells are followed, for as many impacts
         as the probe with the most impacts. At weak damping, and if cells have fewer samples than MANY, neighbours of
-        these samples are followed too.
+        these samples are followed too (`neighbours_stay_unresolved`). In the other cells the chaotic sets that the
+        probes had shown are withdrawn.
 
         Returns
         -------
         NDArray[np.bool_]
-            False for cells where a sample or a neighbour reaches an attractor, or where a sample may be chattering.
+            False for cells where a sample reaches an attractor or may be chattering, or where a neighbour does not
+            stay unresolved.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)

@@ -22,7 +22,7 @@ WHOLE = 0.01
 #: Largest and least peak-to-peak height of a transmission error, m.
 WIDEST, NARROWEST = 1e-3, 2e-8
 #: Largest difference between both ends of a curve: over its largest step between neighbouring points, and over its
-#: peak-to-peak height. The larger of these two limits holds.
+#: peak-to-peak height. The larger of these limits holds, but only the second if the last point repeats the first.
 JUMP, CLOSING = 4.0, 0.1
 MOST_POINTS = 1_000_000
 Array = NDArray[np.float64]
@@ -140,7 +140,8 @@ def read_transmission_error(path: str | Path, orders: int = 40) -> TransmissionE
     RattleError
         If the file cannot be read.
     ParameterError
-        If columns are missing, a unit is unclear, or `transmission_error` refuses the curve.
+        If columns are missing or appear twice, a cell is not a number, a unit is missing, or `transmission_error`
+        refuses the curve.
     """
     found = read_columns(path, (*ANGLES, *ERRORS, *BARE))
     columns = []
