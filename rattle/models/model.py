@@ -361,7 +361,7 @@ class Model(ABC):
         return self.functions.diagram(start, end, **self.numbers, steps=steps, count=count)
 
     def describe(self, name: str) -> str:
-        """Return a description of what happens on a curve. Raises ParameterError."""
+        """Return a description of what happens to motions on the curve `name`. Raises ParameterError."""
         return self.functions.describe(name)
 
     def trace(self, name: str, delta: Range, epsilon: Range) -> Curve:

@@ -308,7 +308,7 @@ def _compile(*work: str) -> None:
 
 
 def compile_here(about: str, *works: str) -> None:
-    """Compile the kernels of these jobs in this process, which ends when its parent process ends."""
+    """Compile the kernels of these jobs in this process, and mark each job as done; end if the parent process ends."""
     threading.Thread(target=lambda: sys.stdin.read() or os._exit(1), daemon=True).start()
     gc.set_threshold(100_000, 20, 20)  # with the default thresholds garbage collection takes an eighth of the time
     for work in works:

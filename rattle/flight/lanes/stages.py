@@ -278,7 +278,7 @@ def search(b, i, paths):
 
 @kernel
 def repair(b, groups, paths):
-    """Compute the flights of the lanes without proof one by one."""
+    """Compute one by one, with `search`, the flights of the lanes whose impact is not proved."""
     for i in range(GROUP * groups):
         if not b.sure[i] > 0.0 and b.n_plus[i] < b.limit[i]:
             search(b, i, paths)
