@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 # no known name is longer; a longer text is not compared, because the time of a comparison grows as the square of length
 LONGEST_NAME = 80
-LEAST_PART = 3  # a known name is suggested if it contains the given text, which must be at least this long
+# a known name is suggested if it begins with the given text, or if it contains a given text of at least this length
+LEAST_PART = 3
 MOST_MEANT = 3  # a message suggests at most this many names
 MAY_BE_ZERO = ("epsilon", "load")  # parameters that may be 0; all others must be greater than 0
 AT_MOST = {"restitution": (1.0, "1 is an elastic impact")}

@@ -144,7 +144,7 @@ def _html_cells(columns: Columns, row: int | None) -> str:
 
 
 def _value_as_text(value: Any) -> str:
-    """Return a value as text; real and complex numbers have at most six digits."""
+    """Return a value as text: "yes" or "no" for a bool, at most six significant digits for a real or complex number."""
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, complex | np.complexfloating):

@@ -105,10 +105,10 @@ def is_contraction(a, b, c, d, m00, m01, m11):
 
 @inline
 def state_on_ellipse(centres, i, direction, radius):
-    """Return the state in direction number `direction` from centre i, on the ellipse zᵀMz = size².
+    """Return the state in direction number `direction` from centre i, on the ellipse zᵀMz = size² around the centre.
 
-    M is the matrix of the centre's norm. The size is the radius in directions with even numbers, and half the radius in
-    the others. The state follows from the Cholesky factor of M.
+    z is the difference from the centre, and M the matrix of the centre's norm. The size is `radius` in directions with
+    even numbers, and half of it in the others. The state follows from the Cholesky factor of M.
 
     Returns
     -------
@@ -163,7 +163,7 @@ def next_radius(radius):
 
 @inline
 def impacts_between_centres(n_plus):
-    """Return the number of impacts on Σ⁺ from one centre to the next, on an orbit with n_plus of them a period."""
+    """Return the number of impacts on Σ⁺ from one centre of an orbit to the next; a period has n_plus impacts on Σ⁺."""
     return (n_plus + BALLS_PER_ORBIT - 1) // BALLS_PER_ORBIT
 
 

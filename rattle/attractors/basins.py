@@ -1,10 +1,10 @@
 """Basins of attraction on a grid of the (τ, v) plane: by cell mapping, by following every cell, or by both.
 
-With every method the classifier of `rattle.attractors.table` alone distinguishes attractors. Cell mapping replaces the
-map of states by a map of cells (the image of each centre under Π^k) and finds its periodic groups in one pass. One
-member of each group is then followed exactly, together with the sample of `Gear.attractors`. A group that is only an
-artefact of the grid therefore gets the label of the true attractor. Refinement follows more cells exactly: a lattice of
-cells, and then the cells at basin boundaries. The label of such a cell holds for all cells that the map sends to it.
+With every method `rattle.attractors.classify` alone decides which attractors there are. Cell mapping replaces the map
+of states by a map of cells (the image of each centre under Π^k) and finds its periodic groups in one pass. One member
+of each group is then followed exactly, together with the sample of `Gear.attractors`. A group that is only an artefact
+of the grid therefore gets the label of the true attractor. Refinement follows more cells exactly: a lattice of cells,
+and then the cells at basin boundaries. The label of such a cell holds for all cells that the map sends to it.
 """
 
 from dataclasses import dataclass

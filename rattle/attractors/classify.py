@@ -26,8 +26,8 @@ from rattle.parameters import Parameters
 
 PILOT = 8  # this many samples of a cell are followed first; orbits that they find can capture the other samples
 FIRST, SECOND = 64, 512  # impacts that a sample may make in all by the end of the first, and of the second, stage
-GROWTH = 4  # each further stage lasts this many times as long as the previous one
-STAGES = 4  # number of stages at strong damping; weak damping has as many as the budget allows
+GROWTH = 4  # by the end of each further stage a sample may make this many times as many impacts in all
+STAGES = 4  # number of stages after the first at strong damping; weak damping has as many as the budget allows
 FEW = 8  # a cell gets one more stage if at most one in 8 of its samples is unresolved
 MEASURED, PERIODS = 2000, 1000.0  # a probe is followed for at least this many impacts and forcing periods
 CHATTERING = 0.5  # a sample whose impacts take less than this share of the expected time may be chattering
@@ -61,7 +61,7 @@ class ChaoticSet(NamedTuple):
     sums : ndarray, (k, BATCHES, 3)
         Time, ln stretch and ln|det| of each batch of flights, for the k samples whose exponents were measured.
     watched : float
-        Least number of forcing periods for which one of the samples that show the chaos was followed.
+        Shortest time, in forcing periods, for which one of the samples that show the chaos was followed.
     """
 
     samples: NDArray[np.int64]
@@ -114,7 +114,7 @@ class Classifier(ABC):
 
     @staticmethod
     def damping(cells: Any) -> NDArray[np.float64]:
-        """Return the rate (n_cells,) at which areas of states shrink per forcing period, with one impact per period."""
+        """Return the rates (n_cells,) at which areas of (t, v²/2) shrink per forcing period with one impact in it."""
         return np.asarray(cells.delta)
 
     @classmethod
@@ -185,7 +185,11 @@ class Classifier(ABC):
         """
 
     def run(self) -> None:
-        """Follow the samples until each one is on an attractor, or its stages or its budget are used up."""
+        """Follow samples until each is on an attractor, or its cell has had its last stage, or its budget is used up.
+
+        In each stage the unresolved samples of a cell are followed up to a higher limit of impacts. At weak damping
+        only the budget limits the number of stages.
+        """
         index = np.arange(self.samples.cell.size).reshape(-1, self.count)
         pilot = np.zeros(self.count, np.bool_)
         pilot[np.arange(min(PILOT, self.count)) * self.count // min(PILOT, self.count)] = True
@@ -226,7 +230,7 @@ class Classifier(ABC):
     def impact_limit(self, impacts: Any, cell: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the limit of impacts for samples of these cells, given the limit `impacts` at strong damping.
 
-        At weak damping the limit is larger.
+        If the damping is below WATCH/PERIODS, this limit is multiplied by WATCH/PERIODS over the damping.
 
         Returns
         -------
@@ -355,12 +359,14 @@ class Classifier(ABC):
         Chaotic sets that lose samples slowly are frequent at weak damping and in cells with a quiet motion, and twelve
         probes do not reveal the loss. Therefore all unresolved samples of the cells are followed, for as many impacts
         as the probe with the most impacts. At weak damping, and if cells have fewer samples than MANY, neighbours of
-        these samples are followed too.
+        these samples are followed too (`neighbours_stay_unresolved`). In the other cells the chaotic sets that the
+        probes had shown are withdrawn.
 
         Returns
         -------
         NDArray[np.bool_]
-            False for cells where a sample or a neighbour reaches an attractor, or where a sample may be chattering.
+            False for cells where a sample reaches an attractor or may be chattering, or where a neighbour does not
+            stay unresolved.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -566,7 +572,7 @@ class Classifier(ABC):
         return prints
 
     def shortest_observation(self, which: NDArray[np.int64]) -> float:
-        """Return the least number of forcing periods for which any of these samples was followed."""
+        """Return the shortest time, in forcing periods, for which one of these samples was followed."""
         return float(self.samples.time[which].min())
 
 

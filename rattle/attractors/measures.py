@@ -34,7 +34,8 @@ class BasinEntropy(NamedTuple):
 class Uncertainty(NamedTuple):
     """The exponent α of the fraction of uncertain pairs, f ∝ size^α, with its 95 % half-width.
 
-    Both are NaN if fewer than three sizes have enough uncertain pairs.
+    A pair of states at the distance `size` is uncertain if the states go to different attractors. α and its half-width
+    are NaN if fewer than three sizes have enough uncertain pairs.
 
     Attributes
     ----------
@@ -128,7 +129,7 @@ def basin_entropy(basins: Basins, box: int = 5) -> BasinEntropy:
 def _random_pairs(
     sizes: NDArray[np.float64], pairs: int, v_max: float, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return phases and speeds (sizes, 2, pairs) of random pairs: a uniform state, and a state at a given distance."""
+    """Return phases and speeds (k, 2, pairs) of pairs at k distances `sizes`; the first state of a pair is uniform."""
     random = np.random.default_rng(seed)
     shape = (sizes.size, pairs)
     tau, v = random.random(shape), 1.0 - random.random(shape)

@@ -18,7 +18,7 @@ from rattle.orbits.return_map import fastest_point, log_multipliers, newton, poi
 APPROACH, ARRIVED = 0.5, 1e-9
 CANDIDATE = 1e-5  # the first return to within this distance gives the period for Newton's method
 LONGEST_PERIOD = 4096  # longest period for Newton's method, in impacts on Σ⁺; slower recurrences are followed further
-SAME_POINT = 1e-6  # orbits of one label closer than this are the same orbit
+SAME_POINT = 1e-6  # two orbits with the same label whose points are closer than this are the same orbit
 
 
 @inline
@@ -58,7 +58,7 @@ def is_approaching(tau, v, star_tau, star_v, k, most, point):
 
 @kernel
 def impacts_until_return(tau, v, gap, point):
-    """Return the number of impacts on Σ⁺ until (τ, v) first returns close to itself; a return after `gap` is known."""
+    """Return the impacts on Σ⁺ until (τ, v) first returns close to itself: `gap`, unless an earlier return is found."""
     t, speed, unit = tau, v, speed_unit_at(point)
     for j in range(1, gap):
         status, t, speed, _time, _below = step(t, speed, point)

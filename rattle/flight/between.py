@@ -44,7 +44,7 @@ def decay_loss(z):
 
 @inline
 def drift_lag(x, s, pull):
-    """Return 1 − x/(1 − e^(−x)) for x = δs, accurate to rounding for any x; `pull` is δ/(1 − e^(−x))."""
+    """Return 1 − x/(1 − e^(−x)) to rounding, for x = δs of a flight with duration s; `pull` is δ/(1 − e^(−x))."""
     if not abs(x.real) < SMALL:
         return 1.0 - s * pull
     y = x * x

@@ -18,7 +18,7 @@ from rattle.flight.forcing import contact_force, library_phase
 from rattle.numerics.compile import inline, kernel
 
 IN_CONTACT = 2  # status of a motion in contact: there is no next flight until a release
-ENDLESS = 3  # status of a motion that makes MOST_BOUNCES impacts on Σ⁻ between two on Σ⁺
+ENDLESS = 3  # status of a motion that makes over MOST_BOUNCES impacts on Σ⁻ for one on Σ⁺
 MOST_BOUNCES = 100_000
 SLOWEST = 1e-150  # speed below which squares of speeds and heights underflow
 #: A chatter must end within this share of the time until the contact force may vanish (`rattle.inelastic.map.contact`).

@@ -101,7 +101,9 @@ def state_after_step(u, f1, lost, sin1, cos1, flight):
 
 @kernel
 def proven_impact(wall, tau, flight, beta):
-    """Locate the first impact by the same stages as `rattle.flight.lanes`, for one flight.
+    """Locate the first impact of one flight by the guess and the proof of `rattle.flight.lanes`.
+
+    Unlike there, the first guess is not improved, and there is no second attempt.
 
     Returns
     -------

@@ -124,7 +124,7 @@ def _build_functions(real, versine, sine_defect):
 
     @inline
     def add_acceleration_after(x, sin0, dsin, cos1, epsilon):
-        """Return x + e'' at a later phase, whose sine is given as sin0 and dsin, because adding them loses digits."""
+        """Return x + e'', e the forcing, at the phase of cosine cos1 and sine sin0 + dsin, a sum that loses digits."""
         return x - two_pi * two_pi * epsilon * cos1
 
     return FlightFunctions(
@@ -163,7 +163,7 @@ def sampled_phases(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]
 
 @inline
 def short_step(u):
-    """Return 1 − cos 2πu and sin 2πu of a short time by Taylor series, with errors below 1e-15 for u up to 1e-4."""
+    """Return 1 − cos 2πu and sin 2πu for a short time u, by Taylor series with errors below 1e-15 for u up to 1e-4."""
     y = TWO_PI * u
     return y * y * (0.5 - y * y * (1.0 / 24.0)), y * (1.0 - y * y * (1.0 / 6.0))
 
@@ -250,7 +250,7 @@ def has_swing_beyond(share, delta, epsilon):
 
 @inline
 def relative_force(swing, share):
-    """Return the contact force over its mean, at a phase that is share/2 away from the phase of the least force.
+    """Return the contact force over its mean, at `share` of half a period from the phase of the least force.
 
     swing: the amplitude of the contact force over its mean, as `relative_swing` returns it.
 
@@ -351,7 +351,7 @@ def change_scale32(s):
 
 @inline
 def coarse_change_scale32(s, epsilon):
-    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|, coarser than that of `change_scale32` but faster."""
+    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|, e the forcing; `change_scale32` is closer but slower."""
     return epsilon * (W1 * s + f32(3.0))
 
 
@@ -437,13 +437,13 @@ def analytic_force_ahead(sign, sin0, cos0, delta, epsilon):
 
 @inline
 def change_by_epsilon(t0, t1, s):
-    """Return the derivative by ε of the forcing's change e(t₁) − e(t₀), at real times with s = t₁ − t₀."""
+    """Return the derivative by ε of e(t₁) − e(t₀), e the forcing; the times are real (not complex), s = t₁ − t₀."""
     return -2.0 * math.sin(math.pi * (t0 + t1)) * math.sin(math.pi * s)
 
 
 @inline
 def slope_by_epsilon(sine, cosine):
-    """Return the derivative by ε of e', the forcing's derivative, at a real time."""
+    """Return ∂e'/∂ε, e the forcing, at the time whose phase has this sine and cosine (real, not complex)."""
     return -TWO_PI * sine
 
 

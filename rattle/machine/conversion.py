@@ -10,7 +10,7 @@ import numpy as np
 
 from rattle.flight.forcing import TWO_PI
 
-#: For each drive the ratio of the model's Φ to φ + (e/r) cos Ωt, for two equal gears.
+#: For each drive the ratio of the model's Φ to φ + (e/r) cos Ωt, φ = θ₁ − θ₂, for two equal gears.
 DRIVES = {"torque": 1.0, "speed": 2.0}
 
 
@@ -143,8 +143,8 @@ def rate_error(pair: Reduced, backlash: Any, forcing: Any, load: Any) -> Any:
 
     The bound holds after transients; m, γ and V are those of `reduce_pair`, and u₁, u₂ the speeds of the base circles.
     The common motion has the speed u with m₁u₁ + m₂u₂ = (m₁ + m₂)u, which impacts do not change, so y = u − V obeys
-    y' = −Γy − kx' with a rate Γ > 0 and k = (γ₁ − γ₂)m₁m₂/(m₁ + m₂)². Then y + kx stays below |k| max|x|, so
-    |y| ≤ 2|k| max|x|, and |x| ≤ j/2 + max|e|.
+    y' = −Γy − kx' with a rate Γ > 0 and k = (γ₁ − γ₂)m₁m₂/(m₁ + m₂)². Then |y + kx| stays below |k| max|x|,
+    so |y| ≤ 2|k| max|x|, and |x| ≤ j/2 + max|e|.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def rate_error(pair: Reduced, backlash: Any, forcing: Any, load: Any) -> Any:
 
 def damping(pair: Reduced) -> Any:
     """Return the damping δ = 2πc/(IΩ), from the reduced drag c and inertia I and the speed Ω of the forcing."""
-    return np.divide(TWO_PI * pair.drag, pair.inertia * pair.speed)  # infinite at speed 0
+    return np.divide(TWO_PI * pair.drag, pair.inertia * pair.speed)  # δ is infinite at speed 0
 
 
 def epsilon_of_amplitude(length: Any, pair: Reduced) -> Any:

@@ -51,8 +51,8 @@ class PairForcing(NamedTuple):
     def harmonics(self, number: Any = ()) -> tuple[Harmonic, ...]:
         """Return the harmonics besides the first, in the form that `rattle.Gear` takes.
 
-        number: the index of the pair, if there are many. If a pair has no first harmonic, the result contains order 1
-        with amplitude 0.
+        number: the index of the pair, if there are many. If a pair has only higher harmonics, the result contains order
+        1 with amplitude 0.
 
         Returns
         -------

@@ -35,7 +35,7 @@ RPM = TWO_PI / 60.0
 LARGEST_RADIUS = 5.0
 #: Largest plausible ratio of backlash or eccentricity to the base radius.
 WIDEST = 0.1
-#: Largest relative difference between the ratio of the radii and that of the tooth numbers, from rounding on a drawing.
+#: Largest relative difference between the ratios of the radii and of the tooth numbers, because drawings round radii.
 ROUNDED = 0.01
 MOST_TEETH = 1000
 #: Density of steel in kg/m³, and largest plausible ratio of an inertia to that of a steel disc as wide as its radius.

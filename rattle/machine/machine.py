@@ -194,7 +194,7 @@ class Machine:
         self._require_consistent_pair()
 
     def _require_consistent_pair(self) -> None:
-        """Raise ParameterError if numbers of the two gears are too large for their units, or contradict each other."""
+        """Raise ParameterError if numbers of the machine are too large for their units, or exclude each other."""
         total = self._point.forcing.total
         require(
             total <= WIDEST * self.radius,

@@ -68,7 +68,7 @@ def machine_point(
     -------
     MachinePoint
         The parameter point. `added` contains restitution and load only if impacts are inelastic, or if there is a load
-        or a second harmonic.
+        or a harmonic besides the first.
 
     Raises
     ------

@@ -22,7 +22,7 @@ WHOLE = 0.01
 #: Largest and least peak-to-peak height of a transmission error, m.
 WIDEST, NARROWEST = 1e-3, 2e-8
 #: Largest difference between both ends of a curve: over its largest step between neighbouring points, and over its
-#: peak-to-peak height. The larger of these two limits holds.
+#: peak-to-peak height. The larger of these limits holds, but only the second if the last point repeats the first.
 JUMP, CLOSING = 4.0, 0.1
 MOST_POINTS = 1_000_000
 Array = NDArray[np.float64]
@@ -140,7 +140,8 @@ def read_transmission_error(path: str | Path, orders: int = 40) -> TransmissionE
     RattleError
         If the file cannot be read.
     ParameterError
-        If columns are missing, a unit is unclear, or `transmission_error` refuses the curve.
+        If columns are missing or appear twice, a cell is not a number, a unit is missing, or `transmission_error`
+        refuses the curve.
     """
     found = read_columns(path, (*ANGLES, *ERRORS, *BARE))
     columns = []
@@ -167,7 +168,8 @@ def _whole_revolutions(turn: Array, e: Array) -> tuple[Array, Array, int]:
     Raises
     ------
     ParameterError
-        If the angles do not span whole revolutions, or the errors have an impossible height or do not close.
+        If the angles do not span whole revolutions, the errors have an impossible height, or the errors at
+        both ends disagree.
     """
     span, step = float(turn[-1] - turn[0]), float(np.median(np.diff(turn)))
     with_end, without = round(span), round(span + step)
@@ -201,7 +203,7 @@ def _whole_revolutions(turn: Array, e: Array) -> tuple[Array, Array, int]:
 
 
 def _largest_gap(turn: Array, revolutions: int) -> float:
-    """Return the largest distance between neighbouring angles in revolutions, all angles modulo one revolution."""
+    """Return the largest distance, in revolutions, between neighbouring angles on the circle; angles count modulo 1."""
     angle = np.unique(turn % 1.0) if revolutions > 1 else np.sort(turn - turn[0])
     return float(max(np.max(np.diff(angle), initial=0.0), 1.0 - angle[-1] + angle[0]))
 

@@ -112,7 +112,7 @@ class AnyGear(Protocol):
         """Return the motions A to D that exist."""
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> Periodic:
-        """Return the periodic motion with n_plus impacts on Σ⁺ a period that is found from the departure (τ, v)."""
+        """Return the periodic motion near the departure (τ, v) that repeats after n_plus impacts on Σ⁺."""
 
     def saddle(self, orbit: Orbit) -> Periodic:
         """Return an orbit of period one as a saddle, with the data from which its manifolds are computed."""
@@ -121,18 +121,18 @@ class AnyGear(Protocol):
         """Return the next impact on Σ⁺ after a departure."""
 
     def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]:
-        """Return the first departure (τ, v) from Σ⁺ of a motion that starts at any phase, position and velocity."""
+        """Return the first departure (τ, v) from Σ⁺ of the motion with this phase, position Φ and velocity Φ'."""
 
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
-        """Return the states after n returns to Σ⁺."""
+        """Return the states that the departures (τ, v) lead to after n returns to Σ⁺."""
 
     def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
-        """Return a motion sampled in time."""
+        """Return the motion after the departure (τ, v), sampled in time."""
 
     def attractors(
         self, count: int = 256, v_max: SpeedLimit = None, seed: int = 0, budget: int = BUDGET
     ) -> tuple[Attractor, ...]:
-        """Return the attractors that `count` random initial conditions reach."""
+        """Return the attractors that `count` initial conditions reach, and known stable orbits that none reaches."""
 
     def basins(
         self,
@@ -143,7 +143,7 @@ class AnyGear(Protocol):
         tau: Range | None = None,
         v: Range | None = None,
     ) -> Basins:
-        """Return the basins of attraction."""
+        """Return the basins of attraction on a grid of states (τ, v)."""
 
     def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached:
         """Return the attractor that each state (τ, v) reaches."""
@@ -361,7 +361,7 @@ class Model(ABC):
         return self.functions.diagram(start, end, **self.numbers, steps=steps, count=count)
 
     def describe(self, name: str) -> str:
-        """Return a description of what happens on a curve. Raises ParameterError."""
+        """Return a description of what happens to motions on the curve `name`. Raises ParameterError."""
         return self.functions.describe(name)
 
     def trace(self, name: str, delta: Range, epsilon: Range) -> Curve:
@@ -383,5 +383,5 @@ class Model(ABC):
 
     @classmethod
     def joined_rows(cls, parameters: Parameters, table: Attractors) -> Rows:
-        """Take the cells with these parameters (n,) as one row of a grid, and join their attractors by `join_rows`."""
+        """Join the attractors of cells with parameters (n,) by `join_rows`, as if the cells were one row of a grid."""
         return join_rows(table, (1, parameters.size), cls.classifier.cells_of(parameters))

@@ -48,7 +48,7 @@ COMPILE_NOTHING = COMPUTE_NOTHING | {"models"}  # parts without kernels: models 
 COMPILE = "import sys; from rattle.numerics.compile import compile_here; compile_here(*sys.argv[1:])"
 STEP = "compiling "  # the lines in which the compiling process reports its steps begin with this word
 POLL_SECONDS = 0.1
-_HERE: list[Path] = []  # files that a compiling process creates when the kernels are compiled; empty in other processes
+_HERE: list[Path] = []  # files that a compiling process creates when kernels are compiled; [] in other processes
 _LOCK = threading.Lock()
 
 
@@ -161,8 +161,8 @@ def _type_in_kernels(function: Inline, _context: Any) -> Any:
 class Kernel(Inline):
     """A compiled function that Python can call. Its machine code is kept on disk.
 
-    Each kernel that calls this one contains its own copy of its machine code. All copies are identical, so the results
-    do not depend on the order in which a process loads them.
+    Each kernel that calls this one contains a copy of the machine code of this one. All copies are identical, so the
+    results do not depend on the order in which a process loads them.
     """
 
     options = _CALLED
@@ -195,7 +195,15 @@ class Kernel(Inline):
 
 
 def compile_one(about: str) -> dict[str, Callable[[], Any]]:
-    """Return {name: function}, where the function compiles the kernel of this name for the types in `about`."""
+    """Return {name: function}; the function compiles a kernel for types of arguments.
+
+    about: a hash, a space, and, pickled in base64, the kernel's module and name and the types.
+
+    Returns
+    -------
+    dict
+        One function, under the name of the kernel.
+    """
     module, name, *arguments = pickle.loads(base64.b64decode(about.split()[1]))
     return {name: lambda: getattr(import_module(module), name).entry.compile(tuple(arguments))}
 
@@ -235,7 +243,7 @@ def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[...
 
 
 def note_of(about: str, work: str) -> Path:
-    """Return the path of the file that marks that the kernels of the job `work` for `about` are in the cache."""
+    """Return the path of a file that exists once the cache has the kernels of the job `work` with argument `about`."""
     return cache_directory() / f"{work.rpartition(':')[2]}-{about.split()[0]}.note"
 
 
@@ -300,7 +308,7 @@ def _compile(*work: str) -> None:
 
 
 def compile_here(about: str, *works: str) -> None:
-    """Compile the kernels of these jobs in this process, which ends when its parent process ends."""
+    """Compile the kernels of these jobs in this process, and mark each job as done; end if the parent process ends."""
     threading.Thread(target=lambda: sys.stdin.read() or os._exit(1), daemon=True).start()
     gc.set_threshold(100_000, 20, 20)  # with the default thresholds garbage collection takes an eighth of the time
     for work in works:

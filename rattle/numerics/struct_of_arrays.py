@@ -50,7 +50,15 @@ _FOR_KERNELS: dict[type, Any] = {}
 
 
 def kernel_columns(name: str, table: type, module: str) -> Any:
-    """Return a new named-tuple class in which kernels take the columns of `table`; `module` is to define the class."""
+    """Return a new named-tuple class in which kernels take the columns of `table`.
+
+    The module `module` must hold the class under the name `name`, because numba's cache stores it by these names.
+
+    Returns
+    -------
+    type
+        The class, with the fields of `table` in order.
+    """
     columns: Any = namedtuple(name, [field.name for field in fields(table)], module=module)  # type: ignore[misc]
     _FOR_KERNELS[table] = columns
     return columns

@@ -85,7 +85,7 @@ BLOCK = _layout()
 
 @inline
 def flag(condition):
-    """Return 1 or 0 as a float32, so that all numbers of a stage have the same width."""
+    """Return 1 if the condition holds, else 0, as a float32, so that all numbers of a stage have the same width."""
     return ONE if condition else ZERO
 
 

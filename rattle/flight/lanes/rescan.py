@@ -79,7 +79,7 @@ def compacted_arc(b, i):
 
 @inline
 def scan(b, n, padded):
-    """Evaluate the n compacted flights at fixed steps until each has ended. Places from n on count as ended."""
+    """Evaluate the n compacted flights at fixed steps until each has ended. Places n to padded − 1 count as ended."""
     for k in range(padded):
         from_bottom = b.z_wall[k] < ZERO
         b.z_f[k], b.z_g[k], b.z_turn[k], b.z_end[k] = ZERO, b.z_w[k], ZERO, ZERO
@@ -103,7 +103,10 @@ def scan(b, n, padded):
 
 @inline
 def locate(b, n):
-    """Compute the depth of the last turning point that the scan found, and the impact in single precision."""
+    """Compute in single precision the impact of each of n compacted flights, after the scan.
+
+    For the proof the function also computes a lower bound of F at the last turning point that the scan found.
+    """
     for k in range(n):
         wall, gap, flight = b.z_wall[k], b.z_gap[k], compacted_flight(b, k)
         turn, end, scanned_fall = b.z_turn[k], b.z_end[k], b.z_falls[k]
@@ -124,7 +127,7 @@ def locate(b, n):
 
 @inline
 def prove_scanned(b, n):
-    """Discard the proof of located impacts that may not be the first, where the contact force keeps its sign."""
+    """Discard the proof of impacts that may not be the first; for blocks in which no contact force changes sign."""
     for k in range(n):
         rising, minimum = b.z_falls[k] == ZERO, Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])
         clear = clears_the_gap(b.z_wall[k], rising, b.z_s[k], minimum, b.z_gap[k], compacted_flight(b, k))
@@ -133,7 +136,7 @@ def prove_scanned(b, n):
 
 @inline
 def prove_scanned_turns(b, n):
-    """Discard the proof of impacts that may not be the first, where the contact force of some lane changes sign."""
+    """Discard the proof of impacts that may not be the first; for blocks in which some contact force changes sign."""
     for k in range(n):
         wall, gap, rising, tau, s = b.z_wall[k], b.z_gap[k], b.z_falls[k] == ZERO, b.z_tau[k], b.z_s[k]
         flight, arc, minimum = compacted_flight(b, k), compacted_arc(b, k), Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])

@@ -70,7 +70,7 @@ def expand(b, groups):
 
 @inline
 def choose_wall(b, groups):
-    """Compute the turning point's depth, which gives the next wall and a lower bound of F for the proof."""
+    """Estimate the minimum of each flight's height F, which decides on the next wall; keep bounds for the proof."""
     for i in range(GROUP * groups):
         series = b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i]
         lowest, minimum = estimated_minimum(b.s_[i], series, flight32(b, i))
@@ -248,7 +248,7 @@ def enter_contact(b, groups):
 
 @kernel
 def search(b, i, paths):
-    """Compute the flight of lane i by `safe_impact`; stop the lane if it is in lasting contact or finds no impact."""
+    """Compute lane i's flight and tangent by `safe_impact`; stop a lane in lasting contact or without an impact."""
     wall, flight = np.int64(b.wall[i]), flight64(b, i)
     if stays_in_contact(wall, flight.w, b.tau[i], flight.delta, flight.epsilon, DRIFT):
         b.stuck[i], b.limit[i] = IN_CONTACT, -1.0
@@ -278,7 +278,7 @@ def search(b, i, paths):
 
 @kernel
 def repair(b, groups, paths):
-    """Compute the flights of the lanes without proof one by one."""
+    """Compute one by one, with `search`, the flights of the lanes whose impact is not proved."""
     for i in range(GROUP * groups):
         if not b.sure[i] > 0.0 and b.n_plus[i] < b.limit[i]:
             search(b, i, paths)

@@ -24,7 +24,8 @@ class Impacting(Model):
     functions: ClassVar[Functions] = impacting
     classifier = ImpactingClassifier
     curve_names = impacting.NAMES
-    compiled_at = 0.089, 0.1, 0.25  # quiet and periodic; quiet and chaotic; only chaotic motions
+    # cells with quiet and periodic motions, with quiet and chaotic ones, and with chaotic ones only
+    compiled_at = 0.089, 0.1, 0.25
 
     def gear(self, delta: float, epsilon: float) -> Gear:
         """Return the gear at one point."""

@@ -25,7 +25,7 @@ RESTITUTION, LOAD = parameters_in(__file__)
 
 def _load_of_machine(load_torque: Any, pair: Any) -> Any:
     """Return the load: load torque on the second gear divided by drag torque, both referred to the first gear."""
-    return np.divide(load_torque * pair.ratio, pair.drag * pair.speed)  # infinite at speed 0
+    return np.divide(load_torque * pair.ratio, pair.drag * pair.speed)  # infinite at speed 0, without drag torque
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Inelastic(Model):
 
     def __post_init__(self) -> None:
         """Check and convert all parameters."""
-        gear = self.gear(1.0, 0.0)  # its constructor checks the parameters
+        gear = self.gear(1.0, 0.0)  # the constructor of a gear checks the parameters
         for name in ("beta", "restitution", "load", "harmonics"):
             object.__setattr__(self, name, getattr(gear, name))
 

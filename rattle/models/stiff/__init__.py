@@ -47,7 +47,7 @@ class Stiff(Model):
     functions: ClassVar[Functions] = stiff
     classifier = StiffClassifier
     curve_names = stiff.NAMES
-    tile_samples = 4096  # a return takes a hundred times as long as that of the impacting gear
+    tile_samples = 4096  # computing a return takes a hundred times as long as for the impacting gear
     cell_milliseconds = 100.0
     design_gears = 256
     compiled_at = (0.1,)  # one cell only, because computing more cells would take longer than it saves later
