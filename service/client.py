@@ -367,7 +367,7 @@ class Job:
         return open_family(self.store_url, number, self._client.headers, slice_number)
 
     def answers(self) -> Document:
-        """Return the answers of a population that has ended.
+        """Return the answers about a successful population.
 
         Returns
         -------
@@ -377,7 +377,7 @@ class Job:
         Raises
         ------
         ServiceError
-            The population has not ended yet.
+            The population is not successful, or the service cannot be reached.
         """
         return self._client.document("GET", f"{self._link('self')}/answers")
 

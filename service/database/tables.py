@@ -192,9 +192,9 @@ class SessionRow(Table):
 class ServiceRow(Table):
     """The single row that every writer locks first, so that a database has one writer at a time.
 
-    epoch: a number that grows when a service opens the database. surveys, populations: numbers of surveys and of
-    populations. directory: identity of the data directory that has the stores; None if the database is inside this
-    directory, or the stores are in a bucket.
+    epoch: a number that grows when a service opens the database. surveys, populations: how many surveys and how many
+    populations the database has. directory: identity of the data directory that has the stores; None if the database is
+    inside this directory, or the stores are in a bucket.
     """
 
     __tablename__ = "service"

@@ -1,4 +1,4 @@
-"""Serve the certificates of a survey that was submitted with `certify`: their numbers, and their store."""
+"""Serve the certificates of a survey that was submitted with `certify`: how many there are, and their store."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class CertificateLinks(BaseModel):
 
 
 class Certificates(BaseModel):
-    """The numbers of periodic attractors that have been proved, and that could not be proved."""
+    """Counts of a survey's periodic attractors: how many have been proved, and how many could not be proved."""
 
     state: State = Field(description="state of the survey; all attractors have been tried when it is successful")
     proved: int

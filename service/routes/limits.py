@@ -65,7 +65,7 @@ LIMITED_NUMBER = (
 
 
 class LimitDocument(BaseModel):
-    """A limit and its 95 % interval, in the unit of the number; null for values outside the searched range."""
+    """A limit and its 95 % interval, in the unit of the limited number; null for values outside the searched range."""
 
     at: float | None = Field(description="value of the number `over`; null without `over`")
     value: float | None

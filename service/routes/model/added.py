@@ -18,7 +18,7 @@ Route = TypeVar("Route", bound=Callable[..., Any])
 def query_of(name: str, otherwise: str = DEFAULT_MODEL, example: float | None = None) -> Any:
     """Return the annotated type of the query parameter `name`, which a model adds.
 
-    otherwise: words of the description for the model that is used without this parameter.
+    otherwise: the description's words for the model that a query without this parameter gets.
     """
     each = ADDED[name]
     upper = each.greatest if math.isfinite(each.greatest) else None

@@ -32,7 +32,7 @@ router = APIRouter(prefix="/v1", tags=["points"])
 
 
 class ErrorsDocument(BaseModel):
-    """Half-widths of the 95 % intervals of the intensity's fields with these names; 0 if exact, null if undecided."""
+    """Half-widths of the 95 % intervals of the fields with the same names; 0 if exact, null if undecided."""
 
     impacts_plus: float | None
     impacts_minus: float | None
