@@ -11,7 +11,7 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 
 class State(StrEnum):
-    """The state of a survey or population. The last three states are final."""
+    """The state of a survey or population. The last three are the states of ended jobs."""
 
     ACCEPTED = "accepted"
     RUNNING = "running"
@@ -21,7 +21,7 @@ class State(StrEnum):
 
     @property
     def is_final(self) -> bool:
-        """True if the state cannot change any more."""
+        """True for the state of a job that has ended. It changes again only if the job is verified or deleted."""
         return self not in ACTIVE
 
 

@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class EncodedEvent:
-    """An event as the bytes of an event stream. is_last: True if no event can follow."""
+    """An event as the bytes of an event stream. is_last: True if the event says that the job has ended."""
 
     id: int
     text: bytes
