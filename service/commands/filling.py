@@ -97,7 +97,7 @@ def cluster_context(
     Returns
     -------
     AbstractContextManager[Client]
-        Its context has the client of the cluster.
+        A context manager that yields the client of the cluster.
     """
     import rattle
     from gear_rattle.workers import connect, embedded_cluster

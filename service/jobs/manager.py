@@ -216,7 +216,7 @@ class JobManager:
         pause = FIRST_PAUSE
         while not self._stopping.is_set():
             self._wake.clear()
-            if self._stopping.is_set():  # `clear` may have removed the wake-up of a stop that the loop has not seen
+            if self._stopping.is_set():  # a stop just before `clear` has lost its wake-up
                 return
             if client.status != "running":
                 raise ClusterLostError("the connection to the dask scheduler is lost")

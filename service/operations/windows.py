@@ -43,7 +43,7 @@ def is_coarse(delta: np.ndarray, epsilon: np.ndarray, window: tuple[Pair, Pair],
 
 
 class Windows:
-    """The finer windows of all pages of a service."""
+    """The windows with finer cells than their survey's, for all pages and pictures of a service."""
 
     def __init__(self, front: Front) -> None:
         self._front = front

@@ -49,7 +49,7 @@ class Certificates(BaseModel):
     responses={**NOT_MODIFIED, **declare_problems(404, 422)},
 )
 def show_certificates(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
-    """Return how many attractors have been proved and how many could not be proved, of a survey with `certify`.
+    """Return how many attractors of a survey with `certify` have been proved, and how many could not be proved.
 
     Both numbers are 0 until all tiles are computed, and grow afterwards.
     """

@@ -156,7 +156,7 @@ async def point_of_query(
 
 
 def _require_all(numbers: dict[str, float | None]) -> dict[str, float]:
-    """Return the numbers. Raises RequestValidationError, as FastAPI does for a missing parameter, if one is None."""
+    """Return the numbers. If one is None, raise RequestValidationError, as FastAPI does for a missing parameter."""
     lacking = [name for name, value in numbers.items() if value is None]
     if lacking:
         raise RequestValidationError(
