@@ -1,1 +1,1 @@
-"""The front end of a survey: REST service, job database, command line and Python client."""
+"""The front end for surveys and populations: REST service, job database, command line and Python client."""

@@ -88,7 +88,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
         static_url=REFERENCE_ASSETS,
-        swagger_ui_parameters={"validatorUrl": None},  # by default another host validates the document
+        swagger_ui_parameters={"validatorUrl": None},  # by default /docs sends the OpenAPI document to another host
     )
     app.add_middleware(AnyTagMiddleware)
     app.add_middleware(HeadMiddleware)

@@ -84,7 +84,7 @@ class Client:
     ) -> Job:
         """Submit a survey, given as a request or field by field; an axis may be a (start, stop, num) triple.
 
-        If the service already has an identical survey, finished or not, it returns the existing survey.
+        If an identical survey is successful, or one of yours waits or runs, the service returns the existing survey.
 
         Parameters
         ----------
@@ -163,14 +163,14 @@ class Client:
         ResponseError
             The service answered with an error; its problem document is attached.
         ServiceError
-            The service cannot be reached.
+            The service cannot be reached, or the request cannot be encoded as JSON and headers.
         """
         headers = self.headers | kwargs.pop("headers", {})
         try:
             answer = self._http.request(method, path, headers=headers, **kwargs)
         except httpx.HTTPError as error:
             raise ServiceError(f"The service at {self._http.base_url} cannot be reached: {error}") from error
-        except (TypeError, ValueError) as error:  # JSON has no NaN or objects, headers have ASCII letters only
+        except (TypeError, ValueError) as error:  # NaN and Python objects are no JSON, headers have ASCII only
             raise ServiceError(
                 f"The request cannot be sent ({error}): give finite numbers, texts, lists and mappings, and a key or "
                 "an idempotency key of ASCII characters."
@@ -367,7 +367,7 @@ class Job:
         return open_family(self.store_url, number, self._client.headers, slice_number)
 
     def answers(self) -> Document:
-        """Return the answers of a population that has ended.
+        """Return the answers about a successful population.
 
         Returns
         -------
@@ -377,7 +377,7 @@ class Job:
         Raises
         ------
         ServiceError
-            The population has not ended yet.
+            The population is not successful, or the service cannot be reached.
         """
         return self._client.document("GET", f"{self._link('self')}/answers")
 

@@ -1,4 +1,4 @@
-"""Compile the kernels of a model that requests to a service need, by computing small examples."""
+"""Compile the kernels that requests to a service need, by computing small examples with a model."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ EXAMPLE_POINT = 0.6, 0.1  # δ, ε of the computed example
 
 
 def answer_kernel_steps(name: str) -> Steps:
-    """Return steps that compile those kernels of the model `name` that REST requests need and surveys do not."""
+    """Return steps that compile those kernels of the model `name` that REST or the explorer needs but no survey."""
     model, (delta, epsilon) = example_of(name), EXAMPLE_POINT
     gear = model.gear(delta, epsilon)
 

@@ -62,7 +62,7 @@ class WaitTimeoutError(ServiceError, TimeoutError):
 
 
 class MissingError(ServiceError):
-    """A survey or population exists, but the service has not the requested part or file format of it."""
+    """A survey or population exists, but its requested part does not, or the requested format cannot be written."""
 
     code = "not_in_survey"
 

@@ -27,7 +27,7 @@ COMPILERS = (SURVEY, OPTIONAL_QUANTITIES, "gear_rattle.service.compilation:answe
 
 
 def compile_kernels(model: str) -> None:
-    """Compile all kernels of a model in one process, and wait for the end."""
+    """Compile all kernels of a model in one separate process, and wait until it has ended."""
     compile_apart(model, *COMPILERS)
 
 

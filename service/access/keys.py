@@ -29,14 +29,14 @@ GRANTED_SCOPES = {Scope.READ: (Scope.READ,), Scope.SUBMIT: (Scope.READ, Scope.SU
 
 @dataclass(frozen=True)
 class Caller:
-    """The sender of a request: the owner of a key, or anybody if the service needs no keys."""
+    """The sender of a request: the owner of a key, or anybody if the request needs no key."""
 
     key: KeyRow | None = None
     session: str | None = None  # hash of the browser's session, if the request has one
 
     @property
     def identity(self) -> Identity | None:
-        """The id of the caller's key, and the hash of the browser's session; None if the service needs no keys.
+        """The id of the caller's key, and the hash of the browser's session; None for a caller without a key.
 
         The hash is None for a request with the key itself.
         """
@@ -48,11 +48,11 @@ class Caller:
         return self.key.id if self.key else None
 
     def has_scope(self, scope: Scope) -> bool:
-        """Return whether the caller has a scope. Without keys every caller has all scopes."""
+        """Return whether the caller has this scope. A caller without a key has all scopes."""
         return self.key is None or scope in self.key.scopes
 
     def is_owner_of(self, job: JobRow) -> bool:
-        """Return whether the caller owns a job. Without keys every caller owns all jobs."""
+        """Return whether the caller owns a job. A caller without a key owns all jobs."""
         return self.key is None or job.owner == self.key.id
 
 

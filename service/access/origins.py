@@ -121,7 +121,7 @@ def require_browser_address(headers: Headers, root: str) -> None:
 
 
 def _host_advice(there: str, headers: Headers) -> str:
-    """Return advice for a proxy that sends another Host header than the browser. there: browser's host or origin."""
+    """Return advice for a proxy that changes the Host header. there: the host or origin that the browser sees."""
     return (
         f"The browser has this page from {there!r}, and the request says that its host is {headers.get('host', '')!r}. "
         "If both are this service, set the proxy before it to pass on the Host header (nginx: proxy_set_header Host "

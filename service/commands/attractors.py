@@ -21,7 +21,7 @@ SpeedLimit = Annotated[
 
 
 def attractors_of_point(point: GivenPoint, count: int, v_max: float | None, seed: int) -> tuple[Attractor, ...]:
-    """Return the attractors of a point by falling basin fraction. v_max: largest initial speed; None: natural."""
+    """Return the attractors of a point by falling basin fraction. v_max: top initial speed; None: natural speed."""
     return point.gear.attractors(count, "natural" if v_max is None else v_max, seed)
 
 

@@ -109,7 +109,10 @@ def _horseshoe_certificates(delta: str, epsilon: str, beta: str) -> Iterator[Hor
 
 
 def _print_certificates(certificates: Iterable[BifurcationCertificate | HorseshoeCertificate | str]) -> None:
-    """Print certificates, one in a line, and unproved statements to stderr; if there are such, exit with NOT_PROVED."""
+    """Print certificates, one in a line, and print unproved statements to stderr.
+
+    If a statement is unproved, or if there is no certificate at all, exit with NOT_PROVED.
+    """
     refused, found = False, False
     for each in certificates:
         found = True

@@ -44,7 +44,7 @@ def prove_areas(
 
 
 def _exact_range(name: str, text: str) -> Ends:
-    """Return both ends of a range LOW:HIGH as exact numbers. Raises BadParameter."""
+    """Return both ends of a range LOW:HIGH as exact numbers. Raises BadParameter or ParameterError for other text."""
     from rattle.proof.certificate import exact_number
 
     low, colon, high = text.partition(":")

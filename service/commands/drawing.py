@@ -29,7 +29,7 @@ def draw_survey(store: str | Path, out: Path, slice_number: int | None = None) -
 
 
 def write_figure(picture: Figure, out: Path) -> None:
-    """Write a figure to the file `out`, whose suffix is the format. Raises ServiceError."""
+    """Write a figure to the file `out`, whose suffix is the format. Raises ServiceError if writing fails."""
     from gear_rattle.service.errors import ServiceError
 
     try:

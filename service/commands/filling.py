@@ -77,7 +77,7 @@ def _stop_event(out: str) -> Iterator[threading.Event]:
 
 
 def _compile_kernels(request: AnyRequest, stop: threading.Event) -> None:
-    """Compile the kernels of a survey in this process. Return when they are compiled, or when `stop` is set."""
+    """Compile the kernels that a request needs. Return when they are compiled, or when `stop` is set."""
     from gear_rattle.workers import compile_for
 
     compiling = threading.Thread(target=compile_for, args=(request,), name="kernels", daemon=True)
@@ -97,7 +97,7 @@ def cluster_context(
     Returns
     -------
     AbstractContextManager[Client]
-        Its context has the client of the cluster.
+        A context manager that yields the client of the cluster.
     """
     import rattle
     from gear_rattle.workers import connect, embedded_cluster
@@ -170,7 +170,7 @@ def _complete_survey(request: AnyRequest, out: str, client: Client | None, shoul
 
 
 def _steps_after_tiles(request: SurveyRequest) -> Iterator[str]:
-    """Yield descriptions of the steps that follow the survey's tiles; levels are not named after families."""
+    """Yield descriptions of the steps after a survey's tiles; no description of the levels if families are joined."""
     from gear_rattle.workers import Group
     from gear_rattle.workers.survey.levels.grid import levels_of
 

@@ -56,8 +56,8 @@ def limit(
 ) -> None:
     """Print the design limit: the value of a number up to which a gear runs quietly with a given probability.
 
-    For eccentricity, mesh error, backlash, restitution and speed this is the largest allowed value, for drag and load
-    the least. All other numbers of the gear are options: delta, epsilon and beta, or a machine's numbers.
+    For eccentricity, mesh error, backlash, restitution and speed this is the largest allowed value, for damping, drag
+    and load the least. All other numbers of the gear are options: delta, epsilon and beta, or a machine's numbers.
     """
     from gear_rattle.service.commands.progress import compilation_messages
     from rattle import design_limit, design_limits

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from rattle.paper import Report
 
 WIDTH = 140  # characters in a line, enough for all numbers, however wide the terminal is
-UNEXPECTED = 1  # exit status if a number or statement differs unexpectedly
+UNEXPECTED = 1  # exit status if a number or statement differs unexpectedly, or the evidence of a finding fails
 
 
 def paper(

@@ -87,7 +87,7 @@ def describe(
     notes: Annotated[str | None, typer.Option(help="New notes, in place of the present ones.")] = None,
     url: Url = DEFAULT_URL,
 ) -> None:
-    """Give a survey of a service another name or other notes, and print both."""
+    """Change the name or the notes of a survey of a service, and print both; without an option only print them."""
     from gear_rattle.service.client import Client
 
     with Client(url) as client:

@@ -53,7 +53,7 @@ def sound(
 
 
 def _chosen_attractor(point: GivenPoint, found: tuple[Attractor, ...], number: int | None) -> Attractor:
-    """Return the attractor with a number from 1; for None the one with the most energy, if possible not undecided."""
+    """Return the attractor with this number, from 1. None: the one with the most energy, undecided ones last."""
     if number is not None:
         if not 1 <= number <= len(found):
             raise typer.BadParameter(

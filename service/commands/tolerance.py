@@ -109,7 +109,7 @@ def _population_request(
     shock: dict[str, str | None],
     asked: dict[str, Any],
 ) -> PopulationRequest:
-    """Return the request that the given options describe. Raises typer.BadParameter, which names the wrong option."""
+    """Return the request that the given options describe. Raises typer.BadParameter if an option is wrong."""
     from pydantic import ValidationError
 
     import rattle

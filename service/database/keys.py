@@ -21,7 +21,7 @@ Identity = tuple[str, str | None]
 
 
 class Keys(Transactions):
-    """The keys in a job database. `gear_rattle.service.access` checks their permissions."""
+    """The API keys and sessions in a job database. `gear_rattle.service.access` checks the permissions of keys."""
 
     def add_key(
         self,
@@ -86,7 +86,7 @@ class Keys(Transactions):
             ).one_or_none()
 
     def add_session(self, key_id: str, session_hash: str, seconds: float) -> None:
-        """Sign a browser in for a number of seconds, and delete expired sessions."""
+        """Sign a browser in for a number of seconds. Delete expired sessions, and the oldest beyond MOST_SESSIONS."""
         with self._write() as (session, _):
             session.execute(delete(SessionRow).where(SessionRow.expires <= timestamp()))
             older = select(SessionRow.hash).where(SessionRow.key == key_id).order_by(SessionRow.created.desc())

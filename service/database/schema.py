@@ -30,7 +30,7 @@ def is_current(engine: Engine) -> bool:
     Raises
     ------
     DataDirectoryError
-        The database belongs to another program, or to a newer version.
+        The database belongs to another program or to a newer version, or its encoding is not UTF-8.
     """
     from alembic.runtime.migration import MigrationContext
     from alembic.script import ScriptDirectory

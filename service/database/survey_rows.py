@@ -57,7 +57,10 @@ class DoneTile:
 
 
 class Surveys(Transactions):
-    """The surveys and populations in a job database. Every method is one transaction; `survey_id` names either."""
+    """The surveys and populations in a job database. Every method is one transaction.
+
+    The argument `survey_id` is the id of a survey or of a population.
+    """
 
     def accept(self, new: NewJob, max_jobs: int, has_results: Callable[[str], bool] | None = None) -> JobRow:
         """Add a survey or population, or return the one with the same idempotency key, or an identical one.
@@ -296,7 +299,7 @@ class Surveys(Transactions):
     def keep_tiles(self, survey_id: str, kept: set[int]) -> int:
         """Delete the records of all tiles whose indices are not in ``kept``, because their chunks are lost.
 
-        An event with the new, lower counts is added for subscribers.
+        If records are deleted and the survey is active, an event with the new, lower counts is added for subscribers.
 
         Returns
         -------

@@ -11,7 +11,7 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 
 class State(StrEnum):
-    """The state of a survey or population. The last three states are final."""
+    """The state of a survey or population. The last three are the states of ended jobs."""
 
     ACCEPTED = "accepted"
     RUNNING = "running"
@@ -21,7 +21,7 @@ class State(StrEnum):
 
     @property
     def is_final(self) -> bool:
-        """True if the state cannot change any more."""
+        """True for the state of a job that has ended. It changes again only if the job is verified or deleted."""
         return self not in ACTIVE
 
 
@@ -192,9 +192,9 @@ class SessionRow(Table):
 class ServiceRow(Table):
     """The single row that every writer locks first, so that a database has one writer at a time.
 
-    epoch: a number that grows when a service opens the database. surveys, populations: numbers of surveys and of
-    populations. directory: identity of the data directory that has the stores; None if the database is inside this
-    directory, or the stores are in a bucket.
+    epoch: a number that grows when a service opens the database. surveys, populations: how many surveys and how many
+    populations the database has. directory: identity of the data directory that has the stores; None if the database is
+    inside this directory, or the stores are in a bucket.
     """
 
     __tablename__ = "service"

@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class EncodedEvent:
-    """An event as the bytes of an event stream. is_last: True if no event can follow."""
+    """An event as the bytes of an event stream. is_last: True if the event says that the job has ended."""
 
     id: int
     text: bytes
@@ -114,7 +114,7 @@ class Broadcast:
         self._watchers: set[Callable[[str], None]] = set()
 
     def notify(self, survey_id: str) -> None:
-        """Notify the feed of a survey and all watchers that the survey has changed. Any thread may call this method."""
+        """Report a changed survey to its feed and to the functions given to `watch`. Any thread may call `notify`."""
         with self._lock:
             feed, watchers = self._feeds.get(survey_id), tuple(self._watchers)
         if feed is not None:

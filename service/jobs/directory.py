@@ -193,7 +193,10 @@ class DataDirectory:
         return [StoreEntry.from_path(path) for path in sorted(self._stores.iterdir())]
 
     def sweep_partial_files(self, survey_id: str, content_hash: str) -> None:
-        """Remove the partial files of killed writers from a store of this content hash. No process may write there."""
+        """Remove the partial files of killed writers from a survey's store, if the store has this content hash.
+
+        No process may write to the store meanwhile.
+        """
         store = self._path_of(survey_id)
         try:
             found = json.loads((store / "zarr.json").read_bytes())["attributes"]["content_hash"]

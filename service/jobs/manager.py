@@ -216,7 +216,7 @@ class JobManager:
         pause = FIRST_PAUSE
         while not self._stopping.is_set():
             self._wake.clear()
-            if self._stopping.is_set():  # `clear` may have removed the wake-up of a stop that the loop has not seen
+            if self._stopping.is_set():  # a stop just before `clear` has lost its wake-up
                 return
             if client.status != "running":
                 raise ClusterLostError("the connection to the dask scheduler is lost")
@@ -362,7 +362,7 @@ class JobManager:
         return {tile.index: tile for tile in tiles_of(request) if tile.index not in done}, bool(lost)
 
     def _is_turn_over(self, survey_id: str) -> bool:
-        """Return whether the turn of the running survey is over. If the same survey is next, begin its next turn."""
+        """Return whether another survey's turn must begin now. If the running survey is next, begin its next turn."""
         if not self._turns.is_turn_over:
             return False
         following = self._turns.next_survey(self._database.active_surveys())
@@ -374,7 +374,7 @@ class JobManager:
         return True
 
     def _progress_writer(self, survey_id: str) -> Callable[[int, int], None]:
-        """Return a function that writes the progress of proofs into a survey's message when it grows by a per cent."""
+        """Return a function that writes the progress of proofs into a survey's message after each further per cent."""
         shown = -1
 
         def write_progress(done: int, number: int) -> None:

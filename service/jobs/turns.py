@@ -43,7 +43,7 @@ class Turns:
         self._began = 0.0
 
     def next_survey(self, active: Sequence[ActiveSurvey]) -> ActiveSurvey | None:
-        """Return the survey that gets the next turn, or None without surveys. active: all active ones, oldest first."""
+        """Return the survey that gets the next turn; None if none is active. active: active surveys, oldest first."""
         since = self._waits_since
         self._waits_since = {each.id: since.get(each.id, self._count) for each in active}
         if not active:

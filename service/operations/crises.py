@@ -33,7 +33,7 @@ class Crises:
         self._limiter = CapacityLimiter(1)
 
     async def crisis_of(self, model: Model) -> np.ndarray:
-        """Return points (δ, ε) of a model's crisis curve, shape (k, 2). Raises RattleError if no curve can be found."""
+        """Return a model's crisis curve as points (δ, ε), shape (k, 2). Raises RattleError if it cannot be computed."""
         require_capability(Capability.CRISIS, model)
         beta = model.beta
         if beta not in self._found:

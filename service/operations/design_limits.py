@@ -17,16 +17,16 @@ from rattle.models import Model
 
 DAMPINGS = 17  # number of dampings across a survey
 COUNT = 512  # least number of initial conditions for each limit
-KEPT = 16  # at most this many limits are kept
+KEPT = 16  # at most this many curves of limits over damping are kept
 
 Key = tuple[Model, Pair, float]
 Array = NDArray[np.float64]
 
 
 def limit_at(model: Model, delta: float, share: float) -> Limit:
-    """Return the largest ε at which a gear runs quietly with probability `share`, and the ends of its 95 % interval.
+    """Return the ε up to which a gear runs quietly with at least the probability `share`, with a 95 % interval.
 
-    Each of these three numbers is NaN if it lies outside the searched range.
+    The limit and each end of its interval are NaN if they lie outside the searched range.
 
     Returns
     -------

@@ -7,7 +7,7 @@ from rattle.models import AnyGear
 
 Pair = tuple[float, float]
 
-#: Default extent of a diagram on either side of the point, by direction, relative to the scale of the plane.
+#: Default extent of a diagram on either side of the point, by direction, as a multiple of `plane_scale`.
 SPANS = {"epsilon": 0.02, "delta": 0.05}
 LEAST_SPAN, MOST_SPAN = 1e-7, 0.5  # least and largest extent in δ or ε on either side
 STEPS, COUNT = 160, 32  # points of the parameter along a diagram, and initial conditions at each point

@@ -82,7 +82,7 @@ async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
 
 
 def _seconds_by_similar_survey(front: Front, request: AnyRequest) -> tuple[float, str] | None:
-    """Return the seconds per cell that follow from a similar survey, and a text that names this survey.
+    """Predict the seconds per cell of a request from a similar survey. Return them, and a text that names this survey.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def _seconds_by_similar_survey(front: Front, request: AnyRequest) -> tuple[float
 
 
 def most_similar_survey(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRow | None:
-    """Return the similar survey with the nearest number of initial conditions; None if no survey is similar."""
+    """Return the job of a similar survey, with the sample count nearest to the request's; None if none is similar."""
     wanted = {str(group) for group in request.quantities}
     like = [
         job
@@ -172,7 +172,7 @@ def _few_cells(request: SurveyRequest) -> SurveyRequest:
 
 
 def _few_values(axis: Axis) -> Axis:
-    """Return an axis with the centres of a few equal parts of `axis`, which represent it better than its ends."""
+    """Return an axis with the centres of a few equal parts of `axis`; its ends would represent it less well."""
     num = min(axis.num, MEASURED_SIDE)
     half = (axis.stop - axis.start) / (2 * num)
     return Axis(start=axis.start + half, stop=axis.stop - half, num=num)

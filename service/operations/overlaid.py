@@ -46,7 +46,7 @@ class Overlays:
         self.crises, self.limits, self.windows = Crises(front), DesignLimits(front), Windows(front)
 
     async def overlays_of(self, request: SurveyRequest, asked: PictureOptions) -> OverlayData:
-        """Return the overlays of a map of a survey or of one slice. Raises UnavailableError or ClusterLostError."""
+        """Return the overlays of a map of a survey or of one slice. Raises RattleError if one cannot be computed."""
         lines = asked.look.lines or ()
         found: dict[str, Line] = {}
         band = None

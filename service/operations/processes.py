@@ -37,9 +37,9 @@ async def compute_in_process(
     Raises
     ------
     KernelsError
-        The kernels are still being compiled.
+        The kernels are still being compiled, or too many requests wait for kernels.
     UnavailableError
-        Too many requests wait, the computation takes too long, or the process died.
+        Too many requests wait, the computation takes too long, its process died, or the service ends.
     """
     limits = front.settings
     with front.interruptible_work():

@@ -133,8 +133,8 @@ def remove_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = 
         There is no such survey.
     ForbiddenError
         The survey was submitted with another key.
-    ConflictError
-        The last tiles of the survey still run.
+    ConflictError, DirectoryAwayError
+        See `gear_rattle.service.jobs.manager.JobManager.dismiss_or_delete`.
     """
     require_owner(front, caller, survey_id, kind)
     if not front.database.job(survey_id).is_readable:  # a survey with a damaged row counts as ended
@@ -175,7 +175,7 @@ def verify_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = 
         There is no such survey.
     ForbiddenError
         The survey was submitted with another key.
-    ConflictError, QueueFullError
+    ConflictError, QueueFullError, UnauthorizedError
         See `gear_rattle.service.jobs.manager.JobManager.verify`.
     """
     require_owner(front, caller, survey_id, kind)

@@ -1,4 +1,4 @@
-"""Serve the certificates of a survey that was submitted with `certify`: their numbers, and their store."""
+"""Serve the certificates of a survey that was submitted with `certify`: how many there are, and their store."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class CertificateLinks(BaseModel):
 
 
 class Certificates(BaseModel):
-    """The numbers of periodic attractors that have been proved, and that could not be proved."""
+    """Counts of a survey's periodic attractors: how many have been proved, and how many could not be proved."""
 
     state: State = Field(description="state of the survey; all attractors have been tried when it is successful")
     proved: int
@@ -49,7 +49,7 @@ class Certificates(BaseModel):
     responses={**NOT_MODIFIED, **declare_problems(404, 422)},
 )
 def show_certificates(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
-    """Return how many attractors have been proved and how many could not be proved, of a survey with `certify`.
+    """Return how many attractors of a survey with `certify` have been proved, and how many could not be proved.
 
     Both numbers are 0 until all tiles are computed, and grow afterwards.
     """

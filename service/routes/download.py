@@ -42,7 +42,10 @@ def _binary_responses(media_type: str) -> dict[int | str, dict[str, Any]]:
     responses={**_binary_responses(NETCDF), **declare_problems(404, 422)},
 )
 async def netcdf(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
-    """Return all groups of the store. Each complex variable becomes two variables, `…_real` and `…_imag`."""
+    """Return all groups of the store except its levels.
+
+    Each complex variable becomes two variables, `…_real` and `…_imag`.
+    """
     return await _file_response(request, front, survey_id, "nc", NETCDF, _write_netcdf)
 
 

@@ -65,7 +65,7 @@ LIMITED_NUMBER = (
 
 
 class LimitDocument(BaseModel):
-    """A limit and its 95 % interval, in the unit of the number; null for values outside the searched range."""
+    """A limit and its 95 % interval, in the unit of the limited number; null for values outside the searched range."""
 
     at: float | None = Field(description="value of the number `over`; null without `over`")
     value: float | None
@@ -129,7 +129,7 @@ async def limits(
     """Return the value of a number up to which a gear runs quietly with at least the probability `share`.
 
     The limit is the largest allowed eccentricity, mesh error, backlash, restitution or speed, or the least allowed
-    damping, drag or load. For a machine it is in metres, rpm or N m.
+    damping, drag or load. For a machine a length is in metres, drag in N m s/rad, a load in N m.
     """
     require_few(front, count)
     if (over is None) != (values is None) or (low is None) != (high is None):

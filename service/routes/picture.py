@@ -210,7 +210,7 @@ async def _picture_response(
 
 
 async def _compute_overlays(front: Front, overlaid: Overlays, job: JobRow, asked: PictureOptions) -> OverlayData:
-    """Compute the overlays of a map before it is drawn. Raises SurveyError and UnavailableError."""
+    """Compute the overlays of a map before it is drawn. Raises RattleError for a wrong slice or if an overlay fails."""
     whole = SurveyRequest.model_validate(job.request)
     require_slice({name: axis.num for name, axis in whole.third_axis.items()}, asked.slice)
     survey = whole.slice_request(whole.slice_index(asked.slice or 0))

@@ -63,7 +63,7 @@ class EstimateDocument(BaseModel):
 class Interval(BaseModel):
     """A number with its 95 % interval.
 
-    An end is null if the gears are too few to bound the number there; any field is null beyond double precision.
+    An end is null if the gears are too few to bound the number there. A value that overflows double precision is null.
     """
 
     value: float | None
@@ -77,7 +77,7 @@ class Interval(BaseModel):
 
 
 class IndexDocument(BaseModel):
-    """Sobol indices of one number: the share of the variance that it explains alone, and with its interactions."""
+    """Sobol indices of a number: the shares of a variance that the number explains, alone and with interactions."""
 
     first: Interval
     total: Interval

@@ -40,7 +40,7 @@ Cursor = Annotated[
 
 
 def set_job_headers(response: Response, job: JobRow, kind: JobKind) -> None:
-    """Set the header Location to a job, and the status 200 if the job has ended, else the header Retry-After."""
+    """Set the header Location to the path of a job. If the job has ended, set status 200, else set Retry-After."""
     response.headers["Location"] = path_of(job.id, kind)
     if State(job.state).is_final:
         response.status_code = 200
@@ -139,7 +139,7 @@ def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     responses=declare_problems(404, 409, 422, 429),
 )
 def verify(front: FrontState, caller: CallerState, response: Response, survey_id: SurveyId) -> SurveyDetail:
-    """Queue a survey again that was successful, was dismissed, or failed and may succeed now.
+    """Queue an ended survey again: a successful or dismissed one, or a failed one that may succeed now.
 
     All chunks are compared with their checksums. Undamaged chunks are kept, and can be read all the time.
     """

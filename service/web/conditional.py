@@ -88,7 +88,7 @@ def json_answer(request: Request, document: BaseModel, modified: str | None = No
 
 
 async def set_query_etag(request: Request, response: Response) -> None:
-    """Set the ETag of an answer that follows from query and code; raise HTTPException 304 if the client has it."""
+    """Set the ETag of an answer that depends on query and code only. If the client has it, raise HTTPException 304."""
     query = str(sorted(request.query_params.multi_items()))
     headers = {"ETag": f'"{_digest(_answer_version().encode(), query.encode())}"', "Cache-Control": HOUR}
     if is_not_modified(request, headers):

@@ -1,4 +1,4 @@
-"""Serve the documents at /help: the site that `make docs` builds if it is installed, else their Markdown as pages."""
+"""Serve the documents at /help: the site that `make docs` builds, or the Markdown as pages if there is no site."""
 
 from __future__ import annotations
 

@@ -280,7 +280,7 @@ def _links(parameters: dict[str, str], *names: str) -> dict[str, Any]:
 
 
 def _point_links(*names: str, **parts: str) -> dict[str, Any]:
-    """Return OpenAPI links to operations at a point. parts: {number: path in the answer}; by default its name."""
+    """Return OpenAPI links to operations at a point. parts: {coordinate: path in the answer, by default its name}."""
     return _links({name: parts.get(name, name) for name in ("delta", "epsilon", *OTHERS)}, *names)
 
 

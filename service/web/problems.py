@@ -94,7 +94,7 @@ CODES = {
 
 
 class FieldError(BaseModel):
-    """A field that was refused."""
+    """A field of a request that was refused, and why."""
 
     field: str = Field(description="location of the field, for example body.delta.start")
     message: str = Field(description="what is wrong with it")

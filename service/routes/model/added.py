@@ -18,7 +18,7 @@ Route = TypeVar("Route", bound=Callable[..., Any])
 def query_of(name: str, otherwise: str = DEFAULT_MODEL, example: float | None = None) -> Any:
     """Return the annotated type of the query parameter `name`, which a model adds.
 
-    otherwise: words of the description for the model that is used without this parameter.
+    otherwise: the description's words for the model that a query without this parameter gets.
     """
     each = ADDED[name]
     upper = each.greatest if math.isfinite(each.greatest) else None
@@ -31,7 +31,7 @@ def query_of(name: str, otherwise: str = DEFAULT_MODEL, example: float | None = 
 
 
 def machine_texts() -> dict[str, str]:
-    """Return descriptions of the numbers of a machine that select a model, by the name of the number."""
+    """Return {name of a machine's number that selects a model: description of this number}."""
     return {
         each.machine_number: f"{each.machine_text}: the {owner_of(name).name} model"
         for name, each in ADDED.items()

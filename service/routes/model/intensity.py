@@ -32,7 +32,7 @@ router = APIRouter(prefix="/v1", tags=["points"])
 
 
 class ErrorsDocument(BaseModel):
-    """Half-widths of the 95 % intervals of the intensity's fields with these names; 0 if exact, null if undecided."""
+    """Half-widths of the 95 % intervals of the intensity's fields of these names; 0 if exact, null if undecided."""
 
     impacts_plus: float | None
     impacts_minus: float | None
@@ -56,7 +56,7 @@ class InSI(BaseModel):
 
 
 class RattlingDocument(BaseModel):
-    """The intensity of an attractor, per forcing period. Fields are null if the attractor is undecided."""
+    """The intensity of an attractor, per forcing period. Its fields are null if the attractor is undecided."""
 
     kind: str = Field(description="quiet, periodic, chaotic or undecided")
     m: int

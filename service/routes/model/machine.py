@@ -156,7 +156,7 @@ async def point_of_query(
 
 
 def _require_all(numbers: dict[str, float | None]) -> dict[str, float]:
-    """Return the numbers. Raises RequestValidationError, as FastAPI does for a missing parameter, if one is None."""
+    """Return the numbers. If one is None, raise RequestValidationError, as FastAPI does for a missing parameter."""
     lacking = [name for name, value in numbers.items() if value is None]
     if lacking:
         raise RequestValidationError(
@@ -174,7 +174,7 @@ MeasuredMachineQuery = Annotated[Machine, Depends(measured_machine_of_query)]
 
 
 class UnitsDocument(BaseModel):
-    """The sizes of the model's units in SI units, as factors for the model's numbers; null beyond double precision."""
+    """Factors that convert the model's numbers to SI units. A factor that overflows double precision is null."""
 
     length: float | None = Field(description="unit of Φ along the line of action, in m")
     time: float | None = Field(description="forcing period, which is a revolution, in s")

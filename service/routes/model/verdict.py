@@ -98,7 +98,7 @@ async def verdict_of_measured(
 ) -> VerdictDocument:
     """Return the verdict on a machine whose transmission error is a CSV table, which includes its eccentricity.
 
-    `machine` in the answer has the model's numbers, restitution and harmonics, which all other routes take.
+    `machine` in the answer has the model's numbers, restitution and harmonics, which routes for a parameter point take.
     """
     measured = await run_in_threadpool(_read_curve, curve, orders)
     return await _verdict_document(front, replace(machine, errors=measured.harmonics), measured, count, seed)
