@@ -89,7 +89,7 @@ def period_limits(m: Any, n_plus: Any, contacts: Any) -> tuple[Any, Any]:
 
 
 def period_limits_of(motion: Motion) -> tuple[int, float]:
-    """Return the result of `period_limits` for one motion."""
+    """Return the limits of returns and of forcing periods that end one period of a motion; one of them is infinite."""
     returns, periods = period_limits(motion.m, motion.n_plus, contacts_of(motion))
     return int(returns), float(periods)
 

@@ -82,7 +82,7 @@ class Saddles(NamedTuple):
     @property
     def is_decidable(self) -> Flags:
         """Flags (n,) of the points where A and quiet motion exist and becoming quiet takes few enough impacts."""
-        below, most = self.epsilon < quiet_limit(self.delta), MOST_IMPACTS * _impact_factor(self.delta)
+        below, most = self.epsilon < quiet_limit(self.delta), MOST_IMPACTS * _limit_factor(self.delta)
         return self.exists & (self.multiplier > 1.0) & below & (self.impacts_at_later_return < most)
 
     @property
@@ -94,11 +94,19 @@ class Saddles(NamedTuple):
     def _impacts_until_quiet(self, returns: int) -> Array:
         """Return the impacts (n,) within which a sample becomes quiet, `returns` of them before it crosses W^s(A)."""
         rest = impacts_to_rest(self.delta, self.epsilon, self.beta)
-        return np.asarray(self._impacts_to_leave + returns * _impact_factor(self.delta) + 2.0 * rest, np.float64)
+        return np.asarray(self._impacts_to_leave + returns * _limit_factor(self.delta) + 2.0 * rest, np.float64)
 
 
-def _impact_factor(delta: Array) -> Array:
-    """Return the limit of the impacts that becoming quiet may take, relative to this limit at strong damping."""
+def _limit_factor(delta: Array) -> Array:
+    """Return the factor by which limits of impacts are larger at these dampings than at strong damping.
+
+    It is 1 at strong damping, and grows like `most_impacts_to_rest`, the limit of the impacts until a motion is quiet.
+
+    Returns
+    -------
+    Array
+        The factors (n,).
+    """
     return most_impacts_to_rest(delta) / LONGEST_REST
 
 
