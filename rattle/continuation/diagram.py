@@ -258,7 +258,7 @@ def require_end(name: str, value: ArrayLike) -> Array:
 
 
 def _motions_of_attractors(sweeps: Sweeps, parameters: Parameters, search: Search, unit: float) -> Iterator[Motion]:
-    """Yield a motion near each periodic attractor of the sweeps where it appears, then at each CHECKED-th step."""
+    """Yield a motion near each periodic attractor of the sweeps, at its first step, then at every CHECKED-th step."""
     last: dict[tuple[int, int, int], list[tuple[int, KnownAttractor]]] = {}
     for step, here in enumerate(sweeps.known):
         now: dict[tuple[int, int, int], list[tuple[int, KnownAttractor]]] = {}

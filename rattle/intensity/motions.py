@@ -114,7 +114,7 @@ def watched_periods(delta: float, periods: float | None) -> float:
 
 
 def require_closed(motion: Motion, status: int, tau: float, v: float, fastest: float) -> None:
-    """Raise RattleError unless (tau, v), the state after a period, is the motion's. fastest: its largest speed."""
+    """Raise RattleError unless (tau, v), after a period, is the motion's first state. fastest: the largest speed."""
     closed = abs(wrapped(tau - motion.tau)) <= CLOSED and abs(v - motion.v) <= CLOSED * fastest
     if status != OK or not closed:
         raise RattleError(

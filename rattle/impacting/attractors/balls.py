@@ -46,7 +46,7 @@ WORK = np.dtype(
 
 @inline
 def direction_of(lane, few):
-    """Return the direction that a lane tries, and the number of halvings from its group's largest radius to its radius.
+    """Return the direction that a lane tries, and how often its group's largest radius is halved to give its radius.
 
     few: the group tries four directions at four radii; otherwise all directions at one radius.
 
@@ -140,7 +140,8 @@ def halvings_without_failure(b, work, group, i, level, few, centres):
     """Return the number of halvings from LARGEST to the largest tried radius at which no direction failed.
 
     If every tried radius has a direction that failed, the result is the number of halvings to the smallest of these
-    radii plus 1.
+    radii plus 1. level: the number of halvings to the largest of these radii. few: the group tried four directions at
+    four radii; otherwise it tried all directions at one radius.
 
     Returns
     -------

@@ -22,7 +22,7 @@ LOOKS = 4 * BATCHES
 
 @inline
 def add_impacts(b, groups, speeds, squares, impulses, fastest):
-    """Add the impact that ends each lane's last flight to the lane's sums, and update its largest speed `fastest`."""
+    """Add the impact that ends each lane's last flight to the lane's sums, and raise its largest speed `fastest`."""
     for i in range(GROUP * groups):
         speed = abs(velocity_before_reflection(b.w[i]))
         speeds[i] += speed

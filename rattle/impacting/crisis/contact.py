@@ -45,7 +45,7 @@ class Crisis:
         Position s on W^u(A) of one point of the contact's orbit; near A, s is the arclength from A. In its second
         return to Σ⁺ from this point the orbit meets Σ⁻ for the first time.
     steps : int
-        Impacts on Σ⁺ from this point to the return to W^s(A) near A.
+        Impacts on Σ⁺ from the point W(s), s = `parameter`, to the return of its orbit to W^s(A) near A.
     chaotic : bool
         Whether the attractor of W^u(A) just below the crisis was observed to be chaotic. In a window of periodic motion
         the attractor is not chaotic, and the contact ends chaotic transients only.

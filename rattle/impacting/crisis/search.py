@@ -68,7 +68,7 @@ def _gaps_to_try(delta: float, beta: float) -> Array:
 
 
 def _follow_manifold(delta: float, beta: float, gap: float, density: int) -> FollowedManifold:
-    """Follow W^u(A) at ε = SN1 + gap, with `density` samples per unit of ln s. Errors are those of `saddle_at`."""
+    """Follow W^u(A) at ε = SN1 + gap, with `density` samples per unit of ln s. RattleError if this is impossible."""
     a = saddle_at(delta, float(sn1_formula(delta)) + gap, beta)
     return FollowedManifold(a, int(SAMPLES + density * np.log(a.multiplier[0])), a.impacts_at_first_return)
 

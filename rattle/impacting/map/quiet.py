@@ -141,6 +141,6 @@ def most_impacts_to_rest(delta: Array) -> Array:
 
 
 def rests_late(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
-    """Return whether becoming quiet takes more than `most_impacts_to_rest`, so that it may look like chaos."""
+    """Return whether motions take more than `most_impacts_to_rest` impacts to become quiet, and so may look chaotic."""
     needed = impacts_to_rest(delta, epsilon, beta)
     return np.isfinite(needed) & (needed > most_impacts_to_rest(delta))

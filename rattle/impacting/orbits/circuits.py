@@ -180,7 +180,7 @@ def find_sign_change(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon
 
 @inline
 def is_resolved(s, f0, slope0, f1, slope1):
-    """Return whether all zeros of the residual R_0 in a step of length s show in its values and slopes at both ends."""
+    """Return whether values f and slopes of the residual R_0 at both ends of a step of length s show all its zeros."""
     bend = abs(f1 - f0 - 0.5 * s * (slope0 + slope1))
     return bend < (0.2 * abs(f1 - f0) if (f0 > 0.0) != (f1 > 0.0) else min(abs(f0), abs(f1)))
 
