@@ -67,7 +67,8 @@ class CurvePiece(NamedTuple):
 class CurveDescription(NamedTuple):
     """The motion that bifurcates at a point of a curve.
 
-    tau, v: the phase of the motion's impact on Σ⁺, and the speed after this impact. multipliers (2,): the motion's.
+    tau, v: the phase of the motion's impact on Σ⁺, and the speed after this impact. multipliers (2,): the
+    Floquet multipliers of the motion.
     """
 
     tau: float

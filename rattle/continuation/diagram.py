@@ -64,7 +64,7 @@ class HasParameters(Protocol):
 
     @property
     def parameters(self) -> Array:
-        """The parameters (…, d), in the order of the segment."""
+        """The d parameters (…, d) of each point, in their order in the segment's ends."""
 
 
 class BranchEvent(HasParameters, Protocol):
@@ -197,7 +197,7 @@ class Diagram(TabularResult, Generic[AnyBranch, AnyEvent]):
         return float(self.segment.end[0]), float(self.segment.end[1])
 
     def positions(self, of: AnyBranch | AnyEvent) -> Array:
-        """Return the position () of an event, or the positions (k,) of a branch, as fractions of the way to the end."""
+        """Return the position of an event, or the positions (k,) of a branch's points, from 0 (start) to 1 (end)."""
         return self.segment.position(of.parameters)
 
 
@@ -258,7 +258,7 @@ def require_end(name: str, value: ArrayLike) -> Array:
 
 
 def _motions_of_attractors(sweeps: Sweeps, parameters: Parameters, search: Search, unit: float) -> Iterator[Motion]:
-    """Yield a motion near each periodic attractor of the sweeps where it appears, then at each CHECKED-th step."""
+    """Yield a motion near each periodic attractor of the sweeps, at its first step, then at every CHECKED-th step."""
     last: dict[tuple[int, int, int], list[tuple[int, KnownAttractor]]] = {}
     for step, here in enumerate(sweeps.known):
         now: dict[tuple[int, int, int], list[tuple[int, KnownAttractor]]] = {}
@@ -343,9 +343,9 @@ def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[BranchPiec
 def _find_known(
     known: list[KnownAttractor], label: tuple[int, int, int], tau: Array, v: Array, within: float, unit: float
 ) -> KnownAttractor | None:
-    """Return the known attractor with this label whose state is closer than `within` to one of n_plus impacts.
+    """Return the known attractor with this label whose state is closer than `within` to a state of an orbit.
 
-    tau, v (n_plus,): the impacts on Σ⁺. unit: the unit of speed.
+    tau, v (n_plus,): the states of the orbit after its impacts on Σ⁺. unit: the unit of speed in distances.
 
     Returns
     -------

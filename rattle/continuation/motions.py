@@ -101,7 +101,7 @@ class Motions(ABC):
 
     @abstractmethod
     def follow_doubled_branch(self, event: Any, span: tuple[float, float]) -> Any:
-        """Return the branch of doubled period from a flip on. span: range of positions, relative to the flip's."""
+        """Return the branch of doubled period from a flip. span: its range of positions, relative to the flip's."""
 
     @abstractmethod
     def events_of(self, found: Any) -> tuple[Any, ...]:

@@ -105,7 +105,10 @@ class _Run:
 
 
 class Sweeps:
-    """Sweeps over the steps of a model. At first the attractors of `table` are known; cell i of the table is step i."""
+    """Forward and backward sweeps along the steps of a line of parameters, for one model.
+
+    At first the attractors of `table` are known; cell i of the table is step i.
+    """
 
     def __init__(self, model: Motions, steps: Parameters, table: AttractorTable) -> None:
         self.model, self.steps = model, steps
@@ -157,7 +160,7 @@ class Sweeps:
             self._advance_runs(list(now.values()))
 
     def _advance_runs(self, runs: list[_Run]) -> None:
-        """Advance runs by a step: find which attractor the state of each run reaches, and whether it is known."""
+        """Advance runs by a step: find the attractor that the state of each run reaches, and whether it was known."""
         states = [[(run.tau, run.v), *((known.tau, known.v) for known in self.known[run.step])] for run in runs]
         count = max(map(len, states))
         tau, v = (np.array([[s[i] for s in (here * count)[:count]] for here in states]) for i in (0, 1))

@@ -1,4 +1,4 @@
-"""The gear with rigid walls (paper 2.3, 2.4), as functions of arrays. `rattle.stiff` has the same function names."""
+"""Functions of the impacting gear (paper, equations 2.3 and 2.4). `rattle.stiff` has functions of the same names."""
 
 from rattle.impacting.attractors.stretch import stretch
 from rattle.impacting.bifurcations.curves import trace

@@ -124,7 +124,7 @@ class Gear(SampledGear, Rattling):
 
     @property
     def sn1(self) -> float | None:
-        """Eccentricity of SN1, where A and C are born at this damping (paper 4.1).
+        """Eccentricity of SN1, where A and C are born at this damping (paper, equation 4.1).
 
         It is None if A and C are not born at SN1 (`rattle.sn1`).
         """
@@ -181,7 +181,7 @@ class Gear(SampledGear, Rattling):
         return FirstImpact(time, next_wall, w1)
 
     def impact(self, tau: float, v: float) -> Impact:
-        """Return the impact map Π of (τ, v), v > 0, with its tangent matrix (2, 2) (paper 3.16).
+        """Return the impact map Π of (τ, v), v > 0, with its tangent matrix (2, 2) (paper, equation 3.16).
 
         The tangent is infinite at a graze.
 
@@ -298,7 +298,18 @@ class Gear(SampledGear, Rattling):
         return periodic_orbit(self.delta, self.epsilon, tau, v, n_plus, self.beta)
 
     def saddle(self, orbit: Orbit) -> Periodic:
-        """Return an orbit of `orbits` as a motion for `manifold`. Raises RattleError if the orbit does not exist."""
+        """Return one of the orbits A to D, from `orbits`, as the periodic motion that `rattle.manifold` takes.
+
+        Returns
+        -------
+        Periodic
+            The motion with its impacts, multipliers and stability.
+
+        Raises
+        ------
+        RattleError
+            If the orbit of this letter does not exist at the gear's parameters.
+        """
         return period_one_saddle(orbit.name, self.delta, self.epsilon, self.beta)
 
     def region(self) -> int:

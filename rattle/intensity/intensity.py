@@ -123,7 +123,7 @@ UNDECIDED = Intensity(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan
 
 
 def intensity(motion: Motion, point: Any, periods: float | None) -> Intensity:
-    """Return the result of `Rattling.intensity`. point: the parameter point for kernels."""
+    """Return how hard a motion rattles (`Rattling.intensity`). point: the gear's parameter point for kernels."""
     kind = kind_of(motion)
     if kind == "quiet":
         mean = force_lines(point)[0][1].real

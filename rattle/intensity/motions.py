@@ -89,7 +89,7 @@ def period_limits(m: Any, n_plus: Any, contacts: Any) -> tuple[Any, Any]:
 
 
 def period_limits_of(motion: Motion) -> tuple[int, float]:
-    """Return the result of `period_limits` for one motion."""
+    """Return the limits of returns and of forcing periods that end one period of a motion; one of them is infinite."""
     returns, periods = period_limits(motion.m, motion.n_plus, contacts_of(motion))
     return int(returns), float(periods)
 
@@ -114,7 +114,7 @@ def watched_periods(delta: float, periods: float | None) -> float:
 
 
 def require_closed(motion: Motion, status: int, tau: float, v: float, fastest: float) -> None:
-    """Raise RattleError unless (tau, v), the state after a period, is the motion's. fastest: its largest speed."""
+    """Raise RattleError unless (tau, v), after a period, is the motion's first state. fastest: the largest speed."""
     closed = abs(wrapped(tau - motion.tau)) <= CLOSED and abs(v - motion.v) <= CLOSED * fastest
     if status != OK or not closed:
         raise RattleError(

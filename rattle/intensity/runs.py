@@ -34,7 +34,7 @@ from rattle.orbits.return_map import point_of
 def list_impacts_in_cell(
     cell: int, tau: float, v: float, returns: int, periods: float, cells: Any, impacts: Impacts
 ) -> tuple[int, float, float, int]:
-    """Follow a motion in the cell number `cell` and write its impacts, as `list_impacts` does at one point."""
+    """Follow a motion in the cell with the number `cell`, and write its impacts to `impacts` (`visit.list_impacts`)."""
     return list_impacts(tau, v, returns, periods, point_of(cell, cells), impacts)
 
 
@@ -45,7 +45,7 @@ def _list_in_cell(cell: int, cells: Any, tau: float, v: float, returns: int, per
 def collect_impacts_in_cell(
     cell: int, cells: Any, tau: float, v: float, returns: int, periods: float
 ) -> tuple[int, float, float, Impacts]:
-    """Return the result of `rattle.intensity.impacts.collect_impacts` for a motion in the cell number `cell`."""
+    """Follow a motion in a cell; return its status, its final state, and at most MOST_IMPACTS impacts."""
     return collect_impacts(tau, v, returns, periods, partial(_list_in_cell, cell, cells))
 
 

@@ -69,7 +69,7 @@ def mean_force_at(point):
 
 @inline
 def add_impact(row, s, wall, speed, duration, impulse):
-    """Add one impact to a row of sums. s: duration of the flight before it; duration: that of the contact."""
+    """Add one impact to a row of sums. s: the duration of the flight before the impact; duration: of the contact."""
     row[TIME] += s + duration
     row[ON_PLUS if wall > 0 else ON_MINUS] += 1.0
     row[SPEED] += speed
@@ -107,7 +107,10 @@ def sum_impacts(tau, v, returns, periods, most, point, sums):
 
 @kernel
 def list_impacts(tau, v, returns, periods, point, impacts):
-    """Follow a motion as `sum_impacts` does and write its impacts one by one, as long as the arrays have room.
+    """Follow the motion that leaves Σ⁺ at (τ, v), and write its impacts one by one to the arrays of `impacts`.
+
+    The motion is followed for `returns` further departures from Σ⁺ or `periods` forcing periods, whichever ends first,
+    as long as the arrays have room.
 
     Returns
     -------

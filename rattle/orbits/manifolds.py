@@ -35,7 +35,8 @@ class Manifold:
     tau, v : ndarray, (n,)
         Phase, not folded but continuous along the manifold, and speed after the impact on Σ⁺.
     parameter : ndarray, (n,)
-        The position t, on the local manifold, of the j-th preimage of each point; near the saddle t is the arclength.
+        For each point, whose `images` is j, the position t of its j-th preimage on the local manifold; near the saddle
+        t is the arclength.
     images : ndarray of int, (n,)
         For each point the number j of the image of the fundamental domain that contains the point.
     pieces : ndarray of int, (p + 1,)
@@ -171,7 +172,7 @@ def manifold(
     local = local_manifold(orbit, kind == "stable", unit)
     t = side * local.size * local.multiplier ** np.linspace(-1.0, 0.0, FIRST)
     reach = float(abs(t[0]) * np.hypot(*(local.powers[1] / [1.0, unit])) / np.hypot(*local.powers[1]))
-    first = np.linspace(0.0, t[0], 2 + int(reach / spacing))[:-1]  # from the saddle to the fundamental domain
+    first = np.linspace(0.0, t[0], 2 + int(reach / spacing))[:-1]  # points from the saddle to the domain
     zero = np.zeros(first.size)
     rows, length = [np.stack([*local.states_at(first), first, zero, zero, zero])], reach
     for j in range(MOST_IMAGES):

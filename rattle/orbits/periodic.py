@@ -175,7 +175,7 @@ class Periodic(ABC):
     def from_solution(
         cls, itinerary: Equations, x: Array, speeds: Array, trace: float, admissible: bool, **more: Any
     ) -> Self:
-        """Return the motion at a solution x (n + 2,) of its equations. trace: that of its tangent map over the period.
+        """Return the motion at a solution x (n + 2,) of its equations. trace: of the tangent map over the period.
 
         Returns
         -------

@@ -77,7 +77,7 @@ class LocalManifold:
         return ok, np.stack([tau, v]), word, bounces
 
     def image(self, s: Array, times: int) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
-        """Return F^times(W(s)) for positions s (n,) on the whole manifold, in the form of `map`."""
+        """Map the states W(s) at positions s (n,) on the whole manifold by F^times; the results are those of `map`."""
         more = max(0, int(np.ceil(np.log(np.abs(s).max() / self.size) / np.log(self.multiplier))))
         return self.map(self.states_at(s / self.multiplier**more), times + more)
 

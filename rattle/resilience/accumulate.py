@@ -63,7 +63,7 @@ def accumulated(
 def accumulated_at(
     parameters: Parameters, tau: Array, v: Array, accumulator: Accumulator, periods: float, impacts: int = 100_000
 ) -> Array:
-    """Return an accumulated quantity of n samples as `accumulated` does, each sample at its own parameters."""
+    """Return an accumulated quantity of n samples, each at its own parameters. Other arguments: as in `accumulated`."""
     periods = require_number("periods", periods, positive=True)
     impacts = require_integer("impacts", impacts, 1, MOST_IMPACTS)
     model = MODELS[parameters.model]

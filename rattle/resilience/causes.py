@@ -25,7 +25,7 @@ LONGEST = 32
 FARTHEST = 0.1
 #: A multiplier that is closer to ±1 than this, where an orbit is about to end, counts as ±1.
 AT_ONE = 0.01
-#: The end of an orbit is extrapolated from two values of a function of its multipliers whose ratio exceeds this.
+#: Least ratio of two values of a function of an orbit's multipliers from which the orbit's end is extrapolated.
 CLEARLY = 1.5
 #: Distance beyond the end of an orbit, as a share of the distance between two points of the path, at which a virtual
 #: continuation of the orbit is sought.
@@ -143,7 +143,7 @@ def distance_after_part(gear: AnyGear, label: TrackedOrbit, found: Any) -> float
 
 
 def _was_doubled(gear: AnyGear, at: TrackedOrbit) -> bool:
-    """Return whether a motion of half the period that is near its flip (multiplier −1) departs close to `at`."""
+    """Return whether a motion with half the period of `at`, near its flip (multiplier −1), departs close to `at`."""
     if any(n % 2 for n in at.label):
         return False
     m, n_plus, n_minus = (n // 2 for n in at.label)

@@ -161,7 +161,7 @@ class _ShockSearch:
         self.to: Attractor | None = None
 
     def run(self) -> None:
-        """Scan all states ROUNDS times; then narrow the smallest fatal shock by HALVINGS scans of its state."""
+        """Scan all states ROUNDS times; if a fatal shock is found, narrow the smallest by HALVINGS further scans."""
         every, both = np.arange(len(self.states)), np.array([-1.0, 1.0])
         for _ in range(ROUNDS):
             limit = min(self.high, self.highest)

@@ -46,7 +46,7 @@ WORK = np.dtype(
 
 @inline
 def direction_of(lane, few):
-    """Return the direction that a lane tries, and the number of halvings from its group's largest radius to its radius.
+    """Return the direction that a lane tries, and how often its group's largest radius is halved to give its radius.
 
     few: the group tries four directions at four radii; otherwise all directions at one radius.
 
@@ -60,7 +60,7 @@ def direction_of(lane, few):
 
 @inline
 def load_centre(b, group, i, centres, cells):
-    """Load the parameters of the cell of centre i into all lanes of a group."""
+    """Load the parameters of one cell into all lanes of a group: the cell of capture region i of `centres`."""
     first, cell = group * GROUP, centres.cell[i]
     load(b, first, 0.0, 1.0, cells.delta[cell], cells.epsilon[cell], cells.beta[cell], -1.0)
     for field in range(len(b.carried)):
@@ -73,7 +73,11 @@ def load_centre(b, group, i, centres, cells):
 
 @inline
 def load_states(b, work, group, i, level, few, centres):
-    """Put on each lane of a group the state that the lane tries next around centre i. level, few: see `WORK`."""
+    """Put on each lane of a group the state that the lane tries next around centre i.
+
+    level: the number of halvings of the largest radius. few: the group tries four directions at four radii; otherwise
+    it tries all directions at one radius.
+    """
     for j in range(GROUP):
         lane = group * GROUP + j
         direction, halvings = direction_of(j, few)
@@ -87,7 +91,7 @@ def load_states(b, work, group, i, level, few, centres):
 
 @inline
 def fly_once(memory, work, groups, force, paths):
-    """Advance the state of every unfinished lane by one flight, and multiply its tangent matrix by the flight's.
+    """Advance the state of every unfinished lane by one flight, and multiply the lane's tangent matrix by the flight's.
 
     `force` is the result of `needed_stage`: the kind of guess and of proof that the flights need.
     """
@@ -136,7 +140,8 @@ def halvings_without_failure(b, work, group, i, level, few, centres):
     """Return the number of halvings from LARGEST to the largest tried radius at which no direction failed.
 
     If every tried radius has a direction that failed, the result is the number of halvings to the smallest of these
-    radii plus 1.
+    radii plus 1. level: the number of halvings to the largest of these radii. few: the group tried four directions at
+    four radii; otherwise it tried all directions at one radius.
 
     Returns
     -------
@@ -158,7 +163,8 @@ def halvings_without_failure(b, work, group, i, level, few, centres):
 def write_radii(memory, work, centres, cells, paths):
     """Write the radius of every capture region to `centres`, 0 if there is none.
 
-    `work` is scratch memory (`WORK`). `paths` (2,) counts flights that need a scan, and those that need a safe search.
+    `work` is scratch memory (`WORK`). `paths` (2,) counts flights whose first impact needs a scan, and flights whose
+    first impact needs the slower safe search.
     """
     b, n, fresh, force = memory[0], centres.radius.size, NONE, SMOOTH
     of, level, few = work.of, work.level, work.few
@@ -196,5 +202,5 @@ def write_radii(memory, work, centres, cells, paths):
 
 
 def find_radii_in_lanes(memory, centres, cells):
-    """Write the radii of the capture regions to `centres`, computed in lanes (`Classifier.find_radii`)."""
+    """Compute in lanes the radii of the capture regions around `centres`, and write them to `centres.radius`."""
     write_radii(memory, np.zeros(1, WORK)[0], centres, cells, np.zeros(2, np.int64))

@@ -118,7 +118,8 @@ class _Cells:
         self.chaos = np.array([cell in self.classifier.chaos for cell in range(n)])
         settled = np.where((status == Outcome.PERIODIC) | (status == Outcome.QUIET), impacts, 0).max(axis=1)
         most = MOST_IMPACTS * self.longer
-        self.chaos &= PATIENCE * settled <= most  # otherwise unresolved samples may still become quiet
+        # if samples settle so late, unresolved samples do not count as chaotic: they may still become quiet
+        self.chaos &= PATIENCE * settled <= most
         captured = np.where(status == Outcome.PERIODIC, impacts, 0).max(axis=1)
         self.most = np.clip(PATIENCE * np.where(self.chaos, settled, captured), LEAST_IMPACTS * self.longer, most)
         self.most = self.most.astype(np.int64)
@@ -194,12 +195,12 @@ class _Cells:
     def keep_preimages(self, away: NDArray[np.bool_], tau: Array, v: Array) -> None:
         """Keep the slowest preimages of the states flagged in `away`, and of the edges of new capture regions.
 
-        `away` (n, k) flags the states that reach an attractor other than quiet motion. Each of them has COPIES copies
-        close to it; if a cell has too many of them, only some are used. New capture regions are the regions found since
-        the last call.
+        `away` (n, k) flags the states that reach an attractor other than quiet motion. Each of these states has COPIES
+        copies close to it; if a cell has too many of these states, only some are used. New capture regions are the
+        regions found since the last call.
         """
         number = away.sum(axis=1)[:, None]
-        every = -(-number * (1 + COPIES) // STATES)  # use every `every`-th state only: at most STATES
+        every = -(-number * (1 + COPIES) // STATES)  # keep every `every`-th state: with copies at most STATES
         some = np.flatnonzero(away & (np.cumsum(away, axis=1) % np.maximum(every, 1) == 0))
         near = sobol_points(1 + COPIES)[:, :, None] * NEAR
         near_tau, near_v = fold(tau.flat[some] + near[:, 0]), v.flat[some] * (1.0 - near[:, 1])
@@ -270,9 +271,9 @@ class _Cells:
 def boundary_distances(
     delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6, v_max: SpeedLimit = None
 ) -> BoundaryDistance:
-    """Return the results of `Gear.boundary_distance` for many cells; delta, epsilon and beta broadcast.
+    """Return the least impact speeds that end quiet motion, for many cells; delta, epsilon and beta broadcast.
 
-    A cell's values do not depend on the other cells.
+    The values of a cell equal those of `Gear.boundary_distance`, whatever the other cells are.
 
     Returns
     -------

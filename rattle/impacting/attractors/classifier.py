@@ -25,12 +25,21 @@ from rattle.parameters import Parameters
 def elastic_cells(
     delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: NDArray[np.float64], quiet: NDArray[np.float64]
 ) -> ImpactingCells:
-    """Return the record for kernels of n cells with elastic impacts. quiet (n,): its field `quiet_invariant`."""
+    """Return n cells with elastic impacts as the record that kernels take.
+
+    quiet (n,): for each cell the largest v³/g at which a bounce with speed v and contact force g is certain to become
+    quiet.
+
+    Returns
+    -------
+    ImpactingCells
+        The record.
+    """
     return ImpactingCells(delta, epsilon, beta, quiet, np.ones_like(delta), np.zeros_like(delta))
 
 
 def cells_of(parameters: Parameters) -> ImpactingCells:
-    """Return these parameters (n,) as the record of cells that kernels take."""
+    """Return the cells at these parameters (n,) as the record that kernels take."""
     delta, epsilon, beta = parameters.delta, parameters.epsilon, parameters.beta
     return elastic_cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta))
 
@@ -46,8 +55,8 @@ def sorted_by_roughness(
 ) -> NDArray[np.int64]:
     """Return the samples `which`, sorted by the roughness of their cells, the largest first.
 
-    Neighbouring lanes then mostly need the same stages of a flight. roughness (n_cells,): the results of
-    `roughness_of`.
+    Samples that are followed together then mostly need the same method of search for their first impacts.
+    roughness (n_cells,): the amplitude of each cell's contact force divided by the force's mean.
 
     Returns
     -------
@@ -58,7 +67,15 @@ def sorted_by_roughness(
 
 
 def quiet_invariant(parameters: Parameters) -> float:
-    """Return the largest v³/g at which a bounce is certain to become quiet, at the first of the parameter points."""
+    """Return the largest v³/g at which a bounce is certain to become quiet, at the first of the parameter points.
+
+    v is the speed of the bounce, and g the contact force at its impact.
+
+    Returns
+    -------
+    float
+        The limit of v³/g.
+    """
     point = parameters.point()
     return capture_invariant(point["delta"], point["epsilon"], point["beta"])
 
@@ -67,7 +84,11 @@ class ImpactingClassifier(Classifier):
     """Classify the samples of a block of cells of the impacting gear."""
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
-        """Prepare the classifier. Its `paths` (2,) counts flights with a scan, and flights with a safe search."""
+        """Prepare the classifier.
+
+        Its field `paths` (2,) counts flights whose first impact needs a scan, and flights whose first impact needs the
+        slower safe search.
+        """
         self.paths = np.zeros(2, np.int64)
         self._block = working_block()
         self._roughness = roughness_of(cells)
@@ -86,7 +107,7 @@ class ImpactingClassifier(Classifier):
     def states_after(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return the result of `Classifier.states_after`. All flags are False: elastic bounces never end."""
+        """Return τ, v after so many returns to Σ⁺, and flags of states at rest: all False, as bounces never end."""
         moved = iterate(parameters.delta, parameters.epsilon, tau, v, returns, parameters.beta)
         return moved.tau, moved.v, np.zeros(tau.size, np.bool_)
 
@@ -112,7 +133,10 @@ class ImpactingClassifier(Classifier):
         find_radii_in_lanes(self._block, centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
-        """Follow samples in lanes until each has an outcome or reaches its limit. early: check lanes more often."""
+        """Follow samples in lanes until each has an outcome or reaches its limit of impacts.
+
+        early: attractors will soon capture most of the samples, so the lanes are checked more often.
+        """
         flights = CHUNK if early else LONG_CHUNK
         which, tables = (
             sorted_by_roughness(which, samples, self._roughness),

@@ -101,8 +101,8 @@ def finish_sample(b, i, k, status, orbit, samples):
 def check_recurrence(b, i, k, samples):
     """Return whether lane i is back at its reference state, and sample k has made `samples.pause[k]` impacts or more.
 
-    If so, `samples.gap[k]` becomes the number of impacts on Σ⁺ since the reference state. If not, the reference state
-    is replaced when its next replacement is due.
+    If both hold, `samples.gap[k]` becomes the number of impacts on Σ⁺ since the reference state. Otherwise, after
+    1, 2, 4, … checks of the lane, the current state replaces the reference state.
 
     Returns
     -------
@@ -152,7 +152,7 @@ def check_lanes(b, groups, fresh, which, cells, samples, balls):
     Returns
     -------
     int
-        The number of the samples `which` that have been put on lanes so far.
+        How many of the samples `which` have been put on lanes so far.
     """
     for i in range(GROUP * groups):
         k = b.who[i]
@@ -170,10 +170,11 @@ def check_lanes(b, groups, fresh, which, cells, samples, balls):
 
 @kernel
 def settle(memory, which, flights, cells, samples, balls, paths):
-    """Follow the samples `which` until each has an outcome or reaches its limit, with `flights` between two checks.
+    """Follow the samples `which` until each has an outcome or reaches its limit of impacts.
 
-    A sample that reaches its limit of impacts without an outcome remains UNRESOLVED. `paths` (2,) counts flights that
-    need a scan, and flights that need a safe search.
+    `flights` flights pass between two checks of the lanes. A sample that reaches its limit without an outcome remains
+    UNRESOLVED. `paths` (2,) counts flights whose first impact needs a scan, and flights whose first impact needs the
+    slower safe search.
     """
     b, fresh, groups = memory[0], NONE, GROUPS
     clear_block(b)
@@ -185,7 +186,7 @@ def settle(memory, which, flights, cells, samples, balls, paths):
 
 @inline
 def record_growth(b, i, batches):
-    """Add the time, ln stretch and ln|det| that lane i gained since the last call to the sums of its batch.
+    """Add to the sums of lane i's batch the time, ln stretch and ln|det| that the lane gained since the last call.
 
     A lane whose tangent vector is not yet aligned has no batch: its gains are dropped.
     """
@@ -198,14 +199,14 @@ def record_growth(b, i, batches):
 
 
 class Observation(NamedTuple):
-    """The limits of the observation of k probes, and the arrays that it fills.
+    """The limits of the observation of k probes, and the arrays for its results.
 
     Attributes
     ----------
     least, periods : (k,)
         Least number of impacts on Σ⁺, and of forcing periods, for which each probe is followed.
     sums : (k, BATCHES, 3)
-        Time, ln stretch and ln|det| of each batch.
+        For each batch its time, and ln stretch and ln|det| of the tangent map.
     footprints
         Visited-cell bitmap of each probe.
     """
@@ -218,14 +219,14 @@ class Observation(NamedTuple):
 
 @inline
 def check_probes(b, groups, fresh, which, cells, samples, balls, watch):
-    """Check every lane in use and put new probes on free lanes, as `check_lanes` does for samples.
+    """Check every lane in use, and put new probes on lanes whose probes ended.
 
-    The growth of the tangent vectors is added to the sums of their batches.
+    The growth of the tangent vectors is added to the sums of the present batches of their probes, `watch.sums`.
 
     Returns
     -------
     int
-        The number of the probes `which` that have been put on lanes so far.
+        How many of the probes `which` have been put on lanes so far.
     """
     for i in range(GROUP * groups):
         j = b.who[i]
@@ -259,11 +260,12 @@ def mark_visited_cells(b, groups, footprints):
 
 @kernel
 def measure(memory, which, least, periods, cells, samples, balls, sums, footprints, paths):
-    """Follow the probes `which` (k,) as `settle` does, but with a tangent vector.
+    """Follow the probes `which` (k,) in lanes, each with a tangent vector.
 
     Probe j goes on for at least least[j] impacts and periods[j] forcing periods, unless it has an outcome or reaches
-    its limit of impacts before. sums[j, batch], zero at the start, collects its time, ln stretch and ln|det| after
-    ALIGNMENT impacts. footprints[j] is its visited-cell bitmap. `paths` is that of `settle`.
+    its limit of impacts before. sums[j, batch], zero at the start, collects the probe's time, and ln stretch and
+    ln|det| of its tangent map, after ALIGNMENT impacts. footprints[j] is its visited-cell bitmap. `paths` (2,) counts
+    flights whose first impact needs a scan, and flights whose first impact needs the slower safe search.
     """
     b, fresh, groups, watch = memory[0], NONE, GROUPS, Observation(least, periods, sums, footprints)
     clear_block(b)

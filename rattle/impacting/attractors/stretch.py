@@ -22,7 +22,7 @@ LOOKS = 4 * BATCHES
 
 @inline
 def add_impacts(b, groups, speeds, squares, impulses, fastest):
-    """Add the impact that ends each lane's last flight to the lane's sums, and update its largest speed `fastest`."""
+    """Add the impact that ends each lane's last flight to the lane's sums, and raise its largest speed `fastest`."""
     for i in range(GROUP * groups):
         speed = abs(velocity_before_reflection(b.w[i]))
         speeds[i] += speed
@@ -33,12 +33,12 @@ def add_impacts(b, groups, speeds, squares, impulses, fastest):
 
 @kernel
 def fly_and_sum(memory, lanes, cell, tau, v, looks, cells, sums, paths):
-    """Follow motions (n,) of these cells until each was checked `looks` (n,) times, and sum over their impacts.
+    """Follow motions (n,) that start at (tau, v), and sum over their impacts; motion i ends after looks[i] checks.
 
     CHUNK flights pass between two checks. `sums` (n, BATCHES, COLUMNS), zero at the start, has the columns of
     `rattle.intensity.visit.sum_impacts`; each batch holds the impacts of an equal part of the checks. The sums of a
-    motion that becomes quiet are NaN. `lanes` (4, LANES) is scratch memory. `paths` (2,) counts flights that need a
-    scan, and flights that need a safe search.
+    motion that becomes quiet or stays in contact are NaN. `lanes` (4, LANES) is scratch memory. `paths` (2,) counts
+    flights whose first impact needs a scan, and flights whose first impact needs the slower safe search.
     """
     speeds, squares, impulses, fastest = lanes[0], lanes[1], lanes[2], lanes[3]
     lanes[:] = 0.0
@@ -81,14 +81,16 @@ def fly_and_sum(memory, lanes, cell, tau, v, looks, cells, sums, paths):
 def stretch(
     cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], longer: NDArray[np.float64], cells: Any
 ) -> NDArray[np.float64]:
-    """Return the sums over the impacts of chaotic motions (n,) that start at (tau, v) in the cells number `cell`.
+    """Return the sums over the impacts of chaotic motions (n,), which start at (tau, v).
 
-    longer (n,): the duration for which each motion is followed, relative to the duration at strong damping.
+    cell (n,): the number of each motion's cell in the record `cells`. longer (n,): the duration for which each motion
+    is followed, relative to the duration at strong damping. The columns of the sums are those of
+    `rattle.intensity.visit.sum_impacts`.
 
     Returns
     -------
     NDArray[np.float64]
-        Sums (n, BATCHES, COLUMNS); NaN for a motion that becomes quiet.
+        Sums (n, BATCHES, COLUMNS); NaN for a motion that becomes quiet or stays in contact.
     """
     sums, lanes = np.zeros((cell.size, BATCHES, COLUMNS)), np.zeros((4, LANES))
     fly_and_sum(working_block(), lanes, cell, tau, v, np.ceil(LOOKS * longer), cells, sums, np.zeros(2, np.int64))

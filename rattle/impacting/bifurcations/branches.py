@@ -260,14 +260,14 @@ def _follower(itinerary: Itinerary, line: ParameterLine) -> Follower:
 
 
 def _why_degenerate(itinerary: Itinerary, y: Array) -> str | None:
-    """Return why a branch ends at y = (times, p): two impacts become one, or the period halves; None if neither."""
+    """Return why a branch ends at impact times y[:-1] (impacts merge, or the period halves); None if it goes on."""
     if np.min(np.diff(np.append(y[:-1], y[0] + itinerary.m))) < SHORTEST_FLIGHT:
         return "two impacts become one"
     return HALF_PERIOD if repeats_first_half(itinerary, y, TWICE) else None
 
 
 def _follow_both_ways(itinerary: Itinerary, line: ParameterLine, start: Array) -> Branch:
-    """Return the branch that contains `start` = (times, p), in both directions, ordered so that p rises at `start`."""
+    """Return the branch through `start` = (times, position p on the line), ordered so that p rises at `start`."""
     followed = _follower(itinerary, line).follow_both_ways(start, -1, MOST_POINTS)
     ends = (CLOSED, CLOSED)
     if followed.paths is not None:
@@ -297,7 +297,7 @@ def _is_same_event(one: Event, other: Event) -> bool:
 def _build_branch(
     itinerary: Itinerary, line: ParameterLine, points: Array, tangents: Array, start: int, ends: tuple[str, str]
 ) -> Branch:
-    """Return the branch through points y = (times, p), with its events and a point between any two close events."""
+    """Return the branch with its events, from points (times, position on the line); add points between close events."""
     problem = equations_on_line(itinerary, line.origin, line.direction)
     more = sorted(points_between_close_events(itinerary, line, problem, points, tangents), key=lambda item: -item[0])
     for after, y, tangent in more:

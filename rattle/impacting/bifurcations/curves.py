@@ -169,7 +169,7 @@ def describe_motion(itinerary: Itinerary, x: Array, grazed: int | None = None) -
 
 
 def _reason_with_point(name: str, x: Array, reason: str, beta: float) -> str:
-    """Return the reason why a curve ends at x. At a codimension-two point, the name of the point precedes it."""
+    """Return the reason why a curve ends at x, preceded by the name of the codimension-two point if x is at one."""
     off = {
         point.name: max(abs(x[-2] / point.delta - 1.0), abs(x[-1] / point.epsilon - 1.0))
         for point in codimension_two(beta)

@@ -31,12 +31,12 @@ class ImpactingMotions(Motions):
     classifier = ImpactingClassifier
 
     def steps(self, position: Array) -> Parameters:
-        """Return the impacting gear's parameters at these positions (`Motions.steps`)."""
+        """Return the impacting gear's parameters at positions (n,) on the segment, from 0 (start) to 1 (end)."""
         delta, epsilon = np.ascontiguousarray(self.segment.parameters_at(position).T)
         return Parameters(self.classifier.model, delta, epsilon, np.full_like(delta, self.beta))
 
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
-        """Yield, for each range of steps on which one of A to D exists, this orbit at the middle step of the range."""
+        """Yield each of the orbits A to D at the middle of each range of parameter points on which it exists."""
         orbits = period_one(steps.delta, steps.epsilon, steps.beta)
         for exists, tau, v in zip(orbits.exists, orbits.tau, orbits.v, strict=True):
             for run in split_into_runs(np.flatnonzero(exists)):
@@ -46,7 +46,7 @@ class ImpactingMotions(Motions):
                     yield found
 
     def motion_near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
-        """Return the periodic motion near this state (`Motions.motion_near`); None if Newton's method finds none."""
+        """Return the periodic motion near (τ, v) at one parameter point, `step`; None if Newton's method finds none."""
         try:
             itinerary, x = follow_impacts(step["delta"], step["epsilon"], step["beta"], tau, v, n_plus)
         except RattleError:
@@ -55,11 +55,11 @@ class ImpactingMotions(Motions):
         return None if solved is None else (itinerary, orbit_of(itinerary, solved).unknowns)
 
     def problem(self, itinerary: Itinerary) -> ContinuationProblem:
-        """Return the impact equations along the segment (`Motions.problem`)."""
+        """Return the impact equations of motions with this itinerary along the segment of the diagram."""
         return equations_on_line(itinerary, self.segment.start, self.segment.direction)
 
     def solve_motion(self, itinerary: Itinerary, y: Array) -> PeriodicOrbit | None:
-        """Return the orbit at the position of the guess y = (times, position); None if Newton's method finds none."""
+        """Return the orbit with times near y[:-1] at position y[-1] on the segment; None if Newton's method fails."""
         found = solve_at_parameters(itinerary, np.append(y[:-1], self.segment.parameters_at(y[-1])))
         return None if found is None else orbit_of(itinerary, found)
 
@@ -68,11 +68,11 @@ class ImpactingMotions(Motions):
         return branch_through(*motion, self._direction, span, POINTS_ACROSS)
 
     def follow_doubled_branch(self, event: Event, span: tuple[float, float]) -> Branch:
-        """Return the branch of doubled period that starts at a flip (`Motions.follow_doubled_branch`)."""
+        """Return the branch of doubled period from a flip. span: its range of positions, relative to the flip's."""
         return doubled(event, self._direction, span, POINTS_ACROSS)
 
     def events_of(self, found: Branch) -> tuple[Event, ...]:
-        """Return the events of a branch (`Motions.events_of`)."""
+        """Return the saddle-nodes, flips and grazes of a branch, in order."""
         return found.events
 
     def motions_at_event(self, event: Event) -> Iterator[Motion]:

@@ -110,9 +110,10 @@ class Event:
 def find_events(
     itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem, points: Array, tangents: Array
 ) -> Iterator[Event]:
-    """Yield the events of a branch in order, from k neighbouring solutions y = (times, p) on the branch.
+    """Yield the events of a branch in order, from k neighbouring solutions on the branch.
 
-    points: the solutions (k, n + 1). tangents: the unit tangents (k, n + 1) of the branch.
+    points: the solutions (k, n + 1), each with n times and p, the position on the line of parameters. tangents: the
+    unit tangents (k, n + 1) of the branch.
 
     Yields
     ------
@@ -151,7 +152,8 @@ def points_between_close_events(
     Returns
     -------
     list[tuple[int, Array, Array]]
-        For each further point the index of the point before it, y = (times, p), and the tangent, by rising index.
+        For each further point the index of the point before it, its times and position on the line (n + 1,), and the
+        tangent; by rising index.
     """
     tests, values = _test_functions(itinerary, line, problem), _test_values(itinerary, line, points, tangents)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])

@@ -24,7 +24,7 @@ from rattle.orbits.saddles import Array, LocalManifold, eigenvectors, local_mani
 GRID, ZOOMS = 41, 13  # number of points of a grid in s; number of refinements of the grid around its minimum
 # distance in s from the contact, relative to s, of the two points on either side whose itineraries are compared
 SAME = 1e-9
-# number of impacts beyond the local series from which W^u(A) is interpolated; number of interpolation points
+# number of impacts from the local series beyond which points of W^u(A) are interpolated; number of interpolation nodes
 LONG, NODES = 30, 16
 NEWTON = 4  # number of Newton steps to the position of a state along W^s(A)
 MOST_ROUNDS = 40  # most moves of an interval until it holds a root
@@ -45,7 +45,7 @@ class Crisis:
         Position s on W^u(A) of one point of the contact's orbit; near A, s is the arclength from A. In its second
         return to Σ⁺ from this point the orbit meets Σ⁻ for the first time.
     steps : int
-        Impacts on Σ⁺ from this point to the return to W^s(A) near A.
+        Impacts on Σ⁺ from the point W(s), s = `parameter`, to the return of its orbit to W^s(A) near A.
     chaotic : bool
         Whether the attractor of W^u(A) just below the crisis was observed to be chaotic. In a window of periodic motion
         the attractor is not chaotic, and the contact ends chaotic transients only.
@@ -119,9 +119,10 @@ class SaddleManifolds:
         return np.asarray(chebyshev.chebval((2.0 * s - low - high) / (high - low), powers) + self.at, np.float64)
 
     def distances_after(self, s: Array, n: int) -> tuple[Array, NDArray[np.int64]]:
-        """Return the distances (m,) of Πⁿ(W(s)) from W^s(A), inf if they are unknown, and hashes of the itineraries.
+        """Return the distances (m,) of Πⁿ(W(s)) from the local part of W^s(A), and hashes of the itineraries.
 
-        W(s) are the points of W^u(A) at the positions s (m,), and Π is the impact map.
+        W(s) are the points of W^u(A) at the positions s (m,), and Π is the impact map. A distance is inf if the state
+        Πⁿ(W(s)) does not exist or lies beyond the local part.
 
         Returns
         -------

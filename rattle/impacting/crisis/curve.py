@@ -71,7 +71,7 @@ def _extrapolate(known: list[Crisis], x: Array, y: Array, at: float) -> Array:
 
 
 def _window_around(known: list[Crisis], s: float) -> tuple[float, float]:
-    """Return the range of positions around s on W^u(A) in which the contact after the known points is searched."""
+    """Return the range of positions around s on W^u(A) in which the contact that follows known crises is searched."""
     last = known[-1]
     rate = np.log(saddle_manifolds_at(last.delta, last.epsilon, last.beta).unstable_manifold.multiplier)
     width = float(min(WINDOW * (4.0 if len(known) == 1 else 1.0), DOMAIN * rate))
@@ -79,7 +79,7 @@ def _window_around(known: list[Crisis], s: float) -> tuple[float, float]:
 
 
 def _returns_at_next_point(last: Crisis) -> int:
-    """Return the number of impacts on Σ⁺ after which the piece returns to A at the crisis that follows `last`."""
+    """Return the impacts on Σ⁺ from a contact's position on W^u(A) to its return to A, at the crisis after `last`."""
     return last.steps + (1 if contact_position(last) > INSIDE else 0)
 
 

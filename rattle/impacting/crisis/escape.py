@@ -82,7 +82,7 @@ class Saddles(NamedTuple):
     @property
     def is_decidable(self) -> Flags:
         """Flags (n,) of the points where A and quiet motion exist and becoming quiet takes few enough impacts."""
-        below, most = self.epsilon < quiet_limit(self.delta), MOST_IMPACTS * _impact_factor(self.delta)
+        below, most = self.epsilon < quiet_limit(self.delta), MOST_IMPACTS * _limit_factor(self.delta)
         return self.exists & (self.multiplier > 1.0) & below & (self.impacts_at_later_return < most)
 
     @property
@@ -92,13 +92,29 @@ class Saddles(NamedTuple):
             return np.asarray(np.log(1.0 / NEAREST) / np.log(self.multiplier), np.float64)
 
     def _impacts_until_quiet(self, returns: int) -> Array:
-        """Return the impacts (n,) within which a sample becomes quiet, `returns` of them before it crosses W^s(A)."""
+        """Return the impacts (n,) within which a sample becomes quiet.
+
+        returns: the impacts on Σ⁺ allowed at strong damping from leaving A to crossing W^s(A).
+
+        Returns
+        -------
+        Array
+            The sum of the impacts to leave A, to cross W^s(A), and to become quiet after that.
+        """
         rest = impacts_to_rest(self.delta, self.epsilon, self.beta)
-        return np.asarray(self._impacts_to_leave + returns * _impact_factor(self.delta) + 2.0 * rest, np.float64)
+        return np.asarray(self._impacts_to_leave + returns * _limit_factor(self.delta) + 2.0 * rest, np.float64)
 
 
-def _impact_factor(delta: Array) -> Array:
-    """Return the limit of the impacts that becoming quiet may take, relative to this limit at strong damping."""
+def _limit_factor(delta: Array) -> Array:
+    """Return the factor by which limits of impacts are larger at these dampings than at strong damping.
+
+    It is 1 at strong damping, and grows like `most_impacts_to_rest`, the limit of the impacts until a motion is quiet.
+
+    Returns
+    -------
+    Array
+        The factors (n,).
+    """
     return most_impacts_to_rest(delta) / LONGEST_REST
 
 
@@ -123,8 +139,8 @@ def _unstable_direction(
 class FollowedManifold:
     """Samples of W^u(A) at n parameter points, `count` for each, followed for `impacts` (n,) impacts on Σ⁺.
 
-    The points must be `Saddles.is_decidable`. The samples lie in one fundamental domain. s (n, count) holds the initial
-    distances of the samples from A, which are their positions on W^u(A).
+    `Saddles.is_decidable` must hold at each point. The samples lie in one fundamental domain. s (n, count) holds the
+    initial distances of the samples from A, which are their positions on W^u(A).
     """
 
     def __init__(self, a: Saddles, count: int, impacts: Array) -> None:
@@ -144,7 +160,7 @@ class FollowedManifold:
 
 
 def escapes(delta: float, epsilon: Array, beta: float) -> Flags:
-    """Return flags (n,) of eccentricities at which a part of W^u(A) becomes quiet; False where it is undecided."""
+    """Return flags (n,) of the eccentricities at which a part of W^u(A) becomes quiet; False at undecided ones."""
     a = saddles(np.full(epsilon.size, delta), epsilon, np.full(epsilon.size, beta))
     found = a.is_decidable
     if found.any():

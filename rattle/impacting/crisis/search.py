@@ -68,7 +68,7 @@ def _gaps_to_try(delta: float, beta: float) -> Array:
 
 
 def _follow_manifold(delta: float, beta: float, gap: float, density: int) -> FollowedManifold:
-    """Follow W^u(A) at ε = SN1 + gap, with `density` samples per unit of ln s. Errors are those of `saddle_at`."""
+    """Follow W^u(A) at ε = SN1 + gap, with `density` samples per unit of ln s. RattleError if this is impossible."""
     a = saddle_at(delta, float(sn1_formula(delta)) + gap, beta)
     return FollowedManifold(a, int(SAMPLES + density * np.log(a.multiplier[0])), a.impacts_at_first_return)
 
@@ -121,9 +121,9 @@ def _returns_of_orbit(delta: float, beta: float, gap: float, s: float) -> tuple[
     Returns
     -------
     tuple[int, list[int]]
-        The number of impacts to the state that is one return to Σ⁺ before the return in which the orbit first meets Σ⁻,
-        −1 if it never meets Σ⁻; and the numbers of impacts, counted from this state, at which the orbit comes back to A
-        close to W^s(A).
+        (met, entries). If the orbit first meets Σ⁻ between its impacts j and j + 1 on Σ⁺ (0 is the start), `met` is
+        j − 1, but at least 0; it is −1 if the orbit never meets Σ⁻. `entries` are the numbers of impacts after impact
+        `met` at which the orbit comes back to A close to W^s(A).
     """
     here = saddle_manifolds_at(delta, float(sn1_formula(delta)) + gap, beta)
     states, met, entries, inside, farthest = here.unstable_manifold.image(np.array([s]), 0)[1], -1, [], True, 0.0
@@ -132,7 +132,8 @@ def _returns_of_orbit(delta: float, beta: float, gap: float, s: float) -> tuple[
         if not ok.all():
             break
         if met < 0 and bounces[0] > 0:
-            met = max(j - 1, 0)  # at a corner, orbits on its other side meet Σ⁻ one step earlier
+            # not j: if the orbit is next to a corner of W^u(A), orbits beyond the corner meet Σ⁻ one return earlier
+            met = max(j - 1, 0)
         height = float(here.signed_distances(states)[0][0])
         farthest = max(farthest, float(np.hypot(*(states - here.at))[0]))
         before, inside = inside, abs(height) < NEAR * farthest

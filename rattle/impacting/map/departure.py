@@ -10,7 +10,7 @@ from rattle.flight.law import evaluate, flight_from_phase, folded
 def departure(
     delta: float, epsilon: float, beta: float, tau: float, position: float, velocity: float
 ) -> tuple[float, float]:
-    """Return the result of `rattle.Gear.departure` for tau ∈ [0, 1)."""
+    """Return the first departure (τ, v) from Σ⁺ of a motion with phase tau in [0, 1), Φ and Φ' (`Gear.departure`)."""
     require(abs(position) <= beta, f"position must be from {-beta} to {beta}, between the walls, got {position}")
     wall = SIGMA_PLUS if position > 0.0 else SIGMA_MINUS
     w = abs(velocity) if wall == SIGMA_PLUS else -abs(velocity)  # on a wall, use the velocity before the impact

@@ -1,4 +1,4 @@
-"""The impact map Π on Σ⁺ (paper 3.16), its inverse and its tangent map (compiled).
+"""The impact map Π on Σ⁺ (paper, equation 3.16), its inverse and its tangent map (compiled).
 
 A state (τ, v) leaves Φ = β at phase τ with velocity −v, v > 0. Π follows the flights and impacts on Σ⁻ until the next
 impact on Σ⁺. With −δ, the negative drift −q and the phase −τ the same kernel computes the inverse map, because these
@@ -21,7 +21,15 @@ from rattle.orbits.return_map import inverse_step, step, step_tangent
 
 @kernel
 def impact(tau, v, delta, epsilon, beta, drift):
-    """Apply Π to (τ, v), and return (status, τ', v', elapsed time, impacts on Σ⁻). drift: DRIFT, or −DRIFT for Π⁻¹."""
+    """Apply the impact map Π to (τ, v).
+
+    drift: DRIFT. With −DRIFT, −δ and −τ the result is that of Π⁻¹, with −τ' for τ' (`inverse_impact`).
+
+    Returns
+    -------
+    tuple
+        (status, τ', v', elapsed time, number of impacts on Σ⁻).
+    """
     status, wall, w, elapsed, n_minus = OK, SIGMA_PLUS, -v, 0.0, 0
     while True:
         if stays_in_contact(wall, w, tau, delta, epsilon, drift):

@@ -50,7 +50,8 @@ def _make_driver(tangent: bool) -> Any:
     def drive(memory, tau, v, n, delta, epsilon, beta, paths):
         """Return Π^n of each element of flat arrays. A lane that finishes an element gets the next element.
 
-        `paths` (2,), raised in place, counts flights that need a scan, and flights that need a safe search.
+        `paths` (2,), raised in place, counts flights whose first impact needs a scan, and flights whose first impact
+        needs the slower safe search.
 
         Returns
         -------

@@ -35,7 +35,16 @@ LONGEST_REST, STRONG, MOST_REST = 2048.0, 0.3, 2.0**18
 
 @kernel
 def largest_eta(delta):
-    """Return the largest η, defined at the top of this file, at which a motion is certain to become quiet."""
+    """Return the largest η at which a motion is certain to become quiet.
+
+    η compares the duration of a bounce with the times in which the contact force and damping act. Its formula is at the
+    top of this file.
+
+    Returns
+    -------
+    float
+        The limit of η.
+    """
     if delta >= 2.0 * KICK * math.exp(-DECAY_RATE / LARGEST_ETA):
         return LARGEST_ETA
     return DECAY_RATE / math.log(2.0 * KICK / delta)
@@ -43,7 +52,7 @@ def largest_eta(delta):
 
 @kernel
 def compiled_capture_invariant(delta, epsilon, beta, largest):
-    """Return the result of `capture_invariant` inside kernels; `largest` (ABREAST,) is scratch memory."""
+    """Return the largest v³/g of bounces that become quiet, 0 if none does. `largest` (ABREAST,) is scratch memory."""
     smallest = DRIFT * delta - contact_force_swing(delta, epsilon)
     if smallest <= 0.0:
         return 0.0
@@ -66,13 +75,13 @@ def compiled_capture_invariant(delta, epsilon, beta, largest):
 
 @kernel
 def fill_invariants(delta, epsilon, beta, largest, found):
-    """Write the results of `capture_invariants` to `found`; `largest` (ABREAST,) is scratch memory."""
+    """Write the largest v³/g of bounces that become quiet to `found` (n,). `largest` (ABREAST,) is scratch memory."""
     for i in range(delta.size):
         found[i] = compiled_capture_invariant(delta[i], epsilon[i], beta[i], largest)
 
 
 def capture_invariants(delta: Array, epsilon: Array, beta: Array) -> Array:
-    """Return the results of `capture_invariant` for flat arrays of parameters."""
+    """Return, for flat arrays, the largest v³/g of bounces that are certain to become quiet (`capture_invariant`)."""
     found = np.zeros(delta.size)
     fill_invariants(delta, epsilon, beta, np.zeros(ABREAST), found)
     return found
@@ -97,7 +106,7 @@ def capture_speed(delta: float, epsilon: float, beta: float) -> float:
 
 
 def capture_speeds(delta: Array, epsilon: Array, beta: Array) -> Array:
-    """Return the results of `capture_speed` for flat arrays of parameters."""
+    """Return, for flat arrays, the speeds below which motions are certain to become quiet (`capture_speed`)."""
     smallest = Forcing(epsilon).least_force(delta)
     return np.asarray((capture_invariants(delta, epsilon, beta) * np.maximum(smallest, 0.0)) ** (1 / 3), np.float64)
 
@@ -132,6 +141,6 @@ def most_impacts_to_rest(delta: Array) -> Array:
 
 
 def rests_late(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
-    """Return whether becoming quiet takes more than `most_impacts_to_rest`, so that it may look like chaos."""
+    """Return whether motions take more than `most_impacts_to_rest` impacts to become quiet, and so may look chaotic."""
     needed = impacts_to_rest(delta, epsilon, beta)
     return np.isfinite(needed) & (needed > most_impacts_to_rest(delta))

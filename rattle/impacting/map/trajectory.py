@@ -1,4 +1,4 @@
-"""The motion Φ(t), sampled in closed form on each flight from impact to impact (paper 3.1, 3.2)."""
+"""The motion Φ(t), sampled in closed form on each flight from impact to impact (paper, equations 3.1 and 3.2)."""
 
 import math
 
@@ -10,15 +10,15 @@ from rattle.flight.law import evaluate, folded
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sampled_motion
 
-AT_REST = 1e-4  # speed below which the bounces of a motion that is certain to become quiet are not followed
+AT_REST = 1e-4  # impact speed below which a motion that is certain to become quiet counts as at rest
 
 
 @kernel
 def fill_trajectory(tau, v, delta, epsilon, beta, slowest, time, phi, velocity, impact_time, impact_wall, impact_speed):
     """Write Φ and Φ' of the motion from (τ, v) at the rising times `time`, and its impacts until the last time.
 
-    A motion that leaves Σ⁺ with a speed below `slowest` counts as at rest from then on. Impacts beyond the length of
-    the arrays are counted but not written.
+    A motion that leaves Σ⁺ with a speed below `slowest`, or stays in contact with a wall, counts as at rest from then
+    on. Impacts beyond the length of the arrays are counted but not written.
 
     Returns
     -------
@@ -52,5 +52,5 @@ def fill_trajectory(tau, v, delta, epsilon, beta, slowest, time, phi, velocity, 
 def trajectory(
     delta: float, epsilon: float, beta: float, tau: float, v: float, periods: float, points: int, slowest: float
 ) -> Trajectory:
-    """Return the result of `rattle.Gear.trajectory`; motions slower than `slowest` are certain to become quiet."""
+    """Return Φ and Φ' of a motion (`Gear.trajectory`); motions slower than `slowest` are certain to become quiet."""
     return sampled_motion(fill_trajectory, tau, v, (delta, epsilon, beta, min(slowest, AT_REST)), periods, points)

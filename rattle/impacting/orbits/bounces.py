@@ -70,7 +70,7 @@ def find_node(n, least, work, delta, epsilon, beta):
     Returns
     -------
     int
-        NONE if it is not found, else STABLE or UNSTABLE.
+        NONE if the node is not found, else STABLE or UNSTABLE.
     """
     space_bounces(work, n, 0.0, least)
     solved, at_one = newton_on_times(work, n, 0.5, delta, epsilon, beta)

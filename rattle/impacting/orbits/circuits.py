@@ -1,4 +1,6 @@
-"""Find stable orbits of period one with given walls by a walk along motions that miss one impact equation (compiled).
+"""Find stable orbits of period one that meet given walls in order (compiled).
+
+A walk follows, in small steps, the curve of motions that satisfy all impact equations but the first.
 
 The times that make all impacts but the first elastic lie on a curve (`rattle.impacting.orbits.impact_times`). The
 orbits are the zeros along this curve of the residual R_0 of the first impact. The curve is a circuit: either it closes,
@@ -21,8 +23,8 @@ from rattle.numerics.compile import inline, kernel
 MOST_CORRECTIONS = 6
 # longest last correction, in forcing periods; the error that remains is of the order of its square
 CORRECTED = 3e-4
-FARTHEST = 0.3  # longest correction from the guess to the first point of a walk, in forcing periods
-SHORTEST = 1e-4  # shortest step of a walk; a shorter one ends the walk
+FARTHEST = 0.3  # longest correction from the guess to the first point of a circuit, in forcing periods
+SHORTEST = 1e-4  # shortest step along a circuit; a circuit that needs a shorter step is given up
 # a step over which the residual R_0 bends too much is shortened, down to this share of the longest step
 FINEST = 0.01
 LEAST_COSINE = 0.9  # least cosine of the angle by which the curve turns in one step
@@ -32,8 +34,8 @@ MOST_ZOOMS, MOST_HALVINGS = 12, 24
 # length of a step, as a share of the first bracket, below which Newton's method on all equations takes over
 NEAR = 0.02
 SAME_ORBIT = 1e-7  # largest difference in phase, and relative difference in speed, of equal orbits
-# ends of a walk: it became too long, or its steps too short; its first time changed by a whole span; it came back to
-# its start
+# ends of a walk along a circuit: it became too long, or its steps too short; the time of the first impact changed by a
+# whole span; the walk came back to its start
 LOST, WOUND, CLOSED = range(3)
 
 
@@ -178,14 +180,14 @@ def find_sign_change(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon
 
 @inline
 def is_resolved(s, f0, slope0, f1, slope1):
-    """Return whether all zeros of the residual R_0 in a step of length s show in its values and slopes at both ends."""
+    """Return whether values f and slopes of the residual R_0 at both ends of a step of length s show all its zeros."""
     bend = abs(f1 - f0 - 0.5 * s * (slope0 + slope1))
     return bend < (0.2 * abs(f1 - f0) if (f0 > 0.0) != (f1 > 0.0) else min(abs(f0), abs(f1)))
 
 
 @kernel
 def has_closed(work, n, s):
-    """Return whether the next step of a walk, of length s, passes the walk's start: then the curve is closed."""
+    """Return whether the next step along a curve, of length s, passes the curve's start: then the curve is closed."""
     ahead, square = 0.0, 0.0
     for i in range(n):
         d = work.start[i] - work.point[i]

@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 
 @inline
 def sine_offset_kernel(delta):
-    """Return the result of `limits.sine_offset` inside kernels."""
+    """Return 2 − δ coth(δ/2), which is ε sin 2πτ of A and C, inside kernels."""
     return sine_offset_series(delta * delta) if delta < SMALL else 2.0 - delta / math.tanh(0.5 * delta)
 
 
@@ -145,7 +145,7 @@ def turning_point(lo, hi, sign, delta, beta):
 
 @kernel
 def fill_nodes(delta, beta, sigma, e):
-    """Write the results of `nodes` to the arrays sigma and e of length MOST_NODES, and return the number of nodes."""
+    """Write the nodes of the family of P(1,1,1), σ and ε, to `sigma` and `e`, and return the number of nodes."""
     n = NODES_PER_SIDE
     for i in range(n):
         gap = EDGE * (0.5 * (1.0 - 1e-6) / EDGE) ** (i / (n - 1.0))
@@ -193,7 +193,15 @@ def trace_of_one_flight(delta, x):
 
 @kernel
 def single_impact_orbit(cosine, delta, epsilon, beta, offset):
-    """Return (admissible, τ, v, trace of tangent map) of A (cosine = −1) or C (1). offset: ε sin 2πτ of both."""
+    """Return (admissible, τ, v, trace of the tangent map) of A or C.
+
+    cosine: the sign of cos 2πτ, −1 for A and 1 for C. offset: ε sin 2πτ of both.
+
+    Returns
+    -------
+    tuple
+        (admissible, τ, v, trace).
+    """
     v = TWO_PI * delta
     if epsilon < abs(offset) or epsilon == 0.0:
         return False, 0.0, v, 0.0
@@ -247,7 +255,7 @@ def record_root(orbit, admissible, tau, v, trace, exists, phase, speed, traces, 
 
 @kernel
 def fill_period_one(order, delta, epsilon, beta, offset, sigma, e, exists, phase, speed, traces):
-    """Write the results of `period_one_cells` to arrays that hold False and NaN; sigma and e are scratch memory."""
+    """Write all admissible A–D of cells to arrays (4, n) that hold False and NaN; sigma and e are scratch memory."""
     last, n = -1, 0
     for i in order:
         d, eps, b = delta[i], epsilon[i], beta[i]
@@ -300,7 +308,7 @@ def next_grazing(sigma, delta, beta):
 
 @kernel
 def grazing_point(sigma, delta, beta):
-    """Return the grazing orbit at a σ of `next_grazing`.
+    """Return the P(1,1,1) at a σ at which its speed on Σ⁻ is 0 (`next_grazing`).
 
     The orbit is admissible if no impact but the touch on Σ⁻ precedes its next impact on Σ⁺, one period later.
 
@@ -324,7 +332,7 @@ def grazing_point(sigma, delta, beta):
 
 @kernel
 def fill_grazing(curve, delta, beta, epsilon, phase, trace):
-    """Write the results of `grazing_cells` to arrays that hold NaN."""
+    """Write the curve G1 (curve = 0) or G2 (curve = 1) at arrays of δ and β (n,) to arrays that hold NaN."""
     for i in range(delta.size):
         sigma = next_grazing(EDGE, delta[i], beta[i])
         while sigma < 0.5:

@@ -62,8 +62,8 @@ def workspace() -> np.void:
 def flight_velocities(s, sin0, cos0, gap, delta, epsilon):
     """Return the velocities w₀ and w₁ at both ends of a flight of duration s over the distance `gap`, and 1 − e^(−δs).
 
-    w₀ solves the linear equation F(s) = gap, where F is the displacement of `rattle.flight.law`. Short flights lose no
-    digits.
+    sin0, cos0: sine and cosine of 2πt₀ at the departure t₀. w₀ solves the linear equation F(s) = gap, where F is the
+    displacement of `rattle.flight.law`. Short flights lose no digits.
 
     Returns
     -------

@@ -43,7 +43,7 @@ def sine_offset(delta: ArrayLike) -> FloatArray:
 
 
 def sn1_formula(delta: ArrayLike) -> FloatArray:
-    """Return ε = |2 − δ coth(δ/2)| of the saddle-node SN1 of A and C (paper 4.1), also where it is virtual."""
+    """Return ε = |2 − δ coth(δ/2)| of the saddle-node SN1 of A and C (paper, equation 4.1), also if virtual."""
     return np.abs(sine_offset(_checked_damping(delta)))
 
 

@@ -78,7 +78,7 @@ def find_alternating_orbits(least, work, delta, epsilon, beta):
         # whether a motion of period 1/k would cross the gap if there were no forcing and no damping
         crosses = 4.0 * k * k * beta > math.pi * delta
         idle = idle + 1 if crosses and zeros == 0 else 0
-        if idle == 2:  # motions with more crossings are faster and dissipate more, so no stable ones follow
+        if idle == 2:  # motions with more crossings are faster and dissipate more, so none of them is stable
             break
 
 
