@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gear_rattle.service.errors import ServiceError
+from gear_rattle.service.errors import ServiceError, UnavailableError
 from gear_rattle.service.operations.crises import Crises
 from gear_rattle.service.operations.design_limits import DesignLimits
 from gear_rattle.service.operations.windows import Windows, clip_to_plane, is_coarse
 from gear_rattle.service.state import Front
-from gear_rattle.workers import SurveyError, SurveyRequest
+from gear_rattle.workers import ClusterLostError, SurveyError, SurveyRequest
 from gear_rattle.workers.pictures.look import CRISIS, LIMIT, FinerCells, Look, OverlayData, is_survey_only
 from gear_rattle.workers.pictures.planes import drawn_numbers
 from rattle import RattleError
@@ -79,6 +79,8 @@ class Overlays:
         window = clip_to_plane(look.delta, look.epsilon)
         try:
             frame = await self.windows.last_frame(request, asked.variable, asked.index, window, pixels)
+        except ClusterLostError as error:  # the coarse cells would be kept under the tag of the finer picture
+            raise UnavailableError("The workers were lost while the window was computed. Try again soon.") from error
         except SurveyError:  # the window lies outside the plane, or is too narrow: the survey's own cells are drawn
             return None
         return FinerCells(frame.delta, frame.epsilon, drawn_numbers(frame.values))

@@ -21,10 +21,12 @@ from matplotlib.image import imread
 from service_support import assert_problem, compute, front_end, front_of
 
 import rattle
+from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.explorer.common.address import DrawnSettings, View
 from gear_rattle.service.explorer.map.picture import picture_query
+from gear_rattle.service.operations.overlaid import Overlays, PictureOptions
 from gear_rattle.service.routes import picture
-from gear_rattle.workers import SurveyError, SurveyRequest, open_survey
+from gear_rattle.workers import ClusterLostError, SurveyError, SurveyRequest, open_survey
 from gear_rattle.workers.pictures import maps
 from gear_rattle.workers.pictures.look import OWN_STYLES, SHARE, FinerCells, Look, OverlayData
 from gear_rattle.workers.pictures.maps import draw_map, map_picture
@@ -299,3 +301,22 @@ def test_lines_that_take_long_are_found_once_and_given_up_with_whoever_asked(
 async def gone(_request: Request) -> bool:
     """Pretend that the client has disconnected."""
     return True
+
+
+@pytest.mark.parametrize("error", [SurveyError("too narrow"), ClusterLostError("no workers")])
+def test_a_window_is_of_the_survey_s_cells_if_it_is_too_narrow_but_not_if_the_workers_are_lost(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch, error: SurveyError
+) -> None:
+    async def fail(*_: object) -> None:
+        raise error
+
+    overlays = Overlays(front_of(client))
+    monkeypatch.setattr(overlays.windows, "last_frame", fail)
+    look = Look((0.6, 0.61), (0.1, 0.11), lines=())
+    options = PictureOptions("region", 0, None, look, 0.5, (300, 300), False)
+    found = overlays.overlays_of(SurveyRequest(**ASKED), options)
+    if isinstance(error, ClusterLostError):
+        with pytest.raises(UnavailableError, match="workers were lost"):
+            asyncio.run(found)
+    else:
+        assert asyncio.run(found).finer is None
