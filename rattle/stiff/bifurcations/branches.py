@@ -107,7 +107,7 @@ def stiff_branch_on_line(line: MotionsOnLine, start: Array, span: tuple[float, f
 
 
 def doubled_branch(event: StiffEvent, direction: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
-    """Return the branch of motions of twice the period that begins at a flip, along a direction (3,) of parameters."""
+    """Return the branch of motions of twice the period that begins at a flip, along a direction in (δ, ε, 1/√(2κ))."""
     itinerary = event.itinerary.with_doubled_period()
     line = MotionsOnLine(itinerary.walls, itinerary.m, itinerary.beta, event.parameters, direction)
     start = start_of_doubled_branch(event.itinerary, event.unknowns)

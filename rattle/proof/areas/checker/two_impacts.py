@@ -43,7 +43,7 @@ def half_way_equations(t: EquationTerms, beta: Interval) -> list[Jet]:
 
 
 def speeds_and_square(t: EquationTerms, z: list[Jet]) -> list[Jet]:
-    """Return the speeds v after Σ⁺ and u after Σ⁻, (16.12) and (16.13) of docs/proofs.md, and ε²; z: Z₁, Z₂."""
+    """Return the speeds v after Σ⁺ and u after Σ⁻, and ε², from z = (Z₁, Z₂): (16.12), (16.13) of docs/proofs.md."""
     mean, apart, lost = t.cosine * z[0], t.sine * z[1], 1 - t.end
     p = ((1 - t.b) * (2 - mean) + (1 + t.b) * apart) / lost
     q = ((1 - t.a) * (2 - mean) - (1 + t.a) * apart) / lost
@@ -55,9 +55,10 @@ def speeds_and_square(t: EquationTerms, z: list[Jet]) -> list[Jet]:
 def stability_margins(t: EquationTerms, z: list[Jet]) -> list[Jet]:
     """Return the stability margins (1 + E − T) uv and (1 + E + T) uv of a P(1,1,1).
 
-    E is e^(−δ), and v and u are the speeds after Σ⁺ and after Σ⁻. T is the trace of the tangent map, a product of
-    matrices: [[1, S], [0, 1 − δS]] of each flight of duration t, with S = (1 − e^(−δt))/δ, and [[−1, 0], [2g/w, −1]] of
-    each impact that is reached with velocity w.
+    z: Z₁ and Z₂ of the motion, the solution of (16.10) and (16.11) of docs/proofs.md. E is e^(−δ), and v and u are the
+    speeds after Σ⁺ and after Σ⁻. T is the trace of the tangent map, a product of matrices: [[1, S], [0, 1 − δS]] of
+    each flight of duration t, with S = (1 − e^(−δt))/δ, and [[−1, 0], [2g/w, −1]] of each impact that is reached with
+    velocity w.
 
     Returns
     -------
@@ -111,7 +112,7 @@ class Cell(ParameterBox):
             self.middle = [each.x for each in speeds_and_square(self.mid, self.z0)]
 
     def enclose(self, of: Callable[..., list[Jet]]) -> list[Jet]:
-        """Return enclosures, with derivatives, of the functions that `of` computes from terms and (Z₁, Z₂)."""
+        """Return enclosures, with derivatives, of the functions that `of` computes from the terms and the solution."""
         if of not in self.known:
             centre, over = of(self.mid, self.z0), of(self.over, self.z)
             self.known[of] = [Jet(self.mean_value(m.x, o), o.s, o.d) for m, o in zip(centre, over, strict=True)]
@@ -192,7 +193,10 @@ class Cell(ParameterBox):
 
 
 class Column:
-    """The cells with 0 ≤ s ≤ 1, s the time from Σ⁺ to Σ⁻, over an interval of δ, kept for all claims about this δ."""
+    """The cells (`Cell`) with 0 ≤ s ≤ 1 over one interval of δ, kept for further claims about this interval.
+
+    s is the time from Σ⁺ to Σ⁻.
+    """
 
     def __init__(self, delta: Part, beta: Fraction) -> None:
         self.d, self.beta = interval_between(*delta), interval_between(beta, beta)
@@ -200,18 +204,20 @@ class Column:
         self.cells: dict[Part, Cell] = {}
 
     def cell(self, low: Fraction, high: Fraction) -> Cell:
-        """Return the cell low ≤ s ≤ high."""
+        """Return the cell low ≤ s ≤ high, s being the time from Σ⁺ to Σ⁻."""
         if (low, high) not in self.cells:
             self.cells[low, high] = Cell(interval_between(low, high), self.d, self.beta)
         return self.cells[low, high]
 
     def parts_of_motions(self, slope: int, low: Interval, high: Interval) -> list[list[Part]]:
-        """Return the motions D (slope 1) or B (slope −1) with low ≤ ε² ≤ high.
+        """Enclose the motions D (slope 1: ε² rises with s) or B (slope −1: ε² falls with s) that have low ≤ ε² ≤ high.
+
+        s is the time from Σ⁺ to Σ⁻.
 
         Returns
         -------
         list[list[Part]]
-            For each motion a run of neighbouring parts of the interval 0 ≤ s ≤ 1 of the time s from Σ⁺ to Σ⁻.
+            For each motion, the neighbouring parts of 0 ≤ s ≤ 1 that contain its s.
         """
         decided, parts = [], [(Fraction(0), Fraction(1))]
         while parts:
@@ -233,14 +239,14 @@ class Column:
         return [run for run in runs if self.crosses_block(run, slope, low, high)]
 
     def crosses_block(self, run: list[Part], slope: int, low: Interval, high: Interval) -> bool:
-        """Return whether ε²(s), monotone along a run of parts, takes each value from low to high exactly once.
+        """Return whether ε²(s), monotone on neighbouring parts of 0 ≤ s ≤ 1, takes each value from low to high once.
 
-        s is the time from Σ⁺ to Σ⁻.
+        s is the time from Σ⁺ to Σ⁻. run: the parts in order. slope: 1 if ε² rises on them, −1 if it falls.
 
         Returns
         -------
         bool
-            False if ε²(s) takes none of these values.
+            True if each value is taken exactly once, False if ε²(s) takes none of these values.
 
         Raises
         ------
@@ -259,7 +265,10 @@ class Column:
         return sides == [-slope, slope]
 
     def attracts(self, run: list[Part], low: Interval, high: Interval) -> bool:
-        """Return True if the motion in a run of parts attracts at all points of the block, False if at none.
+        """Return True if a motion B or D attracts at all points of the block, False if at none.
+
+        run: the parts of the interval 0 ≤ s ≤ 1 that contain the motion's time s from Σ⁺ to Σ⁻. low, high: the ends of
+        the block in ε².
 
         Returns
         -------
