@@ -203,7 +203,7 @@ def follow_release(tau, v, cell, point, balls, states):
 
 @inline
 def record_contact_state(tau, v, orbit, cell, states):
-    """Record a state (τ, v) after contact and the orbit to which it leads, if it is new and the cell has room."""
+    """Record a state (τ, v) after contact, if it is new and the cell has room, with the orbit to which it leads."""
     i = states.n[cell]
     if i < states.tau.shape[1] and orbit_after_contact(tau, v, cell, states) == UNKNOWN:
         states.tau[cell, i], states.v[cell, i], states.orbit[cell, i] = tau, v, orbit

@@ -62,7 +62,7 @@ def _birth_condition(x: NDArray) -> NDArray:
 
 
 def _determinant_condition(beta: float, x: NDArray) -> NDArray:
-    """Return the determinant of the Jacobian of P(1,1,1) at its graze, which is 0 at COD23."""
+    """Return the determinant of the Jacobian of the equations of P(1,1,1) at the graze, which is 0 at COD23."""
     flights, r = Itinerary(TWO, 1, beta).flights(x[..., :R]), x[..., R]
     first = flights.w0_t0[..., 0] + r * flights.w1_t1[..., 1]
     return np.asarray(first * (flights.w0_t0[..., 1] + r * flights.w1_t1[..., 0]))
@@ -242,7 +242,7 @@ def _curve_of_path(
 
 @lru_cache(maxsize=64)
 def _cached_curve(name: str, beta: float) -> CodimensionTwoCurve:
-    """Return the curve of a point down to LEAST_RESTITUTION, computed once for each name and half-backlash."""
+    """Return the curve of a codimension-two point down to LEAST_RESTITUTION, computed once for each name and beta."""
     return follow_codimension_two(name, beta)
 
 

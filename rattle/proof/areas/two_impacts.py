@@ -337,7 +337,7 @@ class SolutionCell:
 
     @cached_property
     def margins(self) -> list[arb]:
-        """The stability margins (1 + E ∓ T) uv/2 over the cell: (19.2) and (19.3) of docs/proofs.md."""
+        """The stability margins (19.2) and (19.3) of docs/proofs.md over the cell; motions attract if both are > 0."""
         solution, s, delta = self.solution, self.s, self.delta
         along_s = [arb_series([x, slope]) for x, slope in zip(solution.over, solution.by_s, strict=True)]
         along_delta = [arb_series([x, slope]) for x, slope in zip(solution.over, solution.by_delta, strict=True)]

@@ -146,7 +146,7 @@ class CheckedBundle:
         raise Refused("the time of an impact is not enclosed")
 
     def guess_arrival(self, target: int) -> Interval:
-        """Return a guess, in doubles, of when the flight from the middle reaches the wall `target`. Raises Refused."""
+        """Return a guess of the time at which the flight from the middle departure reaches `target`. Raises Refused."""
         t0, w, d, e, b = (float(x.mid) for x in (*self.middle, self.plane.delta, self.plane.epsilon, self.plane.beta))
         turn, end = 2 * math.pi, (target - self.wall) * b
         pushed = w - 2 * turn + turn * e * math.sin(turn * t0)

@@ -157,7 +157,7 @@ def _wall_name(wall: int) -> str:
 def _branch_of_points(
     line: MotionsOnLine, points: Array, tangents: Array, start: int, ends: tuple[_BranchEnd, _BranchEnd]
 ) -> StiffBranch:
-    """Return the branch with these solutions as points, and its events; each saddle-node becomes a point too."""
+    """Return the branch with its events. Its points are `points` and each saddle-node between them."""
     problem = line.problem
     folds = np.flatnonzero((tangents[:-1, -1] < 0) != (tangents[1:, -1] < 0))
     marked: list[int] = []

@@ -112,7 +112,7 @@ class Cell(ParameterBox):
             self.middle = [each.x for each in speeds_and_square(self.mid, self.z0)]
 
     def enclose(self, of: Callable[..., list[Jet]]) -> list[Jet]:
-        """Return enclosures, with derivatives, of the functions that `of` computes from the terms and the solution."""
+        """Enclose the functions that `of` computes from the equations' terms and solution, with their derivatives."""
         if of not in self.known:
             centre, over = of(self.mid, self.z0), of(self.over, self.z)
             self.known[of] = [Jet(self.mean_value(m.x, o), o.s, o.d) for m, o in zip(centre, over, strict=True)]
