@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rattle.errors import RattleError
 from rattle.intensity.table import follow_one_by_one
 
-stretch = follow_one_by_one  # follows a table's chaotic motions longer, to sum over their impacts
+stretch = follow_one_by_one  # this function follows chaotic motions longer, to sum over their impacts
 
 
 def rests_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.bool_]:

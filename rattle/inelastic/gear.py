@@ -87,7 +87,7 @@ class InelasticGear(SampledGear, Rattling):
         for name in ("delta", "epsilon", "beta", "restitution", "load"):
             value = require_number(name, getattr(self, name), positive=name not in ("epsilon", "load"))
             object.__setattr__(self, name, value)
-        _ = self.parameters  # checks the remaining fields
+        _ = self.parameters  # this checks the remaining fields
 
     @property
     def parameters(self) -> Parameters:
@@ -181,7 +181,7 @@ class InelasticGear(SampledGear, Rattling):
         Returns
         -------
         Trajectory
-            Samples (points,), and all impacts between them.
+            Times, Φ and Φ' (points,), and all impacts during this time.
         """
         return trajectory(self._point, _folded_phase(tau), v, periods, points)
 

@@ -219,7 +219,7 @@ class MotionPiece:
         c, kept = ZERO + 1, IV.exp(-self.delta * u / 2) * (1 + SLACK)
         s = (1 - kept**2) / self.delta
         if self.k != 0:
-            rate = IV.sqrt(self.k - self.delta**2 / 4)  # ValueError if overdamped, and `check` refuses
+            rate = IV.sqrt(self.k - self.delta**2 / 4)  # raises ValueError if overdamped; `check` then refuses
             sine, cosine = sine_and_cosine(rate * u / TWO_PI)
             c, s = kept * (cosine + self.delta * sine / (2 * rate)), kept * sine / rate
         return c, s, -self.k * s, c - self.delta * s
@@ -230,7 +230,7 @@ class MotionPiece:
         return y - c * self.y0 + s * pushed, v - c1 * self.y0 + s1 * pushed
 
     def is_uninterrupted(self) -> bool:
-        """Return whether a flight is proved to meet no wall, or a contact not to end, before its end (Lemma 6)."""
+        """Return whether a flight is proved to meet no wall, or a contact to last, until the next event (Lemma 6)."""
 
         def is_clear(y: Interval) -> bool:
             """Return whether at the displacement y a flight is between the walls, or a contact beyond its wall."""

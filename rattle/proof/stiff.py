@@ -85,7 +85,7 @@ class ContactEnclosure:
 
     @cached_property
     def initial_deviation(self) -> tuple[arb, arb]:
-        """The state (y, y'), y the penetration, at t0 minus the state of the steady motion, the permanent contact."""
+        """The state (y, y') at t0, y being the penetration, less the state of the steady motion (permanent contact)."""
         y, v = self.walls.steady_motion(self.t0)
         return -y, self.w - v
 

@@ -205,7 +205,7 @@ class StiffGear(SampledGear, Rattling):
         return periodic.stiff_orbit(self.delta, self.epsilon, self.kappa, tau, v, n_plus, self.beta)
 
     def saddle(self, orbit: Orbit) -> periodic.StiffOrbit:
-        """Return an orbit of `orbits` as a `StiffOrbit`, of which `rattle.orbits.manifolds` computes manifolds."""
+        """Return an `Orbit` of this gear as a `StiffOrbit`, whose manifolds `rattle.orbits.manifolds` computes."""
         return self.orbit(orbit.tau, orbit.v)
 
     def region(self) -> int:

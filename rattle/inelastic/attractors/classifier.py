@@ -34,7 +34,7 @@ from rattle.inelastic.map.harmonics import forcing_shape
 from rattle.inelastic.map.iterate import apply_inelastic_returns
 from rattle.parameters import Parameters
 
-PROBES = 16  # number of states per cell that are followed to see whether they reach contact
+PROBES = 16  # number of states per cell that are followed to see whether they leave the chaotic set
 EXPOSURE = 2**18  # impacts that the PROBES states of a cell make in total before the cell is called chaotic
 
 
@@ -48,7 +48,15 @@ def cells_of(parameters: Parameters) -> InelasticCells:
 def _(
     cells: InelasticCells, here: NDArray[np.int64], there: NDArray[np.int64], share: NDArray[np.float64]
 ) -> InelasticCells:
-    """Return cells between `here` and `there`, with parameters interpolated linearly at the fractions `share` (k,)."""
+    """Return cells between pairs of cells, by linear interpolation of their parameters.
+
+    here, there: the numbers of the cells of each pair. share (k,): fractions of the way from the first to the second.
+
+    Returns
+    -------
+    InelasticCells
+        k cells for each pair.
+    """
     given = (cells.delta, cells.epsilon, cells.beta, cells.restitution, cells.load)
     delta, epsilon, beta, restitution, load = (
         (x[here, None] * (1.0 - share) + x[there, None] * share).ravel() for x in given
@@ -117,11 +125,19 @@ class InelasticClassifier(Classifier):
         return np.asarray(cells.delta - 2.0 * np.log(cells.restitution))
 
     def may_leak(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags (k,) of cells whose chaotic sets may lose samples slowly, by another way than contact."""
+        """Return flags (k,) of cells where a chaotic set may lose samples so slowly that the probes show no loss.
+
+        Where impacts lose energy, only cells at weak damping are flagged.
+
+        Returns
+        -------
+        ndarray of bool, (k,)
+            True for cells whose unresolved samples must all be followed.
+        """
         return super().may_leak(cells) & (~self.is_lossy[cells] | self.weak[cells])
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags (k,) of cells with elastic impacts: their probes are measured when no more samples settle."""
+        """Return flags (k,) of cells with elastic impacts: their probes are not measured while samples still settle."""
         return ~self.is_lossy[cells]
 
     def judge_by_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -195,8 +211,8 @@ class InelasticClassifier(Classifier):
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
         """Follow samples `which` until each has an outcome or has made all impacts that its limit allows.
 
-        early: whether attractors will soon capture most of these samples; samples in SIMD lanes are then checked after
-        fewer flights.
+        early: whether attractors will soon capture most of these samples. Samples in SIMD lanes are then checked for
+        capture more often.
         """
         in_lanes, tables = self.in_lanes[samples.cell[which]], (samples.for_kernels(), self.balls.for_kernels())
         some, flights = sorted_by_roughness(which[in_lanes], samples, self.roughness), CHUNK if early else LONG_CHUNK

@@ -1,10 +1,10 @@
-"""Follow samples of the inelastic gear until each is quiet, captured or recurrent, or has made its impacts (compiled).
+"""Follow samples of the inelastic gear until they are quiet, captured, recurrent or at their limit (compiled).
 
 The samples are followed one by one, as in `rattle.stiff.attractors.settle`. The motion after a contact phase does not
 depend on the motion before it: the first impact on Σ⁺ afterwards is one of a few states, identical to the last bit.
-The first sample that reaches such a state follows it until a state after contact returns. The motion is then periodic,
-however long its period. `ContactStates` keeps these states for the cell, so that every later sample that reaches a
-kept state is resolved at once.
+When a sample first reaches such a state, the motion is followed until a state after contact occurs again. The motion is
+then periodic, however long its period. `ContactStates` keeps these states for the cell, so that every later sample that
+reaches a kept state is resolved at once.
 """
 
 import math
@@ -57,7 +57,13 @@ class ContactStates(NamedTuple):
 
 @inline
 def orbit_after_contact(tau, v, cell, states):
-    """Return the orbit number recorded for a state (τ, v) after contact, which may be NO_ORBIT; UNKNOWN if none is."""
+    """Return the number of the orbit to which a state (τ, v) after contact leads.
+
+    Returns
+    -------
+    int
+        The number; NO_ORBIT if the state is recorded without an orbit, UNKNOWN if the state is not recorded.
+    """
     for i in range(states.n[cell]):
         if tau == states.tau[cell, i] and v == states.v[cell, i]:
             return states.orbit[cell, i]
@@ -83,13 +89,13 @@ def outcome_after_contact(tau, v, k, samples, states):
 
 @inline
 def inelastic_outcome(code):
-    """Return the outcome of a sample that does not return to Σ⁺, QUIET or FAILED, from the status `code` of `step`."""
+    """Return the outcome QUIET or FAILED of a sample that does not return to Σ⁺, from the status code of `step`."""
     return Outcome.QUIET if code == IN_CONTACT else Outcome.FAILED
 
 
 @kernel
 def settle(which, cells, samples, balls, states):
-    """Follow samples `which` until each has an outcome or has made all its returns, when it stays UNRESOLVED."""
+    """Follow samples `which` until each has an outcome, or has made all its returns and stays UNRESOLVED."""
     for j in range(which.size):
         k = which[j]
         point = point_at(samples.cell[k], cells)
@@ -197,7 +203,7 @@ def follow_release(tau, v, cell, point, balls, states):
 
 @inline
 def record_contact_state(tau, v, orbit, cell, states):
-    """Record a state (τ, v) after contact and the orbit to which it leads, if it is new and the cell has room."""
+    """Record a state (τ, v) after contact, if it is new and the cell has room, with the orbit to which it leads."""
     i = states.n[cell]
     if i < states.tau.shape[1] and orbit_after_contact(tau, v, cell, states) == UNKNOWN:
         states.tau[cell, i], states.v[cell, i], states.orbit[cell, i] = tau, v, orbit

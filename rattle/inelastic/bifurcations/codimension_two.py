@@ -39,7 +39,7 @@ Residual = Callable[[NDArray], NDArray]
 
 
 def _trace_at_graze(x: NDArray) -> NDArray:
-    """Return the trace of the tangent map of the grazing P(1,1,0) with unknowns x (…, 5)."""
+    """Return the trace of the tangent map of the grazing P(1,1,0); x (…, 5): times of impact and graze, δ, ε, r."""
     delta, r = x[..., DELTA], x[..., R]
     decay = np.exp(-delta)
     cosine = x[..., EPSILON] * np.cos(2 * np.pi * x[..., TAU])
@@ -47,29 +47,35 @@ def _trace_at_graze(x: NDArray) -> NDArray:
 
 
 def _flip_condition(x: NDArray) -> NDArray:
-    """Return a number that is 0 if the grazing motion also flips, with a multiplier −1 (COD20)."""
+    """Return a number that is 0 if the grazing P(1,1,0) with unknowns x also flips, with a multiplier −1 (COD20)."""
     return np.asarray(_trace_at_graze(x) + 1.0 + x[..., R] ** 2 * np.exp(-x[..., DELTA]))
 
 
 def _equal_multipliers_condition(x: NDArray) -> NDArray:
-    """Return a number that is 0 if both multipliers of the grazing motion are equal and positive (COD21)."""
+    """Return a number that is 0 if both multipliers of the grazing P(1,1,0) are equal and positive (COD21)."""
     return np.asarray(_trace_at_graze(x) - 2.0 * x[..., R] * np.exp(-0.5 * x[..., DELTA]))
 
 
 def _birth_condition(x: NDArray) -> NDArray:
-    """Return a number that is 0 if the grazing motion is at SN1, where A and C are born (COD22)."""
+    """Return a number that is 0 if the grazing P(1,1,0) is at SN1, where A and C are born (COD22)."""
     return np.asarray(np.cos(2 * np.pi * x[..., TAU]))
 
 
 def _determinant_condition(beta: float, x: NDArray) -> NDArray:
-    """Return the determinant of the Jacobian of P(1,1,1) at its graze, which is 0 at COD23."""
+    """Return the determinant of the Jacobian of the equations of P(1,1,1) at the graze, which is 0 at COD23."""
     flights, r = Itinerary(TWO, 1, beta).flights(x[..., :R]), x[..., R]
     first = flights.w0_t0[..., 0] + r * flights.w1_t1[..., 1]
     return np.asarray(first * (flights.w0_t0[..., 1] + r * flights.w1_t1[..., 0]))
 
 
 def _second_conditions(beta: float) -> dict[str, Residual]:
-    """Return {name of a point: the function of x that is 0 there, besides the condition of the graze}."""
+    """Return the condition of each codimension-two point besides the graze.
+
+    Returns
+    -------
+    dict
+        {name of the point: function of the unknowns that is 0 at the point}.
+    """
     return {
         "COD20": _flip_condition,
         "COD21": _equal_multipliers_condition,
@@ -147,7 +153,13 @@ class CodimensionTwoCurve(TabularResult):
 
 
 def _problem_of_point(name: str, beta: float) -> ContinuationProblem:
-    """Return the problem (…, 5) → (…, 4) of a point: the laws of both impacts, the graze, and the second condition."""
+    """Return the four equations of a codimension-two point in five unknowns, as a continuation problem.
+
+    Returns
+    -------
+    ContinuationProblem
+        The laws of both impacts, the graze, and the second condition of the point.
+    """
     condition = _second_conditions(beta)[name]
 
     def equations(x: NDArray) -> NDArray:
@@ -230,7 +242,7 @@ def _curve_of_path(
 
 @lru_cache(maxsize=64)
 def _cached_curve(name: str, beta: float) -> CodimensionTwoCurve:
-    """Return the curve of a point down to LEAST_RESTITUTION, computed once for each name and half-backlash."""
+    """Return the curve of a codimension-two point down to LEAST_RESTITUTION, computed once for each name and beta."""
     return follow_codimension_two(name, beta)
 
 

@@ -20,7 +20,7 @@ Starts = Callable[[float, float, float], Sequence[Array]]  # functions that retu
 class InelasticDefinition:
     """The definition of a curve of the elastic gear (`rattle.impacting.bifurcations.registry`) at any restitution.
 
-    `starts` returns guesses of the unknowns (n + 2,), n impact times, δ and ε, at (δ, β, r).
+    `starts` is a function of (δ, β, r). It returns guesses of the unknowns (n + 2,): n impact times, then δ and ε.
     """
 
     name: str

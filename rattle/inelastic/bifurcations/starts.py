@@ -42,7 +42,15 @@ def two_impact_starts(delta: float, beta: float, r: float) -> StartFamily:
 
 
 def _zeros_on_family(values: Callable[[StartFamily], Array], delta: float, beta: float, r: float) -> list[Array]:
-    """Return the unknowns of the P(1,1,1) at one damping for which the function `values`, such as det J(1), is 0."""
+    """Return the unknowns of the motions P(1,1,1) at one damping for which a function of these motions is 0.
+
+    values: the function, such as the determinant of the equations' Jacobian, which is 0 at saddle-nodes.
+
+    Returns
+    -------
+    list of ndarray
+        The unknowns of each motion.
+    """
     coarse = two_impact_starts(delta, beta, r)
     return zeros(values, coarse, lambda sigma: inelastic_members(sigma, delta, beta, r))
 
@@ -65,7 +73,7 @@ def flip_starts(delta: float, beta: float, r: float) -> tuple[Array, ...]:
 
 
 def first_flip(delta: float, beta: float, r: float) -> Sequence[Array]:
-    """Return the flip next to SN2 at which D loses stability, in a list; empty if there is no such flip."""
+    """Return a list of the flip next to SN2, if D loses stability there as ε grows; otherwise an empty list."""
     found = flip_starts(delta, beta, r)
     if not found:
         return ()
@@ -75,12 +83,12 @@ def first_flip(delta: float, beta: float, r: float) -> Sequence[Array]:
 
 
 def later_flips(delta: float, beta: float, r: float) -> Sequence[Array]:
-    """Return the flips at one damping except `first_flip`: D becomes stable again there, or loses stability again."""
+    """Return the flips at one damping other than `first_flip`, at which D gains or again loses stability."""
     return flip_starts(delta, beta, r)[len(first_flip(delta, beta, r)) :]
 
 
 def one_impact_starts(kind: Kind, delta: float, r: float) -> list[Array]:
-    """Return the unknowns (3,) of SN1 or, if `kind` is FLIP, of the flip of C, in a list; empty if there is none."""
+    """Return a list of the unknowns (3,) of SN1 or, if `kind` is FLIP, of the flip of C; empty if there is none."""
     offset = -slope_at_departure(delta, r, DRIFT) / (2 * np.pi)
     epsilon = saddle_node(delta, r, DRIFT) if kind is Kind.SADDLE_NODE else flip_of_c(delta, r, DRIFT)
     if not np.isfinite(epsilon) or epsilon == 0.0:

@@ -30,7 +30,8 @@ from rattle.intensity.forces import force_lines
 from rattle.intensity.visit import bounce, mean_force_at
 from rattle.numerics.compile import for_type, inline, kernel
 
-REST_FRACTION = 1e-6  # the rest of a chatter counts as one impact below this fraction of the largest captured speed
+# once a chatter is slower than this fraction of the largest captured speed, the rest of it counts as one impact
+REST_FRACTION = 1e-6
 
 
 @inline
@@ -46,7 +47,7 @@ def force_primitive(tau, delta, harmonics):
 
 @inline
 def nearest_release(tau, zeros):
-    """Return the index of the phase in `zeros` nearest to tau, which is the phase of a release up to rounding."""
+    """Return the index in `zeros` of the phase nearest to tau, which is, up to rounding, where a contact phase ends."""
     nearest, off = 0, math.inf
     for i in range(zeros.size):
         away = abs(wrapped(zeros[i] - tau))
@@ -108,7 +109,7 @@ def _mean_force_at(point):
 
 @force_lines.register
 def _(point: InelasticPoint) -> list[tuple[float, complex]]:
-    """Return the spectral lines of the contact force: its mean, and two lines for each harmonic."""
+    """Return the spectral lines of the contact force: its mean, then two lines at ± the frequency of each harmonic."""
     lines = [(0.0, complex(point.delta * point.drift))]
     for order, amplitude, phase in point.harmonics.T.tolist():
         omega = TWO_PI * order

@@ -20,8 +20,8 @@ class InelasticCells(NamedTuple):
     """Parameters of cells (n,), the shape of the forcing that they have in common, and quantities computed from them.
 
     shape (3, K): the harmonics at ε = 1. zeros (n, room): the zeros of the contact force of each cell, of which the
-    first zero_count (n,) are used. positive (n,): 1 if this force is positive at phase 0, else 0. The other fields (n,)
-    are those of `InelasticPoint`.
+    first zero_count (n,) are used. positive (n,): 1 if the contact force is positive at phase 0, else 0. The other
+    fields (n,) are those of `InelasticPoint`.
     """
 
     delta: Any

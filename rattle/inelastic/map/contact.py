@@ -39,7 +39,15 @@ def capture_of(delta, restitution, harmonics):
 
 @inline
 def is_chatter_captured(wall, v, force, point):
-    """Return whether an impact is certain to lead to contact. v: speed after the impact; force: contact force then."""
+    """Return whether an impact is certain to lead to contact or, if impacts are elastic, to quiet motion.
+
+    v: the speed after the impact. force: the contact force at the impact.
+
+    Returns
+    -------
+    bool
+        False if neither is certain.
+    """
     pressing = wall * force
     if not pressing > 0.0:
         return False

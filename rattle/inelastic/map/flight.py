@@ -225,7 +225,7 @@ def first_forced_impact(wall, tau, flight, piece, point, departure):
     s, f0, f1 = 0.0, 0.0, flight.w
     length, guess = FIRST_PIECE, math.nan
     outwards = wall * (flight.force - delta * flight.w)
-    if outwards > 0.0 and wall * flight.w < 0.0:  # not after a contact phase: the force is 0 up to rounding
+    if outwards > 0.0 and wall * flight.w < 0.0:  # not after a contact phase, where the force is 0 up to rounding
         guess = -2.0 * wall * flight.w / outwards
         length = min(FIRST_PIECE_FACTOR * guess, LONGEST_PIECE)
     while s < LONGEST:

@@ -35,12 +35,12 @@ def quiet_limit_with_phase(delta: float, drift: float, shape: Any) -> tuple[floa
     tau = np.arange(count) / count
 
     def negative_force(t: Any) -> Any:
-        """Return −G, minus the varying part of the contact force at ε = 1, at times t."""
+        """Return −G at times t; G is the varying part of the contact force at ε = 1."""
         angle = order * np.asarray(t)[..., None] + turn
         return (size * (order * np.cos(angle) + delta * np.sin(angle))).sum(axis=-1)
 
     def rate_and_bend(t: Any) -> Any:
-        """Return the first and the second derivative of −G, minus the varying part of the contact force at ε = 1."""
+        """Return the first and the second derivative of −G; G is the varying part of the contact force at ε = 1."""
         angle = order * np.asarray(t)[..., None] + turn
         rate = (size * order * (delta * np.cos(angle) - order * np.sin(angle))).sum(axis=-1)
         return rate, -(size * order**2 * (delta * np.sin(angle) + order * np.cos(angle))).sum(axis=-1)

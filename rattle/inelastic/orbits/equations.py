@@ -21,7 +21,7 @@ from rattle.impacting.orbits.equations import Itinerary
 
 @dataclass(frozen=True)
 class InelasticItinerary(Itinerary):
-    """The equations of motions without load that meet given walls in order, with m, half-backlash and restitution."""
+    """The equations of motions that meet given walls in order in m forcing periods, with a restitution but no load."""
 
     restitution: float = 1.0
 

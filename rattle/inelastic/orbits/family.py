@@ -123,9 +123,9 @@ def family_turning_point(lo, hi, sign, delta, beta, r):
 
 @kernel
 def fill_family_nodes(delta, beta, r, sigma, e):
-    """Write increasing σ, between which ε(σ) of the P(1,1,1) is monotone, to `sigma`, and ε(σ) to `e`.
+    """Write increasing σ to `sigma` and the ε(σ) of the P(1,1,1) to `e`, both (MOST_NODES,).
 
-    Both arrays are (MOST_NODES,).
+    ε(σ) is monotone between neighbouring σ, except across its pole at σ = 0.
 
     Returns
     -------
@@ -157,14 +157,14 @@ def fill_family_nodes(delta, beta, r, sigma, e):
 
 
 @kernel
-def family_one_impact(cosine, delta, epsilon, beta, r):
-    """Return (admissible, τ, v, trace of the tangent map) of A (cosine = −1) or C (cosine = 1)."""
+def family_one_impact(sign, delta, epsilon, beta, r):
+    """Return (admissible, τ, v, trace of the tangent map) of A or C. sign of cos 2πτ: −1 for A, 1 for C."""
     decay, lost = math.exp(-delta), -math.expm1(-delta)
     v = r * delta * DRIFT / (1.0 + r)
     offset = (v - DRIFT * excess_drift(delta, lost)) / TWO_PI  # ε sin 2πτ
     if epsilon < abs(offset) or epsilon == 0.0:
         return False, 0.0, v, 0.0
-    x = cosine * math.sqrt((epsilon - offset) * (epsilon + offset))
+    x = sign * math.sqrt((epsilon - offset) * (epsilon + offset))
     tau = folded(math.atan2(offset, x) / TWO_PI)
     status, time, wall, _w, _d, _f, _s, _c = first_impact(SIGMA_PLUS, tau, -v, delta, epsilon, beta, DRIFT)
     admissible = status == 0 and wall == 1 and abs(time - 1.0) < SAME_TIME
@@ -207,9 +207,10 @@ def family_two_impacts(sigma, delta, epsilon, beta, r):
 
 @kernel
 def keep_orbit(orbit, found, exists, phase, speed, traces, i):
-    """Store the orbit `found` at parameter point i, if it is admissible and the first of its letter there.
+    """Store an orbit at parameter point i, if it is admissible and no orbit with its letter is stored there.
 
-    orbit: the letter, 0 to 3 for A to D. Callers go from σ = 1/2 down, so orbits of the branch born at SN2 come first.
+    orbit: the letter, 0 to 3 for A to D. found: the tuple of `family_one_impact` or `family_two_impacts`. Callers go
+    from σ = 1/2 down, so orbits of the branch born at SN2 come first.
     """
     admissible, tau, v, trace = found
     if admissible and not exists[orbit, i]:
@@ -219,9 +220,11 @@ def keep_orbit(orbit, found, exists, phase, speed, traces, i):
 
 @kernel
 def fill_family_orbits(order, delta, epsilon, beta, r, exists, phase, speed, traces):
-    """Write the orbits A to D at n parameter points, taken in `order`, to exists, phase, speed and traces (4, n).
+    """Write the orbits A to D at n parameter points to exists, phase, speed and traces (4, n).
 
-    Before the call `exists` must be False and the others NaN; entries of orbits that do not exist keep these values.
+    order: the numbers of the points in the order in which they are computed; it is fastest if points with equal δ, β
+    and r are adjacent. Before the call `exists` must be False and the other arrays NaN. Entries of orbits that do not
+    exist keep these values.
     """
     last, n = -1, 0
     sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)

@@ -54,7 +54,8 @@ def inelastic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1
     ParameterError
         If a number is outside its domain.
     RattleError
-        If Newton's method on the return map finds no such motion, or a number leaves double precision.
+        If Newton's method on the return map finds no such motion, a flight of the motion is too long, or a number
+        leaves double precision.
     """
     v, k = require_number("v", v, positive=True), require_integer("n_plus", n_plus, 1, MOST_RETURNS)
     k = returns_of_contact_motion(tau, v, MOST_RETURNS, CLOSE, point) or k

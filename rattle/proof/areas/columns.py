@@ -53,7 +53,7 @@ Span = tuple[str, float, float]  # (claim, low, high): the claim holds for low <
 
 
 def columns(delta: Ends, number: int) -> list[Ends]:
-    """Return `number` columns of equal width over δ."""
+    """Cut an interval of δ into `number` columns of equal width."""
     low, high = delta
     places = [low + (high - low) * i / number for i in range(number + 1)]
     return list(pairwise(places))

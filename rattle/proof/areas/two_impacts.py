@@ -54,7 +54,15 @@ def closure_equations(s: arb_series, delta: arb_series, beta: arb) -> tuple[Equa
 
 
 def speed_series(s: arb_series, delta: arb_series, x: arb_series, y: arb_series) -> tuple[arb_series, arb_series]:
-    """Return the speeds v after the impact on Σ⁺ and u after the impact on Σ⁻, (16.4) to (16.7) of docs/proofs.md."""
+    """Return the speeds v after the impact on Σ⁺ and u after the impact on Σ⁻, (16.4) to (16.7) of docs/proofs.md.
+
+    s is the time from Σ⁺ to Σ⁻. x and y are ε cos 2πτ and ε sin 2πτ, with τ the phase of the impact on Σ⁺.
+
+    Returns
+    -------
+    tuple[arb_series, arb_series]
+        v and u.
+    """
     later = y * (2 * PI() * s).cos() + x * (2 * PI() * s).sin()
     a, b, lost = (-delta * s).exp(), (-delta * (1 - s)).exp(), 1 - (-delta).exp()
     p = 4 * PI() * (2 - y - b * (2 - later)) / lost
@@ -123,7 +131,7 @@ class SolutionCell:
         return self.cell_between(self.start, middle), self.cell_between(middle, self.end)
 
     def cell_between(self, start: arb, end: arb) -> SolutionCell:
-        """Return the cell start ≤ s ≤ end at the same δ and β."""
+        """Return the cell start ≤ s ≤ end at the δ and β of this cell; s is the time from Σ⁺ to Σ⁻."""
         return SolutionCell(start, end, self.delta, self.beta)
 
     def _mean_value(self, centre: Iterable[arb], by_s: Iterable[arb], by_delta: Iterable[arb]) -> list[arb]:
@@ -329,7 +337,7 @@ class SolutionCell:
 
     @cached_property
     def margins(self) -> list[arb]:
-        """The stability margins (1 + E ∓ T) uv/2 over the cell: (19.2) and (19.3) of docs/proofs.md."""
+        """The stability margins (19.2) and (19.3) of docs/proofs.md over the cell; motions attract if both are > 0."""
         solution, s, delta = self.solution, self.s, self.delta
         along_s = [arb_series([x, slope]) for x, slope in zip(solution.over, solution.by_s, strict=True)]
         along_delta = [arb_series([x, slope]) for x, slope in zip(solution.over, solution.by_delta, strict=True)]
@@ -362,7 +370,7 @@ def initial_cells(piece: PlanePiece) -> tuple[SolutionCell, SolutionCell]:
 def cells_of_motions(
     piece: PlanePiece, cells: tuple[SolutionCell, SolutionCell], letter: str
 ) -> list[list[SolutionCell]]:
-    """Return all motions B (or D) that exist at every point of the piece.
+    """Enclose the motions B (or D), whose number is proved to be the same at all points of the piece.
 
     Parameters
     ----------
@@ -374,7 +382,7 @@ def cells_of_motions(
     Returns
     -------
     list[list[SolutionCell]]
-        For each motion a run of neighbouring cells that contain it.
+        For each motion that exists, the neighbouring cells that contain it.
 
     Raises
     ------

@@ -248,7 +248,7 @@ class Bifurcation:
         return [a + b for a, b in zip(x, spread, strict=True)]
 
     def require_admissible(self, x: Sequence[Interval]) -> None:
-        """Raise Refused unless each flight meets no wall between its ends and only the graze has speed 0."""
+        """Raise Refused unless each flight is proved to meet no wall between its ends, with speed 0 at a graze only."""
         delta, epsilon = self.parameters(x)
         motion: Any = SimpleNamespace(
             walls=self.walls, m=self.m, k=[ZERO], delta=delta, epsilon=epsilon, beta=self.known["beta"]

@@ -218,7 +218,15 @@ def _prove_solution(
 
 
 def _null_vector(motion: CurveMotion, x: Array, beta: float) -> Array:
-    """Return the unit null vector φ (n,) of J(μ), μ = 1 at a saddle-node, −1 at a flip; an empty array at a graze."""
+    """Return the unit null vector φ (n,) of the Jacobian J(μ) of the impact equations; at a graze an empty array.
+
+    The multiplier μ is 1 at a saddle-node and −1 at a flip.
+
+    Returns
+    -------
+    Array
+        φ.
+    """
     if motion.kind is Kind.GRAZING:
         return np.empty(0)
     itinerary = Itinerary(motion.walls, motion.m, beta)

@@ -88,7 +88,7 @@ class ExtendedSystem:
         return delta, epsilon
 
     def plane(self, at: Sequence[arb]) -> ModelPlane:
-        """Return δ, ε and β as balls, at the unknowns `at`."""
+        """Return δ, ε and β as balls; unknown parameters are taken from the unknowns `at`."""
         return ModelPlane(*self.parameters(at), self.beta)
 
 
@@ -169,7 +169,7 @@ def _codimension_two_condition(point: str, delta: Series, epsilon: Series, times
 
 
 def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: arb) -> FlightVelocities:
-    """Return the velocities of the flight between two times, by (1.7) to (1.10) of docs/proofs.md."""
+    """Return velocities of the flight from t0 to t1 that changes Φ by `distance`: (1.7) to (1.10) of docs/proofs.md."""
     two_pi = 2 * PI()
     swing, forcing = two_pi * epsilon, two_pi * two_pi * epsilon
     (sin0, cos0), (sin1, cos1) = (((two_pi * t).sin(), (two_pi * t).cos()) for t in (t0, t1))

@@ -73,11 +73,11 @@ class CheckedBundle:
 
     @cached_property
     def initial_acceleration(self) -> Interval:
-        """The acceleration Φ'' at the departure, over all flights of the bundle."""
+        """The acceleration Φ'' at the departure, over all departures of the parallelogram."""
         return self.plane.force(self.hull[0]) - self.plane.delta * self.hull[1]
 
     def state_at(self, t: Interval) -> Vector:
-        """Return Φ(t) − Φ(t₀) and Φ'(t) over all flights of the bundle, by the mean value theorem."""
+        """Return enclosures of Φ(t) − Φ(t₀) and Φ'(t) over all flights from the parallelogram of departures."""
         (y, v), (heights, speeds) = self.flight_state(self.middle, t), self.state_derivatives(t)
         return y + UNIT * (abs(heights[0]) + abs(heights[1])), v + UNIT * (abs(speeds[0]) + abs(speeds[1]))
 
@@ -146,7 +146,7 @@ class CheckedBundle:
         raise Refused("the time of an impact is not enclosed")
 
     def guess_arrival(self, target: int) -> Interval:
-        """Return a guess, in doubles, of when the flight from the middle reaches the wall `target`. Raises Refused."""
+        """Return a guess of the time at which the flight from the middle departure reaches `target`. Raises Refused."""
         t0, w, d, e, b = (float(x.mid) for x in (*self.middle, self.plane.delta, self.plane.epsilon, self.plane.beta))
         turn, end = 2 * math.pi, (target - self.wall) * b
         pushed = w - 2 * turn + turn * e * math.sin(turn * t0)
@@ -168,7 +168,15 @@ class CheckedBundle:
         raise Refused("a flight does not reach its wall within 8 forcing periods")
 
     def stays_between_walls(self, arrival: Interval) -> bool:
-        """Return whether all flights of the bundle are proved to meet no wall until the time `arrival` (Lemma 6)."""
+        """Return whether all flights are proved to meet no wall before their arrival, by Lemma 6 of docs/proofs.md.
+
+        arrival: an interval that contains the arrival times of all flights from the parallelogram of departures.
+
+        Returns
+        -------
+        bool
+            False if undecided.
+        """
         parts = [(IV.mpf(self.hull[0].a), IV.mpf(arrival.b))]
         above, below = (1 - self.wall) * self.plane.beta, (1 + self.wall) * self.plane.beta
         for _ in range(MOST_TIMES):

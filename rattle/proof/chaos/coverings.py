@@ -42,7 +42,7 @@ EDGES = {side: SetPart(float(side), 0.0, 0.0, 1.0) for side in (-1, 1)}
 
 @dataclass(frozen=True)
 class HSet:
-    """A set: a parallelogram of states (t, v), with exact centre and half sides `unstable` (ξ) and `stable` (η)."""
+    """A set in exact numbers: the states (t, v) = centre + ξ unstable + η stable with |ξ| ≤ 1 and |η| ≤ 1."""
 
     centre: Pair
     unstable: Pair
@@ -50,12 +50,12 @@ class HSet:
 
     @cached_property
     def matrix(self) -> arb_mat:
-        """The matrix that maps (ξ, η) to (t, v) − centre."""
+        """The matrix that maps the coordinates (ξ, η) of the set to (t, v) − centre."""
         return arb_mat([[ball(self.unstable[i]), ball(self.stable[i])] for i in range(2)])
 
     @cached_property
     def inverse_matrix(self) -> arb_mat:
-        """The matrix that maps (t, v) − centre to (ξ, η). Raises NotProvedError if the set has no area."""
+        """The matrix that maps (t, v) − centre to coordinates (ξ, η). Raises NotProvedError if the set has no area."""
         (a, b), (c, d) = self.matrix.tolist()
         size = a * d - b * c
         if not (size > 0 or size < 0):
@@ -101,7 +101,13 @@ class MappedSet:
         return self.images[part]
 
     def require_covers(self, target: HSet, periods: int) -> None:
-        """Raise NotProvedError unless the set covers `target`, shifted by this number of forcing periods."""
+        """Prove that the set covers `target`, shifted by this number of forcing periods (Lemma 11 of docs/proofs.md).
+
+        Raises
+        ------
+        NotProvedError
+            If the covering is not proved.
+        """
         left = self._side_of_edge(target, periods, EDGES[-1])
         right = self._side_of_edge(target, periods, EDGES[1])
         if left == right:
@@ -162,8 +168,8 @@ def _coordinates_in(target: HSet, periods: int, found: Image) -> tuple[tuple[arb
 def _is_refuted(xi: arb, eta: arb, grown: Sequence[float], inside: bool) -> bool:
     """Return whether to give up, because a part's image is where it must not be, or is small and still undecided.
 
-    xi, eta: the image in the target's coordinates. inside: whether it may be between the edges ξ = ±1 if |η| < 1.
-    grown: how much each side of the image adds to its coordinates.
+    xi, eta: the image in the target's coordinates. inside: whether the image may be between the edges
+    ξ = ±1 if |η| < 1. grown: how much each side of the image adds to its coordinates.
 
     Returns
     -------

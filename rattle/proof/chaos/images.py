@@ -165,7 +165,7 @@ class FlightBundle:
         )
 
     def require_no_other_impact(self, here: FlightEnclosure, wall: int, target: int, name: str) -> None:
-        """Prove that all flights of the bundle, enclosed in `here`, meet no wall before their end on `target`.
+        """Prove that all flights that start in the set, enclosed in `here`, meet no wall before their end on `target`.
 
         Their extrema are tried first (Lemma 3 of docs/proofs.md). If these do not decide, the time is bisected until
         in each part Φ' has one sign or Φ is strictly between the walls (Lemma 6).

@@ -82,7 +82,7 @@ class LoopCandidate(NamedTuple):
 
 
 class HorseshoeCandidate(NamedTuple):
-    """A candidate for a horseshoe: a hub, which is a parallelogram of states, and the loops from it back to it."""
+    """A candidate for a horseshoe: a parallelogram of states, the hub, and loops from the hub back to the hub."""
 
     hub: StateBox
     loops: tuple[LoopCandidate, ...]
@@ -91,7 +91,7 @@ class HorseshoeCandidate(NamedTuple):
 class OrbitSegment(NamedTuple):
     """A motion from the hub back to the hub.
 
-    states: the states (L + 1, 2) at impacts on Σ⁺. words: the numbers (L,) of impacts on Σ⁻ between these.
+    states: the states (L + 1, 2) at its impacts on Σ⁺. words: the numbers (L,) of impacts on Σ⁻ between these impacts.
     """
 
     states: Array
@@ -294,7 +294,7 @@ def _entropy_of_loops(loops: Sequence[LoopCandidate]) -> float:
 
 
 def _loop_along(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> LoopCandidate | None:
-    """Return the loop along a motion from the hub to the hub; None if Π does not stretch sets along it as it must."""
+    """Return the loop along a motion from the hub to the hub; None if Π does not stretch each set across the next."""
     x, words, steps = segment.states, segment.words, len(segment.words)
     if steps == 1:
         high, strip = _image_across(pi, hub, hub, words[0])

@@ -40,13 +40,13 @@ def _between(share, one, other):
 
 @inline
 def stiff_outcome(code):
-    """Return the outcome of a sample that does not return to Σ⁺, QUIET or FAILED, from the status `code` of `step`."""
+    """Return the outcome QUIET or FAILED of a sample that does not return to Σ⁺, from the status code of `step`."""
     return Outcome.QUIET if code == flow.QUIET else Outcome.FAILED
 
 
 @kernel
 def settle(which, cells, samples, balls):
-    """Follow samples `which` until each has an outcome or has made all its returns, when it stays UNRESOLVED."""
+    """Follow samples `which` until each has an outcome, or has made all its returns and stays UNRESOLVED."""
     for j in range(which.size):
         k = which[j]
         point = point_of(samples.cell[k], cells)

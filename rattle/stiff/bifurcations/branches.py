@@ -107,7 +107,7 @@ def stiff_branch_on_line(line: MotionsOnLine, start: Array, span: tuple[float, f
 
 
 def doubled_branch(event: StiffEvent, direction: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
-    """Return the branch of motions of twice the period that begins at a flip, along a direction (3,) of parameters."""
+    """Return the branch of motions of twice the period that begins at a flip, along a direction in (δ, ε, 1/√(2κ))."""
     itinerary = event.itinerary.with_doubled_period()
     line = MotionsOnLine(itinerary.walls, itinerary.m, itinerary.beta, event.parameters, direction)
     start = start_of_doubled_branch(event.itinerary, event.unknowns)
@@ -157,7 +157,7 @@ def _wall_name(wall: int) -> str:
 def _branch_of_points(
     line: MotionsOnLine, points: Array, tangents: Array, start: int, ends: tuple[_BranchEnd, _BranchEnd]
 ) -> StiffBranch:
-    """Return the branch with these solutions as points, and its events; each saddle-node becomes a point too."""
+    """Return the branch with its events. Its points are `points` and each saddle-node between them."""
     problem = line.problem
     folds = np.flatnonzero((tangents[:-1, -1] < 0) != (tangents[1:, -1] < 0))
     marked: list[int] = []

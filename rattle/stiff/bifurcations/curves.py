@@ -139,7 +139,8 @@ def _motions_on_curve(name: str, family: StiffFamily) -> list[Array]:
     """Return the motions of a family that are events of the curve with this name.
 
     On the paper's curves the middle of the contact with Σ⁻ comes more than half a period after the middle of the
-    contact with Σ⁺; other motions are left out. At half a period the family of the impacting P(1,1,1) has its pole.
+    contact with Σ⁺; other motions are left out. At half a period ε is infinite along the family of
+    the impacting P(1,1,1).
 
     Returns
     -------

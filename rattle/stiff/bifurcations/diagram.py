@@ -35,13 +35,13 @@ class StiffMotions(Motions):
     classifier = StiffClassifier
 
     def steps(self, position: Array) -> Parameters:
-        """Return the parameters of the stiff gear at these positions on the segment (`Motions.steps`)."""
+        """Return the parameters of the stiff gear at positions on the segment, from 0 at its start to 1 at its end."""
         delta, epsilon, p = np.ascontiguousarray(self.segment.parameters_at(position).T)
         beta = np.full_like(delta, self.beta)
         return Parameters(self.classifier.model, delta, epsilon, beta, {"kappa": 0.5 / p**2})
 
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
-        """Yield A to D and all other P(1,1,0) at LETTER_STEPS of the steps; a step is omitted if they are not found."""
+        """Yield A to D and all other P(1,1,0) at LETTER_STEPS of the steps, as far as these motions can be computed."""
         for k in np.unique(np.linspace(0, steps.size - 1, LETTER_STEPS).astype(int)):
             try:
                 for _name, orbit in orbits_at(**steps.point(k)):
@@ -67,7 +67,7 @@ class StiffMotions(Motions):
         return None if found is None else line.orbit(found)
 
     def follow_branch(self, motion: Motion, span: tuple[float, float]) -> StiffBranch:
-        """Return the branch through a motion, for positions in `span` relative to this motion (`Motions`)."""
+        """Return the branch through a motion. span: range of positions on the segment, relative to the motion."""
         itinerary, x = motion
         line = MotionsOnLine(itinerary.walls, itinerary.m, self.beta, x[-3:], self.segment.direction)
         return stiff_branch_on_line(line, np.append(x[:-3], 0.0), span, POINTS_ACROSS)

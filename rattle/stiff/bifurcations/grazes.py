@@ -19,7 +19,7 @@ from rattle.stiff.bifurcations.line import MotionsOnLine
 from rattle.stiff.orbits.periodic import FailingPiece, first_failing_piece
 
 VANISHING = 1e-5  # duration, in units of p = 1/√(2κ), below which a contact or a flight counts as vanished
-# duration, in units of p², with which a new contact or flight is started; at the fold of C and B the contact lasts 2.1
+# duration, in units of p² = 1/2κ, with which a new contact or flight starts; at the fold of C and B a contact lasts 2.1
 STARTING_DURATION = 0.04
 # distances from a graze, in the unknowns, at which an admissible motion is sought
 DISTANCES_TO_TRY = 10.0 ** np.arange(-9, -3)
@@ -61,7 +61,7 @@ def _starting_on_plus(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Arr
 
 
 def _without_contact(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine, Array]:
-    """Return the motion y with one contact left out."""
+    """Return the motion y without contact number `contact`."""
     fewer = replace(line, walls=line.itinerary(y).without_impact(contact).walls)
     return fewer, np.delete(y, [contact, len(line.walls) + contact])
 
@@ -75,7 +75,7 @@ def _with_merged_contacts(line: MotionsOnLine, y: Array, contact: int) -> tuple[
 
 
 def _admissible_nearby(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | None:
-    """Return the admissible motion nearest to the graze y on a line, of those at DISTANCES_TO_TRY; None if none is."""
+    """Return the admissible motion next to a graze y on a line, at one of DISTANCES_TO_TRY; None if there is none."""
     rising = np.zeros(y.size)
     rising[-1] = 1.0
     tangent = tangent_at(line.problem, y, rising)

@@ -31,7 +31,7 @@ class MotionsOnLine:
     direction: Array
 
     def full_unknowns(self, y: NDArray) -> NDArray:
-        """Return all unknowns (…, 2c + 3) of motions y on the line: times, durations/p, δ, ε and p."""
+        """Return all unknowns (…, 2c + 3) of motions y on the line: times, durations/p, δ, ε and p = 1/√(2κ)."""
         return np.concatenate([y[..., :-1], self.origin + y[..., -1:] * self.direction], axis=-1)
 
     def line_unknowns(self, x: Array) -> Array:
@@ -57,7 +57,7 @@ class MotionsOnLine:
         return ContinuationProblem(equations, scale=line_scale(self.origin, self.direction))
 
     def is_admissible(self, y: Array) -> bool:
-        """Return whether a motion y on the line is admissible; False unless its softness p is positive."""
+        """Return whether a motion y on the line is admissible; False unless its softness p = 1/√(2κ) is positive."""
         x = self.full_unknowns(y)
         return bool(x[-1] > 0.0) and is_admissible_solution(self.itinerary(y), x[:-1])
 

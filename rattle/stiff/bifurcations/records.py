@@ -97,7 +97,7 @@ class StiffBranch(FollowedBranch):
 
     @property
     def unfolded_times(self) -> Array:
-        """The times and durations (k, 2c) of contacts, without jumps along the branch."""
+        """The times and durations (k, 2c) of the c contacts, without jumps by whole periods along the branch."""
         return self.unknowns[:, :-3]
 
     @property

@@ -177,7 +177,7 @@ def residuals_and_jacobian(x, p, signs, m, beta, multiplier, with_matrix):
 
 @dataclass(frozen=True)
 class StiffItinerary(Equations):
-    """The equations of the stiff gear's motions that meet given walls in order, with m, β and the softness.
+    """The equations of the stiff gear's motions that meet given walls in order in m forcing periods.
 
     softness: p = 1/√(2κ), which is 0 for the impacting model.
     """

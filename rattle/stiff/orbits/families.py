@@ -186,7 +186,7 @@ def explicit_solutions(cycle: Cycle, offset: Array, duration: Array) -> Array:
 
 
 def _guess_of_sn1(cycle: Cycle) -> Array | None:
-    """Return unknowns (3,) close to SN1, the fold of P(1,1,0) whose duration σ is nearest to π; None if no fold."""
+    """Return unknowns (3,) close to SN1, the fold of P(1,1,0) with contact duration σ nearest to π; None if none is."""
     p = softness(cycle.kappa)
     # distances of the duration σ from π at which SN1 is sought; its own distance is about 2p · force / speed
     hard = p * np.geomspace(1e-2, 1e4, DURATIONS)

@@ -267,7 +267,7 @@ def is_solution_between(solution, a, b, cycle, y):
 def follow_family(start, direction, cycle, largest, points):
     """Follow a family from the solution `start` towards `direction`, while ε is from 0 to `largest`.
 
-    The solutions are written to `points` (most, 2c + 1), whose length limits their number.
+    The unknowns of motions with c contacts are written to `points` (most, 2c + 1), whose length limits their number.
 
     Returns
     -------
@@ -310,9 +310,9 @@ def follow_family(start, direction, cycle, largest, points):
 
 @kernel
 def folds_of(points, cycle, folds):
-    """Return the folds (k, 2c + 1) of a family: the solutions between its points at which ε turns back.
+    """Return the k folds of a family, at which ε turns back, as unknowns (k, 2c + 1) of motions with c contacts.
 
-    For each fold the index of the point before it is written to `folds`.
+    The folds lie between points of the family. For each fold the index of the point before it is written to `folds`.
 
     Returns
     -------
@@ -337,7 +337,7 @@ def folds_of(points, cycle, folds):
 
 @kernel
 def index_on_family(points, solution, cycle):
-    """Return the index of the point of a family after which the solution lies on the family; −1 if it is not on it."""
+    """Return the index of the family's point after which a solution lies; −1 if the solution is not on the family."""
     y = np.empty(solution.size)
     for i in range(len(points) - 1):
         if is_solution_between(solution, points[i], points[i + 1], cycle, y):

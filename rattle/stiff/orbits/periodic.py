@@ -54,7 +54,7 @@ class StiffOrbit(Periodic):
 
     @property
     def itinerary(self) -> StiffItinerary:
-        """The itinerary of the motion: the walls that it meets in order, m, β and the stiffness."""
+        """The itinerary of the motion: its walls in order, its m forcing periods, β and the stiffness."""
         return StiffItinerary(self.walls, self.m, self.beta, softness(self.kappa))
 
     @property

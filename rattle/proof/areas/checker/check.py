@@ -10,10 +10,10 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
+from .column import Column
 from .intervals import IV, BlockRefused, Interval, interval_between, number_from_text, require
 from .one_impact import OneImpact
 from .quiet import Capture, require_possible
-from .two_impacts import Column
 
 #: Most times that the δ interval of a block is halved before the block is refused.
 DEEPEST = 5

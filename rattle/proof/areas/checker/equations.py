@@ -25,7 +25,7 @@ def half_way_equations(t: EquationTerms, beta: Interval) -> list[Jet]:
 
 
 def speeds_and_square(t: EquationTerms, z: list[Jet]) -> list[Jet]:
-    """Return the speeds v after Σ⁺ and u after Σ⁻, (16.12) and (16.13) of docs/proofs.md, and ε²; z: Z₁, Z₂."""
+    """Return the speeds v after Σ⁺ and u after Σ⁻, and ε², from z = (Z₁, Z₂): (16.12), (16.13) of docs/proofs.md."""
     mean, apart, lost = t.cosine * z[0], t.sine * z[1], 1 - t.end
     p = ((1 - t.b) * (2 - mean) + (1 + t.b) * apart) / lost
     q = ((1 - t.a) * (2 - mean) - (1 + t.a) * apart) / lost
@@ -37,9 +37,10 @@ def speeds_and_square(t: EquationTerms, z: list[Jet]) -> list[Jet]:
 def stability_margins(t: EquationTerms, z: list[Jet]) -> list[Jet]:
     """Return the stability margins (1 + E − T) uv and (1 + E + T) uv of a P(1,1,1).
 
-    E is e^(−δ), and v and u are the speeds after Σ⁺ and after Σ⁻. T is the trace of the tangent map, a product of
-    matrices: [[1, S], [0, 1 − δS]] of each flight of duration t, with S = (1 − e^(−δt))/δ, and [[−1, 0], [2g/w, −1]] of
-    each impact that is reached with velocity w.
+    z: Z₁ and Z₂ of the motion, the solution of (16.10) and (16.11) of docs/proofs.md. E is e^(−δ), and v and u are the
+    speeds after Σ⁺ and after Σ⁻. T is the trace of the tangent map, a product of matrices: [[1, S], [0, 1 − δS]] of
+    each flight of duration t, with S = (1 − e^(−δt))/δ, and [[−1, 0], [2g/w, −1]] of each impact that is reached with
+    velocity w.
 
     Returns
     -------

@@ -16,7 +16,10 @@ UP = IV.mpf([1 - 2.0**-50, 1 + 2.0**-50])
 
 
 def require_possible(d: Interval, e: Interval, possible: bool) -> None:
-    """Raise BlockRefused unless (20.1) of docs/proofs.md proves quiet motion possible, or impossible, on the block."""
+    """Raise BlockRefused unless quiet motion is proved to be possible on the block, or impossible if not `possible`.
+
+    The proof is by (20.1) of docs/proofs.md.
+    """
     low, high = e.b * IV.sqrt(4 * PI**2 + d.a**2), 2 * d.a
     if not possible:
         low, high = 2 * d.b, e.a * IV.sqrt(4 * PI**2 + d.b**2)
@@ -88,7 +91,15 @@ class Capture:
         return found
 
     def growth_coefficient(self, t: Interval, h: Interval) -> Interval:
-        """Return Q of (20.4), docs/proofs.md, for bounces around a time in t that last at most 2h in x, (20.2)."""
+        """Return Q of (20.4), docs/proofs.md, for bounces around a time in t.
+
+        h: an upper bound of half their duration, in the time x of (20.2).
+
+        Returns
+        -------
+        Interval
+            Q.
+        """
         late, early = (IV.ln(1 / (1 - self.d * h)) * UP).b, (IV.ln(1 + self.d * h) * UP).b
         span = IV.mpf([-early, late])
         one, _, _, centre = self.log_derivatives(t, ZERO)

@@ -5,10 +5,8 @@ phase of the forcing half-way between these impacts.
 """
 
 from collections.abc import Callable
-from fractions import Fraction
-from itertools import groupby
 
-from .equations import EquationTerms, half_way_equations, speeds_and_square, stability_margins
+from .equations import EquationTerms, half_way_equations, speeds_and_square
 from .intervals import (
     IV,
     ONE,
@@ -19,18 +17,13 @@ from .intervals import (
     ParameterBox,
     exp_minus,
     force_of_phase,
-    interval_between,
     is_less,
     midpoint,
-    require,
     sine_and_cosine_of,
 )
 
-#: Ratio of the width in s of the narrowest cell to the width in δ of the block.
-SHARE = Fraction(1, 64)
 #: Shortest part of a flight that is bisected, in forcing periods.
 SHORTEST = 2.0**-13
-Part = tuple[Fraction, Fraction]
 
 
 class Cell(ParameterBox):
@@ -69,7 +62,7 @@ class Cell(ParameterBox):
             self.middle = [each.x for each in speeds_and_square(self.mid, self.z0)]
 
     def enclose(self, of: Callable[..., list[Jet]]) -> list[Jet]:
-        """Return enclosures, with derivatives, of the functions that `of` computes from terms and (Z₁, Z₂)."""
+        """Enclose the functions that `of` computes from the equations' terms and solution, with their derivatives."""
         if of not in self.known:
             centre, over = of(self.mid, self.z0), of(self.over, self.z)
             self.known[of] = [Jet(self.mean_value(m.x, o), o.s, o.d) for m, o in zip(centre, over, strict=True)]
@@ -147,100 +140,3 @@ class Cell(ParameterBox):
             return 4 * PI - 2 * PI * (z1 * cosine + z2 * sine)
 
         return forced_velocity(t) + (w - forced_velocity(departure)) * exp_minus(self.d * (t - departure))
-
-
-class Column:
-    """The cells with 0 ≤ s ≤ 1, s the time from Σ⁺ to Σ⁻, over an interval of δ, kept for all claims about this δ."""
-
-    def __init__(self, delta: Part, beta: Fraction) -> None:
-        self.d, self.beta = interval_between(*delta), interval_between(beta, beta)
-        self.narrowest = SHARE * (delta[1] - delta[0])
-        self.cells: dict[Part, Cell] = {}
-
-    def cell(self, low: Fraction, high: Fraction) -> Cell:
-        """Return the cell low ≤ s ≤ high."""
-        if (low, high) not in self.cells:
-            self.cells[low, high] = Cell(interval_between(low, high), self.d, self.beta)
-        return self.cells[low, high]
-
-    def parts_of_motions(self, slope: int, low: Interval, high: Interval) -> list[list[Part]]:
-        """Return the motions D (slope 1) or B (slope −1) with low ≤ ε² ≤ high.
-
-        Returns
-        -------
-        list[list[Part]]
-            For each motion a run of neighbouring parts of the interval 0 ≤ s ≤ 1 of the time s from Σ⁺ to Σ⁻.
-        """
-        decided, parts = [], [(Fraction(0), Fraction(1))]
-        while parts:
-            first, last = parts.pop()
-            answer = self.cell(first, last).all_solutions_are(slope, low, high)
-            if answer is None:
-                wide = last - first > self.narrowest
-                require(
-                    wide, f"it is undecided whether a B or D takes {float(first):.4f} forcing periods from Σ⁺ to Σ⁻"
-                )
-                parts += [((first + last) / 2, last), (first, (first + last) / 2)]
-            else:
-                decided.append((answer, (first, last)))
-        require(
-            not decided[0][0] and not decided[-1][0],
-            "a motion B or D may have both impacts at the same phase",
-        )
-        runs = [[part for _, part in group] for answer, group in groupby(decided, lambda each: each[0]) if answer]
-        return [run for run in runs if self.crosses_block(run, slope, low, high)]
-
-    def crosses_block(self, run: list[Part], slope: int, low: Interval, high: Interval) -> bool:
-        """Return whether ε²(s), monotone along a run of parts, takes each value from low to high exactly once.
-
-        s is the time from Σ⁺ to Σ⁻.
-
-        Returns
-        -------
-        bool
-            False if ε²(s) takes none of these values.
-
-        Raises
-        ------
-        BlockRefused
-            If neither is proved.
-        """
-        # at each end of the run ε² is outside low … high, and by continuity on the same side at every δ,
-        # so one δ shows the side
-        sides = []
-        for s in (run[0][0], run[-1][1]):
-            square = Cell(interval_between(s, s), midpoint(self.d), self.beta).square.x
-            require(
-                is_less(square, low) or is_less(high, square), "it is undecided where the solutions leave the block"
-            )
-            sides.append(1 if is_less(high, square) else -1)
-        return sides == [-slope, slope]
-
-    def attracts(self, run: list[Part], low: Interval, high: Interval) -> bool:
-        """Return True if the motion in a run of parts attracts at all points of the block, False if at none.
-
-        Returns
-        -------
-        bool
-            The proved stability.
-
-        Raises
-        ------
-        BlockRefused
-            If neither is proved.
-        """
-        verdicts, parts = set(), list(run)
-        while parts:
-            first, last = parts.pop()
-            cell = self.cell(first, last)
-            if cell.has_no_motion(low, high):
-                continue
-            above, below = (each.x for each in cell.enclose(stability_margins))
-            inside = is_less(ZERO, above) and is_less(ZERO, below)
-            if inside or is_less(above, ZERO) or is_less(below, ZERO):
-                verdicts.add(inside)
-                require(len(verdicts) == 1, "B or D is not proved to have the same stability on the whole block")
-            else:
-                require(last - first > self.narrowest, "it is undecided whether B or D attracts on the whole block")
-                parts += [(first, (first + last) / 2), ((first + last) / 2, last)]
-        return True in verdicts

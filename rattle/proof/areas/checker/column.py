@@ -1,0 +1,117 @@
+"""Where B and D exist, cross a block, and attract, over one interval of δ: bisection in s, the time from Σ⁺ to Σ⁻."""
+
+from fractions import Fraction
+from itertools import groupby
+
+from .equations import stability_margins
+from .intervals import ZERO, Interval, interval_between, is_less, midpoint, require
+from .two_impacts import Cell
+
+#: Ratio of the width in s of the narrowest cell to the width in δ of the block.
+SHARE = Fraction(1, 64)
+Part = tuple[Fraction, Fraction]
+
+
+class Column:
+    """The cells (`Cell`) with 0 ≤ s ≤ 1 over one interval of δ, kept for further claims about this interval.
+
+    s is the time from Σ⁺ to Σ⁻.
+    """
+
+    def __init__(self, delta: Part, beta: Fraction) -> None:
+        self.d, self.beta = interval_between(*delta), interval_between(beta, beta)
+        self.narrowest = SHARE * (delta[1] - delta[0])
+        self.cells: dict[Part, Cell] = {}
+
+    def cell(self, low: Fraction, high: Fraction) -> Cell:
+        """Return the cell low ≤ s ≤ high, s being the time from Σ⁺ to Σ⁻."""
+        if (low, high) not in self.cells:
+            self.cells[low, high] = Cell(interval_between(low, high), self.d, self.beta)
+        return self.cells[low, high]
+
+    def parts_of_motions(self, slope: int, low: Interval, high: Interval) -> list[list[Part]]:
+        """Enclose the motions D (slope 1: ε² rises with s) or B (slope −1: ε² falls with s) that have low ≤ ε² ≤ high.
+
+        s is the time from Σ⁺ to Σ⁻.
+
+        Returns
+        -------
+        list[list[Part]]
+            For each motion, the neighbouring parts of 0 ≤ s ≤ 1 that contain its s.
+        """
+        decided, parts = [], [(Fraction(0), Fraction(1))]
+        while parts:
+            first, last = parts.pop()
+            answer = self.cell(first, last).all_solutions_are(slope, low, high)
+            if answer is None:
+                wide = last - first > self.narrowest
+                require(
+                    wide, f"it is undecided whether a B or D takes {float(first):.4f} forcing periods from Σ⁺ to Σ⁻"
+                )
+                parts += [((first + last) / 2, last), (first, (first + last) / 2)]
+            else:
+                decided.append((answer, (first, last)))
+        require(
+            not decided[0][0] and not decided[-1][0],
+            "a motion B or D may have both impacts at the same phase",
+        )
+        runs = [[part for _, part in group] for answer, group in groupby(decided, lambda each: each[0]) if answer]
+        return [run for run in runs if self.crosses_block(run, slope, low, high)]
+
+    def crosses_block(self, run: list[Part], slope: int, low: Interval, high: Interval) -> bool:
+        """Return whether ε²(s), monotone on neighbouring parts of 0 ≤ s ≤ 1, takes each value from low to high once.
+
+        s is the time from Σ⁺ to Σ⁻. run: the parts in order. slope: 1 if ε² rises on them, −1 if it falls.
+
+        Returns
+        -------
+        bool
+            True if each value is taken exactly once, False if ε²(s) takes none of these values.
+
+        Raises
+        ------
+        BlockRefused
+            If neither is proved.
+        """
+        # at each end of the run ε² is outside low … high, and by continuity on the same side at every δ,
+        # so one δ shows the side
+        sides = []
+        for s in (run[0][0], run[-1][1]):
+            square = Cell(interval_between(s, s), midpoint(self.d), self.beta).square.x
+            require(
+                is_less(square, low) or is_less(high, square), "it is undecided where the solutions leave the block"
+            )
+            sides.append(1 if is_less(high, square) else -1)
+        return sides == [-slope, slope]
+
+    def attracts(self, run: list[Part], low: Interval, high: Interval) -> bool:
+        """Return True if a motion B or D attracts at all points of the block, False if at none.
+
+        run: the parts of the interval 0 ≤ s ≤ 1 that contain the motion's time s from Σ⁺ to Σ⁻. low, high: the ends of
+        the block in ε².
+
+        Returns
+        -------
+        bool
+            The proved stability.
+
+        Raises
+        ------
+        BlockRefused
+            If neither is proved.
+        """
+        verdicts, parts = set(), list(run)
+        while parts:
+            first, last = parts.pop()
+            cell = self.cell(first, last)
+            if cell.has_no_motion(low, high):
+                continue
+            above, below = (each.x for each in cell.enclose(stability_margins))
+            inside = is_less(ZERO, above) and is_less(ZERO, below)
+            if inside or is_less(above, ZERO) or is_less(below, ZERO):
+                verdicts.add(inside)
+                require(len(verdicts) == 1, "B or D is not proved to have the same stability on the whole block")
+            else:
+                require(last - first > self.narrowest, "it is undecided whether B or D attracts on the whole block")
+                parts += [(first, (first + last) / 2), ((first + last) / 2, last)]
+        return True in verdicts
