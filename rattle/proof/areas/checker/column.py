@@ -3,7 +3,7 @@
 from fractions import Fraction
 from itertools import groupby
 
-from .equations import stability_margins
+from .half_way import stability_margins
 from .intervals import ZERO, Interval, interval_between, is_less, midpoint, require
 from .two_impacts import Cell
 

@@ -6,7 +6,7 @@ phase of the forcing half-way between these impacts.
 
 from collections.abc import Callable
 
-from .equations import EquationTerms, half_way_equations, speeds_and_square
+from .half_way import EquationTerms, half_way_equations, speeds_and_square
 from .intervals import (
     IV,
     ONE,
