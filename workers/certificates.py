@@ -296,7 +296,15 @@ def require_proof_extra() -> None:
 
 
 def require_certifiable(request: object, where: str | Path | Location) -> None:
-    """Raise SurveyError or MissingExtraError if the certificates that a request names cannot be made here."""
+    """Raise an error if a request asks for certificates that cannot be made here.
+
+    Raises
+    ------
+    SurveyError
+        The survey is to be stored in a bucket.
+    MissingExtraError
+        The extra packages for proofs are not installed.
+    """
     if isinstance(request, SurveyRequest) and request.certify:
         certificates_path(where)
         require_proof_extra()

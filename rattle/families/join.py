@@ -26,7 +26,7 @@ STEPS = 64
 
 
 def checked_axis(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """Return the checked values of one axis of a grid. Raises ParameterError unless they rise or fall."""
+    """Return the values of an axis as an array. Raises ParameterError unless they are rising or falling numbers."""
     array = real_array(name, values)
     require(
         array.ndim == 1 and array.size > 0,

@@ -75,7 +75,16 @@ def compute_tile(
 def cell_outcomes(
     request: PopulationRequest, tile: GearTile, first: int = 0, failing: tuple[type[Exception], ...] = ()
 ) -> Iterator[CellOutcome]:
-    """Evaluate each gear of a tile alone, from number `first`, as `survey.tiles.cell_outcomes` does for cells."""
+    """Evaluate each gear of a tile alone, so that a failing gear does not affect the others.
+
+    first: the number of the first gear in the tile to evaluate. failing: exceptions in MACHINE_FAILURES that count as
+    failures of the gear here, instead of ending the tile.
+
+    Yields
+    ------
+    CellOutcome
+        A gear's values, or the message of its failure.
+    """
     for row in range(tile.gear.start + first, tile.gear.stop):
         try:
             yield _evaluate(request, slice(row, row + 1))

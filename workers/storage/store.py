@@ -283,7 +283,7 @@ def _chunk_keys(request: AnyRequest, tile: AnyTile) -> dict[str, str]:
 
 
 def finish_store(where: str | Path | Place) -> None:
-    """Finish a survey or population whose tiles are all computed: remove partial files, and write the date.
+    """Finish a survey or population whose tiles are all computed: remove partial files, write the date of completion.
 
     In a refined survey without a bound the audited cells are counted, too. The call may be repeated.
 
