@@ -206,12 +206,13 @@ def certify_survey(
 
 
 def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
-    """Open the store, or create it. Return {place: radius} of the attractors that earlier runs proved.
+    """Open or create a store of certificates. Return {(slot, i, j): radius} of the attractors that earlier runs proved.
 
     Returns
     -------
     dict[Place, float]
-        Half-widths in time of the boxes in which the motions are unique.
+        By slot, and by the cell's indices along ε and δ: the half-width in time of the box in which the motion is
+        unique.
 
     Raises
     ------

@@ -90,7 +90,7 @@ def template_of(request: AnyRequest, created: str | None = None) -> Template:
 
 
 def empty_arrays(request: AnyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
-    """Create empty arrays in memory, which encode tiles.
+    """Create the arrays of a store in memory, without values. They serve to encode tiles as the store has them.
 
     Returns
     -------

@@ -230,7 +230,7 @@ def impacts_at(event: Any) -> tuple[Array, Array]:
 
 
 def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: float) -> Iterator[ImpactCurve]:
-    """Yield a curve for each impact of a branch on Σ⁺, with its events; scale, offset: from `parameter_axis`."""
+    """Yield a curve, with the branch's events, for each impact on Σ⁺. scale, offset: results of `parameter_axis`."""
     x, name = offset + scale * diagram.positions(branch), branch.names
     for impact in np.flatnonzero(np.array(branch.itinerary.walls) > 0):
         tau, v = branch.departures[:, impact] % 1.0, branch.speeds[:, impact]

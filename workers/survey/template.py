@@ -90,7 +90,9 @@ def completed_template(kept: dict[str, Buffer], request: Any, created: str, chun
 
 
 def empty_arrays(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
-    """Create empty arrays in memory, which encode tiles without reading the metadata of the store.
+    """Create the per-cell arrays of a store in memory, without values.
+
+    They serve to encode tiles as the store has them, without reading the metadata of the store.
 
     Returns
     -------
