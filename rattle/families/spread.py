@@ -140,7 +140,8 @@ def solve_from_rounded(tau, v, n_plus, point):
 def follow_orbit(k, here, there, orbits):
     """Follow orbit k from one parameter point to another.
 
-    A step for which Newton's method fails is halved. Between the points the orbit must be stable and keep its label.
+    A step is halved if Newton's method fails or finds a distant state, or if the orbit found there is unstable or has
+    another label. Stability and label are not tested at the last point.
 
     Returns
     -------

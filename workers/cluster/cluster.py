@@ -423,7 +423,10 @@ def _address_of(url: str) -> str:
 
 
 def end_processes(client: Client, addresses: list[str]) -> None:
-    """Kill workers, even during a task. Workers without a nanny are spared, because nothing restarts them."""
+    """Kill workers, even during a task, and wait until they are gone, at most END_SECONDS.
+
+    Workers without a nanny are spared, because nothing restarts them.
+    """
     if addresses:
         # A frozen worker does not answer this call, so a thread makes the call and nothing waits for the answer.
         ending = partial(client.run, _end_process, workers=addresses, wait=False, on_error="ignore")
