@@ -100,7 +100,7 @@ def claims_of(survey: xr.Dataset) -> list[AttractorClaim]:
 
 
 def certify_claims(claims: Iterable[AttractorClaim]) -> Answers:
-    """Return for each attractor its certificate as a document, or the reason why it is not proved."""
+    """Return for each attractor its certificate as a document, or the reason why the attractor is not proved."""
     found: Answers = []
     for claim in claims:
         try:
@@ -158,7 +158,7 @@ def certify_survey(
     Raises
     ------
     SurveyError
-        The survey has no attractors, or `out` has other contents.
+        The survey has no attractors or has a third axis, its model has no proofs, or `out` has other contents.
     MissingExtraError
         python-flint is not installed.
     StorageError
