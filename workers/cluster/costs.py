@@ -48,7 +48,7 @@ class RunState:
         Returns
         -------
         list[AnyTile]
-            At most as many as are missing to MEASURED; empty in a run of fewer than MANY tiles.
+            So many that in all at most MEASURED tiles have measured cells; empty in a run of fewer than MANY tiles.
         """
         if len(tiles) + len(self.foreseen) < MANY:
             return []
