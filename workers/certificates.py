@@ -100,7 +100,7 @@ def claims_of(survey: xr.Dataset) -> list[AttractorClaim]:
 
 
 def certify_claims(claims: Iterable[AttractorClaim]) -> Answers:
-    """Return for each attractor its certificate as a document, or the reason why it is not proved."""
+    """Return for each attractor its certificate as a document, or the reason why the attractor is not proved."""
     found: Answers = []
     for claim in claims:
         try:
@@ -158,7 +158,7 @@ def certify_survey(
     Raises
     ------
     SurveyError
-        The survey has no attractors, or `out` has other contents.
+        The survey has no attractors or has a third axis, its model has no proofs, or `out` has other contents.
     MissingExtraError
         python-flint is not installed.
     StorageError
@@ -206,12 +206,13 @@ def certify_survey(
 
 
 def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
-    """Open the store, or create it. Return {place: radius} of the attractors that earlier runs proved.
+    """Open or create a store of certificates. Return {(slot, i, j): radius} of the attractors that earlier runs proved.
 
     Returns
     -------
     dict[Place, float]
-        Half-widths in time of the boxes in which the motions are unique.
+        By slot, and by the cell's indices along ε and δ: the half-width in time of the box in which the motion is
+        unique.
 
     Raises
     ------
@@ -296,7 +297,15 @@ def require_proof_extra() -> None:
 
 
 def require_certifiable(request: object, where: str | Path | Location) -> None:
-    """Raise SurveyError or MissingExtraError if the certificates that a request names cannot be made here."""
+    """Raise an error if a request asks for certificates that cannot be made here.
+
+    Raises
+    ------
+    SurveyError
+        The survey is to be stored in a bucket.
+    MissingExtraError
+        The extra packages for proofs are not installed.
+    """
     if isinstance(request, SurveyRequest) and request.certify:
         certificates_path(where)
         require_proof_extra()

@@ -68,7 +68,16 @@ def compute_tile(
 def cell_outcomes(
     request: AnyRequest, tile: AnyTile, first: int = 0, failing: tuple[type[Exception], ...] = ()
 ) -> Iterator[CellOutcome]:
-    """Evaluate each cell of a tile alone, from number `first`, so that a failing cell does not affect the others."""
+    """Evaluate each cell of a tile alone, so that a failing cell does not affect the others.
+
+    first: the number of the first cell to evaluate. failing: exceptions of the computer, such as MemoryError, that
+    count as failures of the cell here; other exceptions of the computer end the tile.
+
+    Returns
+    -------
+    Iterator[CellOutcome]
+        A cell's values, or the message of its failure, for each cell in order.
+    """
     compile_for(request)
     found: Iterator[CellOutcome] = _tile_module(request).cell_outcomes(request, tile, first, failing)
     return found
@@ -81,7 +90,7 @@ def template_of(request: AnyRequest, created: str | None = None) -> Template:
 
 
 def empty_arrays(request: AnyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
-    """Create empty arrays in memory, which encode tiles.
+    """Create the arrays of a store in memory, without values. They serve to encode tiles as the store has them.
 
     Returns
     -------

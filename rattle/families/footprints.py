@@ -21,8 +21,8 @@ LONGER = 2048
 def write_overlaps(one, other, prints, overlap):
     """Write to overlap[i] whether footprints one[i] and other[i] overlap.
 
-    They overlap if they share more than the part SAME_FOOTPRINT of the cells of the smaller one. prints (k, GRID): the
-    footprints, which are visited-cell bitmaps.
+    Two footprints overlap if they have more than the fraction SAME_FOOTPRINT of the smaller one's visited cells in
+    common. prints (k, GRID): the footprints, which are visited-cell bitmaps.
     """
     for i in range(one.size):
         in_one, in_other, shared = 0, 0, 0

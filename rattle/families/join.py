@@ -26,7 +26,7 @@ STEPS = 64
 
 
 def checked_axis(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """Return the checked values of one axis of a grid. Raises ParameterError unless they rise or fall."""
+    """Return the values of an axis as an array. Raises ParameterError unless they are rising or falling numbers."""
     array = real_array(name, values)
     require(
         array.ndim == 1 and array.size > 0,
@@ -44,7 +44,29 @@ def families_over(
     others: dict[str, float],
     sample: SampleSpec,
 ) -> Families:
-    """Return a gear's families as `rattle.families_of` does; `others` has β and the parameters that the model adds."""
+    """Return the families of the attractors over a grid of cells, for any model.
+
+    Parameters
+    ----------
+    classifier : type[Classifier]
+        The classifier of the model.
+    delta, epsilon : ArrayLike
+        The axes of the grid.
+    others : dict[str, float]
+        β and the parameters that the model adds, by name.
+    sample : SampleSpec
+        The initial conditions of each cell.
+
+    Returns
+    -------
+    Families
+        The families, and the attractors of all cells.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+    """
     delta, epsilon = checked_axis("delta", delta), checked_axis("epsilon", epsilon)
     others = {name: require_number(name, x, positive=True) for name, x in others.items()}
     cells = Parameters.from_values(classifier.model, delta, epsilon[:, None], **others).flat()

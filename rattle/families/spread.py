@@ -100,7 +100,9 @@ def orbit_at_point(tau, v, cell, k, near, orbits):
 
 @kernel
 def stability_with_label(tau, v, k, orbits, point):
-    """Return whether the orbit through a point is stable and has the label of orbit k.
+    """Return whether the orbit through the state (τ, v) is stable and has the label of orbit k.
+
+    point: the parameters of the gear.
 
     Returns
     -------
@@ -117,12 +119,14 @@ def stability_with_label(tau, v, k, orbits, point):
 
 @kernel
 def solve_from_rounded(tau, v, n_plus, point):
-    """Solve for an orbit's point again from rounded numbers, so that its last bits hardly depend on the first guess.
+    """Solve for an orbit's state again from rounded τ and v, so that its last bits hardly depend on the first guess.
+
+    tau, v: the state that was found from the first guess. point: the parameters of the gear.
 
     Returns
     -------
     tuple
-        (τ, v). This is the given point if Newton's method fails or finds another point.
+        (τ, v). This is the given state if Newton's method fails or finds a state that is not close to it.
     """
     unit = speed_unit_at(point)
     t, w = np.rint(tau / ROUNDING) * ROUNDING, np.rint(v / unit / ROUNDING) * ROUNDING * unit
@@ -136,7 +140,8 @@ def solve_from_rounded(tau, v, n_plus, point):
 def follow_orbit(k, here, there, orbits):
     """Follow orbit k from one parameter point to another.
 
-    A step for which Newton's method fails is halved. Between the points the orbit must be stable and keep its label.
+    A step is halved if Newton's method fails or finds a distant state, or if the orbit found there is unstable or has
+    another label. Stability and label are not tested at the last point.
 
     Returns
     -------

@@ -28,7 +28,7 @@ class Sums(NamedTuple):
     unsampled: the number of its attractors that no sample reaches. samples: the number of samples that reach it.
     top, bottom, left, right: the first and the last row and column of its cells.
     most: the largest number of samples of one attractor. at: the first cell with that number.
-    exponent: the largest λ₁, −∞ if none is known.
+    exponent: the largest Lyapunov exponent of its attractors, −∞ if none is known.
     first: the cell of its first attractor. place: the number of rows before that attractor in the same cell.
     """
 

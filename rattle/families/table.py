@@ -19,7 +19,7 @@ class FamilyTable(NamedTuple):
     cells: the number of its cells. unsampled: the number of its attractors that no sample reaches.
     delta_low, delta_high, epsilon_low, epsilon_high: the box of its cells.
     largest_fraction: its largest basin fraction in a cell, at (delta_at, epsilon_at). mean_fraction: the mean over its
-    cells. exponent: its largest λ₁.
+    cells. exponent: the largest Lyapunov exponent of its attractors, NaN if none is known.
     monodromy: whether a cell has two attractors of the family, which are connected through other cells.
     """
 

@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 
 def acceleration_by_formula(phase: Array, v: float, delta: float, epsilon: float) -> Array:
-    """Return Φ'' on departure: the bracket of the paper's (3.7), or its denominator of (3.8) with the right sign."""
+    """Return Φ'' on departure: the bracket of the paper's (3.7), or minus the denominator of its (3.8)."""
     return (
         delta * v
         - TWO_PI * delta * epsilon * np.sin(TWO_PI * phase)

@@ -116,7 +116,7 @@ def cod23_finding() -> Finding:
 
 
 def _exponents_beside_c(delta: float, below: float) -> Array:
-    """Return the largest Lyapunov exponent of each unsettled trajectory from near the orbit that grazes on G1.
+    """Return the largest Lyapunov exponents of unsettled trajectories that begin near the orbit that grazes on G1.
 
     below: by how much ε is less than on G1. A trajectory is unsettled if it neither repeats nor becomes quiet.
 

@@ -56,7 +56,18 @@ def epsilon_at(curve: str, delta: float) -> float:
 
 
 def _computations() -> dict[str, Callable[[], float | tuple[float, float]]]:
-    """Return {name of a number in STATED: function that computes the number}. Raises RattleError."""
+    """Return {name of a number in STATED: function that computes the number}.
+
+    Returns
+    -------
+    dict[str, Callable[[], float | tuple[float, float]]]
+        A function returns the number, or both ends of an interval that contains it. It may raise RattleError.
+
+    Raises
+    ------
+    RattleError
+        COD21, COD22 or COD23 was not found.
+    """
     points = {point.name: point for point in codimension_two()}
     missing = {"COD21", "COD22", "COD23"} - set(points)
     if missing:

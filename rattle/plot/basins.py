@@ -57,7 +57,7 @@ DIM = "0.25"
 
 
 def largest_drawn_speed(gear: AnyGear) -> float:
-    """Return the largest speed on the axis: 7 as in the paper in the paper's (δ, ε) plane, else the natural speed."""
+    """Return the largest speed on the axis: in the paper's plane 7, as in its figures, elsewhere the natural speed."""
     return sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
 
 

@@ -230,7 +230,7 @@ def impacts_at(event: Any) -> tuple[Array, Array]:
 
 
 def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: float) -> Iterator[ImpactCurve]:
-    """Yield a curve for each impact of a branch on Σ⁺, with its events; scale, offset: from `parameter_axis`."""
+    """Yield a curve, with the branch's events, for each impact on Σ⁺. scale, offset: results of `parameter_axis`."""
     x, name = offset + scale * diagram.positions(branch), branch.names
     for impact in np.flatnonzero(np.array(branch.itinerary.walls) > 0):
         tau, v = branch.departures[:, impact] % 1.0, branch.speeds[:, impact]
@@ -271,7 +271,7 @@ def strokes(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
 
 
 def _draw_impact_curve(panel: Axes, curve: ImpactCurve, y: Array, named: bool) -> None:
-    """Draw each admissible part of a curve as one line. y: v or τ of its points. named: the motion is P(1,1,·)."""
+    """Draw each admissible part of a curve as one line. y: v or τ of its points. named: draw it like A to D."""
     for stable, part in strokes(curve):
         width, colour = NAMED if named else OTHER[stable]
         panel.plot(curve.x[part], y[part], color=colour, lw=width, ls=STYLES[stable], zorder=3)
@@ -315,7 +315,7 @@ def _write_orbit_names(
 ) -> None:
     """Write the names A to D beside their curves in the panel of `which`, "v" or "tau".
 
-    one: A and C share one curve, which gets the one name "A, C".
+    one: whether A and C share one curve in this panel, which then gets the one name "A, C".
     """
     places: dict[str, list[tuple[float, float]]] = {}
     for _, parts in curves:
@@ -353,7 +353,7 @@ def _speed_limits(diagram: Diagram[Any, Any]) -> tuple[float, float]:
 
 
 def _add_diagram_legend(figure: Figure, followed: bool) -> None:
-    """Add the legend of lines and marks. followed: explain also the points of attractors that the diagram follows."""
+    """Add the legend of lines and marks. followed: whether the legend also explains the points of attractors."""
     (width, colour), (thin, dark), (thinnest, grey) = NAMED, OTHER[True], OTHER[False]
     entries = [
         Line2D([], [], color=colour, lw=width, label="A to D, stable"),

@@ -116,7 +116,7 @@ class Labels:
         return text
 
     def add_along(self, name: str, line: Array, size: float = 9, colour: str = "black") -> Text:
-        """Write a name beside a line (k, 2) in data coordinates, parallel to it; if there is no room, call `add`."""
+        """Write a name beside a line (k, 2) in data coordinates, parallel to it; without room there, as `add` does."""
         text = self.axes.text(0, 0, name, fontsize=size, color=colour, path_effects=HALO, zorder=5)
         text.set(ha="center", va="center", rotation_mode="anchor")
         half = np.array(Text.get_window_extent(text, self.renderer).size) / 2 + ROOM

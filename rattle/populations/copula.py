@@ -38,7 +38,15 @@ class Copula:
         object.__setattr__(self, "_inverse", np.linalg.inv(self.matrix))
 
     def draws(self, seed: int, stream: int, rows: NDArray[np.int64]) -> Array:
-        """Return the numbers (n, d) of these rows of a random stream. The numbers of a row depend on its index only."""
+        """Return correlated standard normal numbers (n, d), one row for each of the given rows of a random stream.
+
+        A row depends only on the seed, the stream and the number of the row.
+
+        Returns
+        -------
+        Array
+            The numbers (n, d).
+        """
         root = self._root
         free = ndtri(uniforms(seed, stream, rows, len(self.matrix)))
         # explicit sums, because the last bit of a matrix product may depend on the number of rows
@@ -93,7 +101,18 @@ def normal_probabilities(z: Array) -> Array:
 
 
 def checked_correlation(given: ArrayLike | None, names: tuple[str, ...]) -> Array:
-    """Check the correlation matrix (d, d) of numbers with these names, and return it; None: they are independent."""
+    """Return the checked correlation matrix (d, d) of numbers with these names; for None the identity matrix.
+
+    Returns
+    -------
+    Array
+        The matrix, exactly symmetric, with 1 on its diagonal.
+
+    Raises
+    ------
+    ParameterError
+        The matrix is no correlation matrix of d numbers.
+    """
     if given is None:
         return np.eye(len(names))
     matrix = real_array("correlation", given)

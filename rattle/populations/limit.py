@@ -208,8 +208,8 @@ class _Solver:
     def _default_range(self) -> tuple[float, float]:
         """Return the default range of the scan.
 
-        The range ends at the value beyond which no motion is quiet, if that value is known. Otherwise the range reaches
-        from a typical value divided by RANGE_RATIO to the typical value times RANGE_RATIO.
+        An end of the range is the value beyond which no motion is quiet, or the end of the allowed values. If there is
+        no such value for an end, the end is a typical value divided by RANGE_RATIO, or multiplied by RANGE_RATIO.
 
         Returns
         -------

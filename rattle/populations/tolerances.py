@@ -154,7 +154,7 @@ class Tolerances:
         return Copula(np.asarray(self.correlation, np.float64))
 
     def values(self, z: Array) -> Array:
-        """Return the varying numbers (n, d) of gears that belong to standard normal numbers z (n, d)."""
+        """Convert standard normal numbers z (n, d) to values (n, d) of the d varying numbers of n gears."""
         u = normal_probabilities(z)
         return np.stack([self.given[name].quantile(u[:, j]) for j, name in enumerate(self.names)], axis=1)
 
@@ -269,7 +269,20 @@ def _points_of_arrays(numbers: Mapping[str, Any], units: Units | None, shape: Ma
 
 
 def _distribution_or_number(name: str, value: Any) -> Distribution | float | str:
-    """Return a value, which text may state, as a distribution or as a checked number. Raises ParameterError."""
+    """Return a distribution or a checked number from a given value, which may be text.
+
+    The value of `drive` is returned as it is.
+
+    Returns
+    -------
+    Distribution | float | str
+        A distribution or a number; for `drive` its value.
+
+    Raises
+    ------
+    ParameterError
+        The value is neither a distribution nor a number in its domain.
+    """
     if isinstance(value, Distribution) or name == "drive":
         return value
     if isinstance(value, str):

@@ -178,7 +178,7 @@ class _Search:
         return self.pairs.region & np.any(bounds, axis=0)
 
     def unexplained_labels(self, n: int) -> list[Label]:
-        """Return the labels of attractors that only one cell of the n-th pair has and that no curve explains.
+        """Return the labels in whose attractors the cells of the n-th pair differ, without those that curves explain.
 
         Chaos counts as explained if there are other differences and curves explain all of them: chaos then replaces a
         motion that a curve ends, or is replaced by a motion that a curve makes.
@@ -195,7 +195,7 @@ class _Search:
         return left + chaos if left or len(chaos) == len(changed) else []
 
     def _explain_label(self, n: int, label: Label) -> str | None:
-        """Find the curve that explains why the cells of a pair differ in a label; return the reason if none does."""
+        """Find a curve that explains why the cells of a pair differ in a label; if none does, return the reason."""
         if label == QUIET_LABEL:
             return (
                 "quiet motion exists on both sides: its basin fraction is small"
@@ -237,7 +237,13 @@ class _Search:
         )
 
     def _period_one_changes(self, n: int) -> Iterator[tuple[PeriodicOrbit, tuple[float, float]]]:
-        """Yield the orbits A to D that exist or are stable in one cell of a pair only, with the other cell's (δ, ε)."""
+        """Yield the orbits A to D whose existence or stability differs between the cells of the n-th pair.
+
+        Yields
+        ------
+        tuple[PeriodicOrbit, tuple[float, float]]
+            An orbit as it is in one of the cells, and (δ, ε) of the other cell.
+        """
         points = [self.grid.point(cell) for cell in (self.pairs.first[n], self.pairs.second[n])]
         found = [period_one(*point, self.grid.beta) for point in points]
         for here, there in ((0, 1), (1, 0)):

@@ -93,7 +93,9 @@ class WarmKernels(WorkerPlugin):
 
 
 def version_check(versions: Mapping[str, str | None], module: str, topic: str) -> WorkerPlugin:
-    """Return a plugin that closes a worker with other software before its first task; other workers load the kernels.
+    """Return a plugin that closes a worker before its first task if the worker's software differs from `versions`.
+
+    In all other workers the plugin loads the kernels.
 
     The check holds for workers that join later, too. The class is local, because dask sends a local class as a whole:
     a worker without this package can run it. So it uses nothing of this module.
@@ -140,8 +142,8 @@ def version_check(versions: Mapping[str, str | None], module: str, topic: str) -
                     "the worker is refused, install the same version on both"
                 )
                 worker.log_event(topic, sentence)
-                # This must not wait until the worker has closed: the nanny, which must not restart the worker, answers
-                # only once the worker has started.
+                # Do not wait here until the worker has closed. Closing needs an answer of the nanny, so that the nanny
+                # does not restart the worker, and the nanny answers only once the worker has started.
                 self.closing = asyncio.create_task(worker.close(reason=sentence))
                 await asyncio.sleep(0)  # closing has begun
                 raise RuntimeError(sentence)  # dask writes this error to the worker's log
@@ -421,7 +423,10 @@ def _address_of(url: str) -> str:
 
 
 def end_processes(client: Client, addresses: list[str]) -> None:
-    """Kill workers, even during a task. Workers without a nanny are spared, because nothing restarts them."""
+    """Kill workers, even during a task, and wait until they are gone, at most END_SECONDS.
+
+    Workers without a nanny are spared, because nothing restarts them.
+    """
     if addresses:
         # A frozen worker does not answer this call, so a thread makes the call and nothing waits for the answer.
         ending = partial(client.run, _end_process, workers=addresses, wait=False, on_error="ignore")

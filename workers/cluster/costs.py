@@ -41,7 +41,15 @@ class RunState:
     _spent: float = 0.0  # measured seconds of all finished tiles
 
     def tiles_to_measure(self, tiles: Sequence[AnyTile], columns: int) -> list[AnyTile]:
-        """Return the tiles in which cells are measured, to predict costs. columns: columns of the grid of tiles."""
+        """Return tiles, spread over the plane, in which cells are to be measured to predict costs; none for few tiles.
+
+        columns: the number of columns of the grid of tiles.
+
+        Returns
+        -------
+        list[AnyTile]
+            So many that in all at most MEASURED tiles have measured cells; empty in a run of fewer than MANY tiles.
+        """
         if len(tiles) + len(self.foreseen) < MANY:
             return []
         new = [tile for tile in tiles if tile.index not in self.foreseen]
@@ -109,8 +117,8 @@ class RunState:
         if not threads or not self._ended + trusted:
             return None
         pace = (self._spent + trusted) / (self._ended + trusted)
-        # Tiles with too high predictions begin first. So the ratio of measured and predicted time of the finished tiles
-        # must not be extrapolated to the others.
+        # The tiles with the highest predictions begin first, and many of these predictions are too high. So a ratio of
+        # measured to predicted seconds below 1 in the finished tiles must not be extrapolated to the other tiles.
         if self.foreseen:
             pace = max(pace, 1.0)
         lefts, begun = [], 0.0

@@ -90,7 +90,20 @@ class InFlight(ABC, Generic[Work, Result]):
         future.add_done_callback(partial(self._loop.add_callback, self._queue_result))
 
     def next_result(self, seconds: float) -> tuple[Task[Work], Result] | None:
-        """Return the next finished task and its result; None if no task ends in time, or it failed or was forgotten."""
+        """Return the next finished task and its result; None if there is none within `seconds`.
+
+        None is also returned if the ended task was forgotten, or after `handle_error` has responded to its failure.
+
+        Returns
+        -------
+        tuple[Task[Work], Result] | None
+            The task and its result, or None.
+
+        Raises
+        ------
+        ClusterLostError
+            The scheduler is gone. `handle_error` may raise other errors.
+        """
         try:
             future, result, error = self._ended.get(timeout=seconds)
         except Empty:

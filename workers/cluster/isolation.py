@@ -71,7 +71,20 @@ def _outcomes(request: AnyRequest, tile: AnyTile, memory: int | None) -> Iterato
 
 
 def _receive_outcomes(stream: IO[bytes]) -> Iterator[CellOutcome]:
-    """Yield the outcomes of cells until the process that computes them ends. Raises the error that ended it, if any."""
+    """Yield the outcomes of cells until the process that computes them ends.
+
+    Yields
+    ------
+    CellOutcome
+        A cell's values, or the message of its failure.
+
+    Raises
+    ------
+    RuntimeError
+        The process did not start.
+    Exception
+        The error that ended the process, if it could send the error.
+    """
     try:
         pickle.load(stream)
     except (EOFError, pickle.UnpicklingError):

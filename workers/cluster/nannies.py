@@ -25,7 +25,7 @@ TRACKER = "multiprocessing.resource_tracker"
 
 
 class StartMessage(NamedTuple):
-    """The message that this process reads from stdin.
+    """The message that the process of the nannies reads from stdin when it starts.
 
     config: dask's settings. scheduler: address of the scheduler. nice: how far to lower the priority of all processes.
     options: options of each worker's nanny.

@@ -90,7 +90,13 @@ def advance_tile(
 
 @lru_cache(maxsize=16)
 def _loaded_for(_request: AnyRequest) -> list[bool]:
-    """Return the same list for equal requests; the caller adds an entry once this process has loaded their kernels."""
+    """Return a list that is empty until this process has loaded the kernels of a request; the caller then extends it.
+
+    Returns
+    -------
+    list[bool]
+        The same list for equal requests.
+    """
     return []
 
 

@@ -30,7 +30,7 @@ def scratch_directory(root: str | None) -> Iterator[str]:
         new = os.path.join(path, f"{HELD}.new")
         file = os.open(new, os.O_RDWR | os.O_CREAT, 0o600)
         try:
-            # If the file system has no locks, HELD does not appear, and no other run removes the directory.
+            # If the file system has no locks, the file HELD does not appear, and no other run removes the directory.
             with suppress(OSError):
                 fcntl.flock(file, fcntl.LOCK_EX)
                 os.rename(new, os.path.join(path, HELD))  # renamed after locking, so others never see it unlocked

@@ -88,7 +88,7 @@ class Submission(InFlight[Attempt, Found]):
         self.put(Attempt(tile, apart), self._task, self._request, self._path, tile, apart, *known, workers=workers)
 
     def repeat_late_tiles(self, again: bool) -> int:
-        """Submit late tiles a second time, to idle workers. The first result counts.
+        """Submit late tiles once more, to idle workers. The result that arrives first counts.
 
         Parameters
         ----------
@@ -136,7 +136,7 @@ class Submission(InFlight[Attempt, Found]):
         Returns
         -------
         TileRecord | AnyTile | None
-            None if no task ends within `seconds`.
+            None if no task ends within `seconds`, or if the ended task failed and its tile was submitted again.
         """
         if (ended := self.next_result(seconds)) is None:
             return None
@@ -155,7 +155,7 @@ class Submission(InFlight[Attempt, Found]):
         return found
 
     def handle_error(self, task: Task[Attempt], error: BaseException) -> None:
-        """Compute a tile in a process of its own if its first task killed workers; raise an error in any other case."""
+        """Submit a tile again, for a process of its own, if its task had none and killed workers; else raise."""
         tile = task.work.tile
         if not isinstance(error, KilledWorker):
             raise tile_error(self._request, tile, error) from error

@@ -31,7 +31,7 @@ CLOSED_FORM = frozenset({Group.REGION, Group.ORBITS})
 
 
 class WindowPart(NamedTuple):
-    """Some cells of a window's grid: its rows and columns as slices with a step."""
+    """Some cells of a window's grid: the rows and the columns in which they lie, as slices with a step."""
 
     epsilon: slice
     delta: slice
@@ -172,7 +172,20 @@ def _as_slice(some: range) -> slice:
 def compute_part(
     request: SurveyRequest, variable: str, index: int, delta: np.ndarray, epsilon: np.ndarray
 ) -> PartValues:
-    """Compute a map on the cells epsilon × delta: a task of the cluster. Failed cells have the fill value or FAILED."""
+    """Compute a map on the cells epsilon × delta: a task of the cluster.
+
+    A failed cell has the fill value of the map's variable; on the map of `status` it has FAILED.
+
+    Returns
+    -------
+    PartValues
+        The values, the number of failed cells, and the seconds of the computation.
+
+    Raises
+    ------
+    MACHINE_FAILURES
+        One of these exceptions, which are failures of the computer and not of a cell.
+    """
     began = time.perf_counter()
     quantity = map_quantity(variable, index, request)
     # The variable `status`, which has no group, needs the computation of all stored variables.

@@ -141,7 +141,7 @@ class _Join:
         return [i for i in found if i is not None]
 
     def _rows_around(self, block: Block, tables: Sequence[Rows], before: int = 1) -> Rows:
-        """Return those rows of all blocks' tables that belong to cells just around a block.
+        """Return those rows of tables, one table for each block, that belong to cells just around a block.
 
         before: with 0, only the cells after the block's last row and column count.
 
@@ -165,7 +165,7 @@ class _Join:
         return [self.blocks[self._number[at]] for at in product(rows, columns)]
 
     def _rows_after_blocks(self, tables: Sequence[Rows]) -> list[Rows]:
-        """Return for each block the rows that belong to the cells just after its last row and column."""
+        """Return for each block the table rows of the cells just after the block's last row and column of cells."""
         return [self._rows_around(block, tables, before=0) for block in self.blocks]
 
     def _continue_into_blocks(self) -> list[Attractors]:

@@ -80,7 +80,7 @@ def family_of(
     Raises
     ------
     SurveyError
-        The survey has no families, or no family of this number.
+        The survey has no families, or no family of this number, or there is no such slice.
     """
     import xarray as xr
 

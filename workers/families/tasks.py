@@ -41,7 +41,7 @@ POSITIONS = 1 << 16  # every cell has fewer attractors than this
 
 @dataclass(frozen=True, eq=False)
 class BorderAttractors(StructOfArrays):
-    """The attractors (k,) on the border of a block.
+    """Attractors (k,) at the border of a block, inside the block or just outside.
 
     cell: the cell of each attractor. place: its position among the attractors of the cell. component: the number of the
     connected part of a family to which it belongs.

@@ -74,7 +74,8 @@ def widest_cells(codes: np.ndarray, wanted: Iterable[int]) -> dict[int, tuple[in
     Returns
     -------
     dict[int, tuple[int, int, float]]
-        By code: row and column of the cell, and its distance in cells from the nearest cell with another code.
+        By code: row and column of the cell, and its distance in cells from the nearest cell with another code or beyond
+        the edge of the map.
     """
     from scipy.ndimage import distance_transform_edt  # imported here, because it takes a fifth of a second to load
 

@@ -1,6 +1,6 @@
-"""Two maps of a survey's families: the largest family of each cell (named, coloured codes), and the share of a family.
+"""Maps of a survey's families: the largest family of each cell, and the share of the samples that go to a family.
 
-Both maps are computed from the store when they are read, a few rows at a time.
+All of these maps are computed from the store when they are read, a few rows at a time.
 """
 
 from __future__ import annotations
@@ -79,8 +79,9 @@ def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     xr.Dataset
-        The survey with two more variables: LARGEST (among, epsilon, delta), the largest family of each cell, and SHARE
-        (family, epsilon, delta), the share of each family.
+        The survey with two more variables. LARGEST (among, epsilon, delta): the family with most samples of each cell,
+        among all families and among all but quiet running. SHARE (family, epsilon, delta): for each family, the share
+        of each cell's samples that go to the family.
     """
     with report_damage("the families"):
         names, colours = family_names(survey, table), family_colours(table)
@@ -105,7 +106,15 @@ def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
 
 
 def family_names(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> list[str]:
-    """Return names of the first `most` families, such as "2: P(1,1,0) = C"; letters only for the impacting gear."""
+    """Return names of the families 0 to most − 1, such as "2: P(1,1,0) = C"; "quiet" for family 0.
+
+    The letter C or D is given for the impacting gear only.
+
+    Returns
+    -------
+    list[str]
+        A name for each family, by the family's number.
+    """
     of = {name: np.asarray(table[name][:most]).tolist() for name in ("kind", "m", "n_plus", "n_minus")}
     letters = LETTERS if surveyed_model(survey).in_closed_form else {}
     found = []
@@ -130,7 +139,16 @@ def _contacts_of(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
 
 
 def family_colours(table: xr.Dataset) -> list[str]:
-    """Return colours of the first OTHERS − 1 families: that of the label, or another if an earlier family has it."""
+    """Return a colour for each of the families 0 to OTHERS − 2.
+
+    It is the colour of the family's label, or a spare colour if an earlier family has the same label or a similar
+    colour.
+
+    Returns
+    -------
+    list[str]
+        Colours as "#rrggbb", by the family's number.
+    """
     palette, found = Palette(APART), []
     rows = (np.asarray(table[name][: OTHERS - 1]).tolist() for name in ("kind", "m", "n_plus", "n_minus"))
     for kind, *label in zip(*rows, strict=True):
@@ -202,9 +220,9 @@ class _FamilyMaps(BackendArray):
 
 
 class _LargestFamilyMaps(_FamilyMaps):
-    """The maps of the largest family of each cell, among all families and among all but the first.
+    """Two maps of the family with most samples of each cell: among all families, and among all but quiet running.
 
-    A code is the number of the family plus 1, at most OTHERS; 0 means no family.
+    A code is the number of the family plus 1, at most OTHERS; 0 if no sample of the cell goes to such a family.
     """
 
     def __init__(self, survey: xr.Dataset) -> None:

@@ -291,9 +291,9 @@ def _code_shares(
 def _display_numbers(plane: xr.DataArray, statistics: np.ndarray, states: reduce.LevelCodes) -> DisplayedCells:
     """Choose the displayed number of each cell of a level: the mean, or an extreme if it is rare.
 
-    A map of integers displays an extreme instead of the mean. If some of the survey's cells in a cell have no finite
-    number, but less than half of them, the cell displays infinity if it occurs there, and otherwise no number, because
-    this is the rare value there.
+    A map of integers displays an extreme instead of the mean. A cell of the level covers several cells of the survey.
+    If none of these has a finite number, or some but fewer than half of them have none, the cell displays infinity if
+    one of them is infinite, and otherwise no number. So a few cells without a number remain visible.
 
     Returns
     -------

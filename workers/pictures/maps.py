@@ -68,7 +68,7 @@ WITHOUT_VALUE = {
         if each.group is Group.INTENSITY
     },
 }
-#: The same words for all other variables, by their first dimension.
+#: Words in the legend for computed cells without a value, by first dimension, for variables not in WITHOUT_VALUE.
 WITHOUT_VALUE_OF = {SLOT: EMPTY_SLOT, "orbit": "no such orbit"}
 #: Descriptions of a slot of attractors, by the rule that orders slots.
 SLOTS = {
@@ -175,7 +175,7 @@ def map_figure(
         The survey has no such map, it cannot be read, or its axes reach too far to be drawn.
     """
     if look.delta or look.epsilon:
-        dataset, opened = look.cut_to_window(dataset), None  # levels cover all cells, not a window
+        dataset, opened = look.cut_to_window(dataset), None  # pyramid levels cover all cells, not a window
     shown = reduce_map(dataset, variable, index, ROOM, opened)
     plane = plane_of(shown, variable, index if shown is dataset else 0)
     with report_damage(f"the map of {variable}"):

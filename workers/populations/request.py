@@ -114,7 +114,7 @@ class PopulationRequest(StrictRecord):
 
     @property
     def shape(self) -> tuple[int]:
-        """Number of rows (gears) of the population's store, including the partners for Sobol indices, in a tuple."""
+        """Number of rows (gears) of the population's store, including the additional gears for Sobol indices."""
         return (self.plan.rows,)
 
     @cached_property
@@ -150,7 +150,7 @@ class PopulationRequest(StrictRecord):
 
     @property
     def samples(self) -> int:
-        """The least number of states to follow, including additional states of the gears tested for passing."""
+        """The largest number of states to follow, including additional states of the gears tested for passing."""
         judging = self.plan.sample_counts[-1] if self.share is not None else 0
         return self.n_cells * self.count + self.plan.n_judged * judging
 

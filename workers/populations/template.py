@@ -28,7 +28,13 @@ def template_of(request: PopulationRequest, created: str | None = None) -> Templ
 
 
 def empty_arrays(request: PopulationRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
-    """Create empty arrays in memory, as `gear_rattle.workers.survey.template.empty_arrays` does for a survey."""
+    """Create the arrays of a population's store in memory, without values. They serve to encode tiles.
+
+    Returns
+    -------
+    tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]
+        The files in memory by key, the arrays by variable, and the patterns of chunk keys by variable.
+    """
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
     variables = variables_of(request)

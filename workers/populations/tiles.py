@@ -56,7 +56,25 @@ def tiles_of(request: PopulationRequest) -> list[GearTile]:
 def compute_tile(
     request: PopulationRequest, tile: GearTile, outcomes: Iterable[CellOutcome] | None = None
 ) -> tuple[TileArrays, TileRecord]:
-    """Compute every variable of a tile, as `survey.tiles.compute_tile` does for a survey: a gear is a cell."""
+    """Compute every variable of a tile. The gears of a population take the place of a survey's cells.
+
+    A gear that fails has status 3, fill values in all other variables, and a message in the record.
+
+    Parameters
+    ----------
+    outcomes : Iterable[CellOutcome] | None
+        The outcome of each gear, if the gears are computed elsewhere; None to compute them here.
+
+    Returns
+    -------
+    tuple[TileArrays, TileRecord]
+        The arrays of the tile by variable, and its record.
+
+    Raises
+    ------
+    MACHINE_FAILURES
+        One of these exceptions, which are failures of the computer and not of a gear.
+    """
     began = time.perf_counter()
     if outcomes is not None:
         arrays, failed = _gather_outcomes(request, tile, outcomes)
@@ -75,7 +93,16 @@ def compute_tile(
 def cell_outcomes(
     request: PopulationRequest, tile: GearTile, first: int = 0, failing: tuple[type[Exception], ...] = ()
 ) -> Iterator[CellOutcome]:
-    """Evaluate each gear of a tile alone, from number `first`, as `survey.tiles.cell_outcomes` does for cells."""
+    """Evaluate each gear of a tile alone, so that a failing gear does not affect the others.
+
+    first: the number of the first gear in the tile to evaluate. failing: exceptions in MACHINE_FAILURES that count as
+    failures of the gear here, instead of ending the tile.
+
+    Yields
+    ------
+    CellOutcome
+        A gear's values, or the message of its failure.
+    """
     for row in range(tile.gear.start + first, tile.gear.stop):
         try:
             yield _evaluate(request, slice(row, row + 1))

@@ -118,12 +118,12 @@ def gears_of(request: PopulationRequest, read: Callable[[str], np.ndarray]) -> G
 
 
 def _evaluate_dimension(i: int) -> Evaluate:
-    """Return the function that gives each gear's value of the i-th number that differs from gear to gear."""
+    """Return the function that evaluates a variable as the i-th of the numbers that vary from gear to gear."""
     return lambda _, found: found.values[:, i]
 
 
 def _evaluate_field(name: str) -> Evaluate:
-    """Return the function that gives the field `name` of some gears."""
+    """Return the function that evaluates a variable as the field `name` of the computed `Gears`."""
     return lambda _, found: getattr(found, name)
 
 

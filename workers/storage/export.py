@@ -59,7 +59,7 @@ def _write_group(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: s
 
 
 def _rows_of_band(dataset: xr.Dataset) -> int:
-    """Return how many rows to export at a time: those of a tile if the dataset knows their number, else ROWS."""
+    """Return how many rows of cells to export at a time: the rows of a tile if the dataset states them, else ROWS."""
     return int(dataset["status"].encoding.get("preferred_chunks", {}).get("epsilon", ROWS))
 
 
@@ -129,7 +129,15 @@ def _slice_bands(dataset: xr.Dataset, form: RowForm) -> Iterator[dict[str, np.nd
 
 
 def _repeat_for_cells(values: xr.DataArray, sizes: Mapping[Hashable, int]) -> np.ndarray:
-    """Repeat values along δ or ε (a machine's speeds or eccentricities): one for each cell of some rows, row by row."""
+    """Repeat the values of a variable along δ or along ε, such as a machine's speeds, so that each cell has one.
+
+    sizes: the numbers of cells along δ and ε.
+
+    Returns
+    -------
+    np.ndarray
+        A value for each cell, row by row.
+    """
     if values.dims == ("delta",):
         return np.tile(values.values, sizes["epsilon"])
     return np.repeat(values.values, sizes["delta"])

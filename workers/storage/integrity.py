@@ -236,7 +236,7 @@ def _is_whole(place: Place, key: str, known: str | None) -> bool:
 
 
 def damaged_template_files(place: Place, manifest: Manifest) -> tuple[str, ...]:
-    """Return the keys of lost or damaged files of a survey, except the chunks of tiles."""
+    """Return the keys of lost or damaged files of a store, except the chunks of tiles."""
     lost = [ROOT] if whole_root(place, manifest) is None else []
     with ThreadPoolExecutor(READERS) as readers:
         whole = _map_in_batches(readers, lambda key: _is_whole(place, key, manifest.files[key]), manifest.files)

@@ -58,7 +58,20 @@ def read_file(place: Place, key: str) -> bytes | None:
 
 
 def manifest_of(place: Place) -> Manifest | None:
-    """Return the manifest of a store, or None if it is missing, damaged or of another version."""
+    """Return the manifest of a store; None if there is no manifest that this version can read.
+
+    The result is also None once the deletion of the store has begun.
+
+    Returns
+    -------
+    Manifest | None
+        The manifest, from a cache if its file is unchanged.
+
+    Raises
+    ------
+    StorageError, SurveyError
+        See `read_file`.
+    """
     content = read_file(place, MANIFEST)
     if content is None or place.has_deletion_begun():
         return None

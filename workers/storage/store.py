@@ -164,7 +164,9 @@ def tiles_done(
     Raises
     ------
     SurveyError
-        The store belongs to another survey.
+        There is no store, its manifest is damaged, or it belongs to another request.
+    StorageError
+        The store is gone or cannot be read now.
     StoppedError
         `should_stop` returned true.
     """
@@ -283,7 +285,7 @@ def _chunk_keys(request: AnyRequest, tile: AnyTile) -> dict[str, str]:
 
 
 def finish_store(where: str | Path | Place) -> None:
-    """Finish a survey or population whose tiles are all computed: remove partial files, and write the date.
+    """Finish a survey or population whose tiles are all computed: remove partial files, write the date of completion.
 
     In a refined survey without a bound the audited cells are counted, too. The call may be repeated.
 
@@ -373,12 +375,12 @@ def _audit_attributes(place: Place) -> dict[str, int | float]:
 
 
 def read_bands(place: Place, name: str) -> Iterator[np.ndarray]:
-    """Yield the values of a per-cell variable, a row of tiles at a time, because all values may not fit in memory.
+    """Yield the values of a per-cell variable in parts, because all values may not fit in memory.
 
     Yields
     ------
     np.ndarray
-        Values of a row of tiles.
+        Values of a row of tiles, or of one slice if the survey has a third axis.
 
     Raises
     ------

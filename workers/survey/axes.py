@@ -212,7 +212,7 @@ def _shortened_text(given: Any) -> str:
 
 
 def first_message(error: ValueError) -> str:
-    """Return the message for the first wrong field, without pydantic's heading and without the field's name."""
+    """Return the message for the first wrong field, without the field's name; for an error without fields its text."""
     errors = getattr(error, "errors", None)
     return field_message(errors()[0]) if errors else str(error)
 

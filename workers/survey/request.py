@@ -445,7 +445,7 @@ class SurveyRequest(_ModelFields):
 
     @property
     def slots_follow_families(self) -> bool:
-        """True if all attractors of a family have the same slot, once the families are joined."""
+        """True if joined attractors get slots by family: as far as possible a family has the same slot in all cells."""
         return (self.slots_by or BY_FAMILY) == BY_FAMILY and Group.FAMILIES in self.quantities
 
     @property
@@ -491,7 +491,7 @@ class SurveyRequest(_ModelFields):
 
     @property
     def samples_per_cell(self) -> int:
-        """Number of states that are followed for each cell: its initial conditions, or the states of its basins."""
+        """Most states of a cell that are followed at a time: its initial conditions, or states of its basins."""
         samples = self.initial_conditions.count if SAMPLED.intersection(self.quantities) else 0
         return max(samples, BASIN_SAMPLES) if Group.BASINS in self.quantities else samples
 

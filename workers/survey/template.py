@@ -46,8 +46,8 @@ Template = dict[str, bytes]  # {key: content} of every file of a store without t
 def template_of(request: SurveyRequest, created: str | None = None) -> Template:
     """Return the files of a survey's store before its first tile. created: the date of creation; None: now.
 
-    The root already has the metadata of all arrays, which chunks never change. So a running survey can be opened from
-    disk and over HTTP.
+    The root already has the metadata of all arrays, and tiles never change these metadata. So a running survey can be
+    opened from disk and over HTTP.
 
     Returns
     -------
@@ -90,7 +90,9 @@ def completed_template(kept: dict[str, Buffer], request: Any, created: str, chun
 
 
 def empty_arrays(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
-    """Create empty arrays in memory, which encode tiles without reading the metadata of the store.
+    """Create the per-cell arrays of a store in memory, without values.
+
+    They serve to encode tiles as the store has them, without reading the metadata of the store.
 
     Returns
     -------
@@ -160,7 +162,15 @@ def _title(request: SurveyRequest) -> str:
 
 
 def _machine_attributes(request: SurveyRequest) -> dict[str, Any]:
-    """Return attributes with a machine's numbers, and the CF attribute `coordinates`, names of coordinates."""
+    """Return a machine's numbers as attributes, if the survey has a machine, and the CF attribute `coordinates`.
+
+    `coordinates` lists the names of the coordinates that are not dimensions.
+
+    Returns
+    -------
+    dict[str, Any]
+        Values by name.
+    """
     machine = {} if request.machine is None else request.machine.model_dump()
     names = [
         *(name for name in shared_parameters(request) if name != request.third_axis_name),

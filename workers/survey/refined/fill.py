@@ -98,7 +98,7 @@ class RefinedCells(Cells):
 
     @cached_property
     def _traced_cells(self) -> RefinedCells:
-        """These cells without the attractors that have no trajectory."""
+        """A copy of these cells in which the chaotic attractors without a trajectory are left out."""
         rows = ~self._lacks_own_trajectory
         return replace(self, table=self.table.take(rows), wider=self.wider[rows])
 

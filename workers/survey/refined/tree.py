@@ -86,7 +86,7 @@ class Tree:
         return others
 
     def _compute_and_divide(self, waiting: list[Leaves]) -> None:
-        """Compute the edges of leaves, largest leaves first, and divide leaves that differ or that fail the audit."""
+        """Compute the edges of leaves, largest leaves first, and divide those not uniform or failing the audit."""
         size = BLOCK
         while size:
             now = [leaves for leaves in waiting if leaves.size == size and leaves.block.size]

@@ -47,22 +47,22 @@ class Cells:
 
     @property
     def source_level(self) -> np.ndarray:
-        """The number n of each cell that is filled between computed cells 2ⁿ steps apart, 0 for computed cells.
+        """For each cell 0 if it is computed, or n if it is filled between computed cells that are 2ⁿ cells apart.
 
-        Here 0 everywhere, because all cells are computed.
+        In this class the value is 0 everywhere, because all cells are computed.
         """
         return np.zeros(self.shape, np.int8)
 
     @property
     def audit(self) -> np.ndarray:
-        """Findings of the audit for each cell, as codes of `AUDIT`. Here 0 everywhere, because no cell is filled."""
+        """Findings of the audit for each cell, as codes of `AUDIT`; in this class 0, because no cell is filled."""
         return np.zeros(self.shape, np.int8)
 
     @property
     def audit_leaf(self) -> np.ndarray:
-        """For each cell a code of the last round of audits in which the cell was to be filled, and of its leaf's kind.
+        """For each cell one code for the last round of audits in which the cell was to be filled and its leaf's kind.
 
-        Here 0 everywhere, because no cell is filled.
+        A leaf is a square of cells. In this class the code is 0 everywhere, because no cell is filled.
         """
         return np.zeros(self.shape, np.int8)
 
