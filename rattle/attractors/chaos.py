@@ -107,9 +107,9 @@ def exponents(sums):
 def is_chaotic(sums):
     """Return whether a trajectory is chaotic: λ₁ exceeds its error bar, and tangents grow faster than by shear.
 
-    sums: a row of time, ln stretch and ln|det| for each batch of flights. In regular motion the logarithm of a tangent
-    vector's length grows as ln t, by ln 2 over the second half of the batches. In chaotic motion it must grow by more
-    than LEAST_GROWTH over that half.
+    sums: a row of time, ln stretch and ln|det| for each batch, one of BATCHES successive parts of a trajectory. In
+    regular motion the logarithm of a tangent vector's length grows as ln t, by ln 2 over the second half of the
+    batches. In chaotic motion it must grow by more than LEAST_GROWTH over that half.
 
     Returns
     -------
@@ -127,7 +127,7 @@ def is_chaotic(sums):
 def fill_chaos_flags(sums, found):
     """Write to found (k,) whether each trajectory is chaotic.
 
-    sums (k, BATCHES, 3): the time, ln stretch and ln|det| of each batch of flights.
+    sums (k, BATCHES, 3): the time, ln stretch and ln|det| of each batch, one of successive parts of a trajectory.
     """
     for k in range(found.size):
         found[k] = is_chaotic(sums[k])

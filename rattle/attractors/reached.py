@@ -68,7 +68,10 @@ def reached(plane: StatePlane, tau: ArrayLike, v: ArrayLike) -> Reached:
 
 
 class SampledGear:
-    """Base class of gears at one parameter point, which are frozen dataclasses of δ, ε, β and further parameters."""
+    """Base class of gears at one parameter point, whose attractors and basins are found by following states.
+
+    Subclasses are frozen dataclasses of δ, ε, β and further parameters.
+    """
 
     _classifier: ClassVar[type[Classifier]]
     _resolution: ClassVar[int]  # default resolution of basins

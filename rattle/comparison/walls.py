@@ -184,7 +184,7 @@ def _refine_offset(few: FitProblem, offset: float, width: float = 1.0 / PHASES) 
 
 
 def fit_at_offset(fitting: FitProblem, offset: float) -> Fit:
-    """Return the fit of impacts to a gear at an offset, with the walls of least cost."""
+    """Return the fit of impacts to a gear if phase 0 is at the time `offset`, with the walls of least cost."""
     wall = _find_best_walls(fitting, np.array([offset]))[1]
     leaves, arrives = _velocities(fitting, wall, np.array([offset]))
     off = np.abs(leaves + arrives) / (np.abs(leaves) + np.abs(arrives))

@@ -393,7 +393,7 @@ class Follower:
         return Path(np.array(points), np.array(tangents), None)
 
     def follow_both_ways(self, start: Array, index: int, most: int = MOST_POINTS) -> FollowedCurve:
-        """Follow the curve in both directions from a solution inside. Unknown number `index` rises forward."""
+        """Follow the curve in both directions from a solution inside. Forward is where x[index] rises."""
         rising = np.zeros(start.size)
         rising[index] = 1.0
         tangent = tangent_at(self.problem, start, rising)

@@ -87,7 +87,7 @@ class ImpactLaw:
         return -delta
 
     def energy_change(self, w: Any, change: Any) -> Any:
-        """Return the change of w²/2 after an impact that a change of the arrival velocity w causes."""
+        """Return how w²/2 after an impact changes, to first order, if the velocity w of arrival changes by `change`."""
         return change * w
 
     def energy_loss(self, speed: Any) -> Any:
@@ -113,7 +113,7 @@ class Restitution(ImpactLaw):
         return 2.0 * math.log(self.restitution) * impacts_per_period - delta
 
     def energy_change(self, w: Any, change: Any) -> Any:
-        """Return the change of w²/2 after an impact that a change of the arrival velocity w causes."""
+        """Return how w²/2 after an impact changes, to first order, if the velocity w of arrival changes by `change`."""
         return self.restitution**2 * (change * w)
 
     def energy_loss(self, speed: Any) -> Any:

@@ -148,7 +148,7 @@ def clears_the_gap(wall, rising, s, minimum, gap, flight):
 
 @inline
 def clears_with_two_minima(wall, rising, tau, s, minimum, gap, flight, arc):
-    """Return whether a flight from Σ⁺ back to Σ⁺ certainly touches no wall, and its height F has two minima.
+    """Return whether a flight from Σ⁺ to Σ⁺ has certainly two minima of its height F, and no impact before its end.
 
     The minima are before and after the arc of negative contact force, and between them F has a maximum on the arc.
 

@@ -1,4 +1,4 @@
-"""Compute windows of the plane at finer resolution than their survey, on the service's workers, frame by frame.
+"""Compute windows of the plane on the service's workers, as frames: maps of a window that become finer and finer.
 
 The newest windows are kept, because pictures of them may be requested.
 """

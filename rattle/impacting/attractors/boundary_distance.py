@@ -30,7 +30,7 @@ from rattle.numerics.sampling import sobol_points
 from rattle.orbits.iterates import fold
 from rattle.parameters import Parameters
 
-# number of states of a set that is uniform in v or in ln v; most further sets, uniform in ln v, of slower states
+# number of states of a set, which is uniform in v or in ln v; largest number of further sets of slower states
 SAMPLED, ROUNDS = 1024, 8
 # number of states at the edges of all capture regions of a cell; fewest and most states at the edge of one region
 EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64
@@ -52,7 +52,7 @@ FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20
 # least speed of the cell by more than this many sizes of its pattern
 SHRINK, HOPE = 1.0 / 16.0, 8.0
 MOST_PATTERNS = 60  # most patterns of one search
-# least and largest limit of impacts, at strong damping, of all states but those that are classified first
+# at strong damping, least and largest limit of impacts of states other than those that are classified first
 LEAST_IMPACTS, MOST_IMPACTS = 512, 4096
 # the limit of impacts of these states is this many times the largest number of impacts after which one of the states
 # classified first reached a periodic orbit (in chaotic cells: a periodic orbit or quiet motion)

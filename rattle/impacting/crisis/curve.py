@@ -161,14 +161,14 @@ def _follow_down(start: Crisis, to: float, resolution: float, end: float) -> tup
 
 
 def _follow_up(start: Crisis, top: float, end: float) -> tuple[list[Crisis], str]:
-    """Return the points of the crisis curve from `start` towards COD22, and the reason why the curve ends.
+    """Return the points of the crisis curve from `start` up to the first beyond δ = `top`, or to its end near COD22.
 
-    The last point is the first beyond δ = `top`. `end` is δ of COD22.
+    `end` is δ of COD22.
 
     Returns
     -------
     tuple[list[Crisis], str]
-        The points by rising δ, and the reason.
+        The points by rising δ, and the reason why the curve ends, which does not apply if `top` is passed.
     """
     known, last = [start], CLOSEST * start.epsilon
     while known[-1].gap > last and known[-1].delta <= top:

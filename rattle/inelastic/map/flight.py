@@ -55,7 +55,7 @@ def evaluate_forced(s, flight, harmonics, departure):
     w, a, _bend, _force, delta = flight
     x = delta * s
     if x <= LONGEST_DECAY:
-        k = x * decay64(x)  # k(δs)/(δs)
+        k = x * decay64(x)  # (e^(−x) − 1 + x)/x
         lost = x * (1.0 - k)
         f0 = s * (w + a * k)
     else:

@@ -78,7 +78,7 @@ def image(plane: ModelPlane, centre: tuple[arb, arb], sides: arb_mat, walls: Seq
 
 
 def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
-    """Return when and with which velocity flights from a set end, if their first impact is proved to be on `target`.
+    """Return the time and velocity at the end of flights, if their first impact is proved to be on `target`.
 
     The flights leave `wall` at the times and velocities middle + sides [−1, 1]².
 

@@ -74,9 +74,9 @@ class Member(NamedTuple):
 class StiffFamily:
     """A family of motions at one δ, β and κ: a connected curve of periodic motions along which ε changes.
 
-    points (k, 2c + 1): the unknowns of the motions in order. folds: the numbers of the points at which ε turns back.
-    ends: the reasons why the family ends at its first and last point (codes of `family_continuation`). letters: the
-    letter of each part of the family between folds.
+    points (k, 2c + 1): the unknowns of k motions with c contacts each, in order along the curve. folds: the numbers of
+    the points at which ε turns back. ends: the reasons why the family ends at its first and last point (codes of
+    `family_continuation`). letters: the letter of each part of the family between folds.
     """
 
     cycle: Cycle

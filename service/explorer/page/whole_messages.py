@@ -43,7 +43,7 @@ async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send)
             if message["type"] != "websocket.disconnect":
                 return message
             left.append(message)
-            return {"type": "websocket.receive"}  # empty; otherwise `app` would handle its last message again
+            return {"type": "websocket.receive"}  # an empty message, or `app` handles its last message once more
         if is_told:
             raise RuntimeError("the browser has left")
         is_told = True

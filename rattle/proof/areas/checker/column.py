@@ -1,4 +1,4 @@
-"""Where B and D exist, cross a block, and attract, over one interval of δ: bisection in s, the time from Σ⁺ to Σ⁻."""
+"""Bisect s, the time from Σ⁺ to Σ⁻, to find the motions B and D over one interval of δ, and whether they attract."""
 
 from fractions import Fraction
 from itertools import groupby
