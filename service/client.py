@@ -382,7 +382,7 @@ class Job:
         return self._client.document("GET", f"{self._link('self')}/answers")
 
     def verify(self) -> Self:
-        """Let the service check every tile, and compute damaged or missing tiles again; then call :meth:`wait`."""
+        """Let the service check every tile, and compute damaged or missing tiles again; `wait` waits for the end."""
         self.document = self._client.document("POST", f"{self._link('self')}/verify")
         return self
 

@@ -41,7 +41,7 @@ def certify_areas(
     MissingExtraError
         python-flint is not installed.
     SurveyError
-        The file cannot be written.
+        The file cannot be written at this path, for example because its directory does not exist.
     """
     found: list[ProvedBlock] = []
     try:

@@ -340,7 +340,7 @@ def _write_least_costs(time, speed, known, offsets, dwell, delta, epsilon, beta,
                         alone += _capped_square((abs(w1) - speed[i]) / unit)
                     least, which = np.inf, -1
                     if k <= MOST_FALSE:
-                        least = FALSE * k  # this flight is the first of the motion
+                        least = FALSE * k  # one choice: this flight is the first, and the impacts before it are false
                     for way in range(ways):
                         step, other = way // before.shape[2], way % before.shape[2]
                         if k > 0 and ENDS[other, 1] == begin:

@@ -283,7 +283,7 @@ class Model(ABC):
         """Return the gear at one point. Raises ParameterError."""
 
     def limits(self, delta: float) -> Limits:
-        """Return the eccentricities of SN1 and of the quiet limit at one damping; the flip of C only in subclasses."""
+        """Return the eccentricities of SN1 and of the quiet limit at one damping, and the flip of C as missing."""
         gear = self.gear(delta, 0.0)
         unknown = f"not computed at one damping for the {self.name} model"
         flip = MissingLimit("flip", unknown, None)

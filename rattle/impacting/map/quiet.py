@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 # number of sampled phases; number of independent maxima, so that the loop over phases can use vector instructions
 PHASES, ABREAST = 2048, 16
 SINES, COSINES = sampled_phases(PHASES)
-LARGEST_ETA = 0.5  # largest η for which the measured bound is used
+LARGEST_ETA = 0.5  # largest η (see the top of this file) for which the measured bound is used
 KICK, DECAY_RATE = 10.0, 1.9  # the constants 10 and 1.9 of the measured bound 10 e^(−1.9/η)
 # largest number of impacts that becoming quiet may take at strong damping; damping below which this limit grows;
 # largest value of the limit

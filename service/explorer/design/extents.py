@@ -99,7 +99,7 @@ def add_crisis(
 
 
 def has_swept_chaos(attractors: Sequence[rattle.Attractor], extents: Sequence[MotionExtent | None]) -> bool:
-    """Return whether the upper end of a chaotic attractor is only a bracket, which a boundary crisis may replace."""
+    """Return whether a sweep only bracketed the upper end of a chaotic attractor; it may be the boundary crisis."""
     pairs = zip(attractors, extents, strict=False)  # attractors beyond MOST_FOLLOWED have no extent
     return any(one.kind == "chaotic" and each is not None and each.high.kind == SWEPT for one, each in pairs)
 

@@ -221,7 +221,7 @@ class LeveledPlane(MapPlane):
         self._opened: dict[str, xr.Dataset] = {}
 
     def update(self, job: JobRow) -> bool:  # noqa: ARG002  # a completed survey does not change
-        """Return True: a completed survey has no new tiles."""
+        """Return True, for all tiles were read: a completed survey has no new ones."""
         return True
 
     def _cells_to_display(self, part: LevelPart) -> DisplayedCells:

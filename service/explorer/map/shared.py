@@ -75,7 +75,7 @@ class UncomputedMaps(Protocol):
         """Maps of the example, in the form that `maps_of` returns."""
 
     def plane(self, variable: str, index: int) -> MapPlane:
-        """Return a map of the example. It blocks: use a thread."""
+        """Return a map of the example that comes with the explorer. It blocks: use a thread."""
 
     def unfinished_map(
         self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], MapPlane]
