@@ -166,7 +166,7 @@ class ExactMaps:
             return self._unfinished[key]
 
     def plane(self, variable: str, index: int) -> MapPlane:
-        """Return a map of the explorer's example. It blocks: use a thread. index: number of the attractor or the orbit."""
+        """Return a map of the explorer's example. It blocks: use a thread. index: number of the attractor or orbit."""
         return ExamplePlane(self._cells, self._found, variable, index)
 
     @cached_property
