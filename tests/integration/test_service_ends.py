@@ -96,7 +96,7 @@ STAGES = {
     "begun": """
         @patch("gear_rattle.service.web.server")
         def begun(server):
-            after(server, "bind", lambda *_: [note("begun"), wait_for_signal()])
+            after(server, "bind_sockets", lambda *_: [note("begun"), wait_for_signal()])
         """,
     "opened": """
         @patch("gear_rattle.service.jobs.manager")
