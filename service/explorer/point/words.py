@@ -118,12 +118,12 @@ def swatch_html(colour: str) -> str:
 
 
 def name_with_letter(attractor: rattle.Attractor, letter: str) -> str:
-    """Return the label or the kind of an attractor, and its letter A to D unless this is ""."""
+    """Return the label or the kind of an attractor, followed by its letter A to D unless `letter` is ""."""
     return f"{legend_name(attractor)} = {letter}" if letter else legend_name(attractor)
 
 
 def point_in_words(gear: AnyGear, period: str = PERIOD) -> str:
-    """Return the point in words: its parameters, its region, and whether quiet running is possible."""
+    """Return the point in words: its parameters, its region, whether it can run quietly, and where rattle begins."""
     at = f"Damping δ = {number_text(gear.delta, 6)}, eccentricity ε = {number_text(gear.epsilon, 6)}"
     backlash = f", half-backlash β = {number_text(gear.beta, 6)}"
     model = model_at(gear)
