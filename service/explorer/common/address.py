@@ -83,13 +83,13 @@ class EnteredMachine(NamedTuple):
 
     @property
     def address_text(self) -> str:
-        """Text of the machine in an address: its first NUMBERED values in order, each other value as name:value."""
+        """Text of the machine in an address: values of the first NUMBERED fields, then other values as name:value."""
         plain = ["" if each is None else str(each) for each in self[:NUMBERED]]
         more = [f"{name}:{value}" for name, value in list(self._asdict().items())[NUMBERED:] if value is not None]
         return ",".join([*plain, *more])
 
 
-NUMBERED = EnteredMachine._fields.index("restitution")  # fields whose values stand in an address without their names
+NUMBERED = EnteredMachine._fields.index("restitution")  # so many first fields have no names in addresses
 
 
 class Pin(NamedTuple):
@@ -189,10 +189,10 @@ class Pointer(NamedTuple):
 
 
 class DrawnSettings(NamedTuple):
-    """Settings of a map as it was drawn; the view may have a rule for the range of the colours in place of numbers.
+    """Settings with which a map was drawn.
 
-    limits: range of the colours, None for a categorical map. log: True if the colours are on a log scale. pixels: size
-    of the map on the screen, None if the whole survey is shown.
+    limits: range of the colours as numbers, also where the view has a rule; None for a categorical map. log: True if
+    the colours are on a log scale. pixels: size of the map on the screen, None if the whole survey is shown.
     """
 
     limits: Pair | None
@@ -300,7 +300,7 @@ class View:
     delta, epsilon : Pair | None
         Window (low, high) along each axis, None for the whole survey.
     machine : EnteredMachine | None
-        Machine that a viewer entered for the open point, None if the point is not of a machine.
+        Machine that a viewer entered for the open point, None if no machine was entered.
     share : float
         Probability of quiet running that the design limit requires.
     profile : MapChoice | None

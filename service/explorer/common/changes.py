@@ -27,9 +27,9 @@ _waiting: WeakKeyDictionary[Document, list[Change]] = WeakKeyDictionary()
 def wait_for_browser(document: Document) -> None:
     """Delay the changes of a document, from the connection of its browser until the browser has loaded the document.
 
-    A change that is sent earlier arrives twice, alone and as part of the document, and Panel drops a change that it
-    holds at that time. Changes made before a browser connects are part of the document. Call this function in the
-    event loop.
+    A change that is sent earlier arrives twice, alone and as part of the document, and Panel drops changes that it
+    holds back during this time. Changes made before a browser connects are part of the document. Call this function in
+    the event loop.
     """
     loop = asyncio.get_running_loop()
     _waiting.setdefault(document, [])

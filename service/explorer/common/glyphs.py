@@ -41,8 +41,8 @@ POINT = ("x", "y", "marker", "name", "dx", "dy", "to_x", "to_y")
 class Scale:
     """Renderers of a map on one colour scale, linear or logarithmic. Bokeh cannot replace a renderer's mapper later.
 
-    mapper: the colour mapper of all three. cells: renderer of the survey's cells. fine: renderer of finer cells in a
-    window. bar: the colour bar.
+    mapper: the colour mapper that `cells`, `fine` and `bar` share. cells: renderer of the survey's cells. fine:
+    renderer of finer cells in a window. bar: the colour bar.
     """
 
     mapper: Any
@@ -57,7 +57,7 @@ def empty_source(columns: tuple[str, ...]) -> ColumnDataSource:
 
 
 def share_models(renderers: Sequence[Any]) -> None:
-    """Let renderers share stateless models. Bokeh would make them for each renderer: a fifth of a page's models."""
+    """Let renderers share stateless models, which Bokeh makes for each renderer: a fifth of all models of a page."""
     every, policy = AllIndices(), UnionRenderers()
     for renderer in renderers:
         renderer.view = CDSView(filter=every)

@@ -97,7 +97,7 @@ class PointState:
 
     @property
     def way(self) -> tuple[str, float | None, Pair | None]:
-        """Choice of the diagram: its direction, its span and its other end, in this order."""
+        """Choice of the diagram: `direction`, `span` and `to`, in this order."""
         return self.direction, self.span, self.to
 
     @property

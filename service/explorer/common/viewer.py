@@ -137,7 +137,7 @@ class Viewer:
             self.tell("A part of this page could not be shown because of an error of the service, which is in its log.")
 
     def change(self, what: Callable[[], object]) -> None:
-        """Call `what` while nothing else changes the document. Do nothing once the page is closed."""
+        """Schedule a call of `what` at a time without another change of the document, unless the page is closed."""
         if not self.ended:
             change_document(self.document, what)
 

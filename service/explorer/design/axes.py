@@ -19,7 +19,7 @@ from gear_rattle.workers.survey.machine import SurveyedMachine
 NAMES = ("damping δ", "eccentricity ε")
 ROUND = "return String(Number((inverse ? scale / tick : scale * tick).toPrecision(7)))"
 NARROW = 1e-5  # width of a window relative to its coordinates; below it the tick labels are distances from an offset
-NARROWEST = 1e-13  # least width of a window
+NARROWEST = 1e-13  # least width of a window, in δ or ε
 
 
 class MapAxes:

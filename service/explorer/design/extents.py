@@ -24,7 +24,8 @@ MOST_FOLLOWED, MOST_IMPACTS = 12, 64
 STEPS = 150  # steps of a sweep over the whole range of ε
 STATES, RETURNS = 16, 37  # states of a chaotic attractor that a sweep follows; returns from one to the next
 WINDOW = 4  # a sweep of chaos passes periodic windows of at most so many steps
-# steps are halved down to FINEST of a full step and NEAR of the distance from the point, but not below LEAST of a step
+# A step is halved until it is at most FINEST of a full step and at most NEAR of the distance from the gear's ε, but not
+# below LEAST of a full step.
 FINEST, NEAR, LEAST = 1 / 32, 1 / 8, 1e-9
 
 #: Kinds of an end: first the events of a branch, with the names of `rattle`, then the ends that are no such event.
@@ -35,12 +36,12 @@ CRISIS, QUIET_LIMIT, SWEPT, RANGE, LOST = "crisis", "quiet limit", "swept", "ran
 class ExtentEnd(NamedTuple):
     """One end of the range of ε in which a motion attracts.
 
-    kind: SN, PD or GR for an event of the branch; "crisis", "quiet limit"; "swept" if a sweep only bracketed the end;
-    "range" if the motion attracts up to the end of the range, "lost" if it could not be followed farther. error: half
-    the width of the bracket, 0 if the end is exact. curve: the curve of the (δ, ε) plane on which the event lies, or
-    "". beyond: the attractor that a sweep reaches beyond the end, or the motion that follows an event of a branch; ""
-    if unknown. remains: True if the end is a period doubling of the motion itself, beyond which the motion exists
-    without attracting.
+    kind: SN, PD or GR for an event of the branch; "crisis" for a boundary crisis; "quiet limit" for the end of quiet
+    running; "swept" if a sweep only bracketed the end; "range" if the motion attracts up to the end of the range that
+    was searched; "lost" if the motion could not be followed farther. error: half the width of the bracket, 0 if the end
+    is exact. curve: the curve of the (δ, ε) plane on which the event lies, or "". beyond: the name of the attractor
+    that a sweep reaches beyond the end, or of the motion that follows an event of a branch; "" if unknown. remains:
+    True if the end is a period doubling of the motion itself, beyond which the motion exists without attracting.
     """
 
     kind: str

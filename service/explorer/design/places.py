@@ -23,7 +23,10 @@ CRISES = {"0.6": (0.6, 0.1108867568), "0.762": (0.762, 0.09742235)}
 
 @dataclass(frozen=True)
 class Bookmark:
-    """A window of the plane; the point to open in it, or None; the state of its tabs, or None to keep the open tab."""
+    """A window of the plane, with a point to open in it (None for no point), and the state of the point's tabs.
+
+    state: None keeps the tab that is open, see `BookmarkChosen`.
+    """
 
     window: Ranges
     point: Pair | None = None
@@ -36,7 +39,9 @@ def bookmarks() -> dict[str, Bookmark]:
 
 
 def shown_bookmark(window: Ranges | None, point: Pair | None) -> Bookmark | None:
-    """Return the bookmark that a view shows: its window with its point, else its window alone; None if there is none.
+    """Return the bookmark that a view shows; None if there is none.
+
+    It has the window and the point of the view, or if there is no such bookmark, the window of the view and no point.
 
     Parameters
     ----------

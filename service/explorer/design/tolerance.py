@@ -21,7 +21,8 @@ HELD = 0.95  # share of the gears inside the ellipse
 RADIUS = math.sqrt(-2.0 * math.log(1.0 - HELD))  # radius of the ellipse in standard deviations
 SIDES = 96  # number of sides of the polygon that is drawn for the ellipse
 COUNT, JUDGED = 8, 256  # initial conditions per gear; largest number of gears that are judged as passing or not
-# Fields of a machine that `rattle.population` does not get under these names.
+# Fields of `rattle.Machine` that are passed to `rattle.population` in another form (the speed as rpm, the eccentricity
+# with its tolerance, errors as error_20 and the like), or that no machine of the page has (driven_errors).
 NOT_GIVEN = ("speed", "eccentricity", "errors", "driven_errors")
 LEAST = 0.1  # least speed and damping of a gear, relative to the mean
 

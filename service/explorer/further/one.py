@@ -187,7 +187,7 @@ class ComparisonMap(SurveyMap):
 
 
 def _title_of(plane: MapPlane, colours: Colouring, job: JobRow, first: JobRow | None, request: SurveyRequest) -> str:
-    if not isinstance(plane, Difference) or first is None:  # not a difference: the widgets above it name its survey
+    if not isinstance(plane, Difference) or first is None:  # not a difference: the menu above the map names its survey
         return f"{plane.request.gear_model}{f' ({colours.note})' if colours.note else ''}"
     cells = "the same cells"
     if not plane.is_same_grid:

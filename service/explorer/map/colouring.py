@@ -45,10 +45,10 @@ class Shade:
 class Colouring:
     """Colours of a map.
 
-    reasons: uint8 (epsilon, delta), 0 where a cell is drawn by its value, else the number, from 1, of a colour in
-    `reason_colours` for the reason why it is not (no value, or not above 0 on a log scale). low, high: range of the
-    colours; the first code of a categorical map is `low` + 0.5. log: True if the colours are evenly spaced in the
-    logarithm of the value.
+    reasons: uint8 (epsilon, delta), 0 where the colour of a cell shows its value. Elsewhere a number i stands for the
+    reason why it does not (no value, or not above 0 on a log scale), which has the colour `reason_colours[i - 1]`.
+    low, high: range of the colours; the first code of a categorical map is `low` + 0.5. log: True if the colours are
+    evenly spaced in the logarithm of the value.
     """
 
     title: str
@@ -150,7 +150,7 @@ def _placed_names(variable: str, block: MapBlock, labels: Mapping[float, str], r
 
 
 def family_places(block: MapBlock, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
-    """Return the names of wide families, each with its point (δ, ε), so that none overlaps another on `room` pixels."""
+    """Return names of wide families, each with the point where it is written; none overlap on a map of size `room`."""
     rows, columns = block.values.shape
     least = max(WIDE * min(rows, columns), 1.5)
     large = [code for code in labels if 0 < code < OTHERS and (block.values == code).sum() > 3 * (least - 1) ** 2]

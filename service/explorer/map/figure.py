@@ -39,7 +39,8 @@ from rattle.plot import MARKERS, STYLES
 
 SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
 #: Pixels: width of a letter and height of a row in the name of a codimension-two point, the same in the name of a
-#: region or a family, and half the side of a pin's disc. No point's name is written over another name or a pin.
+#: region or a family, and half the side of the square that a pin takes. No point's name is written over another name or
+#: a pin.
 LETTER, ROW, REGION_LETTER, REGION_ROW, DISC = 9.0, 19.0, 9.0, 20.0, 11.0
 POINTER_MS, WINDOW_MS = 50, 200
 BAR_ROOM = 110  # pixels for the colour bar and its numbers: Bokeh does not measure numbers again when they change
@@ -111,7 +112,7 @@ class MapFigure:
         glyphs.share_models(plot.renderers)
         self._beyond = glyphs.range_arrows(INK[theme][0])
         for mark in self._beyond:
-            plot.add_layout(mark, "right")  # in the centre the arrow would be cut off at the frame
+            plot.add_layout(mark, "right")  # in the place "center" the arrow would be cut off at the frame
         self._is_narrow, self._is_categorical = False, True
         self._place_bars()
         plot.on_change("outer_width", handler_in_event_loop(self._on_width))

@@ -130,7 +130,7 @@ class KeyedLines(MapLines):
 
     def _on_chosen(self) -> None:
         chosen = tuple(name for name in OVERLAYS if name in self.key.chosen)
-        if chosen != self._store.view.lines:  # else the browser repeats the lines that the page has written
+        if chosen != self._store.view.lines:  # if equal, the browser only sends back what the page wrote
             self._store.dispatch(OverlaysChosen(chosen))
 
     def _on_share(self) -> None:
@@ -244,7 +244,16 @@ def _is_offered(name: str, model: Model) -> bool:
 
 
 def _line_meaning(name: str, model: Model) -> str:
-    """Return the meaning of a line: the help's sentence, or for a curve of another model that model's description."""
+    """Return the meaning of a line.
+
+    It is a sentence of the help. For a curve of a model other than the default one, it is that model's description of
+    the curve, or the message that the model has no such curves.
+
+    Returns
+    -------
+    str
+        The meaning.
+    """
     if name == POINTS:
         return "; ".join(f"{point}: {what}" for point, what in tour_rows("Points where lines meet").items())
     if name in (CRISIS, LIMIT) or model.name == DEFAULT_MODEL:

@@ -265,7 +265,7 @@ def _cell_range(axis: np.ndarray, span: Pair) -> tuple[int, int]:
 
 
 def _covered_range(axis: np.ndarray, cells: int, span: slice) -> Pair:
-    """Return the range that a span of a level's cells covers. cells: survey cells along the axis in a level's cell."""
+    """Return the range that cells `span` of a level cover. cells: survey cells along the axis per cell of the level."""
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     begin = axis[0] - step / 2
     return float(begin + span.start * cells * step), float(begin + span.stop * cells * step)

@@ -76,7 +76,7 @@ class Readout:
         self._head.visible, self._numbers.visible = False, True
 
     def show(self, line: str, tables: str, is_point_open: bool) -> None:
-        """Show the numbers of a cell (HTML), beside an open point only the line until a viewer unfolds the rest."""
+        """Show the numbers of a cell (HTML). While a point is open, show `tables` only if a viewer has unfolded it."""
         self._line.html = line
         self._tables.html = (OF_THE_CELL if is_point_open else "") + tables
         self._head.visible = is_point_open

@@ -95,7 +95,7 @@ class UncomputedMaps(Protocol):
 
 
 def default_survey(jobs: Iterable[JobRow]) -> JobRow | None:
-    """Return the survey that a page shows if none is chosen: the newest with computed cells, else the newest."""
+    """Return the readable survey that a page shows by default: the newest with computed cells, else the newest."""
     readable = [job for job in jobs if job.is_readable]
     shown = (job for job in readable if job.cells_done or job.state == State.SUCCESSFUL)
     return next(shown, readable[0] if readable else None)

@@ -55,7 +55,8 @@ class SurveyMap(ABC):
         self.drawings = DrawingRunner(viewer, self.show_error)
         self._chosen: MapChoice | None = None
         self._how: tuple[Limits | Pair, bool] = "auto", False
-        self._seen: Callable[[], MapBlock] | None = None  # returns the cells of the window; None for the whole survey
+        # function that returns the cells of the window; None, instead of a function, while the whole survey is shown
+        self._seen: Callable[[], MapBlock] | None = None
         self._refined: tuple[MapPlane, Ranges] | None = None
         self._refining: asyncio.Task[None] | None = None
         self._counting: asyncio.Task[None] | None = None

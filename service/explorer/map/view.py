@@ -128,7 +128,7 @@ class MapView(SurveyMap):
     def show_error(self, error: RattleError) -> None:
         """Write why the map could not be drawn, or that the first cells of the survey are being computed."""
         job = self._store.job
-        # the status may be older than the drawing: a survey that waited for its turn then runs already
+        # the status may be older than the drawing, so a survey that is said to wait for its turn may already run
         is_empty = job is not None and not State(job.state).is_final and not job.cells_done
         if is_empty and isinstance(error, MissingError):
             self.show_nothing(BEGINS)
@@ -158,7 +158,7 @@ class MapView(SurveyMap):
         self._shared.on_map_drawn()
 
     def _dispatch_drawn(self) -> None:
-        """Dispatch the settings of the drawn map, which links to its pictures use."""
+        """Dispatch the settings with which the map is drawn. Links to pictures of this map are made from them."""
         if self.colours is not None:
             pixels = self.figure.pixels if self._store.view.window else None
             self._store.dispatch(MapDrawn(drawn_settings(self.colours, pixels), self._how[0]))

@@ -26,7 +26,7 @@ def theme_of(view: View, scheme: str) -> str:
 
 
 def head_html(pages: Pages) -> str:
-    """Return the HTML that a browser receives first: scripts and styles, of which one script requests the page."""
+    """Return the HTML that a browser receives first: styles, and scripts, one of which requests the page."""
     from panel.io.resources import JS_VERSION, bundle_resources
 
     resources: Any = pages.resources()

@@ -134,7 +134,7 @@ class Explorer:
         found = Pages(lambda: open_page(shared), TITLE)
         self._head = head_html(found)
         adopt_handlers()  # the service formats the log records of Panel's handlers too
-        gc.freeze()  # the modules that have just been loaded stay for ever, as in service.web.server
+        gc.freeze()  # otherwise every full collection scans the modules that were just loaded, and delays answers
         return found
 
     def _on_map_drawn(self) -> None:

@@ -49,7 +49,7 @@ class _Template(pn.Template):
 def open_page(shared: SharedState) -> pn.Template:
     """Return a new page for the caller of the current request, with the view that the URL describes."""
     document = pn.state.curdoc
-    assert document is not None  # Panel sets it while it makes a page
+    assert document is not None  # Panel sets `curdoc` while it makes a page
     viewer = Viewer(shared.front, CALLER.get(), document)
     view = View.parse(pn.state.session_args)
     theme = theme_of(view, SCHEME.get())
@@ -147,7 +147,7 @@ class Page:
         self._viewer.change(lambda: self.store.update_surveys({each.job.id: each for each in statuses}))
 
     def _add_chosen_survey(self, statuses: Sequence[JobStatus]) -> Sequence[JobStatus]:
-        """Return the statuses, and also the status of the survey in the address if the newest surveys lack it."""
+        """Return the statuses, and also the status of the chosen survey if they lack it and the survey exists."""
         asked = self.store.view.survey
         if not self.store.view.is_example and all(each.job.id != asked for each in statuses):
             with suppress(UnknownSurveyError):
@@ -156,9 +156,10 @@ class Page:
         return statuses
 
     def _choose_default(self) -> None:
-        """Show the default survey when the page opens, unless the viewer has chosen one, or after its deletion.
+        """Show the default survey if no survey is chosen when the list of surveys first arrives.
 
-        A survey that comes later does not replace the example, at which the viewer may be looking.
+        If the survey that is shown by default is deleted later, show the default among the others. A survey that is
+        submitted later does not replace the example, at which the viewer may be looking.
         """
         shown, jobs = self.store.view.survey, self.store.jobs
         is_first, self._was_told = not self._was_told, True

@@ -59,4 +59,4 @@ async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send)
         with suppress(RuntimeError):
             await send({"type": "websocket.close", "code": 1008})
     finally:
-        sender.cancel()  # after a cancellation the caller may have lost its rights: it gets nothing more
+        sender.cancel()  # messages in the queue are not sent: after a cancellation the caller may have lost its rights

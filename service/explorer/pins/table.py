@@ -88,7 +88,7 @@ def _region_name(known: PinResults) -> str:
 
 
 def _named_motions(known: PinResults) -> list[tuple[str, rattle.Attractor]]:
-    """Return (name, attractor) of each attractor; the name of one of the motions A to D includes this letter."""
+    """Return (name, attractor) of each attractor. If an attractor is a motion A to D, its name includes the letter."""
     pairs = zip(known.chances.attractors, known.chances.letters, strict=True)
     return [(name_with_letter(each, letter), each) for each, letter in pairs]
 

@@ -119,7 +119,8 @@ class BasinsPicture:
             "tau": [orbit.tau for orbit in shown],
             "v": [orbit.v for orbit in shown],
             "name": [orbit.name for orbit in shown],
-            "aside": [-22 if orbit.name in "BD" else 9 for orbit in shown],  # pixels; B is close to C, and D to A
+            # pixels from a mark to its letter: B and D stand to the left, because B is close to C, and D to A
+            "aside": [-22 if orbit.name in "BD" else 9 for orbit in shown],
         }
 
     def show_lines(self, lines: tuple[PlaneLine, ...]) -> None:

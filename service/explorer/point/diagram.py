@@ -307,7 +307,7 @@ def _link_to_point(delta: float, epsilon: float, text: str) -> str:
 
 
 def diagram_caption(found: DiagramLines) -> str:
-    """Return the caption of a diagram: its axis and range, and the numbers of its motions and events."""
+    """Return the caption of a diagram: its axis and range, and how many periodic motions and events it has."""
     named = sorted({name for name in found.marks.name if name})
     motions = count_in_words(len({each.motion for each in found.strokes}), "periodic motion")
     curves = f", among them {', '.join(named)}" if named else ""

@@ -28,7 +28,7 @@ from gear_rattle.service.explorer.state.events import (
 )
 
 MARGIN = (0, 4)
-#: Styles with which two pictures stand side by side only if both fit; without them they always do.
+#: Styles with which two pictures stand side by side only if both fit; without these styles they always stand so.
 NARROW, WRAPPED = ":host { min-width: 0 !important; }", ":host { flex-wrap: wrap; min-width: 0 !important; }"
 WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": MARGIN}
 PLACES = 100  # steps of the slider from the first to the last point (δ, ε) of the diagram
@@ -39,7 +39,10 @@ CLICKED = -1  # number of the motion from the clicked state, in the list of moti
 
 @dataclass(frozen=True)
 class FigurePlace:
-    """Panel for a figure below the diagram, empty and hidden at first. x_range: the parameter axis of both figures."""
+    """Panel for a figure below the diagram, empty and hidden at first.
+
+    x_range: range of the parameter axis, which this figure and the diagram share.
+    """
 
     panel: pn.Column = field(default_factory=lambda: pn.Column(sizing_mode="stretch_width", margin=0, visible=False))
     x_range: Range1d = field(default_factory=lambda: Range1d(start=0.0, end=1.0))
@@ -122,7 +125,7 @@ class PointPanel:
         self.clear_results()
 
     def clear_results(self) -> None:
-        """Remove all results of a point except the text of the position, which may be the next point's already."""
+        """Remove all results of a point except the text of the position, which may already describe the next point."""
         for text in self._texts:
             if text is not self.where:
                 text.html = ""

@@ -19,7 +19,8 @@ from rattle.flight import wrapped
 from rattle.models import AnyGear, Capability, model_at, require_capability
 
 ARCLENGTH, SPACING = 60.0, 0.02  # arclength of a drawn manifold; spacing of points on manifolds and Γ
-MOST_POINTS = 8000  # fewer than twice so many states of a diagram's sweeps are drawn
+# if the sweeps of a diagram found more states, every k-th is drawn: at least this number, fewer than twice this number
+MOST_POINTS = 8000
 SAME_ORBIT = 1e-6  # an attractor and an orbit are the same motion if neither τ nor v differs by more
 CELL_NAMES = {f"attractor_{name}" for name in ("kind", "m", "n_plus", "n_minus", "fraction")}
 Array = NDArray[np.float64]
@@ -33,7 +34,8 @@ def largest_sampled_speed(delta: float, epsilon: float, beta: float) -> float:
 class SampledAttractors(NamedTuple):
     """Attractors that samples reached. starts: the number of samples, each with its own initial condition.
 
-    Each attractor has its two Floquet multipliers, or None, and a letter: A to D, or "" if it is none of these motions.
+    multipliers: for each attractor its two Floquet multipliers, None if it has none or they are not known. letters: for
+    each attractor its letter A to D, "" if it is none of these motions or if this is not known.
     """
 
     starts: int

@@ -27,7 +27,10 @@ ATTRACTORS, CHAOS, ORBITS, PLACE, READY = "attractors", "chaos", "orbits", "plac
 
 
 class Place(NamedTuple):
-    """Gear whose basins and motion are shown, and its attractors; () if it is the gear of the open point itself."""
+    """Gear whose basins and motion are shown.
+
+    attractors: the attractors of this gear, () if it is the gear of the open point itself.
+    """
 
     gear: AnyGear
     attractors: tuple[rattle.Attractor, ...] = ()

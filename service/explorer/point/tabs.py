@@ -18,7 +18,8 @@ from gear_rattle.service.explorer.point.work import waiting_html
 from rattle.plot import legend_name
 
 POINTS = 3000  # computed points of a motion
-# forcing periods that are shown of a P(m, n₊, n₋), 3 m between two limits, and of a chaotic motion
+# Numbers of forcing periods that are shown: 3 m for a P(m, n₊, n₋), but at least PERIODS and at most MOST_PERIODS;
+# CHAOTIC_PERIODS for a chaotic motion; PERIODS for every other motion.
 PERIODS, MOST_PERIODS, CHAOTIC_PERIODS = 12.0, 60.0, 30.0
 NO_ATTRACTOR = "#8a96a3"  # colour of the motion from a clicked state
 QUIET_LINE = "#8f8000"  # colour of lines of quiet motion, a yellow that is dark enough for a white background

@@ -65,7 +65,7 @@ class PointView:
             panel.likely.html = f'<p class="wrong">{escape(str(error))}</p>'
             return
         self._point = point = OpenPoint(store, self.work, self.gear, machine)
-        # The position comes first: removing the last point's results keeps a browser busy for 0.5 s.
+        # The position comes first: removing the previous point's results keeps a browser busy for 0.5 s.
         panel.where.html = f"<p>{escape(words.point_in_words(self.gear, point.period))}</p>" + (
             f"<p>{escape(words.machine_in_words(machine, self.gear))}</p>" if machine else ""
         )

@@ -37,7 +37,8 @@ MOST_HARMONICS = 6  # most harmonics that a sentence lists
 MOST_NAMED = 6  # most attractors that are named below the bar of basin fractions
 ROWS = 6  # rows of a table that are shown before a viewer unfolds it
 PERIOD, REVOLUTION = "forcing period", "revolution"
-#: Words for the kind of event, at the lower end (BEGINS) and the upper end (ENDS) of the ε in which a motion attracts.
+#: Words for kinds of events, at the lower end (BEGINS) and at the upper end (ENDS) of the range of ε in which a motion
+#: attracts.
 BEGINS = {SADDLE_NODE: "begins by a saddle-node", FLIP: "begins by period doubling", GRAZING: "begins at a graze"}
 ENDS = {
     SADDLE_NODE: "ends by a saddle-node",
@@ -117,12 +118,12 @@ def swatch_html(colour: str) -> str:
 
 
 def name_with_letter(attractor: rattle.Attractor, letter: str) -> str:
-    """Return the label or the kind of an attractor, and its letter A to D unless this is ""."""
+    """Return the label or the kind of an attractor, followed by its letter A to D unless `letter` is ""."""
     return f"{legend_name(attractor)} = {letter}" if letter else legend_name(attractor)
 
 
 def point_in_words(gear: AnyGear, period: str = PERIOD) -> str:
-    """Return the point in words: its parameters, its region, and whether quiet running is possible."""
+    """Return the point in words: its parameters, its region, whether it can run quietly, and where rattle begins."""
     at = f"Damping δ = {number_text(gear.delta, 6)}, eccentricity ε = {number_text(gear.epsilon, 6)}"
     backlash = f", half-backlash β = {number_text(gear.beta, 6)}"
     model = model_at(gear)
@@ -387,7 +388,8 @@ def chaos_events(
 ) -> list[ChaosEvent]:
     """Return the beginning and the end along ε of each chaotic attractor as events.
 
-    An end is left out if the attractor has no extent, or if chaos lasts up to the end of the range that was swept.
+    Both are left out if the attractor has no extent. The beginning or the end is left out if chaos lasts up to the
+    lower or the upper limit of the range that was swept.
 
     Returns
     -------

@@ -95,11 +95,12 @@ class PointTasks:
     async def compute(
         self, compute: Callable[[*Arguments], Result], *arguments: *Arguments, what: str, slow: bool = False
     ) -> Result:
-        """Return the result of a function, computed in another process. Slow functions never take all processes.
+        """Return the result of a function, computed in another process.
 
-        what: the result in words, for messages.
+        what: the result in words, for messages. slow: True for a function that takes long. If there are several
+        processes for points, slow functions together leave one of them free.
 
-        Raises UnavailableError if too many computations wait, or if this one takes too long.
+        Raises UnavailableError if too many computations wait, or if the function takes too long.
 
         Returns
         -------

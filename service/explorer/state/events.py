@@ -65,7 +65,10 @@ class LimitsSet:
 
 @dataclass(frozen=True)
 class MapDrawn:
-    """A map was drawn. seen: its settings, None if nothing is shown. limits: `limits` of the view that was drawn."""
+    """A map was drawn, or the drawn map was removed.
+
+    seen: settings of the drawn map, None if the map was removed. limits: `limits` of the view that was drawn.
+    """
 
     seen: DrawnSettings | None
     limits: Limits | Pair = "auto"
@@ -106,12 +109,12 @@ class WindowReset:
 
 @dataclass(frozen=True)
 class BackChosen:
-    """The map was set back to the window that was shown before this one."""
+    """Back was chosen: the map shows the previous window again."""
 
 
 @dataclass(frozen=True)
 class ForwardChosen:
-    """The map was set forward again, to the window that it showed before `BackChosen`."""
+    """Forward was chosen: the map shows again the window that it showed before `BackChosen`."""
 
 
 @dataclass(frozen=True)
@@ -124,9 +127,10 @@ class PointerMoved:
 
 @dataclass(frozen=True)
 class PointOpened:
-    """A point (δ, ε) was opened. machine: the machine that was entered for it, or None.
+    """A point (δ, ε) was opened. machine: the machine that was entered for the point, or None.
 
-    state: state of the point's tabs; None keeps the state if the point is open already, else only the open tab.
+    state: state of the point's tabs. If it is None, a point that is already open keeps its state; another point gets
+    the default state with the tab that is open.
     """
 
     point: Pair
@@ -199,7 +203,8 @@ class PointClosed:
 class BookmarkChosen:
     """A bookmark was chosen: its window, its point (None for no point), and the state of the point's tabs.
 
-    state: None keeps the state if the point is open already, else only the open tab.
+    state: if it is None, a point that is already open keeps its state; another point gets the default state with the
+    tab that is open.
     """
 
     window: Ranges

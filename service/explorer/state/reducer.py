@@ -115,7 +115,7 @@ def reduce(view: View, event: Event) -> View:
 
 
 def _show_survey(view: View, survey: str) -> View:
-    """Show another survey. The window and the open point are dropped, unless no survey was shown before."""
+    """Show another survey. Drop the pointer and, if a survey was chosen before, window, point, slice and family."""
     if survey == view.survey:
         return view
     if not view.survey:
