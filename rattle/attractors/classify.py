@@ -42,8 +42,8 @@ BUDGET = 1_000_000  # default budget of impacts of a sample; a sample that is st
 MOST_MEASURED = 20_000  # a probe stops after this many impacts, even if PERIODS forcing periods are not over
 MANY = 64  # in cells with fewer samples, neighbours of the samples are followed too, to make "chaotic" as reliable
 CROWD_OF_FEW = 256  # number of states of the neighbour test in a cell with fewer than MANY samples and a quiet motion
-# Largest number of probes of a cell. If samples leave a chaotic set after 3000 periods on average, so many probes show
-# this in 98 % of cells.
+# Largest number of probes of a cell. If samples leave a chaotic set after 3000 periods on average, this many probes
+# show it in 98 % of cells.
 MOST_PROBES = 12
 TRACED = 1000  # number of impacts during which every state is marked in a visited-cell bitmap
 LONGER = 4  # probes that seem to lie on several attractors are followed this many times as long

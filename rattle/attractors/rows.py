@@ -113,7 +113,7 @@ def rows_of(kind: Counts, which: Counts, impacts: Counts, time: Array, known: Co
     """
     orbits = int(max(which[kind == Outcome.PERIODIC].max(initial=-1) + 1, known.max(initial=0)))
     sets = int(which[kind == Outcome.CHAOTIC].max(initial=-1) + 1)
-    most = kind.size + int(known.sum())  # at most so many rows, because each has a sample or a known orbit
+    most = kind.size + int(known.sum())  # the largest number of rows: each has a sample or a known orbit
     whole, watched, room = np.zeros((6, most), np.int64), np.zeros(most), np.zeros((2, 2 + orbits + sets), np.int64)
     n = fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, row)
     return Rows._make([*whole[:, :n], watched[:n]])

@@ -40,7 +40,7 @@ PREIMAGES, CEILING = 64, 25.0 / 7.0
 # largest number of states of a cell, with their copies, whose preimages are computed; number of copies near each state;
 # largest distance of these copies, in τ and relative in v
 STATES, COPIES, NEAR = 1024, 3, 1.0 / 64.0
-TRIED = 64  # in each cell so many preimages of states, the slowest ones, are followed to their attractors
+TRIED = 64  # number of preimages in each cell, the slowest ones, that are followed to their attractors
 # number of pattern searches of a cell; least phase difference between the states at which they begin
 STARTS, APART = 4, 1.0 / 32.0
 # offsets of the states of a pattern in τ and in v, in units of its size; those in v are also small, because the

@@ -89,7 +89,7 @@ class EnteredMachine(NamedTuple):
         return ",".join([*plain, *more])
 
 
-NUMBERED = EnteredMachine._fields.index("restitution")  # so many first fields have no names in addresses
+NUMBERED = EnteredMachine._fields.index("restitution")  # number of the first fields, which have no names in addresses
 
 
 class Pin(NamedTuple):

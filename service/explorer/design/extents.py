@@ -23,7 +23,7 @@ from rattle.stiff import StiffOrbit, stiff_branch
 MOST_FOLLOWED, MOST_IMPACTS = 12, 64
 STEPS = 150  # steps of a sweep over the whole range of ε
 STATES, RETURNS = 16, 37  # states of a chaotic attractor that a sweep follows; returns from one to the next
-WINDOW = 4  # a sweep of chaos passes periodic windows of at most so many steps
+WINDOW = 4  # a sweep of chaos passes periodic windows that are at most this many steps wide
 # A step is halved until it is at most FINEST of a full step and at most NEAR of the distance from the gear's ε, but not
 # below LEAST of a full step.
 FINEST, NEAR, LEAST = 1 / 32, 1 / 8, 1e-9
@@ -93,9 +93,10 @@ def add_crisis(
 ) -> tuple[MotionExtent | None, ...]:
     """Return the extents, with the boundary crisis of the gear's damping in place of a swept upper end near it."""
     crisis = _crisis(gear) if Capability.CRISIS in model_at(gear).has else None
-    pairs = zip(attractors, extents, strict=False)  # attractors beyond MOST_FOLLOWED have no extent
     if crisis is None:
         return tuple(extents)
+    # attractors beyond MOST_FOLLOWED have no extent
+    pairs = zip(attractors, extents, strict=False)
     return tuple(_ends_in(each, crisis) if each and one.kind == "chaotic" else each for one, each in pairs)
 
 

@@ -101,8 +101,8 @@ def cell_line(cell: xr.Dataset | None, request: SurveyRequest) -> str:
     if cell is None:
         return "<p>Outside of the survey's grid.</p>"
     said = []
-    if (status := int(cell["status"])) in (0, FAILED):
-        said = [STATUS[status].replace("_", " ")]
+    if missing := _without_numbers(int(cell["status"])):
+        said = [missing]
     elif "quiet_fraction" in cell:
         count, share = request.initial_conditions.count, float(cell["quiet_fraction"])
         low, high = rattle.wilson_interval(share * count, count)
@@ -158,10 +158,9 @@ def readout(
     tables = [_definition_list(rows)]
     if cell is None:
         return "".join(tables) + "<p>Outside of the survey.</p>"
-    status = int(cell["status"])
     tables.append(f"<h2>Cell at {cell_place(cell, request)}</h2>{_distance_note(cell, delta, epsilon, window)}")
-    if status in (0, FAILED):
-        return "".join(tables) + f"<p>{escape(STATUS[status].replace('_', ' '))}</p>"
+    if missing := _without_numbers(int(cell["status"])):
+        return "".join(tables) + f"<p>{escape(missing)}</p>"
     scalars = _definition_list(_scalar_rows(cell))
     tables.append(scalars if machine is None else in_revolutions(scalars))
     if "attractor_kind" in cell:
@@ -169,6 +168,11 @@ def readout(
     if "orbit_exists" in cell:
         tables.append(_orbits_table(cell))
     return "".join(tables)
+
+
+def _without_numbers(status: int) -> str:
+    """Return the status of a cell in words if the cell has no numbers; "" if it has."""
+    return STATUS[status].replace("_", " ") if status in (0, FAILED) else ""
 
 
 def _speed_and_eccentricity(machine: SurveyedMachine, delta: float, epsilon: float) -> list[Row]:
@@ -213,8 +217,8 @@ def _value_in_words(plane: MapPlane, delta: float, epsilon: float) -> str:
     if at is None:
         return "outside of the survey"
     value, status = at
-    if status in (0, FAILED):
-        said = STATUS[status].replace("_", " ")
+    if missing := _without_numbers(status):
+        said = missing
     elif np.isnan(value):
         said = words_without_value(plane.plane)
     else:
