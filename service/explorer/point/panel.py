@@ -63,15 +63,15 @@ class PointPanel:
         self.theme, self._dispatch, self._below = theme, dispatch, below or FigurePlace()
         self._own_stop = 0  # position of the slider at which it stands for the open point itself
         self._watch = WidgetWatcher()
-        self._texts = [self._new_text() for _ in range(17)]
+        self._texts = [self._new_text() for _ in range(18)]
         (
             self.likely, self.shares, self.where, self.loudest, self.safe, self.under_basins, self.about_lines,
             self.under_motion, self.under_diagram, self.under_spectrum, self.heard, self.take, self.table, self.loud,
-            self.orbits, self.events, self.extents,
+            self.orbits, self.events, self.extents, self.limits,
         ) = self._texts  # fmt: skip
         self._tolerance = pn.Column(sizing_mode="stretch_width", margin=0)
         texts = {
-            ANSWER: (self.shares, self.loudest, self.extents, self.safe, self.where),
+            ANSWER: (self.shares, self.loudest, self.extents, self.safe, self.limits),
             BASINS: (self.under_basins, self.about_lines),
             MOTION: (self.under_motion,),
             DIAGRAM: (self.under_diagram,),
@@ -92,7 +92,7 @@ class PointPanel:
         )  # fmt: skip
         self._watch.call_on_change(self._tabs, self._choose_tab)
         self.column = pn.Column(
-            self.likely.pane, self._tabs, self.place_slider, *self._bodies.values(), self.take.pane,
+            self.likely.pane, self.where.pane, self._tabs, self.place_slider, *self._bodies.values(), self.take.pane,
             css_classes=["point"], sizing_mode="stretch_width", margin=0, stylesheets=[PRINTED],
         )  # fmt: skip
 

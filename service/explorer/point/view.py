@@ -66,10 +66,11 @@ class PointView:
             return
         self._point = point = OpenPoint(store, self.work, self.gear, machine)
         # The position comes first: removing the previous point's results keeps a browser busy for 0.5 s.
-        panel.where.html = f"<p>{escape(words.point_in_words(self.gear, point.period))}</p>" + (
+        panel.where.html = f"<p>{escape(words.point_in_words(self.gear))}</p>"
+        panel.clear_results()
+        panel.limits.html = f"<p>{escape(words.quiet_limit_in_words(self.gear, point.period))}</p>" + (
             f"<p>{escape(words.machine_in_words(machine, self.gear))}</p>" if machine else ""
         )
-        panel.clear_results()
         for text, what in (
             (panel.orbits, "the period-one orbits"),
             (panel.likely, "how likely quiet running is"), (panel.under_basins, "the basins"),

@@ -122,8 +122,8 @@ def name_with_letter(attractor: rattle.Attractor, letter: str) -> str:
     return f"{legend_name(attractor)} = {letter}" if letter else legend_name(attractor)
 
 
-def point_in_words(gear: AnyGear, period: str = PERIOD) -> str:
-    """Return the point in words: its parameters, its region, whether it can run quietly, and where rattle begins."""
+def point_in_words(gear: AnyGear) -> str:
+    """Return the parameters of the point and its region in words."""
     at = f"Damping δ = {number_text(gear.delta, 6)}, eccentricity ε = {number_text(gear.epsilon, 6)}"
     backlash = f", half-backlash β = {number_text(gear.beta, 6)}"
     model = model_at(gear)
@@ -132,19 +132,22 @@ def point_in_words(gear: AnyGear, period: str = PERIOD) -> str:
     if harmonics := gear.parameters.harmonics:
         backlash += f", {harmonics_in_words(harmonics)}"
     backlash += f": {region_in_words(gear.region())}." if model.in_closed_form else "."
+    return f"{at}{backlash}"
+
+
+def quiet_limit_in_words(gear: AnyGear, period: str = PERIOD) -> str:
+    """Return in words whether the gear can run quietly, and where rattle begins."""
     if gear.epsilon >= gear.quiet_limit:
         quiet = (
-            f" The gear cannot run quietly here: above an eccentricity of {number_text(gear.quiet_limit)} the teeth "
+            f"The gear cannot run quietly here: above an eccentricity of {number_text(gear.quiet_limit)} the teeth "
             "must separate."
         )
     else:
-        quiet = f" Quiet running is possible here, and up to an eccentricity of {number_text(gear.quiet_limit)}."
-    born = gear.sn1 if model.in_closed_form else None
+        quiet = f"Quiet running is possible here, and up to an eccentricity of {number_text(gear.quiet_limit)}."
+    born = gear.sn1 if model_at(gear).in_closed_form else None
     if born is not None and gear.epsilon < born:
-        return (
-            f"{at}{backlash}{quiet} Rattle with one impact every {period}, P(1,1,0), begins at ε = {number_text(born)}."
-        )
-    return f"{at}{backlash}{quiet}"
+        return f"{quiet} Rattle with one impact every {period}, P(1,1,0), begins at ε = {number_text(born)}."
+    return quiet
 
 
 def harmonics_in_words(harmonics: Sequence[Harmonic]) -> str:

@@ -78,7 +78,7 @@ def test_the_numbers_of_the_sentence_are_the_library_s() -> None:
     numbers = [float(x) for x in re.findall(r"([\d.]+) %", words.likelihood_in_words(gear, found))]
     low, high = quiet.fraction_interval
     assert numbers[:4] == pytest.approx([100 * quiet.fraction, 95, 100 * low, 100 * high], rel=5e-3)
-    assert words.number_text(gear.quiet_limit) in words.point_in_words(gear)
+    assert words.number_text(gear.quiet_limit) in words.quiet_limit_in_words(gear)
     margin = parts.margin(gear)
     assert margin[:3] == gear.boundary_distance(7.0)
     assert margin.leads_to is not None
@@ -166,9 +166,9 @@ def test_a_set_of_orbits_that_is_no_region_is_named() -> None:
 
 
 def test_the_birth_of_rattle_is_told_where_it_happens() -> None:
-    assert "P(1,1,0), begins at ε = 0.05964." in words.point_in_words(rattle.Gear(0.6, 0.05))
+    assert "P(1,1,0), begins at ε = 0.05964." in words.quiet_limit_in_words(rattle.Gear(0.6, 0.05))
     for beyond_cod22 in (rattle.Gear(0.8, 0.1), rattle.Gear(0.05, 1e-4, 0.001)):
-        assert "begins" not in words.point_in_words(beyond_cod22)
+        assert "begins" not in words.quiet_limit_in_words(beyond_cod22)
 
 
 def test_a_legend_of_many_basins_names_the_largest() -> None:
