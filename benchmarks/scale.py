@@ -1,6 +1,6 @@
 """Measure service, scheduler and job database with a survey of 10⁹ cells whose tiles compute nothing.
 
-    PYTHONPATH=. python benchmarks/scale.py --seconds 300
+    PYTHONPATH=. python benchmarks/scale.py --seconds 300 --to-the-end
 
 The service and the dask scheduler are real. The workers are simulated: each process has many, now and then one of them
 leaves and a new one comes, and all tiles are copies of files that were encoded once. The program prints a table of
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import math
 import os
 import random
 import signal
@@ -174,11 +175,14 @@ def tiles_done(url: str, survey: str) -> int:
     return int(httpx.get(f"{url}{survey}", timeout=600).json()["tiles_done"])
 
 
-def watch(url: str, survey: str, seconds: float, watched: dict[str, psutil.Process]) -> int:
-    """Print ten lines within `seconds`: finished tiles, time per tile, memory. Return the tiles at the end."""
+def watch(url: str, survey: str, seconds: float, watched: dict[str, psutil.Process], until: int | None = None) -> int:
+    """Print ten lines within `seconds`: finished tiles, time per tile, memory. Return the tiles at the end.
+
+    until: if given, lines are printed at the same intervals until this many tiles are finished.
+    """
     began, before = time.monotonic(), tiles_done(url, survey)
     last, spent = began, [processor_seconds(each) for each in watched.values()]
-    while last - began < seconds:
+    while before < until if until else last - began < seconds:
         time.sleep(seconds / 10)
         now, done = time.monotonic(), tiles_done(url, survey)
         memory = " | ".join(str(mebibytes(each)) for each in watched.values())
@@ -196,6 +200,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=300.0)
     parser.add_argument("--workers", type=int, default=64)
     parser.add_argument("--side", type=int, default=SIDE)
+    parser.add_argument("--to-the-end", action="store_true", help="after the restart, wait until the survey is done")
     parser.add_argument("--simulate", metavar="URL")
     given = parser.parse_args()
     if given.simulate:
@@ -231,6 +236,18 @@ def main() -> None:
                         f"{processor_seconds(front):.1f} s of the front, {mebibytes(front)} MiB",
                         flush=True,
                     )
+                if given.to_the_end:
+                    number = math.ceil(given.side / TILE) ** 2
+                    watch(url, survey, given.seconds, {"front": front, "scheduler": scheduler}, number)
+                    last_tile = time.monotonic()
+                    while (state := httpx.get(f"{url}{survey}", timeout=600).json()["state"]) == "running":
+                        time.sleep(1)
+                    print(
+                        f"{state} {time.monotonic() - last_tile:.0f} s after the last tile; front "
+                        f"{mebibytes(front)} MiB, scheduler {mebibytes(scheduler)} MiB",
+                        flush=True,
+                    )
+                    print("rows:", rows_in(data / "jobs.sqlite"), flush=True)
         (store,) = (data / "surveys").glob("*.zarr")
         command = [sys.executable, "-m", "gear_rattle.cli", "verify", str(store), "--processes"]
         for processes in (1, PROCESSES):

@@ -133,9 +133,13 @@ class Basins(TabularResult):
         """The largest speed of the box."""
         return self.box.v_high
 
+    def grid_in_words(self) -> str:
+        """Return the number of cells and the ranges of their box, such as "9 × 9 cells of (τ, v) ∈ [0, 1) × (0, 7)"."""
+        box = f"[{self.box.tau_low:g}, {self.box.tau_high:g}) × ({self.box.v_low:g}, {self.box.v_high:g})"
+        return f"{self.v.size} × {self.tau.size} cells of (τ, v) ∈ {box}"
+
     def _caption(self) -> str:
-        size = f"{self.v.size} × {self.tau.size} cells of (τ, v) ∈ [0, 1) × (0, {self.v_max:g})"
-        return f"basins of {len(self.attractors)} attractors on {size}, method {self.method!r}"
+        return f"basins of {len(self.attractors)} attractors on {self.grid_in_words()}, method {self.method!r}"
 
     def _columns(self) -> Columns:
         return attractor_columns(self.attractors)

@@ -70,14 +70,11 @@ def differing(a: Basins, b: Basins) -> NDArray[np.bool_]:
     Raises
     ------
     ParameterError
-        If the grids differ in their numbers of cells or in their speeds.
+        If the grids differ in their numbers of cells or in their box of (τ, v).
     """
-    same_grid = a.labels.shape == b.labels.shape and np.array_equal(a.v, b.v)
-    grids = " and ".join(f"{each.v.size} × {each.tau.size} cells up to v = {each.v_max:g}" for each in (a, b))
-    require(
-        same_grid,
-        f"the basins have different grids, {grids}: compute both with the same resolution and range of speeds",
-    )
+    same_grid = a.labels.shape == b.labels.shape and a.box == b.box
+    grids = " and ".join(each.grid_in_words() for each in (a, b))
+    require(same_grid, f"the basins have different grids, {grids}: compute both with the same resolution and box")
     from scipy.optimize import linear_sum_assignment  # imported here because it is slow to load
 
     shape = (len(a.attractors), len(b.attractors))

@@ -40,6 +40,8 @@ class MachineVerdict(NamedTuple):
         line of action; inf if no knock up to `hardest` has this effect, 0 if teeth cannot rest.
     hardest
         The speed of the hardest knock that was tried, m/s.
+    undecided
+        The share of random starts whose end stayed undecided.
     """
 
     kind: str
@@ -48,18 +50,20 @@ class MachineVerdict(NamedTuple):
     high: float
     knock: float
     hardest: float
+    undecided: float = 0.0
 
     def __str__(self) -> str:
         """Return the verdict in one line."""
         if self.kind == ALWAYS:
             return "always rattles: the force between the teeth changes its sign"
+        doubt = f"; {100 * self.undecided:.2g} % of starts stayed undecided" if self.undecided else ""
         if self.kind == QUIET:
-            return f"quiet: no knock up to {self.hardest:.2g} m/s makes it rattle"
+            return f"quiet: no knock up to {self.hardest:.2g} m/s makes it rattle{doubt}"
         if self.kind == KNOCKED:
-            return f"quiet unless knocked with {self.knock:.2g} m/s"
+            return f"quiet unless knocked with {self.knock:.2g} m/s{doubt}"
         interval = f"95 %: {100 * self.low:.0f} to {100 * self.high:.0f} %"
         knock = "" if np.isinf(self.knock) else f"; at rest it takes a knock of {self.knock:.2g} m/s"
-        return f"rattles from {100 * self.share:.0f} % of starts ({interval}){knock}"
+        return f"rattles from {100 * self.share:.0f} % of starts ({interval}){knock}{doubt}"
 
 
 class MachineLike(Protocol):
@@ -91,7 +95,8 @@ def machine_verdict(machine: MachineLike, count: int, seed: int) -> MachineVerdi
     low, high = wilson_interval(rattling, count)[0], wilson_interval(rattling + open_, count)[1]
     knock = least_knock(machine, hardest)
     kind = SOMETIMES if rattling else QUIET if np.isinf(knock) else KNOCKED
-    return MachineVerdict(kind, rattling / count, float(low), float(high), unit * knock, unit * hardest)
+    share, undecided = rattling / count, open_ / count
+    return MachineVerdict(kind, share, float(low), float(high), unit * knock, unit * hardest, undecided)
 
 
 def least_knock(machine: MachineLike, hardest: float) -> float:

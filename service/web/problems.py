@@ -22,7 +22,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gear_rattle.service import errors
 from gear_rattle.service.web.examples import ANSWERS
-from gear_rattle.workers import StorageError, SurveyError
+from gear_rattle.workers import ClusterLostError, StorageError, SurveyError
 from gear_rattle.workers.errors import DamageError
 from gear_rattle.workers.survey.axes import field_message
 from rattle import ParameterError, RattleError
@@ -49,6 +49,7 @@ STATUS_OF: tuple[tuple[type[Exception], int], ...] = (
     (ParameterError, 422),
     (StorageError, 503),
     (DamageError, 503),
+    (ClusterLostError, 503),
     (SurveyError, 422),
     (errors.QueueFullError, 429),
     (errors.UnavailableError, 503),

@@ -90,7 +90,9 @@ def family_of(
             raise SurveyError(f"{name} has no families: compute a survey with --quantity {Group.FAMILIES}")
         with opened(slice_group_path(slice_number, GROUP)) as table:
             if not (isinstance(number, int | np.integer) and 0 <= number < table.sizes["family"]):
-                raise SurveyError(f"there is no family {number!r}: use a number from 0 to {table.sizes['family'] - 1}")
+                known = table.sizes["family"]
+                advice = f"use a number from 0 to {known - 1}" if known else "the survey has no families"
+                raise SurveyError(f"there is no family {number!r}: {advice}")
             row = {str(key): values.item() for key, values in table.isel(family=int(number)).items() if not values.ndim}
             entered = table.isel(entered=np.flatnonzero(np.asarray(table["entered_family"]) == number)).load()
         values = _family_maps(survey, int(number), entered)

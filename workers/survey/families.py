@@ -39,7 +39,9 @@ FAMILY_VARIABLES: tuple[CurveVariable, ...] = (
     CurveVariable("n_plus", ROW, np.int32, "n+ of P(m, n+, n-); 0 unless periodic", lambda x: x.table.n_plus),
     CurveVariable("n_minus", ROW, np.int32, "n- of P(m, n+, n-); 0 unless periodic", lambda x: x.table.n_minus),
     CurveVariable("cells", ROW, np.int64, "cells that have it", lambda x: x.table.cells),
-    CurveVariable("unsampled", ROW, np.int64, "cells where no sample goes to it", lambda x: x.table.unsampled),
+    CurveVariable(
+        "unsampled", ROW, np.int64, "attractors in its cells that no sample reaches", lambda x: x.table.unsampled
+    ),
     CurveVariable("delta_low", ROW, float, "least damping of its cells", lambda x: x.table.delta_low),
     CurveVariable("delta_high", ROW, float, "largest damping of its cells", lambda x: x.table.delta_high),
     CurveVariable("epsilon_low", ROW, float, "least eccentricity of its cells", lambda x: x.table.epsilon_low),

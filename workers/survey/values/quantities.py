@@ -185,7 +185,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         Group.ATTRACTORS,
         CELL,
         "int16",
-        "number of known attractors, including those beyond the slots",
+        "number of known attractors, also beyond the slots; undecided samples count as one",
         _BASINS,
         evaluate.attractor_count,
     ),
