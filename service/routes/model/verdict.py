@@ -57,6 +57,7 @@ class VerdictDocument(BaseModel):
         "knock up to `hardest` does"
     )
     hardest: float | None = Field(description="speed of the hardest knock that was tried, m/s")
+    undecided: float = Field(description="share of the starts whose end stayed undecided")
     text: str = Field(description="the verdict in one line")
     machine: MachineDocument
     measured: MeasuredDocument | None = Field(description="the measured transmission error; null without one")
