@@ -26,7 +26,7 @@ from rattle.proof.balls import (
     rounded_midpoint,
 )
 from rattle.proof.certificate import Certificate, Ends, Verdict
-from rattle.proof.flights import ModelPlane
+from rattle.proof.flights import ModelPoint
 from rattle.proof.krawczyk import MOST_MOVED, EvaluatedEquations, enclose_zero
 
 #: A published enclosure is wider than its ball by this multiple of the ball's width: other programs round differently.
@@ -41,7 +41,7 @@ SAME_TRACE = 1e-6
 MOST_IMPACTS_AT_BITS = 16
 
 
-class MotionSystem(EvaluatedEquations, Protocol):
+class MotionEnclosures(EvaluatedEquations, Protocol):
     """Enclosures of the flights of a periodic motion, and of its contacts in the stiff gear, at given times."""
 
     @property
@@ -87,14 +87,14 @@ def prove_motion(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificat
 
 def equations_and_guess(
     orbit: Periodic, parameters: dict[str, Fraction]
-) -> tuple[Callable[[Sequence[arb]], MotionSystem], NDArray[np.float64]]:
+) -> tuple[Callable[[Sequence[arb]], MotionEnclosures], NDArray[np.float64]]:
     """Return the equations of motions with the walls of a computed motion, and its times as a first guess."""
-    plane = ModelPlane(*(ball(parameters[name]) for name in ("delta", "epsilon", "beta")))
+    point = ModelPoint(*(ball(parameters[name]) for name in ("delta", "epsilon", "beta")))
     if stiff.ADDED not in parameters:
-        return impacting.ImpactingSystem(plane, orbit.walls, orbit.m), orbit.departures
+        return impacting.ImpactingSystem(point, orbit.walls, orbit.m), orbit.departures
     times = np.stack([orbit.times, orbit.departures], axis=-1)
     return stiff.StiffSystem(
-        stiff.StiffParameters(plane, ball(parameters[stiff.ADDED])), orbit.walls, orbit.m
+        stiff.StiffParameters(point, ball(parameters[stiff.ADDED])), orbit.walls, orbit.m
     ), times.ravel()
 
 

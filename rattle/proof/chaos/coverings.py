@@ -17,7 +17,7 @@ from typing import NamedTuple
 from rattle.errors import NotProvedError
 from rattle.proof.balls import arb, arb_mat, ball
 from rattle.proof.chaos.images import Image, image
-from rattle.proof.flights import ModelPlane
+from rattle.proof.flights import ModelPoint
 
 Pair = tuple[Fraction, Fraction]
 #: Most parts into which a set is cut.
@@ -83,7 +83,7 @@ class MappedSet:
     for a part whose motions are not proved to meet these walls.
     """
 
-    plane: ModelPlane
+    point: ModelPoint
     source: HSet
     walls: tuple[int, ...]
     images: dict[SetPart, Image | None] = field(default_factory=dict)
@@ -95,7 +95,7 @@ class MappedSet:
             centre = self.source.centre_column + matrix * arb_mat(2, 1, [part.xi, part.eta])
             sides = matrix * arb_mat([[part.width, 0], [0, part.height]])
             try:
-                self.images[part] = image(self.plane, (centre[0, 0], centre[1, 0]), sides, self.walls)
+                self.images[part] = image(self.point, (centre[0, 0], centre[1, 0]), sides, self.walls)
             except NotProvedError:
                 self.images[part] = None
         return self.images[part]
@@ -152,7 +152,7 @@ class MappedSet:
                 if inside and abs(eta) < 1:
                     yield 0
                     continue
-                if _is_refuted(xi, eta, grown, inside):
+                if _is_cutting_useless(xi, eta, grown, inside):
                     raise NotProvedError("a set is not proved to be stretched across the next set")
             parts += _halves(here, grown)
 
@@ -165,7 +165,7 @@ def _coordinates_in(target: HSet, periods: int, found: Image) -> tuple[tuple[arb
     return (xi, eta), [max(float(abs(slope[i, j]).upper()) for i in range(2)) for j in range(2)]
 
 
-def _is_refuted(xi: arb, eta: arb, grown: Sequence[float], inside: bool) -> bool:
+def _is_cutting_useless(xi: arb, eta: arb, grown: Sequence[float], inside: bool) -> bool:
     """Return whether to give up, because a part's image is where it must not be, or is small and still undecided.
 
     xi, eta: the image in the target's coordinates. inside: whether the image may be between the edges

@@ -13,7 +13,7 @@ from typing import Any
 from .column import Column
 from .intervals import IV, BlockRefused, Interval, interval_between, number_from_text, require
 from .one_impact import OneImpact
-from .quiet import Capture, require_possible
+from .quiet import BounceBounds, require_side_of_quiet_limit
 
 #: Most times that the δ interval of a block is halved before the block is refused.
 DEEPEST = 5
@@ -54,7 +54,7 @@ def prove_on_whole_block(claim: str, beta: Fraction, delta: Ends, epsilon: Ends)
     """Raise BlockRefused unless a claim is proved on a block as a whole, without cutting it."""
     d, e = interval_between(*delta), interval_between(*epsilon)
     if claim in QUIET:
-        return require_possible(d, e, QUIET[claim])
+        return require_side_of_quiet_limit(d, e, QUIET[claim])
     squares = IV.mpf((e**2).a), IV.mpf((e**2).b)
     for letter, state in CLAIMS[claim].items():
         if letter in "AC":
@@ -68,7 +68,7 @@ def prove_on_whole_block(claim: str, beta: Fraction, delta: Ends, epsilon: Ends)
 def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, depth: int = 0) -> None:
     """Raise BlockRefused unless, on a block, motions that leave Σ⁺ slower than `speed` provably become quiet."""
     try:
-        Capture(
+        BounceBounds(
             interval_between(*delta), interval_between(*epsilon), interval_between(beta, beta)
         ).require_captures_below(speed)
     except BlockRefused:

@@ -15,7 +15,7 @@ GROWTH_SHARE = IV.mpf(96) / 100
 UP = IV.mpf([1 - 2.0**-50, 1 + 2.0**-50])
 
 
-def require_possible(d: Interval, e: Interval, possible: bool) -> None:
+def require_side_of_quiet_limit(d: Interval, e: Interval, possible: bool) -> None:
     """Raise BlockRefused unless quiet motion is proved to be possible on the block, or impossible if not `possible`.
 
     The proof is by (20.1) of docs/proofs.md.
@@ -26,7 +26,7 @@ def require_possible(d: Interval, e: Interval, possible: bool) -> None:
     require(is_less(low, high), "the block is not proved to be on the claimed side of the quiet limit")
 
 
-class Capture:
+class BounceBounds:
     """Bounds of bounces on Σ⁺ over a block below the quiet limit, by Lemmas 20 and 21 of docs/proofs.md.
 
     Speeds and the contact force g are in units in which the mean of g is 1: g = 1 − r cos θ > 0, where θ is 2π times
