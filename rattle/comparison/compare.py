@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.attractors.speeds import NATURAL
 from rattle.attractors.table import Attractor
 from rattle.comparison.measured import MeasuredImpacts, repeating_label
-from rattle.comparison.walls import AS_GOOD, Fit, FitProblem, find_fits, fit_at_offset, interval_of_offset
+from rattle.comparison.walls import FIT_MARGIN, Fit, FitProblem, find_fits, fit_at_offset, interval_of_offset
 from rattle.errors import require_finite, require_integer, require_number
 from rattle.flight.law import speed_unit
 from rattle.intensity.intensity import Intensity
@@ -149,7 +149,7 @@ def compare(
         return _compare_fit(measured, given, known, bins, tolerance)
     found = [(_compare_fit(measured, each, known, bins, tolerance), each) for each in find_fits(fitting)]
     best, chosen = min(found, key=lambda each: _badness(each[0]))
-    near = [each for one, each in found if one is not best and _badness(one) <= _badness(best) + AS_GOOD[1]]
+    near = [each for one, each in found if one is not best and _badness(one) <= _badness(best) + FIT_MARGIN[1]]
     return _with_offset_intervals(fitting, best, [chosen, *near])
 
 

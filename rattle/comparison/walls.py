@@ -36,15 +36,15 @@ POOR = 0.25
 #: Offsets that differ by at most this count as the same, in forcing periods.
 SAME_OFFSET = 1e-4
 #: Intervals in each refinement of an offset, and the number of refinements.
-MORE, ROUNDS = 16, 4
+REFINEMENT_INTERVALS, ROUNDS = 16, 4
 #: Accuracy of an offset in forcing periods.
-RESOLUTION = (2.0 / MORE) ** ROUNDS / PHASES
+RESOLUTION = (2.0 / REFINEMENT_INTERVALS) ** ROUNDS / PHASES
 #: The offset is found from this number of impacts, the first ones.
-LISTENED = 256
+FIRST_IMPACTS = 256
 #: Fits are kept if their misfit is at most this factor times the least one plus this summand: before refinement, and at
 #: the end.
-HOPEFUL = 3.0, 0.1
-AS_GOOD = 3.0, 0.02
+ROUGH_MARGIN = 3.0, 0.1
+FIT_MARGIN = 3.0, 0.02
 #: The speed tolerance is reduced SHARPENINGS times by at most the factor SHARPER, down to FINEST times the unit of
 #: speeds.
 SHARPENINGS, SHARPER, FINEST = 5, 4.0, 1e-3
@@ -60,7 +60,7 @@ AT_RANDOM = 0.5
 #: Largest distance from an offset within which its interval is searched, in forcing periods, and the number of steps.
 FARTHEST, STEPS = 0.25, 128
 #: Number of successive impacts whose errors are correlated, because an error of one time changes the misfits of others.
-TOGETHER = 4
+CORRELATED_IMPACTS = 4
 #: The walls at which a flight may begin and end.
 ENDS = np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
 Array = NDArray[np.float64]
@@ -103,10 +103,12 @@ class FitProblem(NamedTuple):
 
     @property
     def first_impacts(self) -> FitProblem:
-        """The same problem with the first LISTENED impacts only, from which the offset is found."""
+        """The same problem with the first FIRST_IMPACTS impacts only, from which the offset is found."""
         time, speed, wall = self.measured
-        some = None if speed is None else speed[:LISTENED]
-        return self._replace(measured=MeasuredImpacts(time[:LISTENED], some, None if wall is None else wall[:LISTENED]))
+        some = None if speed is None else speed[:FIRST_IMPACTS]
+        return self._replace(
+            measured=MeasuredImpacts(time[:FIRST_IMPACTS], some, None if wall is None else wall[:FIRST_IMPACTS])
+        )
 
 
 def find_fits(fitting: FitProblem) -> list[Fit]:
@@ -123,9 +125,9 @@ def find_fits(fitting: FitProblem) -> list[Fit]:
         sharper = few._replace(unit=unit)
         lowest = _lowest_minima(_find_best_walls(sharper, np.arange(phases) / phases)[0])
         rough += _best_fits(
-            [fit_at_offset(sharper, _refine_offset(sharper, i / phases, 1.0 / phases)) for i in lowest], HOPEFUL
+            [fit_at_offset(sharper, _refine_offset(sharper, i / phases, 1.0 / phases)) for i in lowest], ROUGH_MARGIN
         )
-    sharp = _best_fits([_fit_with_smaller_tolerance(few._replace(unit=each.unit), each) for each in rough], AS_GOOD)
+    sharp = _best_fits([_fit_with_smaller_tolerance(few._replace(unit=each.unit), each) for each in rough], FIT_MARGIN)
     offsets = [each.offset for each in sharp]
     for each in [found for found in sharp if found.misfit < POOR][:MOST_TWINNED]:
         costs = _impact_costs(few, each.wall, np.arange(TWINS) / TWINS).sum(axis=1)
@@ -136,7 +138,7 @@ def find_fits(fitting: FitProblem) -> list[Fit]:
                     _fit_with_smaller_tolerance(few._replace(unit=each.unit), each._replace(offset=float(offset)))
                 )
     found: list[Fit] = []
-    for each in _best_fits(sharp, AS_GOOD):
+    for each in _best_fits(sharp, FIT_MARGIN):
         if all(abs(wrapped(each.offset - other.offset)) > SAME_OFFSET for other in found):
             found.append(fit_at_offset(fitting._replace(unit=each.unit), each.offset))
     return found
@@ -177,9 +179,9 @@ def _fit_with_smaller_tolerance(few: FitProblem, found: Fit) -> Fit:
 def _refine_offset(few: FitProblem, offset: float, width: float = 1.0 / PHASES) -> float:
     """Return the offset of least cost among those at most `width` forcing periods from the given offset."""
     for _ in range(ROUNDS):
-        near = offset + width * np.linspace(-1.0, 1.0, MORE + 1)
+        near = offset + width * np.linspace(-1.0, 1.0, REFINEMENT_INTERVALS + 1)
         offset = float(near[np.argmin(_find_best_walls(few, near)[0])])
-        width *= 2.0 / MORE
+        width *= 2.0 / REFINEMENT_INTERVALS
     return offset
 
 
@@ -209,9 +211,9 @@ def interval_of_offset(fitting: FitProblem, found: Fit) -> tuple[float, float]:
     steps = np.geomspace(RESOLUTION, FARTHEST, STEPS)
     ends = []
     for side in (-1.0, 1.0):
-        costs = _impact_costs(few, found.wall[:LISTENED], offset + side * np.append(0.0, steps))
+        costs = _impact_costs(few, found.wall[:FIRST_IMPACTS], offset + side * np.append(0.0, steps))
         higher = costs[1:] - costs[0]
-        blocks = np.add.reduceat(higher, np.arange(0, higher.shape[1], TOGETHER), axis=1)
+        blocks = np.add.reduceat(higher, np.arange(0, higher.shape[1], CORRELATED_IMPACTS), axis=1)
         beyond = blocks.sum(axis=1) > np.sqrt((blocks**2).sum(axis=1))
         ends.append(offset + side * float(steps[np.argmax(beyond)] if beyond.any() else FARTHEST))
     return ends[0], ends[1]

@@ -16,7 +16,7 @@ CRISIS, STABLE = "#e08214", "#1f5fa8"
 #: Arclengths of the drawn parts of the unstable and of the stable manifold.
 UNSTABLE_LENGTH, STABLE_LENGTH = 14.0, 8.0
 #: Margin around the unstable manifold W^u(A), as a share of the extent of W^u(A).
-SHOWN = 0.25
+MANIFOLD_MARGIN = 0.25
 
 
 def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
@@ -100,7 +100,7 @@ def _draw_manifolds(axes: Axes, crisis: Crisis) -> tuple[tuple[float, float], li
         lines.append(np.column_stack([unstable.tau[i:j], unstable.v[i:j]]))
         axes.plot(*lines[-1].T, color=STYLES["G1"][0], lw=0.7, label="$W^u(A)$" if i == 0 else None)
     (left, right), (low, high) = ((x.min(), x.max()) for x in (unstable.tau, unstable.v))
-    aside, above = SHOWN * (right - left), SHOWN * (high - low)
+    aside, above = MANIFOLD_MARGIN * (right - left), MANIFOLD_MARGIN * (high - low)
     axes.plot(saddle.tau, saddle.v, "ko", ms=4, zorder=5)
     axes.set(xlim=(left - aside, right + aside), ylim=(low - above, high + above))
     axes.set(xlabel="impact phase τ", ylabel="impact speed v")

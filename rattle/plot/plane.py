@@ -48,9 +48,9 @@ INSET = 0.42, 0.44
 #: Least and largest distance in δ from COD23 in the inset, in units of the distance from COD21 to COD23.
 NEAREST, BEFORE = 0.15, 9.0
 #: Number of points of the inset's curves.
-BESIDE = 60
+INSET_POINTS = 60
 #: An inset is drawn only in windows up to this wide along δ, in units of the distance from COD21 to COD23.
-FARTHEST = 200.0
+WIDEST_WINDOW = 200.0
 #: Style of the lines that mark the ranges of the paper's other figures.
 MARKED: dict[str, Any] = {"color": "0.35", "linestyle": (0, (5, 3)), "linewidth": 1.0}
 
@@ -194,7 +194,7 @@ def _draw_inset(
     -------
     Box | None
         The box of the inset in data coordinates. None if COD21 or COD23 is not in the window, the window is wider along
-        δ than FARTHEST times their distance, or no corner is free: then nothing is drawn.
+        δ than WIDEST_WINDOW times their distance, or no corner is free: then nothing is drawn.
     """
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     if not {"COD21", "COD23"} <= set(points) or not {"SN2", "PD1", "G1"} <= set(curves):
@@ -202,7 +202,10 @@ def _draw_inset(
     first, last = points["COD21"], points["COD23"]
     apart = last.delta - first.delta
     begin = last.delta - BEFORE * apart
-    if not (left <= begin < last.delta <= right and bottom <= last.epsilon <= top) or apart < (right - left) / FARTHEST:
+    if (
+        not (left <= begin < last.delta <= right and bottom <= last.epsilon <= top)
+        or apart < (right - left) / WIDEST_WINDOW
+    ):
         return None
     drawn = np.concatenate([line[~np.isnan(line[:, 0])] for line in lines.values()])
     share = (drawn - [left, bottom]) / [right - left, top - bottom]
@@ -217,7 +220,7 @@ def _draw_inset(
         return None
     x, y = free[0]
     inset = axes.inset_axes((x + 0.3 * width, y + 0.24 * height, 0.64 * width, 0.62 * height))
-    delta = last.delta - np.geomspace(NEAREST, BEFORE, BESIDE) * apart
+    delta = last.delta - np.geomspace(NEAREST, BEFORE, INSET_POINTS) * apart
     base = np.array([curves["SN2"].at(each)[0] for each in delta])
     for name in ("PD1", "G1"):
         above = np.array([curves[name].at(each)[0] for each in delta]) - base

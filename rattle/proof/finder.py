@@ -31,7 +31,7 @@ from rattle.proof.krawczyk import MOST_MOVED, EvaluatedEquations, enclose_zero
 
 #: A published enclosure is wider than its ball by this multiple of the ball's width: other programs round differently.
 WIDENING = 10**4
-#: Unit to which the ends of a published enclosure are rounded, for numbers of order 1.
+#: Least unit to which the ends of a published enclosure are rounded; wide enclosures or large numbers take a larger one.
 FINEST = Fraction(1, 10**12)
 #: Decimals of published speeds.
 PLACES = 25
@@ -42,7 +42,10 @@ MOST_IMPACTS_AT_BITS = 16
 
 
 class MotionEnclosures(EvaluatedEquations, Protocol):
-    """Enclosures of the flights of a periodic motion, and of its contacts in the stiff gear, at given times."""
+    """Enclosures of the flights of a periodic motion, and of its contacts in the stiff gear, between given times.
+
+    These are `ImpactEnclosures` or `StiffEnclosures`.
+    """
 
     @property
     def speeds(self) -> list[arb]:
@@ -99,7 +102,15 @@ def equations_and_guess(
 
 
 def require_stated_values(orbit: Periodic, speeds: Sequence[Fraction], trace: arb) -> None:
-    """Raise NotProvedError if rounding cannot explain how stated speeds or multipliers differ from the proved ones."""
+    """Compare the speeds and multipliers of a computed motion with those of the proved motion.
+
+    orbit: the computed motion. speeds, trace: the speeds, and the sum of both multipliers, of the proved motion.
+
+    Raises
+    ------
+    NotProvedError
+        If they differ more than rounding explains.
+    """
     each = len(speeds) // len(orbit.walls)
     departures = [float(speed) for speed in speeds[each - 1 :: each]]
     moved = max(abs(stated - speed) for stated, speed in zip(orbit.speeds, departures, strict=True))
@@ -110,7 +121,8 @@ def require_stated_values(orbit: Periodic, speeds: Sequence[Fraction], trace: ar
     stated = sum(orbit.multipliers).real
     if not abs(stated - float(trace)) < SAME_TRACE * max(1.0, abs(float(trace))):
         raise NotProvedError(
-            f"the stated multipliers have the sum {stated:.6g}, but the proved multipliers have {float(trace):.6g}"
+            f"the stated multipliers have the sum {stated:.6g}, but the proved multipliers have {float(trace):.6g}: "
+            "compute the motion again"
         )
 
 
@@ -172,7 +184,7 @@ def widened_ends(x: arb) -> Ends:
 
 
 def radius_upper_bound(box: Sequence[arb], centres: Sequence[Fraction]) -> Fraction:
-    """Return a bound, rounded up to two digits, of how far the ball box[i] reaches from centres[i], for all i."""
+    """Return a radius r, rounded up to two digits: for each i the ball box[i] lies within centres[i] ± r."""
     apart = (abs(each - ball(centre)) for each, centre in zip(box, centres, strict=True))
     widest = exact_midpoint(reduce(arb.max, apart).upper())
     unit = Fraction(1, 10**30)

@@ -23,7 +23,7 @@ UP, DOWN = 1, -1
 
 @dataclass(frozen=True)
 class ModelPoint:
-    """The parameters δ, ε and β as balls, and quantities that follow from them alone."""
+    """A parameter point: δ, ε and β as balls, and quantities that follow from these parameters alone."""
 
     delta: arb
     epsilon: arb

@@ -50,8 +50,9 @@ class Enclosure:
 def enclose_zero(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
     """Return a proved enclosure of the zero near a computed zero.
 
-    Let X be a box with the centre c, and C any matrix. If K(X) = c − C R(c) + (1 − C ∂R(X)) (X − c) lies inside X, then
-    X has exactly one zero, and K(X) contains it: R. Krawczyk, Computing 4 (1969) 187–201.
+    Let R be the residual of the equations, X a box with the centre c, and C any matrix. If the box
+    K(X) = c − C R(c) + (1 − C ∂R(X)) (X − c) lies inside X, then X has exactly one zero, and K(X) contains it:
+    R. Krawczyk, Computing 4 (1969) 187–201.
 
     Parameters
     ----------
@@ -139,7 +140,15 @@ def column(entries: Sequence[arb]) -> arb_mat:
 def _krawczyk_image(
     equations: Equations, x: Sequence[arb], step: arb_mat, about: arb_mat, box: Sequence[arb]
 ) -> list[arb]:
-    """Return K(x + box) − x for Krawczyk's operator K (`enclose_zero`); `about` is its matrix C, and step is C R(x)."""
+    """Return K(x + box) − x for Krawczyk's operator K, which `enclose_zero` defines.
+
+    about: the matrix C of K. step: C R(x), with the residual R.
+
+    Returns
+    -------
+    list[arb]
+        Balls (n,).
+    """
     n = len(x)
     unit = arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
     jacobian = equations([a + b for a, b in zip(x, box, strict=True)]).jacobian

@@ -111,7 +111,7 @@ class ContactEnclosure:
 
 @dataclass(frozen=True)
 class StiffEnclosures:
-    """The contacts (c,) and flights (c,) of a motion, flight i after contact i.
+    """The contacts (c,) and flights (c,) of a motion between given times; flight i follows contact i.
 
     The unknowns (2c,) are the times at which each contact begins and ends.
     """

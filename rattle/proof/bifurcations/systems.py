@@ -88,7 +88,7 @@ class ExtendedSystem:
         return delta, epsilon
 
     def model_point(self, at: Sequence[arb]) -> ModelPoint:
-        """Return δ, ε and β as balls; unknown parameters are taken from the unknowns `at`."""
+        """Return the parameter point: δ, ε and β as balls; unknown parameters are taken from the unknowns `at`."""
         return ModelPoint(*self.parameters(at), self.beta)
 
 
@@ -209,10 +209,10 @@ def require_admissible_at(system: ExtendedSystem, zero: Sequence[arb]) -> None:
 
 
 def require_only_graze(each: FlightEnclosure, wall: int, target: int, touched: int, time: arb, name: str) -> None:
-    """Prove that a flight from `wall` to `target` that grazes the wall `touched` at `time` touches no wall otherwise.
+    """Prove that a flight from `wall` to `target` grazes the wall `touched`, and touches no other point of the walls.
 
-    Φ has an extremum at that time if the contact force g then points away from the wall. All other extrema must be
-    strictly between the walls.
+    `time` is the time of the graze, at which Φ' = 0. The contact force must point away from the wall then, so that Φ
+    has an extremum. All other extrema must be strictly between the walls. name: the flight's name in messages.
 
     Raises
     ------

@@ -252,14 +252,14 @@ class HorseshoeClaim:
     def coordinates_in(
         self, target: int, periods: int, found: tuple[Vector, tuple[Vector, Vector]]
     ) -> tuple[Vector, list[Any]]:
-        """Return ξ and η of an image in the set `target`, and how much each side of the image adds to them.
+        """Return the coordinates (ξ, η) of an image in the set `target`, shifted by `periods` forcing periods.
 
-        The target is shifted by `periods` forcing periods.
+        found: the centre and the half sides of a parallelogram that contains the image.
 
         Returns
         -------
         tuple[Vector, list[Any]]
-            (ξ, η), and the amounts.
+            Intervals of ξ and η over the image; and for each half side the larger of its extents in ξ and in η.
         """
         (t, v, a, c, b, d), (middle, sides) = self.sets[target], found
         size = a * d - b * c
@@ -340,7 +340,7 @@ class HorseshoeClaim:
 def halves(part: Part, added: list[float]) -> list[Part]:
     """Return both halves of a part, cut across its more stretched side. Raises Refused if the part is too small.
 
-    added: how much each side of the part adds to the coordinates of its image.
+    added: for each side of the part the extent of its image, from `coordinates_in`.
 
     Returns
     -------

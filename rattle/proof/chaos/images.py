@@ -69,7 +69,8 @@ def image(point: ModelPoint, centre: tuple[arb, arb], sides: arb_mat, walls: Seq
     NotProvedError
         If it is not proved that all motions meet exactly these walls.
     """
-    turn = arb_mat([[1, 0], [0, -1]])  # turns a speed on Σ⁺ into a velocity, and reverses velocities at impacts
+    # `turn` changes the sign of velocities: impacts reverse them, and the speed v after Σ⁺ is the velocity −v
+    turn = arb_mat([[1, 0], [0, -1]])
     middle, sides, wall = (centre[0], -centre[1]), turn * sides, 1
     for target in (*walls, 1):
         here = arrival(point, middle, sides, wall, target)

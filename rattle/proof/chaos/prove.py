@@ -102,7 +102,21 @@ def _prove_loops(
 def _prove_chain(
     point: ModelPoint, chain: Sequence[HSet], words: Sequence[int], sources: dict[tuple[int, int], MappedSet]
 ) -> tuple[int, ...]:
-    """Prove that each set of a chain covers the next, and return the number of forcing periods of each step."""
+    """Prove that each set of a chain covers the next, at the given parameter point.
+
+    words: for each step the number of impacts on Σ⁻. sources: {(0, word): set 0 with its images}, to which this
+    function adds.
+
+    Returns
+    -------
+    tuple[int, ...]
+        The number of forcing periods of each step.
+
+    Raises
+    ------
+    NotProvedError
+        If a covering is not proved.
+    """
     periods = []
     for i, ((source, target), word) in enumerate(zip(pairwise(chain), words, strict=True)):
         mapped = MappedSet(point, source, (-1,) * word)
