@@ -39,16 +39,16 @@ SAME_OFFSET = 1e-4
 REFINEMENT_INTERVALS, ROUNDS = 16, 4
 #: Accuracy of an offset in forcing periods.
 RESOLUTION = (2.0 / REFINEMENT_INTERVALS) ** ROUNDS / PHASES
-#: The offset is found from this number of impacts, the first ones.
+#: The offset is found from this number of impacts, counted from the first one.
 FIRST_IMPACTS = 256
-#: Fits are kept if their misfit is at most this factor times the least one plus this summand: before refinement, and at
-#: the end.
+#: (factor, summand): fits are kept if their misfit is at most factor · least misfit + summand. ROUGH_MARGIN is used
+#: before the speed tolerance is reduced, FIT_MARGIN afterwards.
 ROUGH_MARGIN = 3.0, 0.1
 FIT_MARGIN = 3.0, 0.02
-#: The speed tolerance is reduced SHARPENINGS times by at most the factor SHARPER, down to FINEST times the unit of
-#: speeds.
+#: The speed tolerance is reduced SHARPENINGS times, each time at most by the factor SHARPER, and not below FINEST times
+#: the model's speed scale (`speed_unit`).
 SHARPENINGS, SHARPER, FINEST = 5, 4.0, 1e-3
-#: Least value of the reduced speed tolerance over the median error of speeds.
+#: The reduced speed tolerance is at least SCATTER times the median of |w₀ + w₁|, the errors of speeds at impacts.
 SCATTER = 4.0
 #: Largest cost of an error of a speed. It is also the cost of each end of a flight at which the velocity has the wrong
 #: direction.
@@ -59,7 +59,7 @@ FALSE, MOST_FALSE = 6.0, 2
 AT_RANDOM = 0.5
 #: Largest distance from an offset within which its interval is searched, in forcing periods, and the number of steps.
 FARTHEST, STEPS = 0.25, 128
-#: Number of successive impacts whose errors are correlated, because an error of one time changes the misfits of others.
+#: Number of successive impacts whose costs count as one, because an error of one measured time changes several costs.
 CORRELATED_IMPACTS = 4
 #: The walls at which a flight may begin and end.
 ENDS = np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
@@ -166,7 +166,17 @@ def _best_fits(found: list[Fit], margin: tuple[float, float]) -> list[Fit]:
 
 
 def _fit_with_smaller_tolerance(few: FitProblem, found: Fit) -> Fit:
-    """Fit again with smaller speed tolerances, down to the scatter of speeds, so that false impacts stand out."""
+    """Repeat a fit with smaller and smaller speed tolerances, down to the scatter of the speeds.
+
+    The smaller the tolerance, the more a false impact costs that is taken for a true one.
+
+    few: the first measured impacts, and the speed tolerance to begin with. found: the fit to begin with.
+
+    Returns
+    -------
+    Fit
+        The last fit.
+    """
     finest = min(few.unit, FINEST * float(speed_unit(few.gear.delta, few.gear.epsilon, few.gear.beta)))
     for _ in range(SHARPENINGS):
         leaves, arrives = _velocities(few, found.wall, np.array([found.offset]))
@@ -198,9 +208,9 @@ def fit_at_offset(fitting: FitProblem, offset: float) -> Fit:
 def interval_of_offset(fitting: FitProblem, found: Fit) -> tuple[float, float]:
     """Return the 95 % interval of the offset of a fit.
 
-    The interval contains the offsets whose cost exceeds the cost of the fit by at most the standard error of this
-    difference, which follows from the scatter over impacts. If the cost is a parabola, the ends of the interval are two
-    standard errors from the offset.
+    Compare the cost at an offset with the cost of the fit. The difference has a standard error, which follows from the
+    scatter of the difference over the impacts. The interval ends where the difference exceeds its standard error. Where
+    the cost is a parabola of the offset, this is two standard errors of the offset away.
 
     Returns
     -------
@@ -306,7 +316,7 @@ def _write_flight_velocities(time, gaps, offsets, dwell, delta, epsilon, w0, w1)
 def _capped_square(off):
     """Return the cost of an error of a speed, which is at most WORST. off: the error over the speed tolerance."""
     cost = off * off
-    return cost if cost < WORST else WORST  # WORST also if the error is not finite
+    return cost if cost < WORST else WORST  # an error that is not finite costs WORST too
 
 
 @kernel
@@ -342,7 +352,7 @@ def _write_least_costs(time, speed, known, offsets, dwell, delta, epsilon, beta,
                         alone += _capped_square((abs(w1) - speed[i]) / unit)
                     least, which = np.inf, -1
                     if k <= MOST_FALSE:
-                        least = FALSE * k  # one choice: this flight is the first, and the impacts before it are false
+                        least = FALSE * k  # one choice: this flight is the first, and all k impacts before it are false
                     for way in range(ways):
                         step, other = way // before.shape[2], way % before.shape[2]
                         if k > 0 and ENDS[other, 1] == begin:

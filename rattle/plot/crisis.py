@@ -20,14 +20,15 @@ MANIFOLD_MARGIN = 0.25
 
 
 def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
-    """Draw the crisis curve, its end at COD22, and the manifolds W^u(A) and W^s(A) at a tangency and at a corner.
+    """Draw the crisis curve, its end at COD22, and the manifolds W^u(A) and W^s(A) at two points of the curve.
 
-    The arguments and errors are those of `rattle.crisis.crisis_curve`.
+    At the paper's β the manifolds touch as a tangency at one of these points, and with a corner at the other. The
+    arguments and errors are those of `rattle.crisis.crisis_curve`.
 
     Returns
     -------
     Drawing
-        The figure, and notes that say why the curve ends at both ends.
+        The figure, and two notes: why the curve ends at its lower end, and why at its upper end.
     """
     curve = crisis_curve(beta=beta, resolution=resolution)
     figure = new_figure(10.0, 9.0)
@@ -40,7 +41,7 @@ def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
     for axes, (saddle, lines) in zip(panels, manifolds, strict=True):
         labels = Labels(axes, [*lines, np.array([saddle])])
         labels.add("A", saddle, size=10)
-    figure.set_layout_engine("none")  # a new layout would move the axes under the placed labels
+    figure.set_layout_engine("none")  # a later layout would move the axes, but not the labels that are placed
     return Drawing(figure, (f"at its lower end: {curve.low_end}", f"at its upper end: {curve.high_end}"))
 
 

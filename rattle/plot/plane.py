@@ -45,7 +45,7 @@ CELLS = 240
 LEAST = 20
 #: Width and height of the inset including its tick labels, as shares of the axes.
 INSET = 0.42, 0.44
-#: Least and largest distance in δ from COD23 in the inset, in units of the distance from COD21 to COD23.
+#: The inset shows δ from NEAREST to BEFORE times the distance from COD21 to COD23 below COD23.
 NEAREST, BEFORE = 0.15, 9.0
 #: Number of points of the inset's curves.
 INSET_POINTS = 60
@@ -106,7 +106,7 @@ def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Ar
     labels = Labels(axes, [*lines, *(np.array([[point.delta, point.epsilon]]) for point in points)])
     labels.keep_clear_of(
         [(point.delta, point.epsilon) for point in points], MARKER_SIZE + 1
-    )  # 1 is the width of the marker's edge
+    )  # the edge of a marker adds 1 point
     for point in points:
         labels.add(point.name, (point.delta, point.epsilon))
     return labels
@@ -116,8 +116,8 @@ def plane_figure(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
     """Draw the bifurcation diagram of Figures 7 and 8: curves, codimension-two points and regions in a window.
 
     Curves that the paper has are thick, other curves thin. At the paper's β dashed lines show the ranges of its Figures
-    5 and 9, and a rectangle shows the window of Figure 8. If COD21 and COD23 are in the window and at least 1/200
-    of its width apart in δ, an inset shows the distances of PD1 and G1 from SN2.
+    5 and 9, and a rectangle shows the window of Figure 8. If COD21 and COD23 are well inside the window and at least
+    1/200 of its width apart in δ, an inset in a free corner shows the distances of PD1 and G1 from SN2.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def plane_figure(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
         labels.add_along(name.replace("_", " "), line, 10 if name in IN_PAPER else 8, STYLES[name][0])
     for name, line in marks.items():
         labels.add_along(name, line, 7, MARKED["color"])
-    figure.set_layout_engine("none")  # a new layout would move the axes under the placed labels
+    figure.set_layout_engine("none")  # a later layout would move the axes, but not the labels that are placed
     return Drawing(figure, tuple(notes))
 
 
@@ -188,13 +188,16 @@ def _explain_widths(axes: Axes, lines: Mapping[str, Array]) -> None:
 def _draw_inset(
     axes: Axes, curves: Mapping[str, Curve], lines: Mapping[str, Array], points: Mapping[str, CodimensionTwo]
 ) -> Box | None:
-    """Draw an inset in a corner without curves: the distances of PD1 and G1 from SN2, at δ below COD23, where all meet.
+    """Draw the distances in ε of PD1 and G1 from SN2 as an inset, in a corner of the axes that has no curves.
+
+    The inset shows these distances at δ below COD23, where SN2, PD1 and G1 meet.
 
     Returns
     -------
     Box | None
-        The box of the inset in data coordinates. None if COD21 or COD23 is not in the window, the window is wider along
-        δ than WIDEST_WINDOW times their distance, or no corner is free: then nothing is drawn.
+        The box of the inset in data coordinates. None if nothing is drawn: because a curve or COD21 is missing, COD23
+        or the δ that the inset shows are outside the window, the window is wider along δ than WIDEST_WINDOW times the
+        distance from COD21 to COD23, or no corner is free.
     """
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     if not {"COD21", "COD23"} <= set(points) or not {"SN2", "PD1", "G1"} <= set(curves):

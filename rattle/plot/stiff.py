@@ -59,7 +59,11 @@ def stiff_figure(delta: float = DELTA, epsilon: float = EPSILON, beta: float = 0
 
 
 def _draw_motions(places: Axes, multipliers: Axes, motions: dict[str, PeriodicOrbit]) -> None:
-    """Draw how far A to D and their multipliers are from the same motions of the impacting model (`motions`)."""
+    """Draw, against κ, how far A to D of the stiff gear are from the same motions of the impacting model.
+
+    places: axes for the distances in (τ, v). multipliers: axes for the change of the sum of both multipliers.
+    motions: {name: the motion of the impacting model}.
+    """
     for name, limit in motions.items():
         kappas, off, change = [], [], []
         for kappa in STIFFNESSES[STIFFNESSES >= 1e3]:

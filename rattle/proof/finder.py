@@ -31,7 +31,7 @@ from rattle.proof.krawczyk import MOST_MOVED, EvaluatedEquations, enclose_zero
 
 #: A published enclosure is wider than its ball by this multiple of the ball's width: other programs round differently.
 WIDENING = 10**4
-#: Least unit to which the ends of a published enclosure are rounded; wide enclosures or large numbers take a larger one.
+#: Least unit to which the ends of a published enclosure are rounded; the unit is larger for wide or large enclosures.
 FINEST = Fraction(1, 10**12)
 #: Decimals of published speeds.
 PLACES = 25
