@@ -59,7 +59,7 @@ FALSE, MOST_FALSE = 6.0, 2
 AT_RANDOM = 0.5
 #: Largest distance from an offset within which its interval is searched, in forcing periods, and the number of steps.
 FARTHEST, STEPS = 0.25, 128
-#: Number of successive impacts whose costs count as one, because an error of one measured time changes several costs.
+#: Number of successive impacts whose costs count as one in a standard error: one wrong time changes several costs.
 CORRELATED_IMPACTS = 4
 #: The walls at which a flight may begin and end.
 ENDS = np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
@@ -102,8 +102,8 @@ class FitProblem(NamedTuple):
     dwell: float
 
     @property
-    def first_impacts(self) -> FitProblem:
-        """The same problem with the first FIRST_IMPACTS impacts only, from which the offset is found."""
+    def with_first_impacts(self) -> FitProblem:
+        """The same problem with at most FIRST_IMPACTS impacts, the first ones, from which the offset is found."""
         time, speed, wall = self.measured
         some = None if speed is None else speed[:FIRST_IMPACTS]
         return self._replace(
@@ -119,7 +119,7 @@ def find_fits(fitting: FitProblem) -> list[Fit]:
     list[Fit]
         The fits by rising misfit.
     """
-    few = fitting.first_impacts
+    few = fitting.with_first_impacts
     rough = []
     for unit, phases in ((few.unit, PHASES), (few.unit / FINER, FINER_PHASES)):
         sharper = few._replace(unit=unit)
@@ -208,16 +208,16 @@ def fit_at_offset(fitting: FitProblem, offset: float) -> Fit:
 def interval_of_offset(fitting: FitProblem, found: Fit) -> tuple[float, float]:
     """Return the 95 % interval of the offset of a fit.
 
-    Compare the cost at an offset with the cost of the fit. The difference has a standard error, which follows from the
-    scatter of the difference over the impacts. The interval ends where the difference exceeds its standard error. Where
-    the cost is a parabola of the offset, this is two standard errors of the offset away.
+    The interval ends where the cost exceeds the cost of the fit by more than the standard error of this difference. The
+    standard error follows from the scatter of the difference over the impacts. If the cost is a parabola of the offset,
+    the ends are two standard errors of the offset away from it.
 
     Returns
     -------
     tuple[float, float]
         Both ends of the interval.
     """
-    few, offset = fitting.first_impacts._replace(unit=found.unit), found.offset
+    few, offset = fitting.with_first_impacts._replace(unit=found.unit), found.offset
     steps = np.geomspace(RESOLUTION, FARTHEST, STEPS)
     ends = []
     for side in (-1.0, 1.0):

@@ -42,11 +42,12 @@ THICK, THIN = 1.5, 0.8
 #: Cells along each axis of the grid on which regions are determined.
 CELLS = 240
 #: A connected part of a region is labelled if it has at least this number of cells.
-LEAST = 20
+LEAST_LABELLED_CELLS = 20
 #: Width and height of the inset including its tick labels, as shares of the axes.
 INSET = 0.42, 0.44
-#: The inset shows δ from NEAREST to BEFORE times the distance from COD21 to COD23 below COD23.
-NEAREST, BEFORE = 0.15, 9.0
+#: Least and largest distance in δ from COD23 at which the inset's curves are drawn, in units of the distance from COD21
+#: to COD23.
+INSET_NEAREST, INSET_FARTHEST = 0.15, 9.0
 #: Number of points of the inset's curves.
 INSET_POINTS = 60
 #: An inset is drawn only in windows up to this wide along δ, in units of the distance from COD21 to COD23.
@@ -204,7 +205,7 @@ def _draw_inset(
         return None
     first, last = points["COD21"], points["COD23"]
     apart = last.delta - first.delta
-    begin = last.delta - BEFORE * apart
+    begin = last.delta - INSET_FARTHEST * apart
     if (
         not (left <= begin < last.delta <= right and bottom <= last.epsilon <= top)
         or apart < (right - left) / WIDEST_WINDOW
@@ -223,7 +224,7 @@ def _draw_inset(
         return None
     x, y = free[0]
     inset = axes.inset_axes((x + 0.3 * width, y + 0.24 * height, 0.64 * width, 0.62 * height))
-    delta = last.delta - np.geomspace(NEAREST, BEFORE, INSET_POINTS) * apart
+    delta = last.delta - np.geomspace(INSET_NEAREST, INSET_FARTHEST, INSET_POINTS) * apart
     base = np.array([curves["SN2"].at(each)[0] for each in delta])
     for name in ("PD1", "G1"):
         above = np.array([curves[name].at(each)[0] for each in delta]) - base
@@ -293,7 +294,7 @@ def _name_regions(labels: Labels, delta: Range, epsilon: Range, beta: float, cov
             continue
         parts, count = label(region == number)
         sizes = np.bincount(parts.ravel())[1:]
-        chosen = [part for part in np.argsort(-sizes) if sizes[part] >= LEAST]
+        chosen = [part for part in np.argsort(-sizes) if sizes[part] >= LEAST_LABELLED_CELLS]
         written = [labels.add_within(name, parts == part + 1) for part in chosen]
         if count and chosen and not any(written):
             point, _ = labels.widest_place(parts == chosen[0] + 1)

@@ -109,7 +109,7 @@ def require_stated_values(orbit: Periodic, speeds: Sequence[Fraction], trace: ar
     Raises
     ------
     NotProvedError
-        If they differ more than rounding explains.
+        If speeds or multipliers differ by more than rounding explains.
     """
     each = len(speeds) // len(orbit.walls)
     departures = [float(speed) for speed in speeds[each - 1 :: each]]

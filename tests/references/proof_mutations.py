@@ -24,7 +24,7 @@ NAMED = "PROOF_MUTATION"
 #: What is wrong: (file of rattle/proof, what stands there once, what the mutation puts there).
 MUTATIONS = {
     "a box of half its radius": ("balls", "arb(0, 1) * ball(radius)", "arb(0, 1) * ball(radius) / 2"),
-    "the operator with the wrong sign of R": ("krawczyk", "column(box) - step", "column(box) + step"),
+    "the operator with the wrong sign of R": ("krawczyk", "column_vector(box) - step", "column_vector(box) + step"),
     "no limit to how far Newton moves": ("krawczyk", "if not moved < MOST_MOVED", "if not moved < 1.0"),
     "a box that may be mapped beyond itself": (
         "krawczyk",

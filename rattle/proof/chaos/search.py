@@ -358,7 +358,7 @@ def _least_half_length(
 
 
 def _image_across(pi: ReturnMap, source: StateBox, target: StateBox, word: int) -> tuple[float, tuple[float, float]]:
-    """Return how high the image of a source box is where it crosses the target box, and what part of the box crosses.
+    """Return how high the image of `source` is where it crosses `target`, and which part of `source` crosses.
 
     word: the number of impacts on Σ⁻ that the motions must make.
 

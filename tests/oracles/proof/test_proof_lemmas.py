@@ -226,7 +226,7 @@ def test_no_box_is_proved_where_there_are_two_motions():
         wide = [interval_ball(Fraction(0), Fraction(c.tau - a.tau))]
         about = krawczyk.approximate_inverse(equations([ball(Fraction(a.tau))]).jacobian)
         x = [ball(middle)]
-        step = about * krawczyk.column(equations(x).residual)
+        step = about * krawczyk.column_vector(equations(x).residual)
         (moved,) = krawczyk._krawczyk_image(equations, x, step, about, wide)
         assert not abs(moved) < ball(Fraction(c.tau - a.tau))
     assert {str(rattle.certify(orbit).verdict) for orbit in (a, c)} == {"saddle", "attracting"}
