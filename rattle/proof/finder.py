@@ -138,7 +138,7 @@ def require_least_period(times: Sequence[arb], walls: Sequence[int], m: int) -> 
             continue
         later = [*times, *(time + m for time in times)][shift * each :]
         if not any(abs(b - a - m // parts) > 0 for a, b in zip(times, later, strict=False)):
-            raise NotProvedError(f"the motion may repeat after {m // parts} of {m} forcing periods")
+            raise NotProvedError(f"{m} is not proved to be the least period of the motion: it may be {m // parts}")
 
 
 def verdict_of(trace: arb, determinant: arb) -> Verdict:

@@ -125,7 +125,7 @@ class SolutionCell:
         middle = (self.start + self.end) / 2
         if not self.end - self.start > NARROWEST:
             raise NotProvedError(
-                f"it is undecided whether a B or D takes {float(middle):.4f} forcing periods from Σ⁺ to Σ⁻: "
+                f"it is undecided whether a motion B or D reaches Σ⁻ {float(middle):.4f} forcing periods after Σ⁺: "
                 "try a smaller block"
             )
         return self.cell_between(self.start, middle), self.cell_between(middle, self.end)

@@ -51,7 +51,8 @@ class Column:
             if answer is None:
                 wide = last - first > self.narrowest
                 require(
-                    wide, f"it is undecided whether a B or D takes {float(first):.4f} forcing periods from Σ⁺ to Σ⁻"
+                    wide,
+                    f"it is undecided whether a motion B or D reaches Σ⁻ {float(first):.4f} forcing periods after Σ⁺",
                 )
                 parts += [((first + last) / 2, last), (first, (first + last) / 2)]
             else:
