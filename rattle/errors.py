@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# no known name is longer; a longer text is not compared, because the time of a comparison grows as the square of length
+# a longer given text is not compared: known names are shorter, and the time of a comparison grows as the length squared
 LONGEST_NAME = 80
-# a known name is suggested if it begins with the given text, or if it contains a given text of at least this length
+# a known name that contains the given text, not at its beginning, is suggested only if the text is at least this long
 LEAST_PART = 3
 MOST_MEANT = 3  # a message suggests at most this many names
 MAY_BE_ZERO = ("epsilon", "load")  # parameters that may be 0; all others must be greater than 0

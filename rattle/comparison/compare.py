@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.attractors.speeds import NATURAL
 from rattle.attractors.table import Attractor
 from rattle.comparison.measured import MeasuredImpacts, repeating_label
-from rattle.comparison.walls import AS_GOOD, Fit, FitProblem, find_fits, fit_at_offset, interval_of_offset
+from rattle.comparison.walls import FIT_MARGIN, Fit, FitProblem, find_fits, fit_at_offset, interval_of_offset
 from rattle.errors import require_finite, require_integer, require_number
 from rattle.flight.law import speed_unit
 from rattle.intensity.intensity import Intensity
@@ -24,7 +24,7 @@ WATCHED = 1000.0
 MOST_BINS = 10_000
 #: Distance, in forcing periods, that an impact adds if only one of two motions has it.
 FARTHEST = 0.5
-#: Number of phases at which distributions are compared.
+#: Number of phases at which the distribution functions of two sets of impacts are compared.
 GRID = 720
 Array = NDArray[np.float64]
 
@@ -149,7 +149,7 @@ def compare(
         return _compare_fit(measured, given, known, bins, tolerance)
     found = [(_compare_fit(measured, each, known, bins, tolerance), each) for each in find_fits(fitting)]
     best, chosen = min(found, key=lambda each: _badness(each[0]))
-    near = [each for one, each in found if one is not best and _badness(one) <= _badness(best) + AS_GOOD[1]]
+    near = [each for one, each in found if one is not best and _badness(one) <= _badness(best) + FIT_MARGIN[1]]
     return _with_offset_intervals(fitting, best, [chosen, *near])
 
 
@@ -182,7 +182,7 @@ def _with_offset_intervals(fitting: FitProblem, found: Comparison, near: list[Fi
 class _AttractorImpacts(NamedTuple):
     """An attractor with the sorted phases of its impacts on Σ⁺ and Σ⁻.
 
-    rate: the number of impacts per forcing period that each of these phases stands for.
+    rate: the weight of each phase in impacts per forcing period: 1 over the forcing periods that were followed.
     """
 
     attractor: Attractor
@@ -242,7 +242,7 @@ def _phases_by_wall(time: ArrayLike, wall: NDArray[np.int64]) -> list[Array]:
 def _histogram(phases: list[Array], rate: float, bins: int) -> Array:
     """Return the number of impacts per forcing period on each wall, in equal intervals of the phase.
 
-    phases: the phases of the impacts on Σ⁺, and on Σ⁻. rate: the impacts per forcing period that each phase stands for.
+    phases: the phases of the impacts on Σ⁺, and on Σ⁻. rate: the weight of each phase, in impacts per forcing period.
 
     Returns
     -------
@@ -253,17 +253,17 @@ def _histogram(phases: list[Array], rate: float, bins: int) -> Array:
 
 
 def _distance(a: Array, rate_a: float, b: Array, rate_b: float) -> float:
-    """Return the earth mover's distance of two distributions of phases on the circle.
+    """Return how far the impacts of one forcing period must be shifted to turn the phases `a` into the phases `b`.
 
-    a, b: phases in rising order. rate_a, rate_b: the number of impacts per forcing period that each phase in a or b
-    stands for. With the distribution functions F of a and G of b, each impact that both have is moved by the mean of
-    |F − G − median(F − G)|.
+    a, b: phases in rising order. rate_a, rate_b: the weight of each phase, in impacts per forcing period.
+
+    This is the earth mover's distance on the circle: with the distribution functions F of a and G of b, the mean shift
+    of an impact is the mean of |F − G − median(F − G)|.
 
     Returns
     -------
     float
-        The sum over the impacts of one forcing period, in forcing periods; an impact that only one distribution has
-        adds FARTHEST.
+        The sum of the shifts in forcing periods. An impact that is only in one of the distributions adds FARTHEST.
     """
     here, there = rate_a * a.size, rate_b * b.size
     unmatched = FARTHEST * abs(here - there)

@@ -20,8 +20,8 @@ SHORTEST = 1e-9
 LONGEST = 512
 #: Least number of repetitions of a period in the data.
 REPEATS = 3
-#: A longer period is preferred if the scatter of the shorter one is larger by the factor CLOSER. Scatters below SAME
-#: times the allowed scatter count as equal.
+#: A longer period is preferred if the scatter of the shorter one is more than CLOSER times as large. All scatters below
+#: SAME times the allowed scatter count as equal.
 CLOSER, SAME = 1.5, 1e-3
 COLUMNS = ("time", "speed", "wall")
 Array = NDArray[np.float64]
@@ -131,14 +131,14 @@ def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) 
 def repeating_label(time: Array, wall: NDArray[np.int64], tolerance: float) -> tuple[int, int, int] | None:
     """Return the label (m, n₊, n₋) of impacts that repeat, or None if they do not.
 
-    The label is that of the shortest period, unless a longer period, such as after a doubling, has a scatter smaller by
-    the factor CLOSER.
+    Several periods may fit: after a period doubling, for example, half the period fits roughly. The label is that of
+    the shortest period whose scatter is at most CLOSER times the least scatter.
 
     Parameters
     ----------
     tolerance : float
-        Largest allowed scatter of a repetition's duration: its root mean square difference from m forcing periods,
-        divided by the mean time between impacts.
+        Largest allowed scatter. The scatter of a period is the root mean square difference between the durations of its
+        repetitions and m forcing periods, divided by the mean time between impacts.
 
     Returns
     -------

@@ -36,19 +36,19 @@ POOR = 0.25
 #: Offsets that differ by at most this count as the same, in forcing periods.
 SAME_OFFSET = 1e-4
 #: Intervals in each refinement of an offset, and the number of refinements.
-MORE, ROUNDS = 16, 4
+REFINEMENT_INTERVALS, ROUNDS = 16, 4
 #: Accuracy of an offset in forcing periods.
-RESOLUTION = (2.0 / MORE) ** ROUNDS / PHASES
-#: The offset is found from this number of impacts, the first ones.
-LISTENED = 256
-#: Fits are kept if their misfit is at most this factor times the least one plus this summand: before refinement, and at
-#: the end.
-HOPEFUL = 3.0, 0.1
-AS_GOOD = 3.0, 0.02
-#: The speed tolerance is reduced SHARPENINGS times by at most the factor SHARPER, down to FINEST times the unit of
-#: speeds.
+RESOLUTION = (2.0 / REFINEMENT_INTERVALS) ** ROUNDS / PHASES
+#: The offset is found from this number of impacts, counted from the first one.
+FIRST_IMPACTS = 256
+#: (factor, summand): fits are kept if their misfit is at most factor · least misfit + summand. ROUGH_MARGIN is used
+#: before the speed tolerance is reduced, FIT_MARGIN afterwards.
+ROUGH_MARGIN = 3.0, 0.1
+FIT_MARGIN = 3.0, 0.02
+#: The speed tolerance is reduced SHARPENINGS times, each time at most by the factor SHARPER, and not below FINEST times
+#: the model's speed scale (`speed_unit`).
 SHARPENINGS, SHARPER, FINEST = 5, 4.0, 1e-3
-#: Least value of the reduced speed tolerance over the median error of speeds.
+#: The reduced speed tolerance is at least SCATTER times the median of |w₀ + w₁|, the errors of speeds at impacts.
 SCATTER = 4.0
 #: Largest cost of an error of a speed. It is also the cost of each end of a flight at which the velocity has the wrong
 #: direction.
@@ -59,8 +59,8 @@ FALSE, MOST_FALSE = 6.0, 2
 AT_RANDOM = 0.5
 #: Largest distance from an offset within which its interval is searched, in forcing periods, and the number of steps.
 FARTHEST, STEPS = 0.25, 128
-#: Number of successive impacts whose errors are correlated, because an error of one time changes the misfits of others.
-TOGETHER = 4
+#: Number of successive impacts whose costs count as one in a standard error: one wrong time changes several costs.
+CORRELATED_IMPACTS = 4
 #: The walls at which a flight may begin and end.
 ENDS = np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
 Array = NDArray[np.float64]
@@ -102,11 +102,13 @@ class FitProblem(NamedTuple):
     dwell: float
 
     @property
-    def first_impacts(self) -> FitProblem:
-        """The same problem with the first LISTENED impacts only, from which the offset is found."""
+    def with_first_impacts(self) -> FitProblem:
+        """The same problem with at most FIRST_IMPACTS impacts, the first ones, from which the offset is found."""
         time, speed, wall = self.measured
-        some = None if speed is None else speed[:LISTENED]
-        return self._replace(measured=MeasuredImpacts(time[:LISTENED], some, None if wall is None else wall[:LISTENED]))
+        some = None if speed is None else speed[:FIRST_IMPACTS]
+        return self._replace(
+            measured=MeasuredImpacts(time[:FIRST_IMPACTS], some, None if wall is None else wall[:FIRST_IMPACTS])
+        )
 
 
 def find_fits(fitting: FitProblem) -> list[Fit]:
@@ -117,15 +119,15 @@ def find_fits(fitting: FitProblem) -> list[Fit]:
     list[Fit]
         The fits by rising misfit.
     """
-    few = fitting.first_impacts
+    few = fitting.with_first_impacts
     rough = []
     for unit, phases in ((few.unit, PHASES), (few.unit / FINER, FINER_PHASES)):
         sharper = few._replace(unit=unit)
         lowest = _lowest_minima(_find_best_walls(sharper, np.arange(phases) / phases)[0])
         rough += _best_fits(
-            [fit_at_offset(sharper, _refine_offset(sharper, i / phases, 1.0 / phases)) for i in lowest], HOPEFUL
+            [fit_at_offset(sharper, _refine_offset(sharper, i / phases, 1.0 / phases)) for i in lowest], ROUGH_MARGIN
         )
-    sharp = _best_fits([_fit_with_smaller_tolerance(few._replace(unit=each.unit), each) for each in rough], AS_GOOD)
+    sharp = _best_fits([_fit_with_smaller_tolerance(few._replace(unit=each.unit), each) for each in rough], FIT_MARGIN)
     offsets = [each.offset for each in sharp]
     for each in [found for found in sharp if found.misfit < POOR][:MOST_TWINNED]:
         costs = _impact_costs(few, each.wall, np.arange(TWINS) / TWINS).sum(axis=1)
@@ -136,7 +138,7 @@ def find_fits(fitting: FitProblem) -> list[Fit]:
                     _fit_with_smaller_tolerance(few._replace(unit=each.unit), each._replace(offset=float(offset)))
                 )
     found: list[Fit] = []
-    for each in _best_fits(sharp, AS_GOOD):
+    for each in _best_fits(sharp, FIT_MARGIN):
         if all(abs(wrapped(each.offset - other.offset)) > SAME_OFFSET for other in found):
             found.append(fit_at_offset(fitting._replace(unit=each.unit), each.offset))
     return found
@@ -164,7 +166,17 @@ def _best_fits(found: list[Fit], margin: tuple[float, float]) -> list[Fit]:
 
 
 def _fit_with_smaller_tolerance(few: FitProblem, found: Fit) -> Fit:
-    """Fit again with smaller speed tolerances, down to the scatter of speeds, so that false impacts stand out."""
+    """Repeat a fit with smaller and smaller speed tolerances, down to the scatter of the speeds.
+
+    The smaller the tolerance, the more a false impact costs that is taken for a true one.
+
+    few: the first measured impacts, and the speed tolerance to begin with. found: the fit to begin with.
+
+    Returns
+    -------
+    Fit
+        The last fit.
+    """
     finest = min(few.unit, FINEST * float(speed_unit(few.gear.delta, few.gear.epsilon, few.gear.beta)))
     for _ in range(SHARPENINGS):
         leaves, arrives = _velocities(few, found.wall, np.array([found.offset]))
@@ -177,9 +189,9 @@ def _fit_with_smaller_tolerance(few: FitProblem, found: Fit) -> Fit:
 def _refine_offset(few: FitProblem, offset: float, width: float = 1.0 / PHASES) -> float:
     """Return the offset of least cost among those at most `width` forcing periods from the given offset."""
     for _ in range(ROUNDS):
-        near = offset + width * np.linspace(-1.0, 1.0, MORE + 1)
+        near = offset + width * np.linspace(-1.0, 1.0, REFINEMENT_INTERVALS + 1)
         offset = float(near[np.argmin(_find_best_walls(few, near)[0])])
-        width *= 2.0 / MORE
+        width *= 2.0 / REFINEMENT_INTERVALS
     return offset
 
 
@@ -196,22 +208,22 @@ def fit_at_offset(fitting: FitProblem, offset: float) -> Fit:
 def interval_of_offset(fitting: FitProblem, found: Fit) -> tuple[float, float]:
     """Return the 95 % interval of the offset of a fit.
 
-    The interval contains the offsets whose cost exceeds the cost of the fit by at most the standard error of this
-    difference, which follows from the scatter over impacts. If the cost is a parabola, the ends of the interval are two
-    standard errors from the offset.
+    The interval ends where the cost exceeds the cost of the fit by more than the standard error of this difference. The
+    standard error follows from the scatter of the difference over the impacts. If the cost is a parabola of the offset,
+    the ends are two standard errors of the offset away from it.
 
     Returns
     -------
     tuple[float, float]
         Both ends of the interval.
     """
-    few, offset = fitting.first_impacts._replace(unit=found.unit), found.offset
+    few, offset = fitting.with_first_impacts._replace(unit=found.unit), found.offset
     steps = np.geomspace(RESOLUTION, FARTHEST, STEPS)
     ends = []
     for side in (-1.0, 1.0):
-        costs = _impact_costs(few, found.wall[:LISTENED], offset + side * np.append(0.0, steps))
+        costs = _impact_costs(few, found.wall[:FIRST_IMPACTS], offset + side * np.append(0.0, steps))
         higher = costs[1:] - costs[0]
-        blocks = np.add.reduceat(higher, np.arange(0, higher.shape[1], TOGETHER), axis=1)
+        blocks = np.add.reduceat(higher, np.arange(0, higher.shape[1], CORRELATED_IMPACTS), axis=1)
         beyond = blocks.sum(axis=1) > np.sqrt((blocks**2).sum(axis=1))
         ends.append(offset + side * float(steps[np.argmax(beyond)] if beyond.any() else FARTHEST))
     return ends[0], ends[1]
@@ -304,7 +316,7 @@ def _write_flight_velocities(time, gaps, offsets, dwell, delta, epsilon, w0, w1)
 def _capped_square(off):
     """Return the cost of an error of a speed, which is at most WORST. off: the error over the speed tolerance."""
     cost = off * off
-    return cost if cost < WORST else WORST  # WORST also if the error is not finite
+    return cost if cost < WORST else WORST  # an error that is not finite costs WORST too
 
 
 @kernel
@@ -340,7 +352,7 @@ def _write_least_costs(time, speed, known, offsets, dwell, delta, epsilon, beta,
                         alone += _capped_square((abs(w1) - speed[i]) / unit)
                     least, which = np.inf, -1
                     if k <= MOST_FALSE:
-                        least = FALSE * k  # one choice: this flight is the first, and the impacts before it are false
+                        least = FALSE * k  # one choice: this flight is the first, and all k impacts before it are false
                     for way in range(ways):
                         step, other = way // before.shape[2], way % before.shape[2]
                         if k > 0 and ENDS[other, 1] == begin:

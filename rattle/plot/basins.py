@@ -57,7 +57,7 @@ DIM = "0.25"
 
 
 def largest_drawn_speed(gear: AnyGear) -> float:
-    """Return the largest speed on the axis: in the paper's plane 7, as in its figures, elsewhere the natural speed."""
+    """Return the largest speed v on the axis of a picture: 7 in the paper's plane, elsewhere the natural speed."""
     return sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
 
 
@@ -290,7 +290,7 @@ def basins_with_manifolds(delta: float, epsilon: float, beta: float = BETA, reso
     lines += [_orbit_marker(stable) for stable in CROSSES if any(orbit.stable is stable for orbit in shown.values())]
     _add_basin_legend(figure, basins.attractors, palette, lines, 6)
     _write_labels(axes, basins, shown, drawn, gamma)
-    figure.set_layout_engine("none")  # a new layout would move the axes under the placed labels
+    figure.set_layout_engine("none")  # a later layout would move the axes, but not the labels that are placed
     return Drawing(figure, tuple(notes))
 
 
@@ -302,9 +302,18 @@ def manifold_line(
     arclength: float = ARCLENGTH,
     spacing: float = SPACING,
 ) -> tuple[Array, str | None]:
-    """Return a manifold of A or B as a line (k, 2) with phases in [0, 1], and the reason if a part is missing."""
+    """Return the stable or unstable manifold of A or B as a line with phases in [0, 1].
+
+    orbit: A or B, or None if it does not exist. kind: "stable" or "unstable". arclength: the length of each side.
+
+    Returns
+    -------
+    tuple[Array, str | None]
+        The line (k, 2), and a note that says why a part of it is missing. The note is None if no part is missing, and
+        also if `orbit` is None.
+    """
     if orbit is None:
-        return np.empty((0, 2)), None  # no reason, because another note names missing orbits
+        return np.empty((0, 2)), None  # no note: `basins_with_manifolds` has one for all missing orbits
     if orbit.stable:
         return np.empty((0, 2)), f"{name} is stable there: it has no {kind} manifold to draw"
     sides, why, v_max = [], None, largest_drawn_speed(gear)

@@ -21,7 +21,8 @@ from rattle.errors import require, require_integer
 
 Label = tuple[int, int, int]
 
-#: The colour of quiet motion is the upper end of matplotlib's viridis, in which the quiet fraction is drawn.
+#: Colours of motions that are not periodic. That of quiet motion is the upper end of matplotlib's viridis, in which the
+#: quiet fraction is drawn.
 KIND_COLOURS = {"quiet": "#fde725", "chaotic": "#d7191c", "undecided": "#9a9a9a"}
 #: The types with a fixed colour. All other types have a colour by rule.
 NAMED: dict[Label, str] = {
@@ -147,8 +148,8 @@ class Palette:
     like the colour of quiet, chaotic or undecided motion. Then the type has the spare colour that differs most from all
     of these colours.
 
-    alike: the distance in CIELAB below which two colours look alike. For the types of NAMED the distance is always
-    ALIKE.
+    alike: the distance in CIELAB below which the colour of a type looks like another colour. It does not hold for types
+    in NAMED, for which the distance is always ALIKE.
     """
 
     def __init__(self, alike: float = ALIKE) -> None:

@@ -16,18 +16,19 @@ CRISIS, STABLE = "#e08214", "#1f5fa8"
 #: Arclengths of the drawn parts of the unstable and of the stable manifold.
 UNSTABLE_LENGTH, STABLE_LENGTH = 14.0, 8.0
 #: Margin around the unstable manifold W^u(A), as a share of the extent of W^u(A).
-SHOWN = 0.25
+MANIFOLD_MARGIN = 0.25
 
 
 def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
-    """Draw the crisis curve, its end at COD22, and the manifolds W^u(A) and W^s(A) at a tangency and at a corner.
+    """Draw the crisis curve, its end at COD22, and the manifolds W^u(A) and W^s(A) at two points of the curve.
 
-    The arguments and errors are those of `rattle.crisis.crisis_curve`.
+    At the paper's β the manifolds touch in a tangency at one of these points, in a corner of W^u(A) at the other. The
+    arguments and errors are those of `rattle.crisis.crisis_curve`.
 
     Returns
     -------
     Drawing
-        The figure, and notes that say why the curve ends at both ends.
+        The figure, and two notes: why the curve ends at its lower end, and why at its upper end.
     """
     curve = crisis_curve(beta=beta, resolution=resolution)
     figure = new_figure(10.0, 9.0)
@@ -40,7 +41,7 @@ def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
     for axes, (saddle, lines) in zip(panels, manifolds, strict=True):
         labels = Labels(axes, [*lines, np.array([saddle])])
         labels.add("A", saddle, size=10)
-    figure.set_layout_engine("none")  # a new layout would move the axes under the placed labels
+    figure.set_layout_engine("none")  # a later layout would move the axes, but not the labels that are placed
     return Drawing(figure, (f"at its lower end: {curve.low_end}", f"at its upper end: {curve.high_end}"))
 
 
@@ -100,7 +101,7 @@ def _draw_manifolds(axes: Axes, crisis: Crisis) -> tuple[tuple[float, float], li
         lines.append(np.column_stack([unstable.tau[i:j], unstable.v[i:j]]))
         axes.plot(*lines[-1].T, color=STYLES["G1"][0], lw=0.7, label="$W^u(A)$" if i == 0 else None)
     (left, right), (low, high) = ((x.min(), x.max()) for x in (unstable.tau, unstable.v))
-    aside, above = SHOWN * (right - left), SHOWN * (high - low)
+    aside, above = MANIFOLD_MARGIN * (right - left), MANIFOLD_MARGIN * (high - low)
     axes.plot(saddle.tau, saddle.v, "ko", ms=4, zorder=5)
     axes.set(xlim=(left - aside, right + aside), ylim=(low - above, high + above))
     axes.set(xlabel="impact phase τ", ylabel="impact speed v")

@@ -32,7 +32,7 @@ FORWARD, BACKWARD = "#8fc7ee", "#e8862e"
 MARKS = {Kind.SADDLE_NODE: "o", Kind.FLIP: "D", Kind.GRAZING: "s"}
 MEANINGS = {Kind.SADDLE_NODE: "SN: saddle-node", Kind.FLIP: "PD: flip", Kind.GRAZING: "G: graze"}
 STYLES = {True: "-", False: (0, (4.0, 2.0))}
-#: Line width and colour: of the branches of A to D, and of other branches where they are stable and unstable.
+#: Line width and colour: NAMED for the branches of A to D; OTHER for other branches, where stable and where unstable.
 NAMED, OTHER = (1.3, "black"), {True: (0.8, "#333333"), False: (0.5, "#777777")}
 Limits = tuple[float, float] | None
 ALL_PHASES = (0.0, 1.0)
@@ -117,7 +117,7 @@ def _draw_diagram(diagram: Diagram[Any, Any], v: Limits, tau: tuple[float, float
         labels = Labels(panel, lines)
         _mark_events(panel, labels, diagram, which, scale, offset)
         _write_orbit_names(panel, labels, curves, which, one=which == "v" and not diagram.added)
-    figure.set_layout_engine("none")  # a new layout would move the axes under the placed labels
+    figure.set_layout_engine("none")  # a later layout would move the axes, but not the labels that are placed
     return figure
 
 
@@ -340,7 +340,15 @@ def _is_visible(panel: Axes, x: Array, y: Array) -> NDArray[np.bool_]:
 
 
 def _visible_lines(panel: Axes, curve: ImpactCurve, y: Array) -> list[Array]:
-    """Return the visible parts of a curve as a list of one line (k, 2), with NaN between parts; [] if none."""
+    """Return the admissible parts of a curve inside the panel as one line (k, 2) in a list, which is empty if none is.
+
+    y: v or τ of the points of the curve.
+
+    Returns
+    -------
+    list[Array]
+        The line, with NaN between its parts; or an empty list.
+    """
     on = _is_visible(panel, curve.x, y) & curve.admissible
     return [np.column_stack([curve.x, np.where(on, y, np.nan)])] if on.any() else []
 

@@ -25,7 +25,7 @@ ANCHORS = 24
 CANDIDATES = 400
 #: If other lines are at least this far from a label along a line, in pixels, it is clear which line the label names.
 CLEAR = 45.0
-#: Cost of covering a label or a marker, and cost of leaving the axes.
+#: WRONG is the cost of each serious fault, such as covering a label or a marker; OUTSIDE that of leaving the axes.
 WRONG, OUTSIDE = 1000.0, 1e5
 #: Largest cost of covering lines. It is below WRONG, so a label covers lines rather than a label or a marker.
 MOST_HIDDEN = 800.0
@@ -116,7 +116,15 @@ class Labels:
         return text
 
     def add_along(self, name: str, line: Array, size: float = 9, colour: str = "black") -> Text:
-        """Write a name beside a line (k, 2) in data coordinates, parallel to it; without room there, as `add` does."""
+        """Write a name beside a line (k, 2) in data coordinates, parallel to it.
+
+        If there is no room for this, write the name near a point of the line, with a short line to the point (`add`).
+
+        Returns
+        -------
+        Text
+            The text.
+        """
         text = self.axes.text(0, 0, name, fontsize=size, color=colour, path_effects=HALO, zorder=5)
         text.set(ha="center", va="center", rotation_mode="anchor")
         half = np.array(Text.get_window_extent(text, self.renderer).size) / 2 + ROOM

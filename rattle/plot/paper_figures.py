@@ -205,7 +205,7 @@ def draw(number: int, delta: Given | None = None, epsilon: Given | None = None, 
     Parameters
     ----------
     delta, epsilon : Given, optional
-        One number, several numbers or a range, in the form that FIGURES says; None: the paper's values.
+        One number, several numbers or a range, in the form that the figure takes; None: the paper's values.
     beta : float
         The half-backlash.
 

@@ -42,15 +42,16 @@ THICK, THIN = 1.5, 0.8
 #: Cells along each axis of the grid on which regions are determined.
 CELLS = 240
 #: A connected part of a region is labelled if it has at least this number of cells.
-LEAST = 20
+LEAST_LABELLED_CELLS = 20
 #: Width and height of the inset including its tick labels, as shares of the axes.
 INSET = 0.42, 0.44
-#: Least and largest distance in δ from COD23 in the inset, in units of the distance from COD21 to COD23.
-NEAREST, BEFORE = 0.15, 9.0
+#: Least and largest distance in δ from COD23 at which the inset's curves are drawn, in units of the distance from COD21
+#: to COD23.
+INSET_NEAREST, INSET_FARTHEST = 0.15, 9.0
 #: Number of points of the inset's curves.
-BESIDE = 60
+INSET_POINTS = 60
 #: An inset is drawn only in windows up to this wide along δ, in units of the distance from COD21 to COD23.
-FARTHEST = 200.0
+WIDEST_WINDOW = 200.0
 #: Style of the lines that mark the ranges of the paper's other figures.
 MARKED: dict[str, Any] = {"color": "0.35", "linestyle": (0, (5, 3)), "linewidth": 1.0}
 
@@ -106,7 +107,7 @@ def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Ar
     labels = Labels(axes, [*lines, *(np.array([[point.delta, point.epsilon]]) for point in points)])
     labels.keep_clear_of(
         [(point.delta, point.epsilon) for point in points], MARKER_SIZE + 1
-    )  # 1 is the width of the marker's edge
+    )  # the edge of a marker adds 1 point
     for point in points:
         labels.add(point.name, (point.delta, point.epsilon))
     return labels
@@ -116,8 +117,8 @@ def plane_figure(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
     """Draw the bifurcation diagram of Figures 7 and 8: curves, codimension-two points and regions in a window.
 
     Curves that the paper has are thick, other curves thin. At the paper's β dashed lines show the ranges of its Figures
-    5 and 9, and a rectangle shows the window of Figure 8. If COD21 and COD23 are in the window and at least 1/200
-    of its width apart in δ, an inset shows the distances of PD1 and G1 from SN2.
+    5 and 9, and a rectangle shows the window of Figure 8. If COD21 and COD23 are well inside the window and at least
+    1/200 of its width apart in δ, an inset in a free corner shows the distances of PD1 and G1 from SN2.
 
     Parameters
     ----------
@@ -169,7 +170,7 @@ def plane_figure(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
         labels.add_along(name.replace("_", " "), line, 10 if name in IN_PAPER else 8, STYLES[name][0])
     for name, line in marks.items():
         labels.add_along(name, line, 7, MARKED["color"])
-    figure.set_layout_engine("none")  # a new layout would move the axes under the placed labels
+    figure.set_layout_engine("none")  # a later layout would move the axes, but not the labels that are placed
     return Drawing(figure, tuple(notes))
 
 
@@ -188,21 +189,27 @@ def _explain_widths(axes: Axes, lines: Mapping[str, Array]) -> None:
 def _draw_inset(
     axes: Axes, curves: Mapping[str, Curve], lines: Mapping[str, Array], points: Mapping[str, CodimensionTwo]
 ) -> Box | None:
-    """Draw an inset in a corner without curves: the distances of PD1 and G1 from SN2, at δ below COD23, where all meet.
+    """Draw the distances in ε of PD1 and G1 from SN2 as an inset, in a corner of the axes that has no curves.
+
+    The inset shows these distances at δ below COD23, where SN2, PD1 and G1 meet.
 
     Returns
     -------
     Box | None
-        The box of the inset in data coordinates. None if COD21 or COD23 is not in the window, the window is wider along
-        δ than FARTHEST times their distance, or no corner is free: then nothing is drawn.
+        The box of the inset in data coordinates. None if nothing is drawn: because a curve or COD21 is missing, COD23
+        or the δ that the inset shows are outside the window, the window is wider along δ than WIDEST_WINDOW times the
+        distance from COD21 to COD23, or no corner is free.
     """
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     if not {"COD21", "COD23"} <= set(points) or not {"SN2", "PD1", "G1"} <= set(curves):
         return None
     first, last = points["COD21"], points["COD23"]
     apart = last.delta - first.delta
-    begin = last.delta - BEFORE * apart
-    if not (left <= begin < last.delta <= right and bottom <= last.epsilon <= top) or apart < (right - left) / FARTHEST:
+    begin = last.delta - INSET_FARTHEST * apart
+    if (
+        not (left <= begin < last.delta <= right and bottom <= last.epsilon <= top)
+        or apart < (right - left) / WIDEST_WINDOW
+    ):
         return None
     drawn = np.concatenate([line[~np.isnan(line[:, 0])] for line in lines.values()])
     share = (drawn - [left, bottom]) / [right - left, top - bottom]
@@ -217,7 +224,7 @@ def _draw_inset(
         return None
     x, y = free[0]
     inset = axes.inset_axes((x + 0.3 * width, y + 0.24 * height, 0.64 * width, 0.62 * height))
-    delta = last.delta - np.geomspace(NEAREST, BEFORE, BESIDE) * apart
+    delta = last.delta - np.geomspace(INSET_NEAREST, INSET_FARTHEST, INSET_POINTS) * apart
     base = np.array([curves["SN2"].at(each)[0] for each in delta])
     for name in ("PD1", "G1"):
         above = np.array([curves[name].at(each)[0] for each in delta]) - base
@@ -287,7 +294,7 @@ def _name_regions(labels: Labels, delta: Range, epsilon: Range, beta: float, cov
             continue
         parts, count = label(region == number)
         sizes = np.bincount(parts.ravel())[1:]
-        chosen = [part for part in np.argsort(-sizes) if sizes[part] >= LEAST]
+        chosen = [part for part in np.argsort(-sizes) if sizes[part] >= LEAST_LABELLED_CELLS]
         written = [labels.add_within(name, parts == part + 1) for part in chosen]
         if count and chosen and not any(written):
             point, _ = labels.widest_place(parts == chosen[0] + 1)

@@ -19,9 +19,9 @@ COLOURS = {"A": "#1f5fa8", "B": "#e08214", "C": "#4d9221", "D": "#b2182b"}
 DELTA, EPSILON = 0.6, 0.075
 STIFFNESSES = 10.0 ** np.arange(2.0, 8.5, 0.5)
 #: Stiffnesses κ that the panel of the graze compares with the impacting model.
-SHOWN = (1e4, 1e5, 1e6)
+GRAZE_STIFFNESSES = (1e4, 1e5, 1e6)
 #: The panel of the graze shows speeds up to this far on each side of Γ.
-REACH = 0.003
+GRAZE_REACH = 0.003
 
 
 def stiff_figure(delta: float = DELTA, epsilon: float = EPSILON, beta: float = 0.6) -> Drawing:
@@ -50,16 +50,20 @@ def stiff_figure(delta: float = DELTA, epsilon: float = EPSILON, beta: float = 0
     )
     motions = {name: periodic_orbit(delta, epsilon, x.tau, x.v, 1, beta) for name, x in limits.items()}
     figure = new_figure(10.0, 8.0)
-    places, multipliers, curves, graze = figure.subplots(2, 2).ravel()
-    _draw_motions(places, multipliers, motions)
+    distances, multipliers, curves, graze = figure.subplots(2, 2).ravel()
+    _draw_motions(distances, multipliers, motions)
     _draw_bifurcations(curves, motions["D"])
     _draw_graze(graze, Gear(delta, epsilon, beta))
     figure.suptitle(f"δ = {delta:g}, ε = {epsilon:g}, β = {beta:g}", fontsize=11)
     return Drawing(figure)
 
 
-def _draw_motions(places: Axes, multipliers: Axes, motions: dict[str, PeriodicOrbit]) -> None:
-    """Draw how far A to D and their multipliers are from the same motions of the impacting model (`motions`)."""
+def _draw_motions(distances: Axes, multipliers: Axes, motions: dict[str, PeriodicOrbit]) -> None:
+    """Draw, against κ, how far A to D of the stiff gear are from the same motions of the impacting model.
+
+    distances: axes for the distances in (τ, v). multipliers: axes for the change of the sum of both multipliers.
+    motions: {name: the motion of the impacting model}.
+    """
     for name, limit in motions.items():
         kappas, off, change = [], [], []
         for kappa in STIFFNESSES[STIFFNESSES >= 1e3]:
@@ -67,10 +71,10 @@ def _draw_motions(places: Axes, multipliers: Axes, motions: dict[str, PeriodicOr
             kappas.append(kappa)
             off.append(np.hypot(wrapped(found.tau - limit.tau), found.v - limit.v))
             change.append(abs(sum(found.multipliers) - sum(limit.multipliers)))
-        places.loglog(kappas, off, ".-", color=COLOURS[name], label=name)
+        distances.loglog(kappas, off, ".-", color=COLOURS[name], label=name)
         multipliers.loglog(kappas, change, ".-", color=COLOURS[name], label=name)
     for axes, title, label in (
-        (places, "motions A to D", "distance in (τ, v) from the impacting model"),
+        (distances, "motions A to D", "distance in (τ, v) from the impacting model"),
         (multipliers, "their multipliers", "change of the sum of both"),
     ):
         _draw_slope(axes, 1e3, -0.5, "κ$^{-1/2}$")
@@ -121,8 +125,8 @@ def _draw_graze(axes: Axes, gear: Gear) -> None:
     piece = max(gear.gamma(), key=lambda each: each.tau.size)
     i = piece.tau.size // 2
     tau, middle = float(piece.tau[i]) % 1.0, float(piece.v[i])
-    v = middle + np.linspace(-REACH, REACH, 801)
-    for kappa, colour in zip(SHOWN, ("#fdae61", "#f46d43", "#a50026"), strict=True):
+    v = middle + np.linspace(-GRAZE_REACH, GRAZE_REACH, 801)
+    for kappa, colour in zip(GRAZE_STIFFNESSES, ("#fdae61", "#f46d43", "#a50026"), strict=True):
         stiff = StiffGear(gear.delta, gear.epsilon, gear.beta, kappa)
         axes.plot(v - middle, [stiff.impact(tau, x).v for x in v], color=colour, label=f"κ = {kappa:g}")
     axes.plot(v - middle, [gear.impact(tau, x).v for x in v], "k", lw=1.0, label="impacting")

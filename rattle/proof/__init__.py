@@ -1,1 +1,1 @@
-"""Theorems about motions: a finder in ball arithmetic, certificates, and a checker that shares no code with it."""
+"""Theorems about motions: a finder that works in ball arithmetic, certificates, and an independent checker."""

@@ -27,9 +27,9 @@ _PRECISION = threading.RLock()
 
 @contextmanager
 def precision(bits: int = BITS) -> Iterator[None]:
-    """Set the precision of balls in bits, and the order of series to 1, within a `with` block.
+    """Compute with balls of this precision in bits, and with power series to first order, within a `with` block.
 
-    Precision and order are settings of the whole process, so only one thread at a time can be in such a block.
+    Precision and order are settings of the whole process, so a second thread waits until the block of the first ends.
     """
     with _PRECISION, ctx.workprec(bits):
         before, ctx.cap = ctx.cap, 2

@@ -61,7 +61,7 @@ class CertifiedMotion:
     """The motion that a certificate states.
 
     itinerary: the walls of its impacts or contacts, 1 for Σ⁺ and −1 for Σ⁻. walls: the wall of each event, which is an
-    impact, or the beginning or the end of a contact. m: its forcing periods. k: the stiffness between events, in turn:
+    impact, or the beginning or the end of a contact. m: the forcing periods. k: the stiffness between events, in turn:
     [0], or [2κ, 0] for a contact and a flight. turns: the factor by which an event multiplies the velocity, −1 at an
     impact and 1 at the beginning or the end of a contact.
     centre, radii: the centre and the half-widths of the box of the unknowns x.

@@ -26,12 +26,12 @@ from rattle.proof.balls import (
     rounded_midpoint,
 )
 from rattle.proof.certificate import Certificate, Ends, Verdict
-from rattle.proof.flights import ModelPlane
+from rattle.proof.flights import ModelPoint
 from rattle.proof.krawczyk import MOST_MOVED, EvaluatedEquations, enclose_zero
 
 #: A published enclosure is wider than its ball by this multiple of the ball's width: other programs round differently.
 WIDENING = 10**4
-#: Unit to which the ends of a published enclosure are rounded, for numbers of order 1.
+#: Least unit to which the ends of a published enclosure are rounded; the unit is larger for wide or large enclosures.
 FINEST = Fraction(1, 10**12)
 #: Decimals of published speeds.
 PLACES = 25
@@ -41,8 +41,11 @@ SAME_TRACE = 1e-6
 MOST_IMPACTS_AT_BITS = 16
 
 
-class MotionSystem(EvaluatedEquations, Protocol):
-    """Enclosures of the flights of a periodic motion, and of its contacts in the stiff gear, at given times."""
+class MotionEnclosures(EvaluatedEquations, Protocol):
+    """Enclosures of the flights of a periodic motion, and of its contacts in the stiff gear, between given times.
+
+    These are `ImpactEnclosures` or `StiffEnclosures`.
+    """
 
     @property
     def speeds(self) -> list[arb]:
@@ -87,19 +90,27 @@ def prove_motion(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificat
 
 def equations_and_guess(
     orbit: Periodic, parameters: dict[str, Fraction]
-) -> tuple[Callable[[Sequence[arb]], MotionSystem], NDArray[np.float64]]:
+) -> tuple[Callable[[Sequence[arb]], MotionEnclosures], NDArray[np.float64]]:
     """Return the equations of motions with the walls of a computed motion, and its times as a first guess."""
-    plane = ModelPlane(*(ball(parameters[name]) for name in ("delta", "epsilon", "beta")))
+    point = ModelPoint(*(ball(parameters[name]) for name in ("delta", "epsilon", "beta")))
     if stiff.ADDED not in parameters:
-        return impacting.ImpactingSystem(plane, orbit.walls, orbit.m), orbit.departures
+        return impacting.ImpactingSystem(point, orbit.walls, orbit.m), orbit.departures
     times = np.stack([orbit.times, orbit.departures], axis=-1)
     return stiff.StiffSystem(
-        stiff.StiffParameters(plane, ball(parameters[stiff.ADDED])), orbit.walls, orbit.m
+        stiff.StiffParameters(point, ball(parameters[stiff.ADDED])), orbit.walls, orbit.m
     ), times.ravel()
 
 
 def require_stated_values(orbit: Periodic, speeds: Sequence[Fraction], trace: arb) -> None:
-    """Raise NotProvedError if rounding cannot explain how stated speeds or multipliers differ from the proved ones."""
+    """Compare the speeds and multipliers of a computed motion with those of the proved motion.
+
+    orbit: the computed motion. speeds, trace: the speeds, and the sum of both multipliers, of the proved motion.
+
+    Raises
+    ------
+    NotProvedError
+        If speeds or multipliers differ by more than rounding explains.
+    """
     each = len(speeds) // len(orbit.walls)
     departures = [float(speed) for speed in speeds[each - 1 :: each]]
     moved = max(abs(stated - speed) for stated, speed in zip(orbit.speeds, departures, strict=True))
@@ -110,7 +121,8 @@ def require_stated_values(orbit: Periodic, speeds: Sequence[Fraction], trace: ar
     stated = sum(orbit.multipliers).real
     if not abs(stated - float(trace)) < SAME_TRACE * max(1.0, abs(float(trace))):
         raise NotProvedError(
-            f"the stated multipliers have the sum {stated:.6g}, but the proved multipliers have {float(trace):.6g}"
+            f"the stated multipliers have the sum {stated:.6g}, but the proved multipliers have {float(trace):.6g}: "
+            "compute the motion again"
         )
 
 
@@ -126,7 +138,7 @@ def require_least_period(times: Sequence[arb], walls: Sequence[int], m: int) -> 
             continue
         later = [*times, *(time + m for time in times)][shift * each :]
         if not any(abs(b - a - m // parts) > 0 for a, b in zip(times, later, strict=False)):
-            raise NotProvedError(f"the motion may repeat after {m // parts} of {m} forcing periods")
+            raise NotProvedError(f"{m} is not proved to be the least period of the motion: it may be {m // parts}")
 
 
 def verdict_of(trace: arb, determinant: arb) -> Verdict:
@@ -172,7 +184,7 @@ def widened_ends(x: arb) -> Ends:
 
 
 def radius_upper_bound(box: Sequence[arb], centres: Sequence[Fraction]) -> Fraction:
-    """Return a bound, rounded up to two digits, of how far the ball box[i] reaches from centres[i], for all i."""
+    """Return a radius r, rounded up to two digits: for each i the ball box[i] lies within centres[i] ± r."""
     apart = (abs(each - ball(centre)) for each, centre in zip(box, centres, strict=True))
     widest = exact_midpoint(reduce(arb.max, apart).upper())
     unit = Fraction(1, 10**30)

@@ -22,8 +22,8 @@ UP, DOWN = 1, -1
 
 
 @dataclass(frozen=True)
-class ModelPlane:
-    """The parameters δ, ε and β as balls, and quantities that follow from them alone."""
+class ModelPoint:
+    """A parameter point: δ, ε and β as balls, and quantities that follow from these parameters alone."""
 
     delta: arb
     epsilon: arb
@@ -74,7 +74,7 @@ class FlightEnclosure:
     w0_t0, w0_t1, w1_t0, w1_t1: derivatives of the velocities by the times (1.10); w0_t0 is ∂w0/∂t0.
     """
 
-    plane: ModelPlane
+    point: ModelPoint
     t0: arb
     t1: arb
     rest: arb
@@ -89,14 +89,14 @@ class FlightEnclosure:
 
     def state_at(self, t: arb) -> tuple[arb, arb]:
         """Return Φ(t) − Φ(t0) and Φ'(t), by (1.4) and (1.5) of docs/proofs.md."""
-        plane, sine, cosine = self.plane, *(2 * t).sin_cos_pi()
-        kept = (-plane.delta * (t - self.t0)).exp()
-        height = self.rest * (kept - 1) / plane.delta + plane.epsilon * (cosine - self.cos0)
-        return height + plane.drift * (t - self.t0), plane.drift - plane.velocity_amplitude * sine - self.rest * kept
+        point, sine, cosine = self.point, *(2 * t).sin_cos_pi()
+        kept = (-point.delta * (t - self.t0)).exp()
+        height = self.rest * (kept - 1) / point.delta + point.epsilon * (cosine - self.cos0)
+        return height + point.drift * (t - self.t0), point.drift - point.velocity_amplitude * sine - self.rest * kept
 
 
 def flight(
-    plane: ModelPlane, t0: arb, t1: arb, turn0: tuple[arb, arb], turn1: tuple[arb, arb], distance: arb
+    point: ModelPoint, t0: arb, t1: arb, turn0: tuple[arb, arb], turn1: tuple[arb, arb], distance: arb
 ) -> FlightEnclosure:
     """Return the flight over a distance between two times, by (1.7) to (1.10) of docs/proofs.md.
 
@@ -112,20 +112,20 @@ def flight(
     FlightEnclosure
         The flight.
     """
-    (sin0, cos0), (sin1, cos1), delta = turn0, turn1, plane.delta
+    (sin0, cos0), (sin1, cos1), delta = turn0, turn1, point.delta
     lost = -(-delta * (t1 - t0)).expm1()
     decay, pull = 1 - lost, delta / lost
-    rest = (plane.drift * (t1 - t0) + plane.epsilon * (cos1 - cos0) - distance) * pull
+    rest = (point.drift * (t1 - t0) + point.epsilon * (cos1 - cos0) - distance) * pull
     w0, w1 = (
-        plane.drift - plane.velocity_amplitude * sin0 - rest,
-        plane.drift - plane.velocity_amplitude * sin1 - rest * decay,
+        point.drift - point.velocity_amplitude * sin0 - rest,
+        point.drift - point.velocity_amplitude * sin1 - rest * decay,
     )
     return FlightEnclosure(
-        plane, t0, t1, rest, cos0, w0, w1, decay,
-        w0_t0=w0 * pull + delta * rest - plane.force_amplitude * cos0,
+        point, t0, t1, rest, cos0, w0, w1, decay,
+        w0_t0=w0 * pull + delta * rest - point.force_amplitude * cos0,
         w0_t1=-pull * w1,
         w1_t0=decay * pull * w0,
-        w1_t1=(delta * rest - w1 * pull) * decay - plane.force_amplitude * cos1,
+        w1_t1=(delta * rest - w1 * pull) * decay - point.force_amplitude * cos1,
     )  # fmt: skip
 
 
@@ -159,7 +159,7 @@ def require_first_impact(flight: FlightEnclosure, wall: int, target: int, name: 
     if sign(flight.w0) != -wall or sign(flight.w1) != target:
         raise NotProvedError(f"{name} is not proved to start and end inside the walls: it may graze or pass a wall")
     # Φ of both walls minus Φ at the departure
-    above, below = flight.plane.beta * (1 - wall), -flight.plane.beta * (1 + wall)
+    above, below = flight.point.beta * (1 - wall), -flight.point.beta * (1 + wall)
     for turn, height in extrema(flight, name):
         if not (height > below if turn == UP else height < above):
             raise NotProvedError(f"{name} may touch Σ{'⁻' if turn == UP else '⁺'} on its way")
@@ -205,7 +205,7 @@ def force_zero_times(flight: FlightEnclosure) -> list[arb]:
         The times. A time close to an end of the flight is included unless it is proved to be outside.
     """
     found = []
-    for edge in flight.plane.force_zero_phases:
+    for edge in flight.point.force_zero_phases:
         number = math.floor(float((flight.t0 - edge).mid())) - 1
         while not edge + number > flight.t1:
             if not edge + number < flight.t0:
@@ -236,12 +236,12 @@ def extremum(flight: FlightEnclosure, start: arb, end: arb, name: str) -> arb:
         raise NotProvedError(f"{name} has an extremum too close to its end or to a zero of the contact force")
     height, slope = flight.state_at(turn)
     length = end - start
-    return height + arb(0, 1) * length * (flight.plane.delta * length).exp() * slope
+    return height + arb(0, 1) * length * (flight.point.delta * length).exp() * slope
 
 
 def _guess_extremum_time(flight: FlightEnclosure, start: float, end: float) -> float:
     """Return a guess, in doubles, of the time at which Φ' changes sign. The bound of `extremum` holds for any guess."""
-    delta, epsilon = float(flight.plane.delta), float(flight.plane.epsilon)
+    delta, epsilon = float(flight.point.delta), float(flight.point.epsilon)
     t0, rest = float(flight.t0), float(flight.rest)
 
     def slope(t: float) -> float:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rattle.proof.balls import arb, arb_mat
-from rattle.proof.flights import FlightEnclosure, ModelPlane, flight, require_first_impact
+from rattle.proof.flights import FlightEnclosure, ModelPoint, flight, require_first_impact
 
 #: Name of this model in certificates.
 MODEL = "impacting"
@@ -69,7 +69,7 @@ class ImpactEnclosures:
 class ImpactingSystem:
     """The equations of motions that meet `walls` (n,) in m forcing periods, for the times (n,) of their impacts."""
 
-    plane: ModelPlane
+    point: ModelPoint
     walls: tuple[int, ...]
     m: int
 
@@ -78,8 +78,8 @@ class ImpactingSystem:
         n, turns = len(times), [(2 * time).sin_cos_pi() for time in times]
         flights = [
             flight(
-                self.plane, times[i], times[i + 1] if i + 1 < n else times[0] + self.m, turns[i], turns[(i + 1) % n],
-                self.plane.beta * (self.walls[(i + 1) % n] - self.walls[i]),
+                self.point, times[i], times[i + 1] if i + 1 < n else times[0] + self.m, turns[i], turns[(i + 1) % n],
+                self.point.beta * (self.walls[(i + 1) % n] - self.walls[i]),
             )
             for i in range(n)
         ]  # fmt: skip

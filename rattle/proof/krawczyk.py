@@ -50,8 +50,9 @@ class Enclosure:
 def enclose_zero(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
     """Return a proved enclosure of the zero near a computed zero.
 
-    Let X be a box with the centre c, and C any matrix. If K(X) = c − C R(c) + (1 − C ∂R(X)) (X − c) lies inside X, then
-    X has exactly one zero, and K(X) contains it: R. Krawczyk, Computing 4 (1969) 187–201.
+    Let R be the residual of the equations, X a box with the centre c, and C any matrix. If the box
+    K(X) = c − C R(c) + (1 − C ∂R(X)) (X − c) lies inside X, then X has exactly one zero, and K(X) contains it:
+    R. Krawczyk, Computing 4 (1969) 187–201.
 
     Parameters
     ----------
@@ -72,7 +73,7 @@ def enclose_zero(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
     """
     about, centre = refined_zero(equations, start)
     x = [ball(each) for each in centre]
-    step, small = about * column(equations(x).residual), tight_radius()
+    step, small = about * column_vector(equations(x).residual), tight_radius()
     for radius in RADII:
         limit = ball(radius)
         moved = _krawczyk_image(equations, x, step, about, [interval_ball(Fraction(0), radius)] * len(x))
@@ -108,14 +109,14 @@ def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_
     x = [arb(float(each)) for each in start]
     here = equations(x)
     about = approximate_inverse(here.jacobian)
-    step = (about * column(here.residual)).entries()
+    step = (about * column_vector(here.residual)).entries()
     moved = max(abs(float(each)) for each in step)
     if not moved < MOST_MOVED:
         raise NotProvedError(
             f"the nearest exact solution is {moved:.1e} away from the computed motion: compute the motion again"
         )
     x = [(a - b).mid() for a, b in zip(x, step, strict=True)]
-    step = (about * column(equations(x).residual)).entries()
+    step = (about * column_vector(equations(x).residual)).entries()
     return about, [rounded_midpoint(a - b, PLACES) for a, b in zip(x, step, strict=True)]
 
 
@@ -131,7 +132,7 @@ def approximate_inverse(matrix: arb_mat) -> arb_mat:
     return arb_mat(found.tolist())
 
 
-def column(entries: Sequence[arb]) -> arb_mat:
+def column_vector(entries: Sequence[arb]) -> arb_mat:
     """Return the entries (n,) as a column vector (n, 1)."""
     return arb_mat(len(entries), 1, list(entries))
 
@@ -139,8 +140,16 @@ def column(entries: Sequence[arb]) -> arb_mat:
 def _krawczyk_image(
     equations: Equations, x: Sequence[arb], step: arb_mat, about: arb_mat, box: Sequence[arb]
 ) -> list[arb]:
-    """Return K(x + box) − x for Krawczyk's operator K (`enclose_zero`); `about` is its matrix C, and step is C R(x)."""
+    """Return K(x + box) − x for Krawczyk's operator K, which `enclose_zero` defines.
+
+    about: the matrix C of K. step: C R(x), with the residual R.
+
+    Returns
+    -------
+    list[arb]
+        Balls (n,).
+    """
     n = len(x)
     unit = arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
     jacobian = equations([a + b for a, b in zip(x, box, strict=True)]).jacobian
-    return ((unit - about * jacobian) * column(box) - step).entries()
+    return ((unit - about * jacobian) * column_vector(box) - step).entries()

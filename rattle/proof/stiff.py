@@ -12,7 +12,7 @@ from functools import cached_property
 
 from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb, arb_mat
-from rattle.proof.flights import FlightEnclosure, ModelPlane, flight, require_first_impact
+from rattle.proof.flights import FlightEnclosure, ModelPoint, flight, require_first_impact
 
 #: Name of this model in certificates.
 MODEL = "stiff"
@@ -26,16 +26,16 @@ MOST_PARTS = 2000
 class StiffParameters:
     """The parameters δ, ε, β and κ of the stiff gear, and quantities of its contacts that follow from them alone."""
 
-    plane: ModelPlane
+    point: ModelPoint
     kappa: arb
 
     @cached_property
     def steady_amplitudes(self) -> tuple[arb, arb]:
         """The amplitudes P and Q of cos 2πt and sin 2πt in the steady motion, (1.12) and (1.13) of docs/proofs.md."""
-        stiff, loss = 2 * self.kappa - 4 * PI() ** 2, 2 * PI() * self.plane.delta
+        stiff, loss = 2 * self.kappa - 4 * PI() ** 2, 2 * PI() * self.point.delta
         a, b, size = (
-            -self.plane.force_amplitude,
-            -self.plane.delta * self.plane.velocity_amplitude,
+            -self.point.force_amplitude,
+            -self.point.delta * self.point.velocity_amplitude,
             stiff * stiff + loss * loss,
         )
         return (a * stiff - b * loss) / size, (b * stiff + a * loss) / size
@@ -43,12 +43,12 @@ class StiffParameters:
     @cached_property
     def steady_mean(self) -> arb:
         """The mean 4πδ/2κ of the steady motion, the permanent contact."""
-        return self.plane.delta * self.plane.drift / (2 * self.kappa)
+        return self.point.delta * self.point.drift / (2 * self.kappa)
 
     @cached_property
     def free_frequency(self) -> arb:
         """√(2κ − δ²/4), the frequency of free oscillations of a contact. Raises NotProvedError if overdamped."""
-        square = 2 * self.kappa - self.plane.delta**2 / 4
+        square = 2 * self.kappa - self.point.delta**2 / 4
         if not square > 0:
             raise NotProvedError(
                 "contacts are overdamped, for which this program has no proof: kappa must exceed delta²/8"
@@ -62,7 +62,7 @@ class StiffParameters:
 
     def tangent(self, u: arb) -> tuple[arb, arb, arb, arb]:
         """Return the tangent map (C, S, −2κS, C − δS) of (y, y') over a time u in contact: (1.15) of docs/proofs.md."""
-        delta = self.plane.delta
+        delta = self.point.delta
         sine, cosine = (self.free_frequency * u).sin_cos()
         kept = (-delta * u / 2).exp()
         s = kept * sine / self.free_frequency
@@ -71,14 +71,14 @@ class StiffParameters:
 
     def force(self, time: arb) -> arb:
         """Return the contact force g at a time."""
-        return self.plane.force(*(2 * time).sin_cos_pi())
+        return self.point.force(*(2 * time).sin_cos_pi())
 
 
 @dataclass(frozen=True)
 class ContactEnclosure:
     """A contact that begins at time t0 with penetration y = 0 and the velocity w, and ends at time t1."""
 
-    walls: StiffParameters
+    parameters: StiffParameters
     t0: arb
     t1: arb
     w: arb
@@ -86,13 +86,13 @@ class ContactEnclosure:
     @cached_property
     def initial_deviation(self) -> tuple[arb, arb]:
         """The state (y, y') at t0, y being the penetration, less the state of the steady motion (permanent contact)."""
-        y, v = self.walls.steady_motion(self.t0)
+        y, v = self.parameters.steady_motion(self.t0)
         return -y, self.w - v
 
     @cached_property
     def tangent(self) -> tuple[arb, arb, arb, arb]:
         """The tangent map (C, S, −2κS, C − δS) of (y, y') from t0 to t1, the ends of the contact."""
-        return self.walls.tangent(self.t1 - self.t0)
+        return self.parameters.tangent(self.t1 - self.t0)
 
     @cached_property
     def final_state(self) -> tuple[arb, arb]:
@@ -101,22 +101,22 @@ class ContactEnclosure:
 
     def state_at(self, t: arb) -> tuple[arb, arb]:
         """Return the penetration y of the wall, and y', at time t."""
-        return self._state_from_tangent(t, self.walls.tangent(t - self.t0))
+        return self._state_from_tangent(t, self.parameters.tangent(t - self.t0))
 
     def _state_from_tangent(self, t: arb, tangent: tuple[arb, arb, arb, arb]) -> tuple[arb, arb]:
         """Return the penetration y, and y', at time t, from the tangent map between t0 and t."""
-        (moved, pushed), (y, v), (c, s, c1, s1) = self.initial_deviation, self.walls.steady_motion(t), tangent
+        (moved, pushed), (y, v), (c, s, c1, s1) = self.initial_deviation, self.parameters.steady_motion(t), tangent
         return y + c * moved + s * pushed, v + c1 * moved + s1 * pushed
 
 
 @dataclass(frozen=True)
-class Contacts:
-    """The contacts (c,) and flights (c,) of a motion, flight i after contact i.
+class StiffEnclosures:
+    """The contacts (c,) and flights (c,) of a motion between given times; flight i follows contact i.
 
     The unknowns (2c,) are the times at which each contact begins and ends.
     """
 
-    walls: StiffParameters
+    parameters: StiffParameters
     itinerary: tuple[int, ...]
     contacts: list[ContactEnclosure]
     flights: list[FlightEnclosure]
@@ -132,13 +132,13 @@ class Contacts:
     @property
     def jacobian(self) -> arb_mat:
         """The Jacobian ∂R/∂t (2c, 2c)."""
-        n, delta = 2 * len(self.itinerary), self.walls.plane.delta
+        n, delta = 2 * len(self.itinerary), self.parameters.point.delta
         matrix = [[arb(0)] * n for _ in range(n)]
         for i, (contact, after) in enumerate(zip(self.contacts, self.flights, strict=True)):
             before, begin, end = self.flights[i - 1], 2 * i, 2 * i + 1
             (c, s, c1, s1), (y, v) = contact.tangent, contact.final_state
-            pull = self.walls.force(contact.t0) - delta * contact.w
-            push = self.walls.force(contact.t1) - delta * v - 2 * self.walls.kappa * y
+            pull = self.parameters.force(contact.t0) - delta * contact.w
+            push = self.parameters.force(contact.t1) - delta * v - 2 * self.parameters.kappa * y
             for row, by_y, by_v, by_end in ((begin, c, s, v), (end, c1, s1, push)):
                 matrix[row][begin - 1] += by_v * before.w1_t0
                 matrix[row][begin] += by_v * before.w1_t1 - by_y * contact.w - by_v * pull
@@ -156,7 +156,7 @@ class Contacts:
     @property
     def trace(self) -> arb:
         """The trace of the product of the tangent maps of (Φ, Φ') over all contacts and flights."""
-        product, delta = arb_mat([[1, 0], [0, 1]]), self.walls.plane.delta
+        product, delta = arb_mat([[1, 0], [0, 1]]), self.parameters.point.delta
         for contact, after in zip(self.contacts, self.flights, strict=True):
             c, s, c1, s1 = contact.tangent
             product = (
@@ -176,23 +176,25 @@ class Contacts:
 class StiffSystem:
     """The equations of motions that touch these walls (c,) in m forcing periods, for the times (2c,) of contacts."""
 
-    walls: StiffParameters
+    parameters: StiffParameters
     itinerary: tuple[int, ...]
     m: int
 
-    def __call__(self, times: Sequence[arb]) -> Contacts:
+    def __call__(self, times: Sequence[arb]) -> StiffEnclosures:
         """Return the contacts and flights between these times; they form a motion if their residual R is 0."""
-        c, n, plane = len(self.itinerary), len(times), self.walls.plane
+        c, n, point = len(self.itinerary), len(times), self.parameters.point
         turns = [(2 * time).sin_cos_pi() for time in times]
         flights = [
             flight(
-                plane, times[i], times[i + 1] if i + 1 < n else times[0] + self.m, turns[i], turns[(i + 1) % n],
-                plane.beta * (self.itinerary[(i // 2 + 1) % c] - self.itinerary[i // 2]),
+                point, times[i], times[i + 1] if i + 1 < n else times[0] + self.m, turns[i], turns[(i + 1) % n],
+                point.beta * (self.itinerary[(i // 2 + 1) % c] - self.itinerary[i // 2]),
             )
             for i in range(1, n, 2)
         ]  # fmt: skip
-        contacts = [ContactEnclosure(self.walls, times[2 * i], times[2 * i + 1], flights[i - 1].w1) for i in range(c)]
-        return Contacts(self.walls, self.itinerary, contacts, flights)
+        contacts = [
+            ContactEnclosure(self.parameters, times[2 * i], times[2 * i + 1], flights[i - 1].w1) for i in range(c)
+        ]
+        return StiffEnclosures(self.parameters, self.itinerary, contacts, flights)
 
 
 def require_contact_lasts(contact: ContactEnclosure, wall: int, name: str) -> None:

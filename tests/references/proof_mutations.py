@@ -24,7 +24,7 @@ NAMED = "PROOF_MUTATION"
 #: What is wrong: (file of rattle/proof, what stands there once, what the mutation puts there).
 MUTATIONS = {
     "a box of half its radius": ("balls", "arb(0, 1) * ball(radius)", "arb(0, 1) * ball(radius) / 2"),
-    "the operator with the wrong sign of R": ("krawczyk", "column(box) - step", "column(box) + step"),
+    "the operator with the wrong sign of R": ("krawczyk", "column_vector(box) - step", "column_vector(box) + step"),
     "no limit to how far Newton moves": ("krawczyk", "if not moved < MOST_MOVED", "if not moved < 1.0"),
     "a box that may be mapped beyond itself": (
         "krawczyk",
@@ -33,10 +33,10 @@ MUTATIONS = {
     ),
     "the velocity of a flight with a wrong sign": (
         "flights",
-        "plane.drift - plane.velocity_amplitude * sine - ",
-        "plane.drift + plane.velocity_amplitude * sine - ",
+        "point.drift - point.velocity_amplitude * sine - ",
+        "point.drift + point.velocity_amplitude * sine - ",
     ),
-    "the height of a flight with a wrong sign": ("flights", "(kept - 1) / plane.delta", "(1 - kept) / plane.delta"),
+    "the height of a flight with a wrong sign": ("flights", "(kept - 1) / point.delta", "(1 - kept) / point.delta"),
     "the force never changes sign": ("flights", "if share > 1:", "if share > 0:"),
     "the arc begins where it ends": (
         "flights",
@@ -54,14 +54,14 @@ MUTATIONS = {
         "height > below if turn == UP else height < above",
         "height > below if turn == UP else True",
     ),
-    "the gap is on the other side": ("flights", "-flight.plane.beta * (1 + wall)", "-flight.plane.beta * (3 + wall)"),
+    "the gap is on the other side": ("flights", "-flight.point.beta * (1 + wall)", "-flight.point.beta * (3 + wall)"),
     "flights from behind a wall": (
         "flights",
         "if sign(flight.w0) != -wall or sign(flight.w1) != target:",
         "if sign(flight.w0) != -wall and sign(flight.w1) != target:",
     ),
     "an extremum without its bound": ("flights", "height + arb(0, 1) * length * ", "height + arb(0) * length * "),
-    "a bound of an extremum without damping": ("flights", " * (flight.plane.delta * length).exp() * slope", " * slope"),
+    "a bound of an extremum without damping": ("flights", " * (flight.point.delta * length).exp() * slope", " * slope"),
     "a turn taken for none": ("flights", "        if after != before:", "        if after < before:"),
     "derivatives of a flight with a wrong sign": ("flights", "w0_t1=-pull * w1", "w0_t1=pull * w1"),
     "a tangent map that forgets its end": ("impacting", "each.w1_t0 + each.w1_t1 * t_t", "each.w1_t0"),

@@ -1,1 +1,1 @@
-"""Theorems about all points of a block of the plane: a finder in balls, and a checker that shares no code with it."""
+"""Theorems about all points of a block of the plane: a finder in ball arithmetic, and an independent checker."""

@@ -53,10 +53,10 @@ QUIET, LOUD, CAPTURED = "quiet is possible", "quiet is impossible", "quiet captu
 class ProvedBlock:
     """A theorem about all points of a block, edges included.
 
-    claim: a key of CLAIMS, or QUIET, LOUD or CAPTURED.
+    claim: a region, "I" to "V", or another claim of this module, such as "C attracts" or "quiet is possible".
     beta: the half-backlash.
     delta, epsilon: both ends of the block in δ and in ε.
-    speed: for the claim CAPTURED, the speed below which motions that leave Σ⁺ become quiet; None for other claims.
+    speed: for the claim "quiet captures", the speed below which motions that leave Σ⁺ become quiet; otherwise None.
     """
 
     claim: str

@@ -1,7 +1,7 @@
 """The speed below which every motion becomes quiet, over a piece of the plane: Lemmas 20 and 21 of docs/proofs.md.
 
 The proof measures time by x with dx = e^(−δ(t − t₀)) dt. Then the height y = β − Φ of a bounce obeys y'' = −a(x),
-where a = e^(2δ(t − t₀)) g (20.2): there is no damping term. t₀ is a time during the bounce. A bounce lasts 2h in x.
+where a = e^(2δ(t − t₀)) g (20.2): there is no damping term. t₀ is the time at which x = 0. A bounce lasts 2h in x.
 From one impact to the next ln(v³/g) changes by h³Q − δs (20.5), where v is the speed after an impact, s ≥ 2h is the
 duration of the bounce in t, and Q is given by (20.4). So v³/g falls at each impact if h²Q < 2δ.
 
@@ -19,7 +19,7 @@ from rattle.proof.balls import PI, arb, arb_series
 
 #: Number of parts of a forcing period; the bounds are computed over each part.
 PARTS = 128
-#: Largest allowed ratio of h²Q to 2δ, (20.5) of docs/proofs.md. v³/g decays from impact to impact if h²Q/2δ < 1.
+#: The proof requires h²Q < GROWTH_SHARE · 2δ. By (20.5) of docs/proofs.md v³/g falls at each impact if h²Q < 2δ.
 GROWTH_SHARE = 0.95
 
 
@@ -29,7 +29,7 @@ def require_captures(piece: PlanePiece, speed: Fraction) -> None:
     if not share < 1:
         raise NotProvedError("the block is not proved to be below the quiet limit: choose a smaller ε")
     mean = 4 * PI() * piece.delta
-    # in units in which the mean of g is 1, g ≥ 1 − share; the proof shows v³/g ≤ invariant at every impact
+    # at a departure slower than `speed`, v³/g ≤ invariant: g ≥ 1 − share in units in which the mean of g is 1
     invariant = (arb(speed.numerator) / speed.denominator / mean) ** 3 / (1 - upper(share))
     longest = _half_duration_bound(piece, share, invariant)
     h = longest / (1 - piece.delta * longest)
@@ -57,13 +57,13 @@ def _scaled_force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
 
 
 def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
-    """Return a bound H such that every bounce returns to Σ⁺ within 2H in the time x, without reaching Σ⁻.
+    """Return a bound H: every bounce returns to Σ⁺ before the time x of (20.2) reaches 2H, without reaching Σ⁻.
 
-    x is the time of equation (20.2) of docs/proofs.md. share: ε divided by the quiet limit. invariant: an upper bound
-    of v³/g at the impacts, where v is the speed after the impact, at which a bounce starts at x = 0, and g the contact
-    force. Let "least" be the minimum of g during 2H, with v and g in units in which the mean of g is 1. A bounce
-    returns within 2H if v < H · least, because its height is y ≤ x (v − x least/2). The bounce stays lower than
-    v²/(2 least).
+    A bounce starts at x = 0 with the speed v after an impact. Let G be the minimum of the contact force g until x = 2H.
+    The height of the bounce is y ≤ x (v − xG/2). So it returns before x = 2H if v < HG, and its height stays below
+    v²/2G. Speeds and forces are in units in which the mean of g is 1; (20.2) is in docs/proofs.md.
+
+    share: ε divided by the quiet limit. invariant: an upper bound of v³/g at the impacts.
 
     Returns
     -------
@@ -80,7 +80,7 @@ def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
         here = hull(arb(i) / PARTS, arb(i + 1) / PARTS)
         v = upper(invariant * upper(_scaled_force(here, share)[0])).root(3)
         h = upper(v / (1 - upper(share))) * (1 + arb(2.0**-10))
-        for _ in range(4):  # with a shorter bounce the minimum of g during it is larger, so the next bound H is smaller
+        for _ in range(4):  # a smaller bound h gives a larger minimum of g, which gives a smaller h
             time = upper(-(1 - 2 * h * piece.delta).log() / piece.delta)
             least = _scaled_force(hull(here, here + time), share)[0].lower()
             if not least > 0:
@@ -94,10 +94,12 @@ def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
 
 
 def _growth_coefficient(middle: arb, h: arb, delta: arb, share: arb) -> arb:
-    """Return Q of (20.4), docs/proofs.md: from one impact to the next ln(v³/g) changes by h³Q − δs (20.5).
+    """Return an enclosure of Q, (20.4) of docs/proofs.md, for bounces that last at most 2h in the time x of (20.2).
 
-    The bounces are around the time `middle`, and last at most 2h in the time x of (20.2). s is the duration of a bounce
-    in forcing periods, v the speed after an impact, g the contact force. share: ε divided by the quiet limit.
+    From the impact before a bounce to the impact after it ln(v³/g) changes by h³Q − δs (20.5). s is the duration of the
+    bounce in forcing periods, v the speed after an impact, g the contact force at the impact.
+
+    middle: times, from a minimum of g, at which x = 0: the middle of the bounces. share: ε divided by the quiet limit.
 
     Returns
     -------

@@ -36,9 +36,10 @@ COLUMN_DIVISIONS = {"region": 1, QUIET: 1, "D": 1, "C": 4}
 MARGINS = tuple(Fraction(k, 10**6) for k in (40, 160, 640, 2560))
 #: Upper ends in ε of the blocks with the claim "quiet captures", as shares of the quiet limit.
 CAPTURE_SHARES = (0.3, 0.5, 0.65, 0.76, 0.84, 0.89, 0.925, 0.95, 0.965, 0.975, 0.98)
-#: Factor by which the capture speed of docs/decisions/0003 is multiplied until the proof succeeds; most repetitions.
+#: The measured capture speed of docs/decisions/0003 is multiplied by SPEED_FACTOR, at most MOST_SPEED_CUTS times, until
+#: "quiet captures" is proved for the product.
 SPEED_FACTOR, MOST_SPEED_CUTS = Fraction(3, 4), 12
-#: Ratio of the published to the proved capture speed, so that programs with other rounding can confirm it.
+#: A block states this share of its proved speed, so that programs with other rounding can confirm the block.
 PUBLISHED_SHARE = Fraction(85, 100)
 #: Number of ε at which claims are computed in doubles; number of bisections of each interval in which claims change.
 GRID_POINTS, BISECTIONS = 301, 24
@@ -75,7 +76,13 @@ def prove_column(beta: Fraction, delta: Ends, epsilon: Ends) -> list[ProvedBlock
 
 
 def _prove_captures(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[ProvedBlock]:
-    """Yield blocks with the claim "quiet captures" in a column, each with its proved capture speed."""
+    """Yield the proved blocks with the claim "quiet captures" in a column, from the least ε upwards.
+
+    Yields
+    ------
+    ProvedBlock
+        A block, with a speed below which all motions that leave Σ⁺ are proved to become quiet.
+    """
     low, limit = epsilon[0], float(quiet_limit(float(delta[0])))
     for share in CAPTURE_SHARES:
         high = min(epsilon[1], round(Fraction(share * limit), PLACES))

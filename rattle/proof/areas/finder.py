@@ -80,7 +80,7 @@ def _find_one_impact(piece: PlanePiece, letter: str, state: ClaimedState) -> tup
 
 
 def require_state(letter: str, state: ClaimedState, number: int | None, attracts: bool | None) -> None:
-    """Prove the claimed state of the motions with one letter.
+    """Raise NotProvedError unless the number and the stability of the motions with one letter are as claimed.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def require_state(letter: str, state: ClaimedState, number: int | None, attracts
     Raises
     ------
     NotProvedError
-        If the claimed state is not proved.
+        If they differ from the claimed `state`, or are undecided.
     """
     if number is None:
         raise NotProvedError(f"it is undecided whether {letter} exists on the block: try a smaller block")

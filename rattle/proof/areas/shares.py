@@ -9,7 +9,7 @@ from fractions import Fraction
 
 from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, ProvedBlock
 
-#: The statement that a point is in a given one of the regions I to V. The claim of each region proves this statement.
+#: The statement that the region of a point, one of I to V, is proved. Blocks of all five regions count.
 REGION = "the region"
 #: {statement: (claims that prove it, claims that disprove it)}. At all other points the statement is open.
 _KINDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
@@ -55,7 +55,7 @@ def shares_of_claims(blocks: Iterable[ProvedBlock], area: Fraction) -> list[Shar
     Returns
     -------
     list[Share]
-        The share of REGION, then one share for each other statement.
+        The share on which a region I to V is proved, then one share for each other statement, such as "C attracts".
     """
     areas: defaultdict[str, Fraction] = defaultdict(Fraction)
     for block in blocks:

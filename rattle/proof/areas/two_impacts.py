@@ -125,7 +125,7 @@ class SolutionCell:
         middle = (self.start + self.end) / 2
         if not self.end - self.start > NARROWEST:
             raise NotProvedError(
-                f"it is undecided whether a B or D takes {float(middle):.4f} forcing periods from Σ⁺ to Σ⁻: "
+                f"it is undecided whether a motion B or D reaches Σ⁻ {float(middle):.4f} forcing periods after Σ⁺: "
                 "try a smaller block"
             )
         return self.cell_between(self.start, middle), self.cell_between(middle, self.end)
@@ -222,7 +222,15 @@ class SolutionCell:
         return self._mean_value([x * x + y * y], [self.epsilon_squared_by_s], [self.epsilon_squared_by_delta])[0]
 
     def square_plus_speed(self, sign: int) -> arb:
-        """Return bounds of sign · ε² + λu over the cell, u the speed after Σ⁻, for a λ ≥ 0 that makes them narrow."""
+        """Return bounds of sign · ε² + λu over the cell, for some λ ≥ 0 that makes the bounds narrow.
+
+        u is the speed after Σ⁻.
+
+        Returns
+        -------
+        arb
+            The bounds. Lemma 17 of docs/proofs.md uses them; it holds for any λ ≥ 0.
+        """
         x, y, _, u = self.solution.centre
         u_s, u_delta = self.solution.by_s[3], self.solution.by_delta[3]
         # with this λ the derivative of the sum by s is nearly 0 (Lemma 17 of docs/proofs.md)
@@ -248,7 +256,7 @@ class SolutionCell:
         low, high = square_range(epsilon)
         if v < 0 or u < 0 or self.epsilon_squared < low or self.epsilon_squared > high:
             return True
-        # motions have u > 0, so ±ε² ≤ ±ε² + λu (λ ≥ 0): an upper bound may show that ε is outside the ball `epsilon`
+        # a motion has u > 0, so ±ε² ≤ ±ε² + λu: an upper bound of the sum may prove its ε outside the ball `epsilon`
         return bool(self.square_plus_speed(1) < low or self.square_plus_speed(-1) < -high)
 
     def all_solutions_are(self, letter: str, epsilon: arb) -> bool | None:
@@ -272,8 +280,8 @@ class SolutionCell:
             return None
         low, high = square_range(epsilon)
         reaches_sigma_minus = self.solution.over[3] > 0
-        # motions need u > 0. Where u ≤ 0, ±ε² ≥ ±ε² + λu (λ ≥ 0): if a lower bound of a right side shows that ε is
-        # outside the ball `epsilon` there, every solution with an ε in the ball has u > 0
+        # a motion needs u > 0. Where u ≤ 0, ±ε² ≥ ±ε² + λu: a lower bound of the sum may prove ε outside the ball
+        # `epsilon` there; then all solutions with an ε in the ball have u > 0
         reaches_sigma_minus = (
             reaches_sigma_minus or self.square_plus_speed(1) > high or self.square_plus_speed(-1) > -low
         )
@@ -434,10 +442,10 @@ def attracts(piece: PlanePiece, run: Iterable[SolutionCell]) -> bool:
 
 
 def _crosses_block(piece: PlanePiece, run: list[SolutionCell], letter: str) -> bool:
-    """Return whether ε(s), monotone over a run of cells, takes each ε of the piece exactly once.
+    """Return whether ε(s) takes each ε of the piece exactly once along a run of cells, at every δ of the piece.
 
-    The neighbours of the run have no motion with an ε of the piece. So at both ends of the run ε(s) is outside the ε
-    range of the piece at every δ, and by continuity on the same side of it at every δ: one δ decides the side.
+    ε(s) is monotone along the run, and the cells next to the run have no motion with an ε of the piece. So at both ends
+    of the run ε(s) is below or above all ε of the piece, by continuity the same at every δ; the middle δ decides which.
 
     Returns
     -------

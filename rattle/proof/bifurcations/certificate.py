@@ -23,7 +23,7 @@ class BifurcationCertificate:
     the speed of one of its impacts is 0 ("GR"). This motion is a regular zero of its equations (Lemma 10 of
     docs/proofs.md), so it is the only one near by.
 
-    name: the name of the curve or of the codimension-two point; for any other motion the kind, "SN", "PD" or "GR".
+    name: the curve or the codimension-two point, such as "SN1" or "COD20"; the kind alone for an event of a branch.
     motion: the walls, the forcing periods, the kind and the grazing impact of the motion.
     known: exact values of parameters. solved: both ends of the enclosure of each other parameter.
     times, radius: the centres (n,) and the half-width of the box of the impacts' times.

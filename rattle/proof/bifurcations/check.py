@@ -3,9 +3,9 @@
 Of this project the program imports only `rattle/proof/check.py`, for intervals and the pieces of motions. A piece is a
 flight from one impact to the next.
 
-The unknowns x are the time t and the velocity w after each impact, in turn, then the unknown parameters of δ and ε. Let
-T be the trace of the motion's tangent map and E = e^(−δm). Then T = 1 + E at a saddle-node (multiplier 1), T = −1 − E
-at a flip (multiplier −1), and w = 0 at a graze. The lemmas are in docs/proofs.md.
+The unknowns x are the time t and the velocity w after each impact, in turn, then δ, ε or both: the parameters that the
+certificate encloses. Let T be the trace of the motion's tangent map and E = e^(−δm). Then T = 1 + E at a saddle-node
+(multiplier 1), T = −1 − E at a flip (multiplier −1), and w = 0 at a graze. The lemmas are in docs/proofs.md.
 """
 
 import json
@@ -39,7 +39,7 @@ VELOCITY_FACTOR = 1000
 FREE = ("delta", "epsilon")
 #: Walls and grazing impact of P(1,1,0), of P(1,1,1), and of P(1,1,1) with a graze on Σ⁻.
 P11, P111, GRAZE = ([1], None), ([1, -1], None), ([1, -1], 1)
-#: {(kind, name): (walls, grazing impact)}. A certificate of any other motion has its kind as its name.
+#: {(kind, name): (walls, grazing impact)} of named curves and points. Any other certificate has its kind as its name.
 NAMES = {
     ("SN", "SN1"): P11, ("PD", "PDC"): P11, ("SN", "SN2"): P111, ("PD", "PD1"): P111, ("PD", "PD2"): P111,
     **{("GR", name): GRAZE for name in ("G1", "G2", "COD20", "COD21", "COD22", "COD23")},
@@ -197,23 +197,24 @@ class Bifurcation:
         return [each.value for each in values], [each.slopes for each in values]
 
     def bifurcation_condition(self, pieces: Sequence[Any], delta: ParameterJet) -> ParameterJet:
-        """Return the function of the tangent map of (Φ, Φ') that is 0 at the bifurcation point.
+        """Return a number that is 0 if the motion bifurcates as stated: its condition on the tangent map of (Φ, Φ').
 
-        The map starts at the grazing impact, or for a saddle-node or flip at the first impact. pieces: one
-        tuple for each flight, with (1 − e^(−δt))/δ and e^(−δt) for its duration t, −2g at its end (None if it ends at
-        the graze), and the velocity after its end.
+        The tangent map covers the period from the grazing impact on, or from the first impact if none grazes. pieces: a
+        tuple for each flight, in order: (1 − e^(−δt))/δ and e^(−δt) with its duration t; −2g at its end, g being the
+        contact force (None if it ends at the graze); the velocity after its end.
 
         Returns
         -------
         ParameterJet
-            The function, times the product of the velocities after all impacts but the graze.
+            The number, times the product of the velocities after all impacts but the graze.
         """
         a, b, c, d, speeds = as_jet(1), as_jet(0), as_jet(0), as_jet(1), as_jet(1)
         first = self.impact or 0
         for i in range(self.n):
             reach, kept, push, w = pieces[(first + i) % self.n]
             a, b, c, d = a + reach * c, b + reach * d, kept * c, kept * d
-            if push is not None:  # w times the impact's map [[−1, 0], [push/w, −1]], push = −2g: push/w grows as w → 0
+            # the impact's map is [[−1, 0], [push/w, −1]], push = −2g; times w, it stays finite as w → 0
+            if push is not None:
                 a, b, c, d = -a * w, -b * w, push * a - c * w, push * b - d * w
                 speeds = speeds * w
         trace, half = a + d, (delta * (-self.m / IV.mpf(2))).exp()

@@ -6,8 +6,8 @@ T = 1 + E − 4π (1 − E) X/δ² (Lemma 9 of docs/proofs.md).
 
 COD20: T = −1 − E, the flip of C. COD21: T = 2√E, a double multiplier. COD22: X = 0, that is T = 1 + E, where A and C
 are born.
-COD23: ∂(w₀ + w₁)/∂τ = 0. This is det J(1) + det J(−1) = 0 at the graze, for the P(1,1,1) that makes an impact on Σ⁻
-where C grazes (`rattle.impacting.bifurcations.codimension_two`).
+COD23: ∂(w₀ + w₁)/∂τ = 0. It is the condition det J(1) + det J(−1) = 0 of the P(1,1,1) whose impact on Σ⁻ is the graze
+(`rattle.impacting.bifurcations.codimension_two`).
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ def _birth_residual(_delta: Series, x: Series, _s: Series, _end: Series) -> Seri
 
 
 Condition = Callable[[Series, Series, Series, Series], Series]
-#: {name of a point: the function of (δ, X, s, E) that is 0 at the point, besides the equations of the graze}.
+#: {name of a point: the function of (δ, X, s, E), in the notation above, that is 0 at the point}. The equations of the
+#: graze hold there too.
 CONDITIONS: dict[str, Condition] = {
     "COD20": _flip_residual,
     "COD21": _double_multiplier_residual,

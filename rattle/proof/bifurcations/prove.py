@@ -98,9 +98,10 @@ def certify_curve_point(
 def _first_guesses(
     definition: Definition, delta: float, epsilon: float, beta: float, motion: tuple[float, float] | None
 ) -> Sequence[Array]:
-    """Return first guesses (n + 2,) of the impact times, δ and ε: the given motion, or closed forms.
+    """Return first guesses (n + 2,) of the impact times, δ and ε of the motion that bifurcates on a curve.
 
-    The given motion is used if it meets the walls of the curve and the curve is no graze.
+    The only guess is the given motion, if it meets the same walls as motions on the curve and the curve is no graze.
+    Otherwise the guesses are those that the curve's definition has.
 
     Returns
     -------
@@ -196,7 +197,15 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
 def _prove_solution(
     name: str, motion: CurveMotion, x: Array, beta: Fraction, known: dict[str, Fraction]
 ) -> BifurcationCertificate:
-    """Return the certificate of the point near the computed impact times, δ and ε, which are in x (n + 2,)."""
+    """Prove that there is a bifurcation point near a computed one.
+
+    x (n + 2,): the computed impact times, δ and ε. known: the exact value of δ or ε, if it is to be taken as exact.
+
+    Returns
+    -------
+    BifurcationCertificate
+        The theorem.
+    """
     n, free = motion.n, [i for i, parameter in enumerate(FREE) if parameter not in known]
     phi = _null_vector(motion, x, float(beta))
     start = np.concatenate([x[:n], x[n:][free], phi])

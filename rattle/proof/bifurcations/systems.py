@@ -20,7 +20,7 @@ from rattle.continuation.conditions import MULTIPLIER, Kind
 from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb, arb_mat, arb_series
 from rattle.proof.bifurcations.codimension_two import CONDITIONS
-from rattle.proof.flights import UP, FlightEnclosure, ModelPlane, extrema, require_first_impact
+from rattle.proof.flights import UP, FlightEnclosure, ModelPoint, extrema, require_first_impact
 from rattle.proof.impacting import ImpactingSystem
 
 Series = arb_series
@@ -87,9 +87,9 @@ class ExtendedSystem:
         delta, epsilon = (self.known[name] if name in self.known else next(free) for name in FREE)
         return delta, epsilon
 
-    def plane(self, at: Sequence[arb]) -> ModelPlane:
-        """Return δ, ε and β as balls; unknown parameters are taken from the unknowns `at`."""
-        return ModelPlane(*self.parameters(at), self.beta)
+    def model_point(self, at: Sequence[arb]) -> ModelPoint:
+        """Return the parameter point: δ, ε and β as balls; unknown parameters are taken from the unknowns `at`."""
+        return ModelPoint(*self.parameters(at), self.beta)
 
 
 @dataclass(frozen=True)
@@ -192,13 +192,13 @@ def require_admissible_at(system: ExtendedSystem, zero: Sequence[arb]) -> None:
 
     All speeds must be proved not to be 0, except at the grazing impact, where the motion touches the wall from inside.
     """
-    motion, plane, times = system.motion, system.plane(zero), zero[: system.motion.n]
+    motion, point, times = system.motion, system.model_point(zero), zero[: system.motion.n]
     grazed = motion.impact
     if grazed is None:
-        ImpactingSystem(plane, motion.walls, motion.m)(times).require_admissible()
+        ImpactingSystem(point, motion.walls, motion.m)(times).require_admissible()
         return
     walls = (*motion.walls[:grazed], *motion.walls[grazed + 1 :])
-    missed = ImpactingSystem(plane, walls, motion.m)([*times[:grazed], *times[grazed + 1 :]])
+    missed = ImpactingSystem(point, walls, motion.m)([*times[:grazed], *times[grazed + 1 :]])
     for i, each in enumerate(missed.flights):
         target, name = walls[(i + 1) % len(walls)], f"the flight after impact {i + 1}, without the grazing impact,"
         if i == (grazed - 1) % len(walls):
@@ -209,20 +209,20 @@ def require_admissible_at(system: ExtendedSystem, zero: Sequence[arb]) -> None:
 
 
 def require_only_graze(each: FlightEnclosure, wall: int, target: int, touched: int, time: arb, name: str) -> None:
-    """Prove that a flight from `wall` to `target` that grazes the wall `touched` at `time` touches no wall otherwise.
+    """Prove that a flight from `wall` to `target` grazes the wall `touched`, and touches no other point of the walls.
 
-    Φ has an extremum at that time if the contact force g then points away from the wall. All other extrema must be
-    strictly between the walls.
+    `time` is the time of the graze, at which Φ' = 0. The contact force must point away from the wall then, so that Φ
+    has an extremum. All other extrema must be strictly between the walls. name: the flight's name in messages.
 
     Raises
     ------
     NotProvedError
         If the proof fails; the flight may touch a wall at another time.
     """
-    push = each.plane.force(*(2 * time).sin_cos_pi())
+    push = each.point.force(*(2 * time).sin_cos_pi())
     if not (-touched * push > 0 and each.t0 < time < each.t1 and -wall * each.w0 > 0 and target * each.w1 > 0):
         raise NotProvedError(f"{name} is not proved to start and end inside the walls and to turn at its graze")
-    above, below = each.plane.beta * (1 - wall), -each.plane.beta * (1 + wall)
+    above, below = each.point.beta * (1 - wall), -each.point.beta * (1 + wall)
     close = [turn for turn, height in extrema(each, name) if not (height > below if turn == UP else height < above)]
     if close != [-touched]:
         raise NotProvedError(f"{name} is not proved to touch a wall at its graze alone")

@@ -41,8 +41,8 @@ class CheckedBundle:
     hull: intervals that contain the times and the velocities of all departures.
     """
 
-    def __init__(self, plane: "HorseshoeClaim", wall: int, middle: Vector, sides: tuple[Vector, Vector]) -> None:
-        self.plane, self.wall, self.middle, self.sides = plane, wall, middle, sides
+    def __init__(self, claim: "HorseshoeClaim", wall: int, middle: Vector, sides: tuple[Vector, Vector]) -> None:
+        self.claim, self.wall, self.middle, self.sides = claim, wall, middle, sides
         self.hull = tuple(x + UNIT * (abs(a) + abs(b)) for x, a, b in zip(middle, *sides, strict=True))
 
     def flight_state(self, start: Vector, t: Interval) -> Vector:
@@ -50,8 +50,8 @@ class CheckedBundle:
         (sine, cosine), (sine1, cosine1), d, e = (
             sine_and_cosine(start[0]),
             sine_and_cosine(t),
-            self.plane.delta,
-            self.plane.epsilon,
+            self.claim.delta,
+            self.claim.epsilon,
         )
         kept, pushed = self.decay_factor(start, t), start[1] - 2 * TWO_PI + TWO_PI * e * sine
         y = 2 * TWO_PI * (t - start[0]) + e * (cosine1 - cosine) + (1 - kept) / d * pushed
@@ -59,14 +59,14 @@ class CheckedBundle:
 
     def decay_factor(self, start: Vector, t: Interval) -> Interval:
         """Return e^(−δ(t − t₀)) for flights from `start` = (t₀, w₀)."""
-        return IV.exp(-self.plane.delta * (t - start[0])) * (1 + SLACK)
+        return IV.exp(-self.claim.delta * (t - start[0])) * (1 + SLACK)
 
     def state_derivatives(self, t: Interval) -> tuple[Vector, Vector]:
         """Return the derivatives of Φ(t) and Φ'(t) by a and by b, for departures middle + a sides[0] + b sides[1]."""
         # with c = e^(−δ(t − t₀)), s = (1 − c)/δ and w₀' = Φ'' at the departure: ∂Φ/∂t₀ = −(w₀ + s w₀'), ∂Φ/∂w₀ = s,
         # ∂Φ'/∂t₀ = −c w₀', ∂Φ'/∂w₀ = c
         c = self.decay_factor((self.hull[0], self.hull[1]), t)
-        s = (1 - c) / self.plane.delta
+        s = (1 - c) / self.claim.delta
         y, v = (-self.hull[1] - s * self.initial_acceleration, s), (-c * self.initial_acceleration, c)
         heights, speeds = ([by[0] * side[0] + by[1] * side[1] for side in self.sides] for by in (y, v))
         return (heights[0], heights[1]), (speeds[0], speeds[1])
@@ -74,7 +74,7 @@ class CheckedBundle:
     @cached_property
     def initial_acceleration(self) -> Interval:
         """The acceleration Φ'' at the departure, over all departures of the parallelogram."""
-        return self.plane.force(self.hull[0]) - self.plane.delta * self.hull[1]
+        return self.claim.force(self.hull[0]) - self.claim.delta * self.hull[1]
 
     def state_at(self, t: Interval) -> Vector:
         """Return enclosures of Φ(t) − Φ(t₀) and Φ'(t) over all flights from the parallelogram of departures."""
@@ -94,7 +94,7 @@ class CheckedBundle:
         Refused
             If a flight may graze, or meet another wall first.
         """
-        end = (target - self.wall) * self.plane.beta
+        end = (target - self.wall) * self.claim.beta
         time = self.guess_arrival(target)
         for _ in range(5):
             y, v = self.flight_state(self.middle, time)
@@ -109,7 +109,7 @@ class CheckedBundle:
         )
         require(self.stays_between_walls(arrival), "a flight is not proved to meet no other wall before its end")
         heights, speeds = self.state_derivatives(arrival)
-        pull = self.plane.force(arrival) - self.plane.delta * speed
+        pull = self.claim.force(arrival) - self.claim.delta * speed
         moved = [(-h / speed, -(v - pull * h / speed)) for h, v in zip(heights, speeds, strict=True)]
         return (landing, -self.flight_state(self.middle, landing)[1]), (moved[0], moved[1])
 
@@ -147,7 +147,7 @@ class CheckedBundle:
 
     def guess_arrival(self, target: int) -> Interval:
         """Return a guess of the time at which the flight from the middle departure reaches `target`. Raises Refused."""
-        t0, w, d, e, b = (float(x.mid) for x in (*self.middle, self.plane.delta, self.plane.epsilon, self.plane.beta))
+        t0, w, d, e, b = (float(x.mid) for x in (*self.middle, self.claim.delta, self.claim.epsilon, self.claim.beta))
         turn, end = 2 * math.pi, (target - self.wall) * b
         pushed = w - 2 * turn + turn * e * math.sin(turn * t0)
 
@@ -178,7 +178,7 @@ class CheckedBundle:
             False if undecided.
         """
         parts = [(IV.mpf(self.hull[0].a), IV.mpf(arrival.b))]
-        above, below = (1 - self.wall) * self.plane.beta, (1 + self.wall) * self.plane.beta
+        above, below = (1 - self.wall) * self.claim.beta, (1 + self.wall) * self.claim.beta
         for _ in range(MOST_TIMES):
             low, high = parts.pop()
             part, middle = IV.mpf([low.a, high.b]), IV.mpf(((low + high) / 2).mid)
@@ -252,14 +252,14 @@ class HorseshoeClaim:
     def coordinates_in(
         self, target: int, periods: int, found: tuple[Vector, tuple[Vector, Vector]]
     ) -> tuple[Vector, list[Any]]:
-        """Return ξ and η of an image in the set `target`, and how much each side of the image adds to them.
+        """Return the coordinates (ξ, η) of an image in the set `target`, shifted by `periods` forcing periods.
 
-        The target is shifted by `periods` forcing periods.
+        found: the centre and the half sides of a parallelogram that contains the image.
 
         Returns
         -------
         tuple[Vector, list[Any]]
-            (ξ, η), and the amounts.
+            Intervals of ξ and η over the image; and for each half side the larger of its extents in ξ and in η.
         """
         (t, v, a, c, b, d), (middle, sides) = self.sets[target], found
         size = a * d - b * c
@@ -340,7 +340,7 @@ class HorseshoeClaim:
 def halves(part: Part, added: list[float]) -> list[Part]:
     """Return both halves of a part, cut across its more stretched side. Raises Refused if the part is too small.
 
-    added: how much each side of the part adds to the coordinates of its image.
+    added: for each side of the part the extent of its image, from `coordinates_in`.
 
     Returns
     -------

@@ -17,7 +17,7 @@ from typing import NamedTuple
 from rattle.errors import NotProvedError
 from rattle.proof.balls import arb, arb_mat, ball
 from rattle.proof.chaos.images import Image, image
-from rattle.proof.flights import ModelPlane
+from rattle.proof.flights import ModelPoint
 
 Pair = tuple[Fraction, Fraction]
 #: Most parts into which a set is cut.
@@ -83,7 +83,7 @@ class MappedSet:
     for a part whose motions are not proved to meet these walls.
     """
 
-    plane: ModelPlane
+    point: ModelPoint
     source: HSet
     walls: tuple[int, ...]
     images: dict[SetPart, Image | None] = field(default_factory=dict)
@@ -95,7 +95,7 @@ class MappedSet:
             centre = self.source.centre_column + matrix * arb_mat(2, 1, [part.xi, part.eta])
             sides = matrix * arb_mat([[part.width, 0], [0, part.height]])
             try:
-                self.images[part] = image(self.plane, (centre[0, 0], centre[1, 0]), sides, self.walls)
+                self.images[part] = image(self.point, (centre[0, 0], centre[1, 0]), sides, self.walls)
             except NotProvedError:
                 self.images[part] = None
         return self.images[part]
@@ -152,35 +152,54 @@ class MappedSet:
                 if inside and abs(eta) < 1:
                     yield 0
                     continue
-                if _is_refuted(xi, eta, grown, inside):
+                if _is_cutting_useless(xi, eta, grown, inside):
                     raise NotProvedError("a set is not proved to be stretched across the next set")
             parts += _halves(here, grown)
 
 
 def _coordinates_in(target: HSet, periods: int, found: Image) -> tuple[tuple[arb, arb], list[float]]:
-    """Return ξ and η of an image in the target's coordinates, and how much each side of the image adds to them."""
+    """Return an image in the coordinates (ξ, η) of the target, which is shifted by `periods` forcing periods.
+
+    Returns
+    -------
+    tuple[tuple[arb, arb], list[float]]
+        Balls of ξ and η over the image; and for each half side of the image the larger of its extents in ξ and in η.
+    """
     away = arb_mat(2, 1, [found.middle[0] - periods, found.middle[1]]) - target.centre_column
     start, slope = target.inverse_matrix * away, target.inverse_matrix * found.slope
     xi, eta = (start[i, 0] + arb(0, 1) * sum((abs(slope[i, j]) for j in range(2)), arb(0)) for i in range(2))
     return (xi, eta), [max(float(abs(slope[i, j]).upper()) for i in range(2)) for j in range(2)]
 
 
-def _is_refuted(xi: arb, eta: arb, grown: Sequence[float], inside: bool) -> bool:
-    """Return whether to give up, because a part's image is where it must not be, or is small and still undecided.
+def _is_cutting_useless(xi: arb, eta: arb, grown: Sequence[float], inside: bool) -> bool:
+    """Return whether a covering cannot be proved by cutting a part further.
 
-    xi, eta: the image in the target's coordinates. inside: whether the image may be between the edges
-    ξ = ±1 if |η| < 1. grown: how much each side of the image adds to its coordinates.
+    xi, eta: the part's image in the target's coordinates. grown: for each side of the part the extent of its image.
+    inside: whether the image may have |ξ| < 1 if |η| < 1.
 
     Returns
     -------
     bool
-        True if cutting the part further cannot help.
+        True if the image is where it must not be, or is tiny and its position is still undecided.
     """
     return max(grown) < FINEST * 8 or bool(abs(xi) < 1 and (abs(eta) > 1 or not inside))
 
 
 def _halves(part: SetPart, grown: Sequence[float]) -> list[SetPart]:
-    """Return halves of a part, cut across the side that adds more to the image. Raises NotProvedError on tiny parts."""
+    """Return both halves of a part, cut across the side whose image is longer.
+
+    grown: for each side of the part the extent of its image, from `_coordinates_in`.
+
+    Returns
+    -------
+    list[SetPart]
+        The halves.
+
+    Raises
+    ------
+    NotProvedError
+        If the part is already smaller than FINEST.
+    """
     xi, eta, width, height = part
     if max(width, height) < FINEST:
         raise NotProvedError("a covering stays undecided even for the smallest parts of a set: use a smaller set")

@@ -15,7 +15,7 @@ from rattle.errors import NotProvedError
 from rattle.flight import first_impact, law
 from rattle.flight.forcing import DRIFT
 from rattle.proof.balls import arb, arb_mat
-from rattle.proof.flights import FlightEnclosure, ModelPlane, require_first_impact, sign
+from rattle.proof.flights import FlightEnclosure, ModelPoint, require_first_impact, sign
 
 #: Factor by which the guessed interval of arrival times is widened at each trial; number of trials.
 WIDENING = 1.25
@@ -51,7 +51,7 @@ class Arrival:
     slope: arb_mat
 
 
-def image(plane: ModelPlane, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence[int]) -> Image:
+def image(point: ModelPoint, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence[int]) -> Image:
     """Return the image under Π of all (t, v) in centre + sides [−1, 1]².
 
     Parameters
@@ -69,15 +69,16 @@ def image(plane: ModelPlane, centre: tuple[arb, arb], sides: arb_mat, walls: Seq
     NotProvedError
         If it is not proved that all motions meet exactly these walls.
     """
-    turn = arb_mat([[1, 0], [0, -1]])  # turns a speed on Σ⁺ into a velocity, and reverses velocities at impacts
+    # `turn` changes the sign of velocities: impacts reverse them, and the speed v after Σ⁺ is the velocity −v
+    turn = arb_mat([[1, 0], [0, -1]])
     middle, sides, wall = (centre[0], -centre[1]), turn * sides, 1
     for target in (*walls, 1):
-        here = arrival(plane, middle, sides, wall, target)
+        here = arrival(point, middle, sides, wall, target)
         middle, sides, wall = (here.time, -here.velocity), turn * here.slope * sides, target
     return Image((middle[0], -middle[1]), turn * sides)
 
 
-def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
+def arrival(point: ModelPoint, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
     """Return the time and velocity at the end of flights, if their first impact is proved to be on `target`.
 
     The flights leave `wall` at the times and velocities middle + sides [−1, 1]².
@@ -92,10 +93,10 @@ def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: in
     NotProvedError
         If a flight may graze, or meet another wall first, or the time of its end is not enclosed.
     """
-    distance, name = plane.beta * (target - wall), "a flight"
-    time = _middle_arrival_time(plane, middle, wall, target)
+    distance, name = point.beta * (target - wall), "a flight"
+    time = _middle_arrival_time(point, middle, wall, target)
     # Newton's interval method encloses the delays with which all flights end after the flight from the middle
-    bundle = FlightBundle(plane, middle, sides)
+    bundle = FlightBundle(point, middle, sides)
     at_middle = bundle.middle_flight(time)
     by_t0, by_w0 = _flight_derivatives(at_middle, time)
     guess = abs(spread_of_sides(sides, by_t0[0], by_w0[0]) / at_middle.w1) + arb(1e-25)
@@ -115,7 +116,7 @@ def arrival(plane: ModelPlane, middle: tuple[arb, arb], sides: arb_mat, wall: in
     here = bundle.enclosing_flight(time + moved)
     bundle.require_no_other_impact(here, wall, target, name)
     (height_t0, speed_t0), (height_w0, speed_w0) = _flight_derivatives(here, here.t1)
-    pull = plane.force(*(2 * here.t1).sin_cos_pi()) - plane.delta * here.w1
+    pull = point.force(*(2 * here.t1).sin_cos_pi()) - point.delta * here.w1
     late_t0, late_w0 = -height_t0 / here.w1, -height_w0 / here.w1
     slope = arb_mat([[late_t0, late_w0], [speed_t0 + pull * late_t0, speed_w0 + pull * late_w0]])
     return Arrival(time, at_middle.w1, slope)
@@ -130,7 +131,7 @@ def spread_of_sides(sides: arb_mat, by_t0: arb, by_w0: arb) -> arb:
 class FlightBundle:
     """The flights that leave a wall at times and with velocities middle + sides [−1, 1]²."""
 
-    plane: ModelPlane
+    point: ModelPoint
     middle: tuple[arb, arb]
     sides: arb_mat
 
@@ -143,11 +144,11 @@ class FlightBundle:
 
     def middle_flight(self, t: arb) -> FlightEnclosure:
         """Return an enclosure of the flight that starts at the middle of the set, until the time t."""
-        return _flight_from_start(self.plane, *self.middle, t)
+        return _flight_from_start(self.point, *self.middle, t)
 
     def enclosing_flight(self, t: arb) -> FlightEnclosure:
         """Return an enclosure of all flights that start in the set, until the time t."""
-        return _flight_from_start(self.plane, *self.hull, t)
+        return _flight_from_start(self.point, *self.hull, t)
 
     def height(self, t: arb) -> arb:
         """Return Φ(t) − Φ(t₀) over all flights that start in the set, by the mean value theorem."""
@@ -182,7 +183,7 @@ class FlightBundle:
                 raise
         else:
             return
-        above, below = here.plane.beta * (1 - wall), -here.plane.beta * (1 + wall)
+        above, below = here.point.beta * (1 - wall), -here.point.beta * (1 + wall)
         parts = [(here.t0.lower(), here.t1.upper())]
         for _ in range(MOST_PARTS):
             start, end = parts.pop()
@@ -197,38 +198,38 @@ class FlightBundle:
         raise NotProvedError(f"{name} may meet a wall before its end: the set is too large or too close to a graze")
 
 
-def _flight_from_start(plane: ModelPlane, t0: arb, w0: arb, t1: arb) -> FlightEnclosure:
+def _flight_from_start(point: ModelPoint, t0: arb, w0: arb, t1: arb) -> FlightEnclosure:
     """Return the flight from time t0 and velocity w0 until t1; its derivatives with respect to times are NaN."""
     (sin0, cos0), sin1 = (2 * t0).sin_cos_pi(), (2 * t1).sin_pi()
-    rest, decay, none = plane.drift - plane.velocity_amplitude * sin0 - w0, (-plane.delta * (t1 - t0)).exp(), arb.nan()
-    w1 = plane.drift - plane.velocity_amplitude * sin1 - rest * decay
-    return FlightEnclosure(plane, t0, t1, rest, cos0, w0, w1, decay, none, none, none, none)
+    rest, decay, none = point.drift - point.velocity_amplitude * sin0 - w0, (-point.delta * (t1 - t0)).exp(), arb.nan()
+    w1 = point.drift - point.velocity_amplitude * sin1 - rest * decay
+    return FlightEnclosure(point, t0, t1, rest, cos0, w0, w1, decay, none, none, none, none)
 
 
 def _flight_derivatives(here: FlightEnclosure, t: arb) -> tuple[tuple[arb, arb], tuple[arb, arb]]:
     """Return the derivatives of Φ − Φ(t₀) and Φ' at the time t: both with respect to t₀, then both to w₀."""
-    plane, (sin0, _) = here.plane, (2 * here.t0).sin_cos_pi()
-    kept = (-plane.delta * (t - here.t0)).exp()
-    reach = (1 - kept) / plane.delta
-    push = plane.delta * here.w0 - plane.force(sin0, here.cos0)
+    point, (sin0, _) = here.point, (2 * here.t0).sin_cos_pi()
+    kept = (-point.delta * (t - here.t0)).exp()
+    reach = (1 - kept) / point.delta
+    push = point.delta * here.w0 - point.force(sin0, here.cos0)
     return (reach * push - here.w0, kept * push), (reach, kept)
 
 
-def _middle_arrival_time(plane: ModelPlane, middle: tuple[arb, arb], wall: int, target: int) -> arb:
+def _middle_arrival_time(point: ModelPoint, middle: tuple[arb, arb], wall: int, target: int) -> arb:
     """Return the time at which the flight from (time, velocity) = middle ends on `target`. Raises NotProvedError."""
-    numbers = (float(each) for each in (*middle, plane.delta, plane.epsilon, plane.beta))
+    numbers = (float(each) for each in (*middle, point.delta, point.epsilon, point.beta))
     t0, w0, delta, epsilon, beta = numbers
     status, length, met, _ = first_impact.first_impact(wall, float(law.folded(t0)), w0, delta, epsilon, beta, DRIFT)[:4]
     if status != first_impact.OK or met != target:
         raise NotProvedError("the motion from the middle of a set is not found to meet the stated walls")
-    time, distance = (middle[0] + arb(float(length))).mid(), plane.beta * (target - wall)
+    time, distance = (middle[0] + arb(float(length))).mid(), point.beta * (target - wall)
     for _ in range(MOST_NEWTON):
-        height, speed = _flight_from_start(plane, *middle, time).state_at(time)
+        height, speed = _flight_from_start(point, *middle, time).state_at(time)
         time = (time - (height - distance) / speed).mid()
     late = arb(0, ARRIVAL_ERROR)
     missed, speed = (
-        _flight_from_start(plane, *middle, time).state_at(time)[0] - distance,
-        _flight_from_start(plane, *middle, time + late).w1,
+        _flight_from_start(point, *middle, time).state_at(time)[0] - distance,
+        _flight_from_start(point, *middle, time + late).w1,
     )
     if not (speed > 0 or speed < 0) or not abs(missed / speed) < ARRIVAL_ERROR:
         raise NotProvedError(

@@ -17,7 +17,7 @@ from rattle.proof.certificate import Exact, exact_number
 from rattle.proof.chaos import search
 from rattle.proof.chaos.certificate import HorseshoeCertificate, Loop
 from rattle.proof.chaos.coverings import HSet, MappedSet, Pair, SetPart
-from rattle.proof.flights import ModelPlane
+from rattle.proof.flights import ModelPoint
 
 #: Number of found horseshoes that are tried; the one with the largest entropy is kept.
 CANDIDATES_TRIED = 3
@@ -58,9 +58,9 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
     gear = Gear(*(float(number) for number in parameters.values()))
     best: HorseshoeCertificate | None = None
     with precision():
-        plane = ModelPlane(*(ball(number) for number in parameters.values()))
+        point = ModelPoint(*(ball(number) for number in parameters.values()))
         for found in islice(search.search_horseshoes(gear), CANDIDATES_TRIED):
-            proved = _prove_loops(plane, parameters, found)
+            proved = _prove_loops(point, parameters, found)
             if proved is not None and (best is None or proved.per_impact > best.per_impact):
                 best = proved
     if best is None:
@@ -71,7 +71,7 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
 
 
 def _prove_loops(
-    plane: ModelPlane, parameters: dict[str, Fraction], found: search.HorseshoeCandidate
+    point: ModelPoint, parameters: dict[str, Fraction], found: search.HorseshoeCandidate
 ) -> HorseshoeCertificate | None:
     """Return the certificate of those loops of a candidate that are proved, or None if fewer than two are proved."""
     hub = _exact_set(found.hub)
@@ -82,7 +82,7 @@ def _prove_loops(
         numbers = range(len(sets), len(sets) + len(new))
         try:
             require_disjoint_sets([*new, hub][:1], [sets[loop.first_set] for loop in loops])
-            periods = _prove_chain(plane, [hub, *new, hub], each.words, sources)
+            periods = _prove_chain(point, [hub, *new, hub], each.words, sources)
         except NotProvedError:
             continue
         sets += new
@@ -100,12 +100,26 @@ def _prove_loops(
 
 
 def _prove_chain(
-    plane: ModelPlane, chain: Sequence[HSet], words: Sequence[int], sources: dict[tuple[int, int], MappedSet]
+    point: ModelPoint, chain: Sequence[HSet], words: Sequence[int], sources: dict[tuple[int, int], MappedSet]
 ) -> tuple[int, ...]:
-    """Prove that each set of a chain covers the next, and return the number of forcing periods of each step."""
+    """Prove that each set of a chain covers the next, at the given parameter point.
+
+    words: for each step the number of impacts on Σ⁻. sources: {(0, word): set 0 with its images}, to which this
+    function adds.
+
+    Returns
+    -------
+    tuple[int, ...]
+        The number of forcing periods of each step.
+
+    Raises
+    ------
+    NotProvedError
+        If a covering is not proved.
+    """
     periods = []
     for i, ((source, target), word) in enumerate(zip(pairwise(chain), words, strict=True)):
-        mapped = MappedSet(plane, source, (-1,) * word)
+        mapped = MappedSet(point, source, (-1,) * word)
         if i == 0:
             mapped = sources.setdefault((0, word), mapped)
         middle = mapped.image(POINT)

@@ -41,17 +41,17 @@ MOST_STEPS = 16
 MOST_HUBS, RETURNS_PER_WORD, MOST_WORDS = 100, 3, 40
 #: Number of hubs with the same centre that are tried before hubs with another centre.
 HUBS_PER_CENTRE = 2
-#: Least |ξ| that both ends of an image reach in the next set; also the ratio of the height of a set to the height of
-#: the image in it.
+#: Both ends of an image must reach beyond |ξ| = MARGIN_FACTOR in the next set. The height of the next set is
+#: MARGIN_FACTOR times that of the image.
 MARGIN_FACTOR = 1.2
 #: Largest |η|, in the coordinates of the hub, of an image that crosses the hub.
 LARGEST_ETA = 0.95
-#: Largest ratio of the factors by which Π stretches parts of a hub; least cosine of the angles between the directions
-#: of the hub's image and their mean.
+#: A hub is tried if the factors by which Π stretches its parts have ratios below LARGEST_STRETCH_RATIO, and if the
+#: directions of the images of its parts make angles with their mean whose cosines are above LEAST_COSINE.
 LARGEST_STRETCH_RATIO, LEAST_COSINE = 6.0, 0.9
-#: Number of Newton steps with which the states are found that Π maps to given ξ of the next set.
+#: Number of Newton steps in the search of a state that Π maps to a given ξ of the next set.
 NEWTON_STEPS = 3
-#: Number of times that the best loops are chosen, each time with the entropy of the loops chosen before.
+#: Number of rounds in which loops are chosen. Each round weighs loops by the entropy of the best choice so far.
 SELECTION_ROUNDS = 4
 #: Step of finite differences.
 DIFFERENCE_STEP = 1e-7
@@ -73,7 +73,7 @@ class LoopCandidate(NamedTuple):
     """A loop that may be proved: a chain of sets from the hub back to the hub.
 
     boxes: the sets between two visits to the hub. words: for each step the number of impacts on Σ⁻.
-    strip: the ends in ξ of the part of the hub that goes through the loop.
+    strip: the ends in ξ of the part of the hub that Π maps across the next set of the loop, on the line η = 0.
     """
 
     boxes: tuple[StateBox, ...]
@@ -272,10 +272,16 @@ def _returns_to_hub(hub: StateBox, states: Array, words: NDArray[np.int64]) -> I
 
 
 def _best_loops(pi: ReturnMap, hub: StateBox, segments: Sequence[OrbitSegment]) -> list[LoopCandidate]:
-    """Return those loops along the motions `segments` that have disjoint strips of the hub and the largest entropy."""
+    """Return loops along some of the motions `segments`, chosen to have disjoint strips of the hub and a large entropy.
+
+    Returns
+    -------
+    list[LoopCandidate]
+        The loops, the shortest first.
+    """
     found = [loop for segment in segments if (loop := _loop_along(pi, hub, segment)) is not None]
     found.sort(key=lambda loop: loop.strip[1])
-    # for a trial rate, choose disjoint strips with the largest Σ e^(−rate length); repeat with the entropy that results
+    # each round chooses disjoint strips with the largest Σ e^(−rate · length); the next rate is the best entropy so far
     rate, best = 0.3, list[LoopCandidate]()
     for _ in range(SELECTION_ROUNDS):
         chosen: list[tuple[float, list[LoopCandidate]]] = [(0.0, [])]
@@ -331,7 +337,7 @@ def _loop_along(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> LoopCand
 def _least_half_length(
     pi: ReturnMap, x: Array, unstable: Array, stretched: Array, target: StateBox, word: int
 ) -> float | None:
-    """Return the least half length of a segment around x, along `unstable`, that Π stretches across the target.
+    """Return the least half length of a segment through x along `unstable` whose image under Π crosses the target.
 
     stretched: the derivative of Π along `unstable`. word: the number of impacts on Σ⁻ that the motions must make.
 
@@ -352,13 +358,16 @@ def _least_half_length(
 
 
 def _image_across(pi: ReturnMap, source: StateBox, target: StateBox, word: int) -> tuple[float, tuple[float, float]]:
-    """Return the largest |η| of the image of a source box where this image passes the target box.
+    """Return how high the image of `source` is where it crosses `target`, and which part of `source` crosses.
+
+    word: the number of impacts on Σ⁻ that the motions must make.
 
     Returns
     -------
     tuple[float, tuple[float, float]]
-        The largest |η| in the target's coordinates, and the ends in ξ of the part of the source that passes the target,
-        at η = 0. |η| is infinite if Π does not stretch the source across the target, or its motions meet other walls.
+        The largest |η| of the crossing part of the image, in the target's coordinates; and the ends in ξ, on the line
+        η = 0, of the part of the source that crosses. The first number is infinite if Π does not stretch the source
+        across the target, or if a motion does not make `word` impacts.
     """
     back, aims = np.linalg.inv(target.sides), np.linspace(-MARGIN_FACTOR, MARGIN_FACTOR, 25)
     coarse, eta = np.linspace(-1, 1, 41), np.linspace(-1, 1, 5)

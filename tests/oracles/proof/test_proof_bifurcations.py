@@ -16,7 +16,7 @@ from rattle.proof.balls import arb, ball, precision
 from rattle.proof.bifurcations import prove, systems
 from rattle.proof.bifurcations.check import check
 from rattle.proof.check import Refused
-from rattle.proof.flights import ModelPlane, flight
+from rattle.proof.flights import ModelPoint, flight
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "paper.md"
 PLACES = {"SN1": "0.6", "SN2": "0.6", "PD1": "0.6", "G1": "0.6", "PDC": "0.5", "G2": "0.8"}
@@ -169,21 +169,21 @@ def test_a_flight_that_turns_before_the_wall_does_not_touch_it(points):
     graze = points["G1"]
     with precision():
         epsilon = ball(sum(graze.solved["epsilon"]) / 2)
-        plane = ModelPlane(ball(graze.known["delta"]), epsilon, ball(graze.known["beta"]))
+        point = ModelPoint(ball(graze.known["delta"]), epsilon, ball(graze.known["beta"]))
         start, touch = (ball(t) for t in graze.times)
         turn = (2 * start).sin_cos_pi()
 
         def touches(gap, time):
-            here = replace(plane, beta=gap)
+            here = replace(point, beta=gap)
             return systems.require_only_graze(
                 flight(here, start, start + 1, turn, turn, arb(0)), 1, 1, -1, time, "the flight"
             )
 
-        touches(plane.beta, touch)
+        touches(point.beta, touch)
         with pytest.raises(rattle.NotProvedError, match="is not proved to touch a wall at its graze alone"):
-            touches(plane.beta + arb("1e-6"), touch)
+            touches(point.beta + arb("1e-6"), touch)
         with pytest.raises(rattle.NotProvedError, match="and to turn at its graze"):
-            touches(plane.beta, start - arb("0.01"))
+            touches(point.beta, start - arb("0.01"))
 
 
 def test_what_cannot_be_meant_is_said():

@@ -14,7 +14,7 @@ from rattle.proof import check as shared
 from rattle.proof.balls import ball, precision
 from rattle.proof.chaos import check, coverings, images, prove, search
 from rattle.proof.check import Refused
-from rattle.proof.flights import ModelPlane
+from rattle.proof.flights import ModelPoint
 
 STORED = (
     Path(__file__).parents[2] / "reference" / "horseshoes.jsonl"
@@ -28,8 +28,8 @@ def stored():
     return {each["parameters"]["delta"]: each for each in documents}
 
 
-def plane_of(document):
-    return ModelPlane(*(ball(Fraction(document["parameters"][name])) for name in ("delta", "epsilon", "beta")))
+def point_of(document):
+    return ModelPoint(*(ball(Fraction(document["parameters"][name])) for name in ("delta", "epsilon", "beta")))
 
 
 def sets_of(document):
@@ -59,12 +59,12 @@ def test_images_hold_what_the_impact_map_does(stored):
         gear = rattle.Gear(*(float(document["parameters"][name]) for name in ("delta", "epsilon", "beta")))
         pi, claim = search.ReturnMap(gear), check.HorseshoeClaim(document)
         with precision():
-            plane, sets = plane_of(document), sets_of(document)
+            point, sets = point_of(document), sets_of(document)
             steps = list(steps_of(document))
             for k in rng.choice(len(steps), 4):
                 source, _, word, _ = steps[k]
                 xi, eta, size = *rng.uniform(-0.9, 0.9, 2), 2.0**-7
-                found = coverings.MappedSet(plane, sets[source], (-1,) * word).image(
+                found = coverings.MappedSet(point, sets[source], (-1,) * word).image(
                     coverings.SetPart(xi, eta, size, size)
                 )
                 middle, sides = claim.image(source, (xi, eta, size, size), word)
@@ -86,9 +86,9 @@ def test_images_hold_what_the_impact_map_does(stored):
 def test_coverings_are_proved_again_in_balls(stored, delta):
     document = stored[delta]
     with precision():
-        plane, sets = plane_of(document), sets_of(document)
+        point, sets = point_of(document), sets_of(document)
         for source, target, word, periods in list(steps_of(document))[:3]:
-            coverings.MappedSet(plane, sets[source], (-1,) * word).require_covers(sets[target], periods)
+            coverings.MappedSet(point, sets[source], (-1,) * word).require_covers(sets[target], periods)
         heads = [sets[(*loop["sets"], 0)[0]] for loop in document["loops"]]
         for i, head in enumerate(heads):
             prove.require_disjoint_sets([head], heads[:i])
@@ -120,9 +120,9 @@ def test_sets_that_are_not_covered_are_refused(stored):
     """Moved across or along, wider, flatter, with another word, at another point of the plane."""
     document = stored["0.6"]
     with precision():
-        plane, sets = plane_of(document), sets_of(document)
+        point, sets = point_of(document), sets_of(document)
         (source, target, word, periods), *_ = list(steps_of(document))[2:]  # those before reach further than their ends
-        mapped = coverings.MappedSet(plane, sets[source], (-1,) * word)
+        mapped = coverings.MappedSet(point, sets[source], (-1,) * word)
         end = sets[target]
         mapped.require_covers(end, periods)
         (a, b), (c, d) = end.unstable, end.stable
@@ -140,21 +140,21 @@ def test_sets_that_are_not_covered_are_refused(stored):
         with pytest.raises(rattle.NotProvedError):
             mapped.require_covers(end, periods + 1)
         with pytest.raises(rattle.NotProvedError):
-            coverings.MappedSet(plane, sets[source], (-1,) * (1 - word)).require_covers(end, periods)
+            coverings.MappedSet(point, sets[source], (-1,) * (1 - word)).require_covers(end, periods)
 
 
 def test_a_motion_that_passes_a_wall_has_no_image(stored):
     """Departures about the hub that are said to miss Σ⁻ where they meet it, and a set that reaches across Γ."""
     with precision():
-        plane = plane_of(stored["0.6"])
+        point = point_of(stored["0.6"])
         d = next(orbit for orbit in rattle.Gear(0.6, 0.1).orbits() if orbit.name == "D")
         small = arb_mat([[1e-6, 0], [0, 1e-6]])
-        images.image(plane, (arb(d.tau), arb(d.v)), small, (-1,))
+        images.image(point, (arb(d.tau), arb(d.v)), small, (-1,))
         for walls in ((), (-1, -1), (1,)):
             with pytest.raises(rattle.NotProvedError):
-                images.image(plane, (arb(d.tau), arb(d.v)), small, walls)
+                images.image(point, (arb(d.tau), arb(d.v)), small, walls)
         with pytest.raises(rattle.NotProvedError):
-            images.image(plane, (arb(d.tau), arb(d.v)), arb_mat([[0.1, 0], [0, 0.5]]), (-1,))
+            images.image(point, (arb(d.tau), arb(d.v)), arb_mat([[0.1, 0], [0, 0.5]]), (-1,))
 
 
 def test_a_set_that_reaches_across_a_graze_has_no_image():
@@ -169,11 +169,11 @@ def test_a_set_that_reaches_across_a_graze_has_no_image():
     claim = check.HorseshoeClaim.__new__(check.HorseshoeClaim)
     claim.delta, claim.epsilon, claim.beta = (shared.interval_of_text(x) for x in ("0.6", "0.1", "0.6"))
     with precision():
-        plane = ModelPlane(*(ball(Fraction(x)) for x in ("0.6", "0.1", "0.6")))
+        point = ModelPoint(*(ball(Fraction(x)) for x in ("0.6", "0.1", "0.6")))
         for size, ok in ((1e-5, True), (1.5e-4, False), (1e-3, False)):
             claim.sets = [[shared.IV.mpf(x) for x in (0.6, v, 1e-9, 0, 0, size)]]
             for program in (
-                lambda size=size: images.image(plane, (arb(0.6), arb(v)), arb_mat([[1e-9, 0], [0, size]]), ()),
+                lambda size=size: images.image(point, (arb(0.6), arb(v)), arb_mat([[1e-9, 0], [0, size]]), ()),
                 lambda: claim.image(0, check.WHOLE, 0),
             ):
                 try:

@@ -13,7 +13,7 @@ from typing import Any
 from .column import Column
 from .intervals import IV, BlockRefused, Interval, interval_between, number_from_text, require
 from .one_impact import OneImpact
-from .quiet import Capture, require_possible
+from .quiet import BounceBounds, require_side_of_quiet_limit
 
 #: Most times that the δ interval of a block is halved before the block is refused.
 DEEPEST = 5
@@ -35,11 +35,19 @@ CLAIMS = REGIONS | {
 }  # fmt: skip
 QUIET, CAPTURES = {"quiet is possible": True, "quiet is impossible": False}, "quiet captures"
 Ends = tuple[Fraction, Fraction]
-column = lru_cache(maxsize=64)(Column)  # all claims about the same δ interval share its cells
+column = lru_cache(maxsize=64)(Column)  # claims about the same δ and β share a Column, and so its cells
 
 
 def prove_claim(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
-    """Raise BlockRefused unless a claim is proved on a block as a whole, or on its halves in δ."""
+    """Raise BlockRefused unless a claim is proved on a block, which is halved in δ up to DEEPEST times if necessary.
+
+    depth: how often the block has been halved already.
+
+    Raises
+    ------
+    BlockRefused
+        If the claim is not proved.
+    """
     try:
         prove_on_whole_block(claim, beta, delta, epsilon)
     except BlockRefused:
@@ -54,7 +62,7 @@ def prove_on_whole_block(claim: str, beta: Fraction, delta: Ends, epsilon: Ends)
     """Raise BlockRefused unless a claim is proved on a block as a whole, without cutting it."""
     d, e = interval_between(*delta), interval_between(*epsilon)
     if claim in QUIET:
-        return require_possible(d, e, QUIET[claim])
+        return require_side_of_quiet_limit(d, e, QUIET[claim])
     squares = IV.mpf((e**2).a), IV.mpf((e**2).b)
     for letter, state in CLAIMS[claim].items():
         if letter in "AC":
@@ -68,7 +76,7 @@ def prove_on_whole_block(claim: str, beta: Fraction, delta: Ends, epsilon: Ends)
 def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, depth: int = 0) -> None:
     """Raise BlockRefused unless, on a block, motions that leave Σ⁺ slower than `speed` provably become quiet."""
     try:
-        Capture(
+        BounceBounds(
             interval_between(*delta), interval_between(*epsilon), interval_between(beta, beta)
         ).require_captures_below(speed)
     except BlockRefused:
@@ -84,7 +92,7 @@ def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, 
 def state_of_one_impact(
     letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]
 ) -> str:
-    """Return the existence and stability of A or C that are proved on a block.
+    """Return the existence and stability of A or C that are proved for all points of a block.
 
     The stability is proved only if the claimed `state` is ATTRACTING or SADDLE. squares: the least and the largest ε²
     of the block.
@@ -93,6 +101,11 @@ def state_of_one_impact(
     -------
     str
         NONE, THERE, ATTRACTING or SADDLE.
+
+    Raises
+    ------
+    BlockRefused
+        If the existence, or a stability that is to be proved, is undecided or changes within the block.
     """
     motion = OneImpact(letter, d, beta, *squares)
     if not motion.exists():
@@ -101,7 +114,7 @@ def state_of_one_impact(
 
 
 def state_of_two_impacts(slope: int, state: str, cells: Column, squares: tuple[Interval, Interval]) -> str:
-    """Return the existence and stability of B (slope −1) or D (slope 1) that are proved on a block.
+    """Return the existence and stability of B (slope −1) or D (slope 1) that are proved for all points of a block.
 
     The stability is proved only if the claimed `state` is ATTRACTING or SADDLE. squares: the least and the largest ε²
     of the block.
@@ -110,6 +123,12 @@ def state_of_two_impacts(slope: int, state: str, cells: Column, squares: tuple[I
     -------
     str
         NONE, THERE, ATTRACTING or SADDLE.
+
+    Raises
+    ------
+    BlockRefused
+        If the existence, or a stability that is to be proved, is undecided or changes within the block; or if there are
+        several motions.
     """
     runs = cells.parts_of_motions(slope, *squares)
     require(len(runs) < 2, f"there are {len(runs)} motions {'D' if slope > 0 else 'B'}, where at most one is claimed")

@@ -30,14 +30,19 @@ class Column:
         return self.cells[low, high]
 
     def parts_of_motions(self, slope: int, low: Interval, high: Interval) -> list[list[Part]]:
-        """Enclose the motions D (slope 1: ε² rises with s) or B (slope −1: ε² falls with s) that have low ≤ ε² ≤ high.
+        """Enclose the times s from Σ⁺ to Σ⁻ of all motions B (slope −1) or D (slope 1) that have low ≤ ε² ≤ high.
 
-        s is the time from Σ⁺ to Σ⁻.
+        ε² falls as s grows along the solutions B, and rises along D.
 
         Returns
         -------
         list[list[Part]]
-            For each motion, the neighbouring parts of 0 ≤ s ≤ 1 that contain its s.
+            For each motion a run: neighbouring parts of 0 ≤ s ≤ 1 that contain its s.
+
+        Raises
+        ------
+        BlockRefused
+            If the number of motions is not proved to be the same at all δ and ε², or a motion may have s = 0 or s = 1.
         """
         decided, parts = [], [(Fraction(0), Fraction(1))]
         while parts:
@@ -46,7 +51,8 @@ class Column:
             if answer is None:
                 wide = last - first > self.narrowest
                 require(
-                    wide, f"it is undecided whether a B or D takes {float(first):.4f} forcing periods from Σ⁺ to Σ⁻"
+                    wide,
+                    f"it is undecided whether a motion B or D reaches Σ⁻ {float(first):.4f} forcing periods after Σ⁺",
                 )
                 parts += [((first + last) / 2, last), (first, (first + last) / 2)]
             else:
@@ -59,22 +65,23 @@ class Column:
         return [run for run in runs if self.crosses_block(run, slope, low, high)]
 
     def crosses_block(self, run: list[Part], slope: int, low: Interval, high: Interval) -> bool:
-        """Return whether ε²(s), monotone on neighbouring parts of 0 ≤ s ≤ 1, takes each value from low to high once.
+        """Return whether ε²(s) takes each value from low to high exactly once along a run, at every δ.
 
-        s is the time from Σ⁺ to Σ⁻. run: the parts in order. slope: 1 if ε² rises on them, −1 if it falls.
+        s is the time from Σ⁺ to Σ⁻. run: neighbouring parts of 0 ≤ s ≤ 1 in order, on which ε²(s) is monotone.
+        slope: 1 if ε² rises on these parts, −1 if it falls.
 
         Returns
         -------
         bool
-            True if each value is taken exactly once, False if ε²(s) takes none of these values.
+            False if ε²(s) takes none of the values.
 
         Raises
         ------
         BlockRefused
             If neither is proved.
         """
-        # at each end of the run ε² is outside low … high, and by continuity on the same side at every δ,
-        # so one δ shows the side
+        # the parts next to the run have no such motion, so at its ends ε² is outside low … high at every δ, and by
+        # continuity on the same side at every δ: computing ε² at one δ is enough
         sides = []
         for s in (run[0][0], run[-1][1]):
             square = Cell(interval_between(s, s), midpoint(self.d), self.beta).square.x
@@ -85,10 +92,10 @@ class Column:
         return sides == [-slope, slope]
 
     def attracts(self, run: list[Part], low: Interval, high: Interval) -> bool:
-        """Return True if a motion B or D attracts at all points of the block, False if at none.
+        """Return whether the motion B or D in a run attracts: True at all points of the block, False at none.
 
-        run: the parts of the interval 0 ≤ s ≤ 1 that contain the motion's time s from Σ⁺ to Σ⁻. low, high: the ends of
-        the block in ε².
+        run: the parts of 0 ≤ s ≤ 1 that contain the motion's time s from Σ⁺ to Σ⁻. low, high: the ends of the block
+        in ε².
 
         Returns
         -------

@@ -149,5 +149,13 @@ class ParameterBox:
         self.jets, self.centre = (Jet(s, s=ONE), Jet(d, d=ONE)), (Jet(midpoint(s)), Jet(midpoint(d)))
 
     def mean_value(self, centre: Interval, over: Jet) -> Interval:
-        """Return an enclosure of a function, from its value `centre` at the centre and its derivatives in `over`."""
+        """Return an enclosure of a function over the rectangle.
+
+        centre: the value at the centre of the rectangle. over: the function with its derivatives over the rectangle.
+
+        Returns
+        -------
+        Interval
+            The enclosure by the mean value theorem.
+        """
         return centre + over.s * self.ds + over.d * self.dd

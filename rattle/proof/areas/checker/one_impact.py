@@ -70,7 +70,18 @@ class OneImpact:
         return True
 
     def passes_sigma_minus(self) -> bool:
-        """Return whether the flight is proved to be beyond Σ⁻ at one time t, for all points of the block."""
+        """Return whether there is a time t at which the flight is proved to be beyond Σ⁻ at all points of the block.
+
+        Returns
+        -------
+        bool
+            False if that is not proved.
+
+        Raises
+        ------
+        BlockRefused
+            If the guess of t, the time of the lowest point, is not between the impacts.
+        """
         t, step, d = ONE / 2, ONE / 2, Jet(midpoint(self.d))
         for _ in range(3):
             places = [midpoint(t + step * i / PLACES) for i in range(1 - PLACES, PLACES)]

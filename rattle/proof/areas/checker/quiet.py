@@ -9,24 +9,24 @@ from .intervals import IV, PI, ZERO, Interval, exp_minus, interval_between, is_l
 
 #: Number of parts of a forcing period; the bounds are computed over each part.
 PARTS = 192
-#: Largest allowed ratio of h²Q to 2δ, (20.5) of docs/proofs.md. v³/g decays from impact to impact if h²Q/2δ < 1.
+#: The proof requires h²Q < GROWTH_SHARE · 2δ. By (20.5) of docs/proofs.md v³/g falls at each impact if h²Q < 2δ.
 GROWTH_SHARE = IV.mpf(96) / 100
-#: Factor that widens a logarithm, or a root that is computed as e^(logarithm/3), by the relative amount 2⁻⁵⁰.
+#: Factor that widens mpmath's logarithms, and cube roots e^(logarithm/3), by 2⁻⁵⁰ of their size, against rounding.
 UP = IV.mpf([1 - 2.0**-50, 1 + 2.0**-50])
 
 
-def require_possible(d: Interval, e: Interval, possible: bool) -> None:
-    """Raise BlockRefused unless quiet motion is proved to be possible on the block, or impossible if not `possible`.
+def require_side_of_quiet_limit(d: Interval, e: Interval, below: bool) -> None:
+    """Raise BlockRefused unless ε is proved to be below the quiet limit (or above, if `below` is False) on the block.
 
-    The proof is by (20.1) of docs/proofs.md.
+    By (20.1) of docs/proofs.md quiet motion is possible below the quiet limit only.
     """
     low, high = e.b * IV.sqrt(4 * PI**2 + d.a**2), 2 * d.a
-    if not possible:
+    if not below:
         low, high = 2 * d.b, e.a * IV.sqrt(4 * PI**2 + d.b**2)
     require(is_less(low, high), "the block is not proved to be on the claimed side of the quiet limit")
 
 
-class Capture:
+class BounceBounds:
     """Bounds of bounces on Σ⁺ over a block below the quiet limit, by Lemmas 20 and 21 of docs/proofs.md.
 
     Speeds and the contact force g are in units in which the mean of g is 1: g = 1 − r cos θ > 0, where θ is 2π times
@@ -40,9 +40,10 @@ class Capture:
         require(is_less(ZERO, self.weakest), "the block is not proved to be below the quiet limit")
 
     def require_captures_below(self, speed: Interval) -> None:
-        """Raise BlockRefused unless v³/g provably falls at all impacts of motions that leave Σ⁺ slower than `speed`.
+        """Raise BlockRefused unless all motions that leave Σ⁺ slower than `speed` are proved to become quiet.
 
-        v is the speed after an impact, g the contact force there.
+        By Lemma 21 of docs/proofs.md they do if v³/g falls at each of their impacts, where v is the speed after the
+        impact and g the contact force at it.
         """
         places = [interval_between(Fraction(i, PARTS), Fraction(i + 1, PARTS)) for i in range(PARTS)]
         longest = ZERO
@@ -71,7 +72,7 @@ class Capture:
         return 1 - self.r * cosine, self.r * sine, self.r * cosine
 
     def half_duration_bound(self, t: Interval, v: Interval) -> Interval:
-        """Return a bound of half the duration of bounces that start at times in t with speeds ≤ v. Raises BlockRefused.
+        """Return a bound of half the duration of bounces that start at times in t with speeds ≤ v.
 
         The duration is in the time x of (20.2), docs/proofs.md, and v in units in which the mean contact force is 1.
 
@@ -79,6 +80,11 @@ class Capture:
         -------
         Interval
             The bound.
+
+        Raises
+        ------
+        BlockRefused
+            If no bound is found, or a bounce may reach Σ⁻.
         """
         half = found = (v / self.weakest).b * 1.001
         for _ in range(4):
@@ -91,9 +97,9 @@ class Capture:
         return found
 
     def growth_coefficient(self, t: Interval, h: Interval) -> Interval:
-        """Return Q of (20.4), docs/proofs.md, for bounces around a time in t.
+        """Return an enclosure of Q, (20.4) of docs/proofs.md, for bounces whose middle is at a time in t.
 
-        h: an upper bound of half their duration, in the time x of (20.2).
+        h: an upper bound of half the duration of the bounces, in the time x of (20.2). The middle is where x = 0.
 
         Returns
         -------
@@ -112,9 +118,9 @@ class Capture:
         return (third / 5 - one * second / 3) / below + 2 * ratio**3 * IV.mpf([1, more.b]) - p3 / 3
 
     def log_derivatives(self, t: Interval, z: Interval) -> tuple[Interval, Interval, Interval, Interval]:
-        """Return derivatives of ln a by x, with the acceleration a = e^(2z) g and the time x of (20.2), docs/proofs.md.
+        """Return enclosures of three derivatives of ln a by x; the acceleration a and the time x are those of (20.2).
 
-        z: δ(t − t₀), with t₀ a time during the bounce.
+        (20.2) is in docs/proofs.md: a = e^(2z) g, with the contact force g. z: δ(t − t₀), where x = 0 at the time t₀.
 
         Returns
         -------

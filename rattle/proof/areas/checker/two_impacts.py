@@ -62,7 +62,15 @@ class Cell(ParameterBox):
             self.middle = [each.x for each in speeds_and_square(self.mid, self.z0)]
 
     def enclose(self, of: Callable[..., list[Jet]]) -> list[Jet]:
-        """Enclose the functions that `of` computes from the equations' terms and solution, with their derivatives."""
+        """Return enclosures over the cell of the functions that `of` computes, with their derivatives by s and δ.
+
+        `of` takes the terms of the equations (16.10) and (16.11), docs/proofs.md, and their solution (Z₁, Z₂).
+
+        Returns
+        -------
+        list[Jet]
+            One enclosure for each function.
+        """
         if of not in self.known:
             centre, over = of(self.mid, self.z0), of(self.over, self.z)
             self.known[of] = [Jet(self.mean_value(m.x, o), o.s, o.d) for m, o in zip(centre, over, strict=True)]
@@ -94,14 +102,22 @@ class Cell(ParameterBox):
             return False
         if not (self.solvable and is_less(ZERO, slope * self.square.s) and is_less(ZERO, self.v.x)):
             return None
-        # the motion reaches Σ⁻ where u > 0; solutions with u ≤ 0 are allowed if their ε² is proved outside low … high
+        # a motion reaches Σ⁻ with u > 0: all solutions must have u > 0, or those with u ≤ 0 an ε² outside low … high
         reaches = is_less(ZERO, self.u.x) or is_less(high, self.square_plus_speed(1))
         if not (reaches or is_less(-low, self.square_plus_speed(-1))):
             return None
         return True if self.is_monotone(-1, ZERO, self.s) and self.is_monotone(1, self.s, ONE) else None
 
     def square_plus_speed(self, sign: int) -> Interval:
-        """Return bounds of sign · ε² + λu over the cell, u the speed after Σ⁻, for a λ ≥ 0 that makes them narrow."""
+        """Return bounds of sign · ε² + λu over the cell, for some λ ≥ 0 that makes the bounds narrow.
+
+        u is the speed after Σ⁻.
+
+        Returns
+        -------
+        Interval
+            The bounds. Lemma 17 of docs/proofs.md uses them; it holds for any λ ≥ 0.
+        """
         # with this λ the derivative of the sum by s is nearly 0 (Lemma 17 of docs/proofs.md)
         factor = max(0.0, -sign * float(self.square.s.mid.a) / float(self.u.s.mid.a))
         _, u, square = self.middle
