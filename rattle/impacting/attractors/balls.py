@@ -120,8 +120,8 @@ def fly_once(memory, work, groups, force, paths):
 
 
 @inline
-def is_any_flying(b, group, most):
-    """Stop lanes with more than `most` impacts on Σ⁻, and return whether any lane of the group is not finished."""
+def stop_lost_lanes(b, group, most):
+    """Stop the lanes of a group with more than `most` impacts on Σ⁻, and return whether any lane of it still flies."""
     left = False
     for lane in range(group * GROUP, (group + 1) * GROUP):
         if b.n_minus[lane] > most:
@@ -148,7 +148,7 @@ def halvings_without_failure(b, work, group, i, level, few, centres):
     Returns
     -------
     int
-        The number of halvings. If a direction failed at every radius, it belongs to the next smaller radius.
+        The number of halvings; if some direction failed at each tried radius, that for half the smallest of them.
     """
     radii = FEW if few else 1
     for halvings in range(radii):
@@ -177,7 +177,7 @@ def write_radii(memory, work, centres, cells, paths):
         for group in range(GROUPS):
             i = of[group]
             if i >= 0:
-                if is_any_flying(b, group, centres.n_minus[i]):
+                if stop_lost_lanes(b, group, centres.n_minus[i]):
                     groups = group + 1
                     continue
                 tried = level[group]

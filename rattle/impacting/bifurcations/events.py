@@ -260,7 +260,8 @@ def repeats_first_half(itinerary: Itinerary, y: Array, tolerance: float) -> bool
 def origin_of_doubling(itinerary: Itinerary, line: ParameterLine, y: Array, after: int) -> Event | None:
     """Return the flip at which a branch of doubled period begins; None if Newton's method finds no flip.
 
-    y: the point of the branch that is closest to the flip. after: the number of the last point of the branch before it.
+    y: the point at the end of the branch, next to the flip. after: the number of the last point of the branch before
+    the flip.
 
     Returns
     -------

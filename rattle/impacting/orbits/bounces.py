@@ -30,7 +30,8 @@ def fill_shares(work, x):
 
     The half period begins at the phase of least contact force and has SECTIONS equal sections. Entry i is the share of
     its bounces that come in the first i sections. x is ε in units of the quiet limit. The rate of bounces is taken as
-    g^(2/3), g the contact force: bounces of speed v have the rate g/2v, and all are taken to have the same v³/g.
+    proportional to g^(2/3), g the contact force: bounces of speed v have the rate g/2v, and all are taken to have the
+    same v³/g.
     """
     shares = work.shares
     shares[0] = 0.0
@@ -45,8 +46,8 @@ def fill_shares(work, x):
 def space_bounces(work, n, offset, least):
     """Set the times in `work` to a guess of n bounces in a period that all have the same v³/g.
 
-    `least` is the phase of least contact force. The first bounce comes before this phase, by −offset times the time
-    between two bounces; offset is from −1 to 0.
+    least: the phase of least contact force. offset: the place of the first bounce relative to this phase, from −1 (one
+    bounce earlier) to 0 (at this phase).
     """
     shares, i = work.shares, 0
     for j in range(n):

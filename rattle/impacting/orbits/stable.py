@@ -60,10 +60,10 @@ class StableOrbits(NamedTuple):
 def find_alternating_orbits(least, work, delta, epsilon, beta):
     """Add the stable orbits of period one that meet Σ⁺ and Σ⁻ in turn, k ≤ MOST_CROSSINGS times each, to `work.found`.
 
-    For each k a walk along a circuit of motions searches them (`circuits`). The walk starts with impacts at equal
-    intervals of half of 1/k forcing periods. It ends when the first impact has moved by 1/k periods, to the time that
-    the third impact had at the start: from there on the motions repeat. least: the phase of least contact force, near
-    which the walks start.
+    For each k a walk along a circuit of motions finds them (`circuits`). The walk starts with impacts at intervals of
+    1/(2k) forcing periods. It ends when the first impact has moved by 1/k periods, to the time that the third impact
+    had at the start: from there on the motions repeat. least: the phase of least contact force, near which the walks
+    start.
     """
     idle = 0
     for k in range(1, MOST_CROSSINGS + 1):
