@@ -89,7 +89,7 @@ class Parameter:
 
     @property
     def advice(self) -> str:
-        """A suggestion for the value, in words."""
+        """A suggestion for the value in words, such as "such as 0.6"."""
         return f"such as {self.example:g}"
 
     @property

@@ -17,7 +17,7 @@ from rattle.models import BETA, MODELS, Capability, Model, model_adding
 from rattle.numerics.compile import compile_apart
 
 DELTA, EPSILON = 0.6, 0.1
-HIGHEST = 0.25  # largest ε of the example curve
+HIGHEST = 0.25  # upper end in ε of the window in which an example of a bifurcation curve is traced
 COUNT = 16  # number of samples of an example cell
 SURVEY, OPTIONAL_QUANTITIES = f"{__name__}:survey_steps", f"{__name__}:optional_steps"
 Steps = dict[str, Callable[[], object]]
@@ -73,7 +73,7 @@ def survey_steps(name: str) -> Steps:
         if Capability.BALANCE in model.has:
             model.impulse_balance_errors(delta, epsilon, table)
 
-    def compile_rare_cases() -> None:  # kernels that only some samples need
+    def compile_rare_cases() -> None:  # the example's samples may not need these kernels: call them with no samples
         none, nothing, seen = np.zeros(0, np.int64), np.zeros(0), empty_record(0)
         states = np.zeros((delta.size, 1)), np.full((delta.size, 1), 5.0)
         of = model.classify_states(model.parameters_at(delta, epsilon), *states)

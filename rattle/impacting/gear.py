@@ -238,7 +238,7 @@ class Gear(SampledGear, Rattling):
         ParameterError
             If an argument is outside its domain.
         RattleError
-            If there is no impact.
+            If a flight before the departure has no impact that can be computed.
         """
         position, velocity = require_finite("position", position), require_finite("velocity", velocity)
         return departure(self.delta, self.epsilon, self.beta, _folded_phase(phase), position, velocity)

@@ -44,7 +44,7 @@ log = logging.getLogger(__name__)  # a message of level INFO names each step of 
 
 #: Parts of the library that compute no number of a survey.
 COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience", "notebook.py", "precompile.py"}
-COMPILE_NOTHING = COMPUTE_NOTHING | {"models"}  # parts without kernels: models call kernels of other parts
+COMPILE_NOTHING = COMPUTE_NOTHING | {"models"}  # parts that define no kernels; `models` calls kernels of other parts
 COMPILE = "import sys; from rattle.numerics.compile import compile_here; compile_here(*sys.argv[1:])"
 STEP = "compiling "  # the lines in which the compiling process reports its steps begin with this word
 POLL_SECONDS = 0.1
@@ -188,21 +188,21 @@ class Kernel(Inline):
         """Run the compiled function. Before its first run, a separate process compiles it for these argument types."""
         if self._entry is None and self.__module__.startswith("rattle."):
             wanted = self.__module__, self.name, *map(numba.typeof, arguments)
-            # a hash of the text, because pickles of equal types may differ
+            # the name is a hash of the types as text, because pickles of equal types may differ
             name = hashlib.sha256(repr(wanted).encode()).hexdigest()[:24]
             compile_apart(f"{name} {base64.b64encode(pickle.dumps(wanted)).decode()}", f"{__name__}:compile_one")
         return (self._entry or self.entry)(*arguments)
 
 
 def compile_one(about: str) -> dict[str, Callable[[], Any]]:
-    """Return {name: function}; the function compiles a kernel for types of arguments.
+    """Return the step of a job of `compile_apart` that compiles one kernel for given types of its arguments.
 
-    about: a hash, a space, and, pickled in base64, the kernel's module and name and the types.
+    about: a hash, a space, and in base64 the pickled tuple of the kernel's module, its name and the types.
 
     Returns
     -------
     dict
-        One function, under the name of the kernel.
+        {name of the kernel: function that compiles it}.
     """
     module, name, *arguments = pickle.loads(base64.b64decode(about.split()[1]))
     return {name: lambda: getattr(import_module(module), name).entry.compile(tuple(arguments))}
@@ -243,7 +243,7 @@ def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[...
 
 
 def note_of(about: str, work: str) -> Path:
-    """Return the path of a file that exists once the cache has the kernels of the job `work` with argument `about`."""
+    """Return the path of the file that marks the job `work` of `compile_apart` as done, for this `about`."""
     return cache_directory() / f"{work.rpartition(':')[2]}-{about.split()[0]}.note"
 
 
@@ -258,7 +258,8 @@ def compile_apart(about: str, *works: str) -> None:
     Parameters
     ----------
     about : str
-        The argument of the jobs: the name of a model; or another name, a space, and more text.
+        The argument of the jobs, such as the name of a model. Its first word tells calls of one job apart; a job is not
+        repeated for the same first word.
     *works : str
         Jobs: functions, as ``module:name``, which take `about` and return steps by name. Each step is a function that
         compiles the kernels that it needs.
@@ -269,7 +270,7 @@ def compile_apart(about: str, *works: str) -> None:
         If the kernels cannot be compiled; the message says why.
     """
     notes = [note_of(about, work) for work in works]
-    if _HERE:  # this process compiles for the process that started it
+    if _HERE:  # this is the compiling process: it compiles these kernels in the course of its job
         _HERE.extend(notes)
     elif sys.executable and not all(note.exists() for note in notes) and is_cache_writable():
         with open(cache_directory() / "lock", "w") as lock:

@@ -36,9 +36,9 @@ def batch_of(x: NDArray) -> NDArray[np.complex128]:
 
 
 def reshape_like(x: NDArray, found: NDArray, axis: int = 0) -> NDArray:
-    """Return results for `batch_of(x)` in the shape of x (…, N).
+    """Return the results of a kernel for the k arguments `batch_of(x)` in the shape of x (…, N).
 
-    The axis `axis` of `found`, of length k, becomes the leading axes of x.
+    found: the results; its axis number `axis` has length k, and is replaced by the leading axes of x.
 
     Returns
     -------

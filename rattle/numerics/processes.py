@@ -20,8 +20,9 @@ def module_path() -> list[str]:
     -------
     list of str
         Absolute entries of ``PYTHONPATH`` and ``sys.path`` in order, without the working directory and the script's
-        directory. The directory of this project is always included. It comes last, so that it hides nothing if it is
-        the working directory. If another entry has this project too, it comes directly before that entry.
+        directory. The directory from which this process loaded the project is always included, as the last entry: so
+        files in it hide no other modules. If another entry has a copy of the project, this directory comes directly
+        before that entry.
     """
     home = str(Path(__file__).parents[2])
     entries = os.environ.get("PYTHONPATH", "").split(os.pathsep) + sys.path

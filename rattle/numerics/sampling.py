@@ -50,9 +50,10 @@ def _mix_bits(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def uniforms(seed: int, stream: int, rows: NDArray[np.int64], columns: int) -> NDArray[np.float64]:
-    """Return independent uniform numbers in [0, 1) for these rows (n,) of a random stream.
+    """Return independent uniform random numbers in [0, 1): chosen rows (n,) of an endless table.
 
-    Each number depends only on the seed (up to 128 bits), the stream, its row and its column.
+    The seed (up to 128 bits) and the number `stream` select the table. Each number depends on these, its row and its
+    column only, so that rows may be computed in any order.
 
     Returns
     -------

@@ -25,8 +25,8 @@ def read_columns(path: str | Path, names: Iterable[str], needed: str | None = No
     Raises
     ------
     ParameterError
-        If a cell of these columns is not a number, one of the columns appears twice, or the column `needed` is missing;
-        without `needed`, if all of the columns are missing.
+        If the file does not have the column `needed` (if `needed` is None: none of the columns), one of the columns
+        appears twice, or a cell of these columns is not a number.
     RattleError
         If the file cannot be read.
     """

@@ -11,8 +11,8 @@ from rattle.orbits.return_map import inverse_step, step
 def images(tau, v, steps, turns, backwards, point):
     """Apply Π^steps, or Π^−steps if `backwards`, to flat arrays of n states at one parameter point.
 
-    τ is not folded into [0, 1), so that neighbours stay neighbours; instead `turns` forcing periods are subtracted from
-    it (added if `backwards`).
+    τ is not folded into [0, 1), so that neighbours stay neighbours. From τ after all steps, `turns` forcing periods are
+    subtracted; if `backwards`, they are added.
 
     Returns
     -------

@@ -57,7 +57,16 @@ class Stretched(NamedTuple):
     def from_growth(
         cls, flat: Sequence[NDArray[Any]], growth: NDArray[np.float64], shape: tuple[int, ...]
     ) -> Stretched:
-        """Return the record from flat (τ, v, n₊, n₋) and growth (3, k): time, ln stretch of tangent vector, ln|det|."""
+        """Return the results of k trajectories in the shape `shape`, with both Lyapunov exponents.
+
+        flat: τ, v, n₊ and n₋, each (k,). growth (3, k): of each trajectory the time, ln stretch of its tangent vector,
+        and ln|det| of its tangent map.
+
+        Returns
+        -------
+        Stretched
+            The exponents are NaN where the time is 0.
+        """
         time = growth[0]
         with np.errstate(divide="ignore", invalid="ignore"):
             first = growth[1] / time

@@ -21,7 +21,7 @@ MOST_POINTS, MOST_IMAGES, MOST_ROUNDS = 400_000, 2_000, 200
 ENDED = 1e-9  # length of an image below which the manifold counts as converged to an attractor
 FIRST = 9  # number of points of the fundamental domain at first
 FINEST = 1e-6  # shortest step between points whose angle counts; angles of shorter steps are rounding errors
-JOINED = 1e-3  # largest distance of the ends of two pieces, relative to the spacing, at which they share a corner
+JOINED = 1e-3  # two pieces share a corner if the distance of their ends, relative to the spacing, is smaller than this
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,11 @@ class Manifold:
         "stable" or "unstable", and +1 or −1, as in `manifold`.
     tau, v : ndarray, (n,)
         Phase, not folded but continuous along the manifold, and speed after the impact on Σ⁺.
-    parameter : ndarray, (n,)
-        For each point, whose `images` is j, the position t of its j-th preimage on the local manifold; near the saddle
-        t is the arclength.
     images : ndarray of int, (n,)
-        For each point the number j of the image of the fundamental domain that contains the point.
+        For each point a number j: the point lies in the j-th image of the fundamental domain.
+    parameter : ndarray, (n,)
+        For each point the position t of its j-th preimage on the local manifold; near the saddle |t| is the arclength.
+        t lies in the fundamental domain or, for j = 0, between the saddle and the domain.
     pieces : ndarray of int, (p + 1,)
         Piece i has the points pieces[i] to pieces[i + 1]. Neighbouring pieces share their corner, which is stored
         twice.
@@ -63,7 +63,8 @@ class Manifold:
 class _Image:
     """The j-th image of the fundamental domain of a local manifold, as points in order away from the saddle.
 
-    t: positions of the points' j-th preimages in the domain. ok, x, word, bounces: the results of `LocalManifold.map`.
+    t: positions in the domain of the points' j-th preimages. ok, x, word, bounces: the images of these preimages, as
+    from `LocalManifold.map`.
     """
 
     def __init__(self, local: LocalManifold, j: int, t: Array) -> None:
@@ -137,8 +138,8 @@ def manifold(
 ) -> Manifold:
     """Return one side of the "stable" or "unstable" manifold of a saddle, up to an arclength in (τ, v).
 
-    The manifold ends earlier where it converges to a stable motion or to rest. A tongue that crosses Γ and returns
-    within one spacing can be missed.
+    The manifold ends earlier where it converges to a stable motion or to rest. A part that crosses Γ and
+    returns between two neighbouring points is missed.
 
     Parameters
     ----------
@@ -172,7 +173,7 @@ def manifold(
     local = local_manifold(orbit, kind == "stable", unit)
     t = side * local.size * local.multiplier ** np.linspace(-1.0, 0.0, FIRST)
     reach = float(abs(t[0]) * np.hypot(*(local.powers[1] / [1.0, unit])) / np.hypot(*local.powers[1]))
-    first = np.linspace(0.0, t[0], 2 + int(reach / spacing))[:-1]  # points from the saddle to the domain
+    first = np.linspace(0.0, t[0], 2 + int(reach / spacing))[:-1]  # positions between the saddle and the domain
     zero = np.zeros(first.size)
     rows, length = [np.stack([*local.states_at(first), first, zero, zero, zero])], reach
     for j in range(MOST_IMAGES):
@@ -228,7 +229,7 @@ def _assemble(
     gap = np.hypot(*((rows[:2, starts] - rows[:2, starts - 1]) / [[1.0], [unit]]))
     near = starts[gap < joined]
     exact = np.where(rows[5, near] < rows[5, near - 1], near, near - 1)
-    # on the other piece the error of a corner is the square root of the rounding error
+    # on the piece with more impacts on Σ⁻ the error of a corner is the square root of the rounding error
     rows[:, np.where(exact == near, near - 1, near)] = rows[:, exact]
     pieces = np.concatenate([[0], starts, [rows.shape[1]]]).astype(np.int64)
     length = float(np.hypot(*_differences(rows[:2], unit)).sum())

@@ -121,7 +121,7 @@ class MissingLimit(NamedTuple):
     epsilon: float | None
 
 
-# a trace larger than this would overflow when it is squared, and the determinant is negligible beside the square
+# from this trace on the determinant is left out of the roots: it is negligible, and the trace squared would overflow
 SQUARED = 1e150
 
 
@@ -146,7 +146,7 @@ def multipliers_of(trace: ArrayLike, determinant: ArrayLike) -> NDArray[np.compl
 
 
 PAPER_REGIONS = ("I", "II", "III", "IV", "V")
-_OF_THE_PAPER = {"": "I", "AC": "II", "ABCD": "III", "AD": "V"}  # all four orbits are region IV if D is unstable
+_OF_THE_PAPER = {"": "I", "AC": "II", "ABCD": "III", "AD": "V"}  # where ABCD exist and D is unstable, the region is IV
 _SETS = ["".join(x for x, there in zip(NAMES, each[::-1], strict=True) if there) for each in product((0, 1), repeat=4)]
 #: Names of regions by number: 0 is no region, 1 to 5 are I to V of the paper, others are named by their orbits.
 REGIONS = ("", *PAPER_REGIONS, *(each for each in _SETS if each not in _OF_THE_PAPER))

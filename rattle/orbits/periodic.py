@@ -93,11 +93,10 @@ def unknowns_from_impact(itinerary: Equations, x: Array, first: int) -> Array:
 
 
 def twins(itinerary: Equations, start: Array, x: Array) -> Array:
-    """Return all arrays of unknowns that describe the same motion as `start` (N,).
+    """Return arrays of unknowns that all describe the motion with unknowns `start` (N,) and its order of walls.
 
-    The same motion has other unknowns if it begins at another impact from which the order of walls is the same, or
-    whole forcing periods earlier or later. Of the latter, those whose first time is nearest to the first time of x are
-    returned.
+    There is an array for each impact with which the motion may begin so that it meets the walls in the same order. Its
+    times are shifted by whole forcing periods so that its first time is as near as possible to the first time of x.
 
     Returns
     -------
@@ -137,8 +136,8 @@ def with_shortest_period(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Arr
 
 MOST_IMPACTS = 512  # largest allowed number of impacts of a periodic motion
 MOST_NEWTON = 30
-# largest difference, in forcing periods, between the times of a part of a motion and of the part before at which the
-# part counts as a repetition; near a flip rounding errors grow
+# a part of a motion repeats the part before if their times, in forcing periods, differ by less than this; it is far
+# above rounding errors, because these grow near a flip
 SAME_MOTION = 1e-8
 
 

@@ -24,7 +24,7 @@ from rattle.flight.law import folded, speed_unit, wrapped
 from rattle.numerics.compile import kernel
 
 NEWTON_STEPS = 15
-# largest distance between a state and its image at which an orbit counts as closed, in forcing periods and in units of
+# an orbit counts as closed if a state and its image differ by less than this, in forcing periods and in units of
 # `speed_unit`
 SAME = 1e-8
 

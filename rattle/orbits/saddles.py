@@ -24,8 +24,8 @@ from rattle.orbits.return_map import power_map
 Array = NDArray[np.float64]
 DEGREE, NODES = 10, 25  # degree of the series; number of points at which its residual is evaluated
 LARGEST, SMALLEST = 0.1, 1e-9  # largest and smallest size |s| of a series that is tried
-# largest residual F(W(s)) − W(λs) of a series, relative to its size; rounding error of the residual, relative to the
-# speed, for Π and for Π⁻¹: the limit is never smaller
+# largest allowed residual F(W(s)) − W(λs) of a series, relative to its size; the residual's rounding error, relative to
+# the speed, for Π and for Π⁻¹, which is allowed in any case
 RESIDUAL, ROUNDING = 1e-12, (4e-15, 8e-15)
 MOST_ITERATIONS = 60
 
@@ -109,8 +109,9 @@ def eigenvectors(orbit: Periodic) -> tuple[Array, Array]:
 def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> LocalManifold:
     """Return the stable or the unstable local manifold of a saddle.
 
-    Its size is the largest of the sizes 0.1, 0.05, … for which a series of degree 10 has a residual of at most 1e-12 of
-    the size (more where rounding or λ is large). In residuals speeds are in units of `unit`.
+    The series has degree 10. Its size is the largest of 0.1, 0.05, … for which the residual |F(W(s)) − W(λs)| is at
+    most 1e-12 of the size; if rounding errors or λ are large, a larger residual is allowed. In residuals speeds are in
+    units of `unit`.
 
     Returns
     -------

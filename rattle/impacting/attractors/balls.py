@@ -46,14 +46,15 @@ WORK = np.dtype(
 
 @inline
 def direction_of(lane, few):
-    """Return the direction that a lane tries, and how often its group's largest radius is halved to give its radius.
+    """Return the direction and the radius that a lane of a group tries.
 
-    few: the group tries four directions at four radii; otherwise all directions at one radius.
+    lane: from 0, within the group. few: the group tries four directions at four radii; otherwise all directions at one
+    radius.
 
     Returns
     -------
     tuple of int
-        The number of the direction, and the number of halvings.
+        The number of the direction, and how often the largest of the group's radii is halved.
     """
     return (lane % FEW * (ALL // FEW), lane // FEW) if few else (lane, 0)
 
@@ -75,8 +76,8 @@ def load_centre(b, group, i, centres, cells):
 def load_states(b, work, group, i, level, few, centres):
     """Put on each lane of a group the state that the lane tries next around centre i.
 
-    level: the number of halvings of the largest radius. few: the group tries four directions at four radii; otherwise
-    it tries all directions at one radius.
+    level: how often LARGEST is halved to give the largest of the group's radii. few: the group tries four directions at
+    four radii; otherwise it tries all directions at one radius.
     """
     for j in range(GROUP):
         lane = group * GROUP + j
@@ -93,7 +94,9 @@ def load_states(b, work, group, i, level, few, centres):
 def fly_once(memory, work, groups, force, paths):
     """Advance the state of every unfinished lane by one flight, and multiply the lane's tangent matrix by the flight's.
 
-    `force` is the result of `needed_stage`: the kind of guess and of proof that the flights need.
+    force: the result of `needed_stage`, SMOOTH, ROUGH or ARCS, which decides how first impacts are guessed and proved.
+    `work` holds the tangent matrices. `paths` (2,) counts flights whose first impact needs a scan, and flights whose
+    first impact needs the slower safe search.
     """
     b = memory[0]
     for i in range(GROUP * groups):
@@ -117,8 +120,8 @@ def fly_once(memory, work, groups, force, paths):
 
 
 @inline
-def is_any_flying(b, group, most):
-    """Stop lanes with more than `most` impacts on Σ⁻, and return whether any lane of the group is not finished."""
+def stop_lost_lanes(b, group, most):
+    """Stop the lanes of a group with more than `most` impacts on Σ⁻, and return whether any lane of it still flies."""
     left = False
     for lane in range(group * GROUP, (group + 1) * GROUP):
         if b.n_minus[lane] > most:
@@ -137,16 +140,15 @@ def meets_conditions(b, work, lane, i, centres):
 
 @inline
 def halvings_without_failure(b, work, group, i, level, few, centres):
-    """Return the number of halvings from LARGEST to the largest tried radius at which no direction failed.
+    """Return how often LARGEST is halved to give the largest radius at which no direction of a group failed.
 
-    If every tried radius has a direction that failed, the result is the number of halvings to the smallest of these
-    radii plus 1. level: the number of halvings to the largest of these radii. few: the group tried four directions at
-    four radii; otherwise it tried all directions at one radius.
+    level: how often LARGEST is halved to give the largest radius that the group tried. few: the group tried four
+    directions at four radii; otherwise it tried all directions at one radius.
 
     Returns
     -------
     int
-        The number of halvings.
+        The number of halvings; if some direction failed at each tried radius, that for half the smallest of them.
     """
     radii = FEW if few else 1
     for halvings in range(radii):
@@ -175,7 +177,7 @@ def write_radii(memory, work, centres, cells, paths):
         for group in range(GROUPS):
             i = of[group]
             if i >= 0:
-                if is_any_flying(b, group, centres.n_minus[i]):
+                if stop_lost_lanes(b, group, centres.n_minus[i]):
                     groups = group + 1
                     continue
                 tried = level[group]

@@ -34,8 +34,8 @@ from rattle.parameters import Parameters
 SAMPLED, ROUNDS = 1024, 8
 # number of states at the edges of all capture regions of a cell; fewest and most states at the edge of one region
 EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64
-# largest number of impacts by which a state is followed backwards; speed, in natural speeds, above which it is not
-# followed further
+# at strong damping, largest number of impacts by which a state is followed backwards; speed, in natural speeds, above
+# which it is followed no further
 PREIMAGES, CEILING = 64, 25.0 / 7.0
 # largest number of states of a cell, with their copies, whose preimages are computed; number of copies near each state;
 # largest distance of these copies, in τ and relative in v
@@ -95,7 +95,8 @@ class _Cells:
     most : (n,)
         Largest number of impacts for which a state is followed.
     tau, v : (n, STARTS)
-        The slowest states that reach an attractor other than quiet motion; v is inf in places without a state.
+        The slowest states found that reach an attractor other than quiet motion. If fewer than STARTS are found, the
+        other entries of v are inf.
     undecided : (n,)
         The least speed of an undecided state.
     """
@@ -103,7 +104,7 @@ class _Cells:
     def __init__(self, delta: Array, epsilon: Array, beta: Array, v_max: Array) -> None:
         n = delta.size
         usual = sampled_speeds(None, delta, epsilon, beta)
-        # states slower than the floor become quiet
+        # least speed of sets that are uniform in ln v: the capture speed, but at least LOWEST
         self.floor = np.clip(capture_speeds(delta, epsilon, beta), LOWEST * usual, 0.5 * v_max)
         self.v_max, self.ceiling = v_max, CEILING * usual
         # factor by which limits of impacts are larger than at strong damping
@@ -142,7 +143,7 @@ class _Cells:
     def states_in_strip(self, below: Array, i: int) -> tuple[Array, Array]:
         """Return τ and v (n, SAMPLED) of set number i of states, uniform in τ and in ln v.
 
-        The speeds of a cell lie between the speed `floor` below which states become quiet and `below` (n,).
+        The speeds of a cell lie between its entries of `self.floor` (its capture speed, or LOWEST) and `below` (n,).
 
         Returns
         -------
@@ -193,11 +194,11 @@ class _Cells:
         return np.repeat(cell, each), fold(tau + x), v + y
 
     def keep_preimages(self, away: NDArray[np.bool_], tau: Array, v: Array) -> None:
-        """Keep the slowest preimages of the states flagged in `away`, and of the edges of new capture regions.
+        """Compute preimages of states that leave quiet motion, and keep the slowest that leave quiet motion too.
 
-        `away` (n, k) flags the states that reach an attractor other than quiet motion. Each of these states has COPIES
-        copies close to it; if a cell has too many of these states, only some are used. New capture regions are the
-        regions found since the last call.
+        tau, v (n, k): states of each cell. `away` (n, k) flags those that reach an attractor other than quiet motion;
+        if a cell has too many, only some are used. Preimages of COPIES copies close to each of them are computed too,
+        and of states at the edges of the capture regions that were found since the last call.
         """
         number = away.sum(axis=1)[:, None]
         every = -(-number * (1 + COPIES) // STATES)  # keep every `every`-th state: with copies at most STATES

@@ -84,10 +84,10 @@ class ImpactingClassifier(Classifier):
     """Classify the samples of a block of cells of the impacting gear."""
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
-        """Prepare the classifier.
+        """Prepare to classify the samples (tau, v), each (n_cells, count), of these cells.
 
-        Its field `paths` (2,) counts flights whose first impact needs a scan, and flights whose first impact needs the
-        slower safe search.
+        budget: the most impacts on Σ⁺ of a sample. The field `paths` (2,) counts flights whose first impact needs a
+        scan, and flights whose first impact needs the slower safe search.
         """
         self.paths = np.zeros(2, np.int64)
         self._block = working_block()

@@ -71,7 +71,13 @@ def is_quiet(b, i, largest_invariant):
 
 @inline
 def fate_of_lane(b, i, cell, cells, balls):
-    """Return (status, orbit) of lane i, which is on Σ⁺. orbit: number of the orbit that captures its state, or −1."""
+    """Return the outcome of lane i, which is on Σ⁺ and follows a sample of cell number `cell`.
+
+    Returns
+    -------
+    tuple
+        (status, orbit): (QUIET, −1); (PERIODIC, number of the orbit that captures the state); or (UNRESOLVED, −1).
+    """
     if is_quiet(b, i, cells.quiet_invariant[cell]):
         return Outcome.QUIET, -1
     orbit = capturing_orbit(b.tau[i], -b.w[i], cell, balls)
@@ -221,7 +227,8 @@ class Observation(NamedTuple):
 def check_probes(b, groups, fresh, which, cells, samples, balls, watch):
     """Check every lane in use, and put new probes on lanes whose probes ended.
 
-    The growth of the tangent vectors is added to the sums of the present batches of their probes, `watch.sums`.
+    When a batch of a probe or the probe ends, or a tangent vector is near overflow, the growth of the vector so far is
+    added to the batch's sums in `watch.sums`.
 
     Returns
     -------

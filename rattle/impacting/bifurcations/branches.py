@@ -40,8 +40,8 @@ from rattle.orbits.periodic import solve_at_parameters, twins
 LONGEST = 0.05  # longest continuation step, in the Euclidean norm of times and parameter
 FEW_POINTS = 6  # least number of points of a branch from one parameter point to another
 SHORTEST_FLIGHT = 1e-6  # shortest flight, in forcing periods; if a flight is shorter, two impacts have become one
-# largest difference between the times of both halves of a doubled motion at which the motion counts as back at its
-# flip; closer to the flip rounding decides the direction of the branch
+# a branch of doubled period ends, at its flip, once the impact times in the two halves of its motion, less half the
+# period, differ by less than this; closer to the flip rounding decides the direction of the branch
 TWICE = 1e-5
 SAME_PLACE = 1e-9  # largest distance of equal points in the (δ, ε) plane, relative to `plane_scale`
 SAME_MOTION = 1e-6  # largest difference between the impact times of equal motions, in forcing periods
@@ -260,7 +260,7 @@ def _follower(itinerary: Itinerary, line: ParameterLine) -> Follower:
 
 
 def _why_degenerate(itinerary: Itinerary, y: Array) -> str | None:
-    """Return why a branch ends at impact times y[:-1] (impacts merge, or the period halves); None if it goes on."""
+    """Return why a branch ends at a motion with impact times y[:-1]: impacts merge, or the period halves; else None."""
     if np.min(np.diff(np.append(y[:-1], y[0] + itinerary.m))) < SHORTEST_FLIGHT:
         return "two impacts become one"
     return HALF_PERIOD if repeats_first_half(itinerary, y, TWICE) else None
@@ -297,7 +297,16 @@ def _is_same_event(one: Event, other: Event) -> bool:
 def _build_branch(
     itinerary: Itinerary, line: ParameterLine, points: Array, tangents: Array, start: int, ends: tuple[str, str]
 ) -> Branch:
-    """Return the branch with its events, from points (times, position on the line); add points between close events."""
+    """Return the branch with its events, from points (k, n + 1) on it, each n times and a position on the line.
+
+    points, tangents: in order, with the branch's unit tangents; points between close events are added. start: the
+    number of the point from which the branch was followed. ends: the reasons why the branch ends at either end.
+
+    Returns
+    -------
+    Branch
+        The branch.
+    """
     problem = equations_on_line(itinerary, line.origin, line.direction)
     more = sorted(points_between_close_events(itinerary, line, problem, points, tangents), key=lambda item: -item[0])
     for after, y, tangent in more:

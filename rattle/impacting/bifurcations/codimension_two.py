@@ -175,10 +175,12 @@ def _point_on_grazing_curve(name: str, residual: Residual, beta: float) -> tuple
 
 
 def _tangency(curves: dict[str, int], delta: float, epsilon: float, beta: float) -> dict[tuple[str, str], float]:
-    """Return the measured order of contact of each pair of curves at a point.
+    """Return the measured order of contact of each pair of curves at a codimension-two point.
 
-    Beyond the point where a curve ends, its virtual continuation is used. The curves are compared at distances in δ of
-    at most 1 % of the point's damping: farther away, curves that touch look like curves that cross.
+    curves: for each name the side of the point on which the curve exists, −1 for smaller and +1 for larger δ. A pair is
+    compared on the side of its second curve; if the first curve does not exist there, its virtual continuation is used.
+    The distances in δ are at most 1 % of the point's damping: farther away, curves that touch look like curves that
+    cross.
 
     Returns
     -------
@@ -200,7 +202,20 @@ def _tangency(curves: dict[str, int], delta: float, epsilon: float, beta: float)
 
 
 def _curve_near(name: str, delta: float, epsilon: float, beta: float, offsets: Array) -> Array:
-    """Return ε of a curve at growing offsets in δ from a point on it. The curve may be virtual there."""
+    """Return ε of the curve `name` at `offsets` in δ from its point (δ, ε), also where the curve is virtual.
+
+    offsets (n,): of one sign, in the order of their size, because the curve is followed from each to the next.
+
+    Returns
+    -------
+    Array
+        ε (n,).
+
+    Raises
+    ------
+    RattleError
+        If the curve cannot be followed.
+    """
     definition = CURVES[name]
     problem = condition(definition.itinerary(beta), definition.kind, definition.impact)
     starts = definition.starts(delta, beta)

@@ -27,9 +27,11 @@ from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import unknowns_from_impact
 
 MOST_ACROSS = 1000  # largest allowed number of points of a curve across a window
-BESIDE = 1e-7  # relative distance in δ from a codimension-two point at which curves are searched too
+# starting points of a curve are also searched on both sides of each codimension-two point, this far away, relative in δ
+BESIDE = 1e-7
 REACH = 8.0  # every curve has points at dampings below this multiple of β; COD22 is near δ = 4β/π
-LEAST_DELTA = 1e-5  # damping below which the impact times of different motions differ by less than rounding
+# a window must reach above this damping: below it the impact times of different motions differ by less than rounding
+LEAST_DELTA = 1e-5
 SAME_POINT = 1e-6  # largest relative difference in δ of equal points
 ALL_EPSILON = (0.0, 1.0)
 

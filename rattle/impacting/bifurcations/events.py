@@ -25,8 +25,8 @@ from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
 from rattle.impacting.orbits.periodic import PeriodicOrbit, first_failure, is_admissible, orbit_of
 from rattle.numerics.complex_step import Array
 
-# largest time difference of the two halves of a motion at which, where the branch turns back, the motion counts as a
-# motion of half the period
+# where a branch turns back, its motion counts as a motion of half the period if the times of the impacts in its two
+# halves, less half the period, differ by less than this; also the largest distance in δ and in ε of the flip from there
 SAME_HALVES = 0.02
 # a test function is checked for two zeros within a step if the parabola through three points falls below this share of
 # the value at the middle point
@@ -258,12 +258,27 @@ def repeats_first_half(itinerary: Itinerary, y: Array, tolerance: float) -> bool
 
 
 def origin_of_doubling(itinerary: Itinerary, line: ParameterLine, y: Array, after: int) -> Event | None:
-    """Return the flip at which a branch of doubled period begins, near its point y; None if no flip is found."""
+    """Return the flip at which a branch of doubled period begins; None if Newton's method finds no flip.
+
+    y: the point at the end of the branch, next to the flip. after: the number of the last point of the branch before
+    the flip.
+
+    Returns
+    -------
+    Event | None
+        The flip.
+    """
     return _solve_event(line, Candidate(y, Kind.SADDLE_NODE, itinerary, line.unknowns_at(y)), after, SAME_HALVES)
 
 
 def _half_period_motion(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array] | None:
-    """Return itinerary and unknowns of half of the motion x, if its two halves are nearly the same; otherwise None."""
+    """Return a motion of half the period of the motion x, a guess for Newton's method, if both halves of x are similar.
+
+    Returns
+    -------
+    tuple[Itinerary, Array] | None
+        The itinerary, and the unknowns with the mean times of both halves; None if times differ by SAME_HALVES.
+    """
     if not repeats_first_half(itinerary, x, SAME_HALVES):
         return None
     n, m = itinerary.n // 2, itinerary.m // 2

@@ -17,8 +17,8 @@ from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.numerics.complex_step import Array
 
-# largest relative difference in ε between an event and a starting point of a curve at the same damping, at which the
-# event is on the curve
+# an event is on a curve if a starting point of the curve at the same damping differs from it by less than this,
+# relative in ε
 SAME_START = 0.01
 PAPER = "Mason and Piiroinen (2009)"
 
@@ -71,7 +71,7 @@ def _why_not_on_g2(x: Array) -> str | None:
 
 
 def _first_flip(delta: float, beta: float) -> Sequence[Array]:
-    """Return the flip of D next to SN2, in a list that is empty if D is not stable between SN2 and this flip."""
+    """Return a list with the first flip of D after SN2 if D loses stability there; otherwise an empty list."""
     found = starts.two_impact_flips(delta, beta)
     return found[:1] if found and starts.loses_stability(found[0], beta) else ()
 

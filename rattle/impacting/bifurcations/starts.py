@@ -117,7 +117,7 @@ def two_impact_flips(delta: float, beta: float) -> tuple[Array, ...]:
 
 
 def loses_stability(x: Array, beta: float) -> bool:
-    """Return whether the P(1,1,1) motions lose stability at a flip x as σ grows; along D, ε grows with σ."""
+    """Return whether D, at its flip x, is stable before and unstable after it as σ grows; ε grows with σ along D."""
     at = two_impact_family(float(x[-2]), beta)
     return bool(at.flip[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0)
 

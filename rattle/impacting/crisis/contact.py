@@ -24,7 +24,7 @@ from rattle.orbits.saddles import Array, LocalManifold, eigenvectors, local_mani
 GRID, ZOOMS = 41, 13  # number of points of a grid in s; number of refinements of the grid around its minimum
 # distance in s from the contact, relative to s, of the two points on either side whose itineraries are compared
 SAME = 1e-9
-# number of impacts from the local series beyond which points of W^u(A) are interpolated; number of interpolation nodes
+# points of W^u(A) more than this number of impacts away from the local series are interpolated; number of nodes
 LONG, NODES = 30, 16
 NEWTON = 4  # number of Newton steps to the position of a state along W^s(A)
 MOST_ROUNDS = 40  # most moves of an interval until it holds a root
@@ -39,13 +39,14 @@ class Crisis:
     contact : "corner" or "tangency"
         The shape of W^u(A) at the contact.
     piece : tuple[int, ...]
-        Numbers of impacts on Σ⁻ between successive impacts on Σ⁺ along the orbit of the contact, without the zeros at
-        the beginning and at the end. At a corner they are those on the side with more impacts on Σ⁻.
+        The itinerary of the contact's orbit: the number of impacts on Σ⁻ between each two successive impacts on Σ⁺,
+        without the zeros at the beginning and at the end. At a corner the orbits on the two sides differ; the side with
+        more impacts on Σ⁻ counts.
     parameter : float
-        Position s on W^u(A) of one point of the contact's orbit; near A, s is the arclength from A. In its second
-        return to Σ⁺ from this point the orbit meets Σ⁻ for the first time.
+        Position s on W^u(A) of one point of the contact's orbit; near A, s is the arclength from A. From this point the
+        orbit meets Σ⁻ first in its second return to Σ⁺.
     steps : int
-        Impacts on Σ⁺ from the point W(s), s = `parameter`, to the return of its orbit to W^s(A) near A.
+        Number of impacts on Σ⁺ from the point at `parameter` until the orbit is back near A, at W^s(A).
     chaotic : bool
         Whether the attractor of W^u(A) just below the crisis was observed to be chaotic. In a window of periodic motion
         the attractor is not chaotic, and the contact ends chaotic transients only.
@@ -204,10 +205,10 @@ def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, fl
 def solve_contact_at_gap(
     delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float, most: float
 ) -> Crisis:
-    """Return the contact at ε = SN1 + gap, near the damping delta. The unknown is δ.
+    """Return the contact at ε = SN1 + gap of a piece of W^u(A); the damping δ is the unknown, and `delta` its guess.
 
-    `bracket` is the expected error of delta, and `most` the longest step in δ. The other arguments are those of
-    `solve_contact`.
+    bracket: the expected error of the guess. most: the longest step in δ while a root is searched. The other arguments
+    and the errors are those of `solve_contact`.
 
     Returns
     -------
@@ -223,7 +224,7 @@ def solve_contact_at_gap(
 
 
 def _find_root(m: Callable[[float], float], x: float, half: float, most: float) -> float:
-    """Return a root of m near x. The interval x ± half moves until it holds a root, in steps of at most `most` · x."""
+    """Return a root of m near x: the interval x ± half moves, by at most `most` · x a step, until it holds a root."""
     from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load
 
     low, high = x - half, x + half

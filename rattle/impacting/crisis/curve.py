@@ -26,7 +26,8 @@ from rattle.orbits.saddles import Array
 START = 0.98  # the curve begins at this multiple of the δ of COD22
 CLOSEST = 1e-5  # least ε − SN1 to which the curve is followed close to COD22, relative to SN1
 RATIO = 0.75  # ratio of successive ε − SN1 close to COD22
-# half-width of the window in s around a guess, and of the range of the unknown δ or ε, both relative to the guess
+# half-width of the window in s around a guess, relative to the guess; expected error of the guess of ε − SN1 or, close
+# to COD22, of the distance in δ from COD22, also relative to the guess
 WINDOW, BRACKET = 0.05, 0.01
 DOMAIN = 0.3  # widest window of s, as a share of a fundamental domain
 # distance below the contact, relative to ε − SN1, at which no piece of W^u(A) may escape; samples per unit of ln s of
@@ -34,7 +35,7 @@ DOMAIN = 0.3  # widest window of s, as a share of a fundamental domain
 MARGIN, CHECKED = 1e-3, 4000
 SMALLEST = 1e-4  # smallest step in δ, relative to the δ of COD22; the curve ends where it needs a smaller step
 WIDEST = 0.05  # widest range of δ without chaos that the curve crosses, relative to the δ of COD22
-# share of the local series of W^s(A); if the contact lies farther out, the next point is followed for one more return
+# if `contact_position` of a crisis exceeds this, the orbit of the next crisis is followed for one more impact
 INSIDE = 0.6
 
 
@@ -64,22 +65,38 @@ class CrisisCurve:
 
 
 def _extrapolate(known: list[Crisis], x: Array, y: Array, at: float) -> Array:
-    """Extrapolate y (n, k) of n known crises, as functions of x (n,), to x = `at`, from the last three; return (k,)."""
+    """Return k quantities at x = `at`, from their values y (n, k) at n crises with coordinates x (n,).
+
+    A parabola through the last three crises is extrapolated; with fewer crises a line or a constant.
+
+    Returns
+    -------
+    Array
+        Values (k,).
+    """
     near = slice(-3, None) if len(known) > 2 else slice(-len(known), None)
     powers = np.polyfit(x[near] - x[-1], y[near], min(2, len(known) - 1))
     return np.asarray([np.polyval(column, at - x[-1]) for column in powers.T], np.float64)
 
 
 def _window_around(known: list[Crisis], s: float) -> tuple[float, float]:
-    """Return the range of positions around s on W^u(A) in which the contact that follows known crises is searched."""
+    """Return the window (low, high) of positions on W^u(A), around the guess s, in which the next contact is searched.
+
+    known: the crises of the curve so far, the last of which is the nearest to the next.
+
+    Returns
+    -------
+    tuple[float, float]
+        The window. It is wider if only one crisis is known.
+    """
     last = known[-1]
     rate = np.log(saddle_manifolds_at(last.delta, last.epsilon, last.beta).unstable_manifold.multiplier)
     width = float(min(WINDOW * (4.0 if len(known) == 1 else 1.0), DOMAIN * rate))
     return s * (1.0 - width), s * (1.0 + width)
 
 
-def _returns_at_next_point(last: Crisis) -> int:
-    """Return the impacts on Σ⁺ from a contact's position on W^u(A) to its return to A, at the crisis after `last`."""
+def _steps_of_next_crisis(last: Crisis) -> int:
+    """Return `Crisis.steps` for the crisis after `last` on the curve."""
     return last.steps + (1 if contact_position(last) > INSIDE else 0)
 
 
@@ -99,7 +116,7 @@ def contact_at_delta(known: list[Crisis], delta: float) -> Crisis:
     y = np.log([[point.gap, point.parameter] for point in known])
     gap, s = np.exp(_extrapolate(known, np.array([point.delta for point in known]), y, delta))
     return solve_contact(
-        delta, known[-1].beta, float(gap), _window_around(known, float(s)), _returns_at_next_point(known[-1]), BRACKET
+        delta, known[-1].beta, float(gap), _window_around(known, float(s)), _steps_of_next_crisis(known[-1]), BRACKET
     )
 
 
@@ -123,7 +140,7 @@ def contact_at_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
         last.beta,
         gap,
         _window_around(known, float(s)),
-        _returns_at_next_point(last),
+        _steps_of_next_crisis(last),
         bracket,
         abs(last.delta - end),
     )
@@ -161,14 +178,14 @@ def _follow_down(start: Crisis, to: float, resolution: float, end: float) -> tup
 
 
 def _follow_up(start: Crisis, top: float, end: float) -> tuple[list[Crisis], str]:
-    """Return the points of the crisis curve from `start` up to the first beyond δ = `top`, or to its end near COD22.
+    """Return the points of the crisis curve from `start` towards COD22, up to the first point beyond δ = `top`.
 
     `end` is δ of COD22.
 
     Returns
     -------
     tuple[list[Crisis], str]
-        The points by rising δ, and the reason why the curve ends, which does not apply if `top` is passed.
+        The points by rising δ, and the reason why they end before `top`; if they reach `top`, the reason is of no use.
     """
     known, last = [start], CLOSEST * start.epsilon
     while known[-1].gap > last and known[-1].delta <= top:

@@ -34,8 +34,8 @@ SAMPLES = 512  # number of samples of a fundamental domain
 # impacts on Σ⁺ that a sample may make between leaving A and crossing W^s(A), at strong damping: if it crosses at its
 # first return to A, and if it crosses at a later return
 FIRST_RETURNS, RETURNS = 64, 256
-# largest number of impacts of a sample at strong damping; at weak damping it is larger, in proportion to
-# `most_impacts_to_rest`
+# at strong damping, a parameter point is undecided if a sample may need more impacts than this to become quiet; at weak
+# damping the limit is larger, in proportion to `most_impacts_to_rest`
 MOST_IMPACTS = 8192
 # impacts that are ignored as a transient; impacts after these over which the Lyapunov exponent is measured
 SETTLE, WATCH = 20_000, 4_000
@@ -70,20 +70,24 @@ class Saddles(NamedTuple):
         return np.isfinite(self.tau)
 
     @property
-    def impacts_at_first_return(self) -> Array:
-        """Impacts (n,) within which a sample that crosses W^s(A) at its first return to A becomes quiet."""
+    def impacts_until_quiet_at_first_return(self) -> Array:
+        """Impacts (n,) after which a sample is quiet if it crosses W^s(A) at its first return to A."""
         return self._impacts_to_leave + self._impacts_until_quiet(FIRST_RETURNS)
 
     @property
-    def impacts_at_later_return(self) -> Array:
-        """Impacts (n,) within which a sample that crosses W^s(A) at a later return to A becomes quiet."""
+    def impacts_until_quiet_at_later_return(self) -> Array:
+        """Impacts (n,) after which a sample is quiet if it crosses W^s(A) at a later return to A."""
         return self._impacts_until_quiet(RETURNS)
 
     @property
     def is_decidable(self) -> Flags:
-        """Flags (n,) of the points where A and quiet motion exist and becoming quiet takes few enough impacts."""
+        """Flags (n,) of the points at which W^u(A) can be followed until it is decided whether a part becomes quiet.
+
+        There A is a saddle, quiet motion exists, and becoming quiet takes fewer impacts than a limit (MOST_IMPACTS, at
+        weak damping more).
+        """
         below, most = self.epsilon < quiet_limit(self.delta), MOST_IMPACTS * _limit_factor(self.delta)
-        return self.exists & (self.multiplier > 1.0) & below & (self.impacts_at_later_return < most)
+        return self.exists & (self.multiplier > 1.0) & below & (self.impacts_until_quiet_at_later_return < most)
 
     @property
     def _impacts_to_leave(self) -> Array:
@@ -94,7 +98,7 @@ class Saddles(NamedTuple):
     def _impacts_until_quiet(self, returns: int) -> Array:
         """Return the impacts (n,) within which a sample becomes quiet.
 
-        returns: the impacts on Σ⁺ allowed at strong damping from leaving A to crossing W^s(A).
+        returns: the number of impacts that a sample may make, at strong damping, between leaving A and crossing W^s(A).
 
         Returns
         -------
@@ -165,7 +169,7 @@ def escapes(delta: float, epsilon: Array, beta: float) -> Flags:
     found = a.is_decidable
     if found.any():
         a = a.select(found)
-        found[found] = FollowedManifold(a, SAMPLES, a.impacts_at_first_return).becomes_quiet.any(axis=1)
+        found[found] = FollowedManifold(a, SAMPLES, a.impacts_until_quiet_at_first_return).becomes_quiet.any(axis=1)
     return found
 
 
@@ -183,7 +187,7 @@ def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
 def chaotic_share(delta: float, epsilon: float, beta: float, settle: int = SETTLE) -> float:
     """Follow WATCHED samples of W^u(A); return the share of them that are chaotic after `settle` impacts."""
     a = saddle_at(delta, epsilon, beta)
-    found = FollowedManifold(a, WATCHED, a.impacts_at_first_return + settle)
+    found = FollowedManifold(a, WATCHED, a.impacts_until_quiet_at_first_return + settle)
     left = found.samples.status == Outcome.UNRESOLVED
     if not left.any():
         return 0.0

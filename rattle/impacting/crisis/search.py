@@ -38,8 +38,8 @@ MARGIN = 1e-4  # distance below the crisis, relative to ε − SN1, at which no 
 MOST_PIECES = 6  # most contacts that are tried, each at a smaller ε than the one before
 MOST_RUNS = 4  # most runs of escaping samples whose contacts are tried in turn
 MOST_STEPS = 400  # most impacts on Σ⁺ for which an escaping orbit is followed
-# an orbit counts as back at A if its distance from W^s(A) is below this share of its farthest distance from A so far;
-# as becoming quiet if its speed is below this share of the speed of A
+# an orbit is back at A if its distance from W^s(A) is below this share of its largest distance from A so far; an orbit
+# counts as quiet if its speed is below this share of the speed of A
 NEAR, GONE = 0.3, 0.5
 WIDER = 12  # most doublings of the width of a window in s
 
@@ -53,7 +53,20 @@ def end_of_curve(beta: float) -> float:
 
 
 def _gaps_to_try(delta: float, beta: float) -> Array:
-    """Return the values of ε − SN1 to try, up to the quiet limit. Values at which A does not exist are left out."""
+    """Return the values of ε − SN1 to try, rising by 4 % each, at which A exists.
+
+    They end at the quiet limit or, from δ = 0.3 on, at 2 SN1 if this is less.
+
+    Returns
+    -------
+    Array
+        The values.
+
+    Raises
+    ------
+    RattleError
+        If A is born at or above the quiet limit, or COD22 does not exist at this half-backlash.
+    """
     floor, top = float(sn1_formula(delta)), float(quiet_limit(delta))
     first = LOWEST * floor * min(0.02, max(SMALLEST, (1.0 - delta / end_of_curve(beta)) ** 2))
     last = top * (1.0 - 1e-9) - floor
@@ -68,18 +81,38 @@ def _gaps_to_try(delta: float, beta: float) -> Array:
 
 
 def _follow_manifold(delta: float, beta: float, gap: float, density: int) -> FollowedManifold:
-    """Follow W^u(A) at ε = SN1 + gap, with `density` samples per unit of ln s. RattleError if this is impossible."""
+    """Follow W^u(A) at ε = SN1 + gap, with at least `density` samples per unit of ln s, s the position on W^u(A).
+
+    Returns
+    -------
+    FollowedManifold
+        The samples, each followed until it becomes quiet or has made the impacts that it may need for this.
+
+    Raises
+    ------
+    RattleError
+        If the point is not `Saddles.is_decidable`.
+    """
     a = saddle_at(delta, float(sn1_formula(delta)) + gap, beta)
-    return FollowedManifold(a, int(SAMPLES + density * np.log(a.multiplier[0])), a.impacts_at_first_return)
+    return FollowedManifold(a, int(SAMPLES + density * np.log(a.multiplier[0])), a.impacts_until_quiet_at_first_return)
 
 
 def has_escaping_piece(delta: float, beta: float, gap: float, density: int) -> bool:
-    """Return whether any sample of W^u(A), `density` of them per unit of ln s, becomes quiet at ε = SN1 + gap."""
+    """Return whether any of the samples of `_follow_manifold`, at ε = SN1 + gap, becomes quiet."""
     return bool(_follow_manifold(delta, beta, gap, density).becomes_quiet.any())
 
 
 def _narrow(delta: float, beta: float, low: float, high: float) -> tuple[float, float]:
-    """Bisect the range (low, high) of ε − SN1: at `high` a sample of W^u(A) becomes quiet, at `low` none does."""
+    """Return a narrower range of ε − SN1 inside (low, high), by bisection.
+
+    In the given and in the narrower range, a sample of W^u(A) becomes quiet at the upper end, and none does at the
+    lower end.
+
+    Returns
+    -------
+    tuple[float, float]
+        The ends of the range.
+    """
     for _ in range(HALVINGS):
         middle = (low + high) / 2.0
         low, high = (low, middle) if has_escaping_piece(delta, beta, middle, DENSE) else (middle, high)
@@ -116,14 +149,14 @@ def _escaping_runs(delta: float, beta: float, gap: float) -> list[Array]:
 def _returns_of_orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[int]]:
     """Follow the orbit of the point W(s) of W^u(A), at ε = SN1 + gap, and count its impacts on Σ⁺.
 
-    The orbit ends when it is about to become quiet, has no next impact, or has made the largest number of impacts.
+    The orbit is followed until it counts as quiet, has no next impact, or has made the largest number of impacts.
 
     Returns
     -------
     tuple[int, list[int]]
-        (met, entries). If the orbit first meets Σ⁻ between its impacts j and j + 1 on Σ⁺ (0 is the start), `met` is
-        j − 1, but at least 0; it is −1 if the orbit never meets Σ⁻. `entries` are the numbers of impacts after impact
-        `met` at which the orbit comes back to A close to W^s(A).
+        (met, entries). met: one less than the number of impacts on Σ⁺ that the orbit makes before it first meets Σ⁻,
+        but at least 0; −1 if the orbit never meets Σ⁻. entries: for each later return of the orbit to A, close to
+        W^s(A), its number of impacts on Σ⁺ since impact number `met`.
     """
     here = saddle_manifolds_at(delta, float(sn1_formula(delta)) + gap, beta)
     states, met, entries, inside, farthest = here.unstable_manifold.image(np.array([s]), 0)[1], -1, [], True, 0.0
@@ -132,7 +165,7 @@ def _returns_of_orbit(delta: float, beta: float, gap: float, s: float) -> tuple[
         if not ok.all():
             break
         if met < 0 and bounces[0] > 0:
-            # not j: if the orbit is next to a corner of W^u(A), orbits beyond the corner meet Σ⁻ one return earlier
+            # one less than j: if W^u(A) has a corner next to this orbit, orbits beyond it meet Σ⁻ one return earlier
             met = max(j - 1, 0)
         height = float(here.signed_distances(states)[0][0])
         farthest = max(farthest, float(np.hypot(*(states - here.at))[0]))
@@ -180,7 +213,8 @@ def _contact_of_run(delta: float, beta: float, low: float, high: float, run: Arr
     met, entries = _returns_of_orbit(delta, beta, high, float(run[run.size // 2]))
     if not entries:
         raise RattleError(
-            f"no contact was found at epsilon = {sn1_formula(delta) + high}: no return of the escaping orbit was seen"
+            f"no contact was found at epsilon = {sn1_formula(delta) + high}: the escaping orbit was not seen to return "
+            "to A"
         )
     here = saddle_manifolds_at(delta, float(sn1_formula(delta)) + high, beta)
     run = run * here.unstable_manifold.multiplier**met
@@ -251,8 +285,8 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
     if delta < WEAKEST:
         raise RattleError(
             f"damping is too weak at delta = {delta:g} for boundary crises: below {WEAKEST:g} motions take thousands "
-            "of impacts to come to rest, and the attractor of W^u(A) is hardly ever chaotic; rattle.crisis_side tells "
-            "whether it goes to rest"
+            "of impacts to become quiet, and W^u(A) hardly ever leads to a chaotic attractor; rattle.crisis_side tells "
+            "whether a part of W^u(A) becomes quiet"
         )
     gaps = _gaps_to_try(delta, beta)
     if gaps.size < 2:

@@ -45,6 +45,8 @@ def crisis_side(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> 
     if known.any():
         a = a.select(known)
         side[known] = np.where(
-            FollowedManifold(a, SAMPLES, a.impacts_at_later_return).becomes_quiet.any(axis=1), ESCAPES, INSIDE
+            FollowedManifold(a, SAMPLES, a.impacts_until_quiet_at_later_return).becomes_quiet.any(axis=1),
+            ESCAPES,
+            INSIDE,
         )
     return side.reshape(np.shape(broadcast[0]))

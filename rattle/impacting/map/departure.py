@@ -10,7 +10,16 @@ from rattle.flight.law import evaluate, flight_from_phase, folded
 def departure(
     delta: float, epsilon: float, beta: float, tau: float, position: float, velocity: float
 ) -> tuple[float, float]:
-    """Return the first departure (τ, v) from Σ⁺ of a motion with phase tau in [0, 1), Φ and Φ' (`Gear.departure`)."""
+    """Return the first departure (τ, v) from Σ⁺ of the motion that has Φ = position and Φ' = velocity at phase tau.
+
+    tau is in [0, 1). v is 0 if the motion rests on Σ⁺. On a wall, the velocity before and the velocity after the impact
+    give the same result.
+
+    Returns
+    -------
+    tuple[float, float]
+        Phase τ in [0, 1) and speed v ≥ 0.
+    """
     require(abs(position) <= beta, f"position must be from {-beta} to {beta}, between the walls, got {position}")
     wall = SIGMA_PLUS if position > 0.0 else SIGMA_MINUS
     w = abs(velocity) if wall == SIGMA_PLUS else -abs(velocity)  # on a wall, use the velocity before the impact

@@ -17,8 +17,8 @@ from rattle.flight.law import folded
 from rattle.numerics.compile import kernel
 
 FIRST_POINTS = 256
-# smallest difference of neighbouring times of touch; Γ breaks between two times this close if their states are still
-# farther apart than the spacing
+# no points are inserted between two times of touch that differ by less: if their states are still farther apart than
+# the spacing, Γ breaks there
 CLOSEST = 1e-13
 FINEST = 1e-4  # least allowed spacing of points
 
@@ -37,7 +37,15 @@ class GammaPiece(NamedTuple):
 
 
 def gamma(delta: float, epsilon: float, beta: float, spacing: float, unit: float) -> tuple[GammaPiece, ...]:
-    """Return the pieces of Γ (`rattle.Gear.gamma`). In distances, a speed of `unit` counts as one forcing period."""
+    """Return the pieces of Γ (`rattle.Gear.gamma`).
+
+    Neighbouring points of a piece are at most `spacing` apart in (τ, v/unit).
+
+    Returns
+    -------
+    tuple[GammaPiece, ...]
+        The pieces in the order of the time of touch.
+    """
     spacing = require_number("spacing", spacing, positive=True)
     require(spacing >= FINEST, f"spacing must be at least {FINEST:g}, got {spacing:g}")
 

@@ -1,8 +1,8 @@
 """The impact map Π on Σ⁺ (paper, equation 3.16), its inverse and its tangent map (compiled).
 
 A state (τ, v) leaves Φ = β at phase τ with velocity −v, v > 0. Π follows the flights and impacts on Σ⁻ until the next
-impact on Σ⁺. With −δ, the negative drift −q and the phase −τ the same kernel computes the inverse map, because these
-signs reverse time.
+impact on Σ⁺. If δ, the phase τ and the constant DRIFT of the forcing (`rattle.flight.forcing`) change sign, the same
+kernel computes the inverse map, because these signs reverse time.
 """
 
 import math
@@ -23,7 +23,8 @@ from rattle.orbits.return_map import inverse_step, step, step_tangent
 def impact(tau, v, delta, epsilon, beta, drift):
     """Apply the impact map Π to (τ, v).
 
-    drift: DRIFT. With −DRIFT, −δ and −τ the result is that of Π⁻¹, with −τ' for τ' (`inverse_impact`).
+    drift: the constant DRIFT of `rattle.flight.forcing`. Given −τ, −δ and −DRIFT, the kernel goes back in time: it
+    returns the state after Π⁻¹, with −τ' in place of τ' (`inverse_impact`).
 
     Returns
     -------
@@ -82,7 +83,7 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
         n_minus += 1
         if n_minus > MOST_BOUNCES:
             return ENDLESS, tau, abs(w), elapsed, n_minus, j00, j01, j10, j11, log_det
-    if not energy:  # v = −w at both ends, so dv = −dw
+    if not energy:  # the speeds at both ends are v = −w, w the velocity after the impact on Σ⁺, so dv = −dw
         j01, j10 = -j01, -j10
     return OK, tau, w1, elapsed, n_minus, j00, j01, j10, j11, log_det
 

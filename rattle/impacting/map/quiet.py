@@ -27,9 +27,9 @@ Array = NDArray[np.float64]
 PHASES, ABREAST = 2048, 16
 SINES, COSINES = sampled_phases(PHASES)
 LARGEST_ETA = 0.5  # largest η (see the top of this file) for which the measured bound is used
-KICK, DECAY_RATE = 10.0, 1.9  # the constants 10 and 1.9 of the measured bound 10 e^(−1.9/η)
-# largest number of impacts that becoming quiet may take at strong damping; damping below which this limit grows;
-# largest value of the limit
+# the constants of 10 e^(−1.9/η), the measured bound of the change of ln I in a period (see the top of this file)
+KICK, DECAY_RATE = 10.0, 1.9
+# `most_impacts_to_rest`: its value at strong damping; the damping below which it grows; its largest value
 LONGEST_REST, STRONG, MOST_REST = 2048.0, 0.3, 2.0**18
 
 
@@ -37,8 +37,8 @@ LONGEST_REST, STRONG, MOST_REST = 2048.0, 0.3, 2.0**18
 def largest_eta(delta):
     """Return the largest η at which a motion is certain to become quiet.
 
-    η compares the duration of a bounce with the times in which the contact force and damping act. Its formula is at the
-    top of this file.
+    η is defined at the top of this file. It is small if a bounce is short compared with the times in which the contact
+    force, the forcing and damping change the motion.
 
     Returns
     -------
@@ -52,13 +52,13 @@ def largest_eta(delta):
 
 @kernel
 def compiled_capture_invariant(delta, epsilon, beta, largest):
-    """Return the largest v³/g of bounces that become quiet, 0 if none does. `largest` (ABREAST,) is scratch memory."""
+    """Return the result of `capture_invariant`, inside kernels. `largest` (ABREAST,) is scratch memory."""
     smallest = DRIFT * delta - contact_force_swing(delta, epsilon)
     if smallest <= 0.0:
         return 0.0
     rate = max(math.pi, delta)
     for j in range(ABREAST):
-        largest[j] = 0.0  # the maximum of (η/I^(1/3))³ over the phases i + j, where ABREAST divides i
+        largest[j] = 0.0  # the maximum of (η/I^(1/3))³ over the phases number j, j + ABREAST, j + 2 ABREAST, …
     for i in range(0, PHASES, ABREAST):
         for j in range(ABREAST):
             cosine, sine = COSINES[i + j], SINES[i + j]
@@ -75,13 +75,13 @@ def compiled_capture_invariant(delta, epsilon, beta, largest):
 
 @kernel
 def fill_invariants(delta, epsilon, beta, largest, found):
-    """Write the largest v³/g of bounces that become quiet to `found` (n,). `largest` (ABREAST,) is scratch memory."""
+    """Write the result of `capture_invariant` for n cells to `found` (n,). `largest` (ABREAST,) is scratch memory."""
     for i in range(delta.size):
         found[i] = compiled_capture_invariant(delta[i], epsilon[i], beta[i], largest)
 
 
 def capture_invariants(delta: Array, epsilon: Array, beta: Array) -> Array:
-    """Return, for flat arrays, the largest v³/g of bounces that are certain to become quiet (`capture_invariant`)."""
+    """Return the results of `capture_invariant` at flat arrays of parameters."""
     found = np.zeros(delta.size)
     fill_invariants(delta, epsilon, beta, np.zeros(ABREAST), found)
     return found
@@ -106,7 +106,7 @@ def capture_speed(delta: float, epsilon: float, beta: float) -> float:
 
 
 def capture_speeds(delta: Array, epsilon: Array, beta: Array) -> Array:
-    """Return, for flat arrays, the speeds below which motions are certain to become quiet (`capture_speed`)."""
+    """Return the results of `capture_speed` at flat arrays of parameters."""
     smallest = Forcing(epsilon).least_force(delta)
     return np.asarray((capture_invariants(delta, epsilon, beta) * np.maximum(smallest, 0.0)) ** (1 / 3), np.float64)
 
@@ -127,20 +127,26 @@ def impacts_to_rest(delta: Array, epsilon: Array, beta: Array) -> Array:
 
 
 def most_impacts_to_rest(delta: Array) -> Array:
-    """Return the largest number of impacts within which a motion should become quiet, for flat arrays of δ.
+    """Return the limit of `impacts_to_rest` at flat arrays of δ; above the limit, quiet motion may look chaotic.
 
-    At weak damping the limit grows with the relaxation time 1/δ, up to MOST_REST impacts, which take a few milliseconds
-    to compute.
+    The limit is 2048 impacts from δ = 0.3 on. Below, it grows with the relaxation time 1/δ, up to MOST_REST impacts,
+    which take a few milliseconds to compute.
 
     Returns
     -------
     Array
-        Numbers of impacts.
+        Numbers of impacts, not rounded.
     """
     return np.asarray(np.minimum(LONGEST_REST * np.maximum(1.0, STRONG / delta), MOST_REST), np.float64)
 
 
 def rests_late(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
-    """Return whether motions take more than `most_impacts_to_rest` impacts to become quiet, and so may look chaotic."""
+    """Return whether `impacts_to_rest` exceeds `most_impacts_to_rest`: motions that become quiet may then look chaotic.
+
+    Returns
+    -------
+    NDArray[np.bool_]
+        False also from the quiet limit on, where no motion becomes quiet.
+    """
     needed = impacts_to_rest(delta, epsilon, beta)
     return np.isfinite(needed) & (needed > most_impacts_to_rest(delta))

@@ -19,18 +19,19 @@ ONE_BY_ONE = 6  # every n up to this number is tried, because the flips of small
 STRONG = 1.6
 # for damping above STRONG: largest n that is tried; least ε of stable orbits, in units of the quiet limit
 MOST_AT_STRONG, LEAST_AT_STRONG = 24, 0.85
-# least contact force, in units of the mean force, from which the rate of bounces is computed; smaller forces are raised
+# least contact force, in units of the mean force, for the rate of bounces; a smaller force counts as this force
 WEAKEST = 0.02
 NONE, STABLE, UNSTABLE = range(3)
 
 
 @kernel
 def fill_shares(work, x):
-    """Fill `work.shares`: entry i is the share of the bounces of half a period that come in its first i sections.
+    """Fill `work.shares` (SECTIONS + 1,), the distribution of bounces over half a forcing period.
 
-    The half period begins at the phase of least contact force and is divided into SECTIONS equal sections. x is ε in
-    units of the quiet limit. If all bounces have the same v³/g, their rate g/2v is proportional to g^(2/3), for speed v
-    and contact force g.
+    The half period begins at the phase of least contact force and has SECTIONS equal sections. Entry i is the share of
+    its bounces that come in the first i sections. x is ε in units of the quiet limit. The rate of bounces is taken as
+    proportional to g^(2/3), g the contact force: bounces of speed v have the rate g/2v, and all are taken to have the
+    same v³/g.
     """
     shares = work.shares
     shares[0] = 0.0
@@ -45,8 +46,8 @@ def fill_shares(work, x):
 def space_bounces(work, n, offset, least):
     """Set the times in `work` to a guess of n bounces in a period that all have the same v³/g.
 
-    `least` is the phase of least contact force. The first bounce comes before this phase, by −offset times the time
-    between two bounces; offset is from −1 to 0.
+    least: the phase of least contact force. offset: the place of the first bounce relative to this phase, from −1 (one
+    bounce earlier) to 0 (at this phase).
     """
     shares, i = work.shares, 0
     for j in range(n):

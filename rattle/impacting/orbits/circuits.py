@@ -34,8 +34,8 @@ MOST_ZOOMS, MOST_HALVINGS = 12, 24
 # length of a step, as a share of the first bracket, below which Newton's method on all equations takes over
 NEAR = 0.02
 SAME_ORBIT = 1e-7  # largest difference in phase, and relative difference in speed, of equal orbits
-# ends of a walk along a circuit: it became too long, or its steps too short; the time of the first impact changed by a
-# whole span; the walk came back to its start
+# how a walk along a circuit ends. LOST: it found no first point, or its steps became too many or too short; WOUND: the
+# time of the first impact has changed by the given span; CLOSED: the walk is back at its start
 LOST, WOUND, CLOSED = range(3)
 
 
@@ -198,13 +198,15 @@ def has_closed(work, n, s):
 
 @kernel
 def begin_walk(work, n, delta, epsilon, beta):
-    """Begin a walk along the curve of motions that satisfy all impact equations but one, near the times in `work`.
+    """Begin a walk along the curve of motions that satisfy all impact equations but the first.
+
+    The first point of the walk is the motion of the curve near the times in `work`.
 
     Returns
     -------
     tuple
-        (found, R_0, dR_0/ds) at the first point of the walk. R_0 is the residual of the first impact equation,
-        which the motions need not satisfy, and s the distance along the curve.
+        (found, R_0, dR_0/ds) at the first point. R_0 is the residual of the first impact equation, and s the
+        distance along the curve.
     """
     for i in range(n):
         work.point[i], work.direction[i] = work.times[i], 0.0

@@ -29,7 +29,7 @@ from rattle.impacting.orbits.limits import SMALL, sine_offset_series
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.secant import narrow_bracket
 
-A, B, C, D = np.arange(4)  # np.int64, like the walls, so that kernels are not compiled again for Python integers
+A, B, C, D = np.arange(4)  # of type np.int64, as walls are: kernels would be compiled again for Python integers
 FOUR_PI = 4.0 * math.pi
 SAME_TIME = 1e-6  # largest difference of two times of flight, in forcing periods, that counts as the same impact
 # speed at Σ⁻, relative to the speed at Σ⁺, below which rounding does not distinguish the impact from a graze
@@ -94,7 +94,14 @@ def family_eccentricity(sigma, delta, beta):
 
 @kernel
 def residual(kind, level, sigma, delta, beta):
-    """Return ε − level (kind 0) or the numerator of the speed at Σ⁻ (kind 1; it has no pole) of the P(1,1,1) at σ."""
+    """Return a function of σ along the family of P(1,1,1), whose impact on Σ⁻ comes 1/2 + σ periods after that on Σ⁺.
+
+    Returns
+    -------
+    float
+        kind 0: the eccentricity ε of the motion, less `level`. kind 1: the numerator of its speed at Σ⁻, which has no
+        pole; `level` is not used.
+    """
     if kind == 0:
         return family_eccentricity(sigma, delta, beta) - level
     return closure_numerators(sigma, delta, beta)[3]
@@ -102,9 +109,9 @@ def residual(kind, level, sigma, delta, beta):
 
 @kernel
 def solve_bracketed(kind, level, lo, hi, delta, beta):
-    """Return the root σ of a `residual` that changes sign between lo and hi, to rounding.
+    """Return the σ between lo and hi at which `residual`(kind, level, σ, …) is 0, to rounding.
 
-    kind and level are those of `residual`. A secant step that stalls is replaced by bisection.
+    The residual must have different signs at lo and hi. A secant step that leaves the bracket is replaced by bisection.
 
     Returns
     -------
@@ -145,7 +152,7 @@ def turning_point(lo, hi, sign, delta, beta):
 
 @kernel
 def fill_nodes(delta, beta, sigma, e):
-    """Write the nodes of the family of P(1,1,1), σ and ε, to `sigma` and `e`, and return the number of nodes."""
+    """Write σ and ε of the family's `nodes` to `sigma` and `e` (MOST_NODES,), and return the number of nodes."""
     n = NODES_PER_SIDE
     for i in range(n):
         gap = EDGE * (0.5 * (1.0 - 1e-6) / EDGE) ** (i / (n - 1.0))
@@ -214,7 +221,13 @@ def single_impact_orbit(cosine, delta, epsilon, beta, offset):
 
 @kernel
 def double_impact_orbit(sigma, delta, epsilon, beta):
-    """Return (admissible, τ, v, trace of the tangent map) of the P(1,1,1) at σ."""
+    """Return (admissible, τ, v, trace of the tangent map) of the P(1,1,1) at σ, whose eccentricity is epsilon.
+
+    Returns
+    -------
+    tuple
+        (admissible, τ, v, trace). The trace is 0 if the motion is not admissible.
+    """
     x, y, v, u, determinant = closure_numerators(sigma, delta, beta)
     x, y, v, u = x / determinant, y / determinant, v / determinant, u / determinant
     tau, s, r = folded(math.atan2(y, x) / TWO_PI), 0.5 + sigma, 0.5 - sigma
@@ -243,10 +256,10 @@ def double_impact_orbit(sigma, delta, epsilon, beta):
 
 @kernel
 def record_root(orbit, admissible, tau, v, trace, exists, phase, speed, traces, i):
-    """Write an orbit A to D of cell i if it is admissible, unless the cell has one of this letter already.
+    """Write an orbit of cell i to the arrays if it is admissible and the first orbit of its letter A to D in the cell.
 
-    The orbits of a cell are passed in the order of falling σ, from 1/2 on. So of several orbits of one letter the one
-    with the largest σ is written, which is on the branch born at SN2.
+    `orbit` is the number of the letter. The orbits of a cell are passed in the order of falling σ, from 1/2 on. The
+    first of several orbits of one letter therefore has the largest σ, and is on the branch born at SN2.
     """
     if admissible and not exists[orbit, i]:
         exists[orbit, i] = True
@@ -255,7 +268,11 @@ def record_root(orbit, admissible, tau, v, trace, exists, phase, speed, traces, 
 
 @kernel
 def fill_period_one(order, delta, epsilon, beta, offset, sigma, e, exists, phase, speed, traces):
-    """Write all admissible A–D of cells to arrays (4, n) that hold False and NaN; sigma and e are scratch memory."""
+    """Write the admissible orbits A to D of n cells to the last four arguments (4, n), which hold False and NaN.
+
+    `order` (n,) holds the numbers of the cells in the order in which they are computed: cells with equal (δ, β) in
+    succession share the nodes of their family. sigma and e (MOST_NODES,) are scratch memory for these nodes.
+    """
     last, n = -1, 0
     for i in order:
         d, eps, b = delta[i], epsilon[i], beta[i]
@@ -276,9 +293,10 @@ def fill_period_one(order, delta, epsilon, beta, offset, sigma, e, exists, phase
 def period_one_cells(
     order: NDArray[np.int64], delta: Array, epsilon: Array, beta: Array, offset: Array
 ) -> tuple[NDArray[np.bool_], Array, Array, Array]:
-    """Return all admissible A–D at flat arrays of parameters, visited in `order` so that equal (δ, β) are adjacent.
+    """Return the admissible orbits A to D at flat arrays of parameters (n,).
 
-    offset (n,): ε sin 2πτ of A and C.
+    order (n,): the numbers of the points in the order in which they are computed; this is fast if points with equal
+    (δ, β) follow one another. offset (n,): ε sin 2πτ of A and C.
 
     Returns
     -------
@@ -308,9 +326,9 @@ def next_grazing(sigma, delta, beta):
 
 @kernel
 def grazing_point(sigma, delta, beta):
-    """Return the P(1,1,1) at a σ at which its speed on Σ⁻ is 0 (`next_grazing`).
+    """Return the P(1,1,1) at a σ from `next_grazing`: it touches Σ⁻ with speed 0.
 
-    The orbit is admissible if no impact but the touch on Σ⁻ precedes its next impact on Σ⁺, one period later.
+    The motion is admissible if, between its impacts on Σ⁺, it meets Σ⁻ in this touch only.
 
     Returns
     -------
@@ -332,7 +350,10 @@ def grazing_point(sigma, delta, beta):
 
 @kernel
 def fill_grazing(curve, delta, beta, epsilon, phase, trace):
-    """Write the curve G1 (curve = 0) or G2 (curve = 1) at arrays of δ and β (n,) to arrays that hold NaN."""
+    """Write ε, τ and the trace of `grazing_cells` to epsilon, phase and trace (n,), which hold NaN before.
+
+    The entries of points at which the curve does not exist remain NaN.
+    """
     for i in range(delta.size):
         sigma = next_grazing(EDGE, delta[i], beta[i])
         while sigma < 0.5:

@@ -27,7 +27,8 @@ from rattle.numerics.compile import inline, kernel
 
 SAME_TIME = 1e-6  # largest difference of two times of flight, in forcing periods, that counts as the same flight
 SOLVED = 1e-11  # length of a Newton step, in forcing periods, after which the solution is exact to rounding
-NEARLY = 1e-7  # length of a Newton step that suffices if steps no longer become shorter
+# a Newton step shorter than this, in forcing periods, is the last one if it is longer than half the step before
+NEARLY = 1e-7
 NEWTON_STEPS = 12
 SHARE_LEFT = 0.4  # least share of a flight's duration that remains after one step of Newton's method
 
@@ -121,14 +122,15 @@ def write_equations(work, n, delta, epsilon, beta):
 def eliminate_times(work, n):
     """Solve all linearised impact equations except the first, for the changes of all times except the first; n ≥ 2.
 
-    The solution is written to `work.change` and `work.response`. p(1) = (1 − λ₁)(1 − λ₂) = 1 + e^(−δ) − trace is
-    det J(1) times a positive factor. λ₁ and λ₂ are the multipliers of an orbit, and the trace is their sum.
+    `work.change` becomes the solution if the first time stays, and `work.response` its derivative with respect to the
+    first time. The equations are those that `write_equations` wrote to `work`.
 
     Returns
     -------
     tuple of float
-        The residual R_0 of the first equation after `change`, its derivative with respect to the first time along
-        `response`, and p(1).
+        (R_0, slope, p). R_0: the residual of the first equation after the changes `work.change`. slope: the
+        derivative of R_0 with respect to the first time, along `work.response`. p = (1 − λ₁)(1 − λ₂), where λ₁ and λ₂
+        are the multipliers of the orbit whose times are in `work`.
     """
     before, at, after, change, response = work.before, work.at, work.after, work.change, work.response
     for i in range(1, n):
@@ -190,7 +192,7 @@ def newton_on_times(work, n, farthest, delta, epsilon, beta):
     Returns
     -------
     tuple
-        Whether a solution was found, and its p(1) as in `eliminate_times`, NaN if none was found.
+        (found, p). p = (1 − λ₁)(1 − λ₂) for the multipliers λ₁ and λ₂ of the solution; NaN if none was found.
     """
     size = math.inf
     for _ in range(NEWTON_STEPS):

@@ -37,18 +37,31 @@ def sine_offset_series(q: Any) -> Any:
 def sine_offset(delta: ArrayLike) -> FloatArray:
     """Return 2 − δ coth(δ/2) ≤ 0, which is ε sin 2πτ of A and C. At small δ a series avoids cancellation."""
     d = np.asarray(delta, dtype=np.float64)
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # np.where discards values with errors
+    # floating-point errors occur only in values that np.where does not choose
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         series, exact = sine_offset_series(d * d), 2.0 - d / np.tanh(d / 2)
     return np.where(d < SMALL, series, exact)
 
 
 def sn1_formula(delta: ArrayLike) -> FloatArray:
-    """Return ε = |2 − δ coth(δ/2)| of the saddle-node SN1 of A and C (paper, equation 4.1), also if virtual."""
+    """Return the eccentricity ε = |2 − δ coth(δ/2)| of the saddle-node SN1 of A and C (paper, equation 4.1).
+
+    Returns
+    -------
+    FloatArray
+        ε, also where the motion is virtual because it would have to pass Σ⁻.
+    """
     return np.abs(sine_offset(_checked_damping(delta)))
 
 
 def flip_formula(delta: ArrayLike) -> FloatArray:
-    """Return ε of the flip PDC of C, ε² = SN1² + (δ² coth(δ/2)/2π)², also where it is virtual. Not in the paper."""
+    """Return the eccentricity ε of the flip PDC of C, ε² = SN1² + (δ² coth(δ/2)/2π)²; the paper does not have it.
+
+    Returns
+    -------
+    FloatArray
+        ε, also where C is virtual because it would have to pass Σ⁻.
+    """
     d = _checked_damping(delta)
     with np.errstate(over="ignore"):  # the square overflows from δ = 3e154 on
         return np.hypot(sn1_formula(d), d * (2.0 - sine_offset(d)) / (2 * np.pi))

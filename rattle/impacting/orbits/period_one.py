@@ -22,7 +22,7 @@ from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formul
 from rattle.orbits.period_one import NAMES, MissingLimit, Orbit, PeriodOne, classify, existing_orbits, multipliers_of
 
 CURVES = ("G1", "G2")
-# factor on ε of SN1 that gives a point just above SN1; largest ε
+# factor on ε of SN1 that gives a point just above SN1; the largest double, which limits this product
 BESIDE, LARGEST = 1.0 + 1e-9, np.finfo(np.float64).max
 
 

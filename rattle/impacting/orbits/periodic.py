@@ -70,13 +70,16 @@ def is_admissible(itinerary: Itinerary, x: Array, grazed: int | None = None) -> 
 
 
 def first_failure(itinerary: Itinerary, x: Array, grazed: int | None = None) -> tuple[int, int, float] | None:
-    """Return the first impossible flight of a virtual motion.
+    """Return the first impossible flight of the motion at x; None if the motion is admissible.
+
+    If `grazed` is given, impact number `grazed` has speed 0, and the motion may make or miss this impact.
 
     Returns
     -------
     tuple[int, int, float] | None
-        The number of the impact at which the flight departs, the wall that the flight meets instead, and the time of
-        that impact. The wall is 0 if the flight would start from behind its own wall. None if the motion is admissible.
+        (number, wall, time): the number of the impact at which the flight departs, the wall that the flight really
+        meets first, and the time at which it meets this wall. If the flight would start from behind its own wall, or
+        its first impact cannot be computed, wall is 0 and time is that of the departure.
     """
     n, walls = itinerary.n, itinerary.walls
     delta, epsilon = float(x[n]), float(x[n + 1])
@@ -106,7 +109,15 @@ def first_failure(itinerary: Itinerary, x: Array, grazed: int | None = None) -> 
 
 
 def _skips_graze(itinerary: Itinerary, ends: Array, i: int, s: float, wall: int) -> bool:
-    """Return whether flight i, which misses the grazing impact i + 1, ends at impact i + 2 of the itinerary."""
+    """Return whether a computed flight skips the grazing impact i + 1: it goes from impact i to impact i + 2.
+
+    ends: the times of all impacts of the itinerary. s, wall: the duration of the flight, and the wall that it meets.
+
+    Returns
+    -------
+    bool
+        True if the flight meets the wall of impact i + 2 at the time of this impact.
+    """
     after = (i + 2) % itinerary.n
     arrival = ends[i + 2] if i + 2 < ends.size else ends[1] + itinerary.m
     return bool(wall == itinerary.walls[after] and abs(s - (arrival - ends[i])) < GRAZING_TIME)
@@ -184,7 +195,7 @@ def periodic_orbit(
     if found is None or not is_admissible(itinerary, found):
         raise RattleError(
             f"no admissible periodic motion with {n_plus} impacts on Σ⁺ was found near tau = {tau}, v = {v}: "
-            "start closer"
+            "give a state closer to the motion"
         )
     require(bool(np.isfinite(found).all()), "the periodic motion is beyond double precision")
     return orbit_of(*with_shortest_period(itinerary, found))
@@ -218,7 +229,15 @@ def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
 
 
 def why_virtual(itinerary: Itinerary, x: Array, grazed: int | None = None) -> str | None:
-    """Return None if the motion at x is admissible, else a sentence that says why it is not."""
+    """Return None if the motion at x is admissible, else a clause that says which of its flights is impossible.
+
+    If `grazed` is given, impact number `grazed` has speed 0, and the motion may make or miss this impact.
+
+    Returns
+    -------
+    str | None
+        Such as "the flight after impact 0 on Σ⁺ touches Σ⁻ on its way".
+    """
     failure = first_failure(itinerary, x, grazed)
     if failure is None:
         return None
@@ -230,7 +249,7 @@ def why_virtual(itinerary: Itinerary, x: Array, grazed: int | None = None) -> st
 
 
 def period_one_saddle(name: str, delta: float, epsilon: float, beta: float = 0.6) -> PeriodicOrbit:
-    """Return A, B, C or D at one parameter point (dimensionless).
+    """Return the orbit `name`, "A" to "D", at one parameter point (dimensionless), stable or not.
 
     Returns
     -------

@@ -26,9 +26,9 @@ Counts = NDArray[np.int64]
 
 MOST_CROSSINGS = 16  # largest k of itineraries (+−)^k, where + and − are impacts on Σ⁺ and Σ⁻
 MOST_ON_ONE_WALL = 6  # largest number of impacts on one wall if there is a single impact on the other wall
-PHASES = 4  # number of phases of the first impact from which a circuit of motions between the walls is searched
-# guesses of the duration of a flight across the gap, in forcing periods, each with a flag: try Newton's method before a
-# walk along the circuit
+PHASES = 4  # number of phases of the first impact at which a walk along a circuit of alternating motions may start
+# for orbits with a single impact on one wall: guesses of the duration of a flight across the gap, in forcing periods,
+# each with a flag that says whether to try Newton's method too
 STARTS = ((0.3, True), (0.25, True), (0.15, False), (0.12, False))
 
 
@@ -60,9 +60,10 @@ class StableOrbits(NamedTuple):
 def find_alternating_orbits(least, work, delta, epsilon, beta):
     """Add the stable orbits of period one that meet Σ⁺ and Σ⁻ in turn, k ≤ MOST_CROSSINGS times each, to `work.found`.
 
-    For each k they are searched by a walk along a circuit of motions (`circuits`). When the first impact has moved by
-    1/k, to the time that the third impact had at the start, the motions repeat and the walk ends. least: the phase of
-    least contact force, near which the walks start.
+    For each k a walk along a circuit of motions finds them (`circuits`). The walk starts with impacts at intervals of
+    1/(2k) forcing periods. It ends when the first impact has moved by 1/k periods, to the time that the third impact
+    had at the start: from there on the motions repeat. least: the phase of least contact force, near which the walks
+    start.
     """
     idle = 0
     for k in range(1, MOST_CROSSINGS + 1):
@@ -75,7 +76,7 @@ def find_alternating_orbits(least, work, delta, epsilon, beta):
             how, zeros = walk_circuit(work, n, 1.0 / k, longest, delta, epsilon, beta)
             if how != LOST:
                 break
-        # whether a motion of period 1/k would cross the gap if there were no forcing and no damping
+        # whether a motion of period 1/k would cross the gap under the mean contact force alone, without damping
         crosses = 4.0 * k * k * beta > math.pi * delta
         idle = idle + 1 if crosses and zeros == 0 else 0
         if idle == 2:  # motions with more crossings are faster and dissipate more, so none of them is stable
@@ -86,10 +87,11 @@ def find_alternating_orbits(least, work, delta, epsilon, beta):
 def find_orbits_with_single_impact(single, others, least, work, delta, epsilon, beta):
     """Add the stable orbits with one impact on the wall `single` and `others` on the other wall to `work.found`.
 
-    These orbits lie on a circuit (`circuits`) that closes around one motion. If `single` is Σ⁻, the single impact of
-    this motion comes at the phase `least` of least contact force; if it is Σ⁺, half a period later. If the gap is small
-    there are two circuits instead, along which the first time grows by a period: one with short and one with long
-    flights across the gap.
+    The impact times of these orbits lie on a curve (a circuit, see `circuits`), which closes around the times of one
+    motion. If `single` is Σ⁻, the single impact of this motion comes at the phase `least` of least contact force; if
+    `single` is Σ⁺, it comes half a period later. If the gap is small there are instead two curves that do not close:
+    along each, the time of the single impact grows by a period. One curve has short flights across the gap, the other
+    one long flights.
     """
     n = others + 1
     for crossing, solved in STARTS:
@@ -98,7 +100,7 @@ def find_orbits_with_single_impact(single, others, least, work, delta, epsilon, 
             work.walls[i] = single if i == 0 else -single
             work.times[i] = t
             t += crossing if i == 0 else (1.0 - 2.0 * crossing) / (others - 1)
-        # a walk that begins at an orbit may miss this orbit
+        # keep the orbit that Newton's method finds, because a walk that begins there may miss it
         if solved and newton_on_times(work, n, 0.3, delta, epsilon, beta)[0]:
             keep_if_stable(work, n, delta, epsilon, beta)
         how, _zeros = walk_circuit(work, n, 1.0, 0.1 * math.sqrt(n), delta, epsilon, beta)
