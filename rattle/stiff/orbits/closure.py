@@ -102,7 +102,7 @@ def free_flight(t0, t1, gap, delta, epsilon):
     x = delta * s
     decay, pull = math.exp(-x), -delta / math.expm1(-x)
     lag = 1.0 - s * pull  # the contribution of the drift to w₀, divided by 4π
-    if x < LONGEST_DECAY:  # the formula above cancels here
+    if x < LONGEST_DECAY:  # in a short flight 1 − s · pull would lose digits by cancellation
         k = x * decay64(x)
         lag = -k / (1.0 - k)
     (sin0, cos0), (sin1, cos1) = library_phase(t0), library_phase(t1)
