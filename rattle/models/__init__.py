@@ -47,7 +47,7 @@ def _required_parameters(model: type[Model]) -> tuple[str, ...]:
 
 
 def model_adding(names: Any) -> type[Model]:
-    """Return the model that has the parameters `names` besides δ, ε and β, and default values for all others.
+    """Return the model to which the parameters `names` belong, and whose other parameters have default values.
 
     Returns
     -------

@@ -115,13 +115,13 @@ class AnyGear(Protocol):
         """Return the periodic motion near the departure (τ, v) that repeats after n_plus impacts on Σ⁺."""
 
     def saddle(self, orbit: Orbit) -> Periodic:
-        """Return an orbit of period one with the data from which manifolds are computed, or raise RattleError."""
+        """Return an orbit of period one with the data for its manifolds; RattleError if the gear has no manifolds."""
 
     def impact(self, tau: float, v: float) -> Impact:
         """Return the next departure from Σ⁺ after a departure (τ, v), v > 0, with the tangent matrix."""
 
     def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]:
-        """Return the first departure (τ, v) from Σ⁺ of the motion with this phase, position Φ and velocity Φ'."""
+        """Return the first departure (τ, v) from Σ⁺ of a motion with this phase, Φ and Φ', or raise RattleError."""
 
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
         """Return the states that the departures (τ, v) lead to after n returns to Σ⁺."""

@@ -41,7 +41,7 @@ EXPOSURE = 2**18  # impacts that the PROBES states of a cell make in total befor
 
 
 def cells_of(parameters: Parameters) -> InelasticCells:
-    """Return the record of the cells with these parameters (n,) that compiled code takes."""
+    """Return cells with these parameters (n,) as the record `InelasticCells`, for compiled code."""
     added = parameters.added["restitution"], parameters.added["load"]
     return inelastic_cells(parameters.delta, parameters.epsilon, parameters.beta, *added, parameters.harmonics)
 
@@ -140,7 +140,7 @@ class InelasticClassifier(Classifier):
         return super().may_leak(cells) & (~self.is_lossy[cells] | self.weak[cells])
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags (k,) of cells with elastic impacts: their probes wait until no more samples should settle."""
+        """Return flags (k,) of cells with elastic impacts: their probes wait while samples are expected to settle."""
         return ~self.is_lossy[cells]
 
     def judge_by_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:

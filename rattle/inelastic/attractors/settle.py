@@ -172,8 +172,8 @@ def follow_release(tau, v, cell, point, balls, states):
     -------
     orbit : int
         The number of the orbit to which the state leads, if this orbit is known. Otherwise a code: UNKNOWN if a state
-        after contact repeated, so that the orbit is new; NOT_YET if another state almost repeated first; NO_ORBIT if
-        neither happened within MOST_RETURNS returns, or the motion makes no further return.
+        after contact repeated, so that the orbit is new; NOT_YET if a state without contact before it almost repeated
+        first; NO_ORBIT if neither happened within MOST_RETURNS returns, or the motion makes no further return.
     gap, tau, v
         For UNKNOWN, the number of returns in a period of the new orbit, and a state on this orbit.
     """

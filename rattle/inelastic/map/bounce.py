@@ -47,7 +47,7 @@ def force_primitive(tau, delta, harmonics):
 
 @inline
 def nearest_release(tau, zeros):
-    """Return the index in `zeros` of the zero nearest to tau. tau is that zero, where a contact phase ends, rounded."""
+    """Return the index in `zeros` of the release, the end of a contact phase, at phase tau up to rounding."""
     nearest, off = 0, math.inf
     for i in range(zeros.size):
         away = abs(wrapped(zeros[i] - tau))

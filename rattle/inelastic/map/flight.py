@@ -113,8 +113,8 @@ def time_of_forced_crossing(low, high, guess, level, rising, third, flight, harm
 def time_of_forced_extremum(low, high, guess, convex, third, flight, harmonics, departure):
     """Return the only time in (low, high) at which the displacement F of a flight is extreme.
 
-    convex: whether it is a minimum. third: an upper bound of |F‴|. The time is so accurate that F at this time is exact
-    to rounding.
+    convex: whether the extremum is a minimum. third: an upper bound of |F‴|. The time is so accurate that F at it is
+    exact to rounding.
 
     Returns
     -------
@@ -168,7 +168,7 @@ def lower_bound_on_piece(length, g0, slope0, g1, slope1, delta):
 def crossing_on_piece(sign, s0, f0, f1, s1, e0, e1, guess, lower, upper, third, flight, harmonics, departure):
     """Return the first time from s0 to s1 at which the displacement F leaves the interval from `lower` to `upper`.
 
-    sign: the sign of the contact force from s0 to s1. So sign · F only falls, or only rises, or first falls and then
+    sign: the sign of the contact force from s0 to s1. Therefore sign · F falls, or rises, or first falls and then
     rises. f0, f1, e0, e1: F and F' at s0, then F and F' at s1. guess: a guess of the time, or NaN.
 
     Returns

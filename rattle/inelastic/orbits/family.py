@@ -209,8 +209,9 @@ def family_two_impacts(sigma, delta, epsilon, beta, r):
 def store_first_orbit(orbit, found, exists, phase, speed, traces, i):
     """Store an orbit at parameter point i, if it is admissible and no orbit with its letter is stored there.
 
-    orbit: the letter, 0 to 3 for A to D. found: the tuple of `family_one_impact` or `family_two_impacts`. Callers
-    compute orbits with long times from Σ⁺ to Σ⁻ first, so of several orbits with one letter the longest time is stored.
+    orbit: the letter, 0 to 3 for A to D. found: the tuple of `family_one_impact` or `family_two_impacts`. Of
+    several orbits with one letter the longest time from Σ⁺ to Σ⁻ wins, because callers store orbits in falling order of
+    this time.
     """
     admissible, tau, v, trace = found
     if admissible and not exists[orbit, i]:

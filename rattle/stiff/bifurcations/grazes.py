@@ -104,7 +104,7 @@ def _with_one_more_contact(line: MotionsOnLine, y: Array, tangent: Array) -> tup
             None if there is None else first_failing_piece(line.itinerary(there[0]), line.full_unknowns(there[0])[:-1])
         )
         if failure is not None and failure.wall != 0:
-            more, guess, constraint = (_with_split_contact if failure.contact else _with_light_contact)(
+            more, guess, constraint = (_with_split_contact if failure.contact else _with_short_contact)(
                 line, y, failure
             )
             found = newton_on_curve(more.problem, guess, constraint)
@@ -122,7 +122,7 @@ def _with_inserted_contact(
     return more, np.insert(y, [after + 1, c + after + 1], [time, duration])
 
 
-def _with_light_contact(line: MotionsOnLine, y: Array, failure: FailingPiece) -> tuple[MotionsOnLine, Array, Array]:
+def _with_short_contact(line: MotionsOnLine, y: Array, failure: FailingPiece) -> tuple[MotionsOnLine, Array, Array]:
     """Return a guess of the motion with a short contact where a flight touches a wall, and a row of equations.
 
     The row is the last of Newton's equations; it keeps the duration of the contact.

@@ -36,7 +36,7 @@ SAME_END = 1e-9  # allowed error of the duration of a contact, in forcing period
 
 
 class Cycle(NamedTuple):
-    """The data that all motions of a family share.
+    """A cycle of contacts: the data that all motions of a family share, which differ in times, durations and ε only.
 
     walls (c,): the walls ±1 that a motion meets, in order, Σ⁺ first. m: the period in forcing periods. delta, beta,
     kappa: δ, β and κ.

@@ -54,7 +54,7 @@ DURATIONS = 600  # number of durations of the contact at which P(1,1,0) is sough
 TIMES = 40  # number of times from Σ⁺ to Σ⁻ at which P(1,1,1) is sought, on either side of the pole at half a period
 LEAST_SPAN = 1.0  # least range of ε in which families are followed, in units of `plane_scale`
 # duration, in units of 1/√(2κ), of the contact with Σ⁻ with which families of P(1,1,1) start at a graze
-SLIGHT = 10.0 * LEAST_CONTACT
+SHORT_CONTACT = 10.0 * LEAST_CONTACT
 BISECTIONS = 45  # halvings of the interval in which a graze is located
 
 
@@ -287,7 +287,7 @@ def guesses_at_grazes(family: StiffFamily) -> list[Array]:
             if not family_solution_above_chord(hit, miss, 0.5, cycle, y):
                 break
             hit, miss = (hit, y.copy()) if np.isnan(time_at_sigma_minus(y, cycle)) else (y.copy(), miss)
-        found.append(np.array([hit[0], time_at_sigma_minus(hit, cycle), hit[1], SLIGHT, hit[2]]))
+        found.append(np.array([hit[0], time_at_sigma_minus(hit, cycle), hit[1], SHORT_CONTACT, hit[2]]))
     return found
 
 
