@@ -70,7 +70,9 @@ def model_adding(names: Any) -> type[Model]:
     for model in MODELS.values():
         if wanted <= {each.name for each in model.added}:
             required = " and ".join(_required_parameters(model))
-            raise ParameterError(f"{given} belongs to the {model.name} model, which needs {required}: give it too")
+            raise ParameterError(
+                f"{given} belongs to the {model.name} model, which needs {required}: give {required} too"
+            )
     raise ParameterError(f"no model has {given} together: give the parameters of one model")
 
 
