@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rattle.errors import RattleError
 from rattle.intensity.table import follow_one_by_one
 
-stretch = follow_one_by_one  # this function follows chaotic motions longer, to sum over their impacts
+stretch = follow_one_by_one  # the impacting gear has a function of its own, which follows motions in SIMD lanes
 
 
 def rests_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.bool_]:

@@ -87,7 +87,7 @@ class InelasticGear(SampledGear, Rattling):
         for name in ("delta", "epsilon", "beta", "restitution", "load"):
             value = require_number(name, getattr(self, name), positive=name not in ("epsilon", "load"))
             object.__setattr__(self, name, value)
-        _ = self.parameters  # this checks the remaining fields
+        _ = self.parameters  # building the parameters checks, for example, that the restitution is at most 1
 
     @property
     def parameters(self) -> Parameters:

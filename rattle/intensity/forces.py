@@ -10,7 +10,8 @@ from rattle.flight.forcing import Forcing
 def force_lines(point: Any) -> list[tuple[float, complex]]:
     """Return (frequency, size) of the terms of the contact force Σ size e^(i frequency t), the mean first.
 
-    The type of a point whose forcing is not one cosine registers a function of its own.
+    This function serves points whose forcing is one cosine. For points of another forcing, a function for their type is
+    registered with `force_lines.register`.
 
     Returns
     -------

@@ -53,7 +53,8 @@ def kind_of(motion: Motion) -> str:
     Raises
     ------
     ParameterError
-        If the kind is another one, or a motion that is not quiet leaves Σ⁺ with a speed v ≤ 0, as virtual motions do.
+        If the attribute is none of these four words, or if a motion that is not quiet leaves Σ⁺ with a speed v ≤ 0,
+        which shows that it is virtual.
     """
     kind = getattr(motion, "kind", "periodic")
     require(
@@ -66,12 +67,12 @@ def kind_of(motion: Motion) -> str:
 
 
 def period_limits(m: Any, n_plus: Any, contacts: Any) -> tuple[Any, Any]:
-    """Return the limits of returns and of forcing periods that end one period of periodic motions.
+    """Return two limits, a number of returns and a time in forcing periods, which end motions after one period.
 
-    A motion without contact phases has completed its period after n_plus impacts on Σ⁺. With contact phases this number
-    is of no use, because a label counts a run of impacts that ends in contact as one impact. Such a motion has
-    completed its period after m forcing periods, less ROUNDING. The limit does not end the motion one impact too early:
-    the motion starts after its fastest impact on Σ⁺, and the impact before the fastest one comes earlier by more than
+    A motion without contact phases has completed its period after n_plus returns. A motion with contact phases
+    may make more returns, because its label counts a run of impacts that ends in contact as one impact. Its limit is
+    the time m less ROUNDING, because rounding may make the last impact of the period come a little early. The impact
+    before it comes earlier than this limit: the last impact is the fastest on Σ⁺, and its flight takes longer than
     ROUNDING.
 
     Parameters
@@ -82,7 +83,7 @@ def period_limits(m: Any, n_plus: Any, contacts: Any) -> tuple[Any, Any]:
     Returns
     -------
     returns, periods : int and float, or ndarray
-        The limits. For each motion one of both is infinite (ENDLESS for returns).
+        The limits. Only one of them applies to a motion: the other is infinite, or ENDLESS for returns.
     """
     held = np.asarray(contacts) > 0
     return np.where(held, ENDLESS, n_plus)[()], np.where(held, np.asarray(m) - ROUNDING, math.inf)[()]
@@ -114,7 +115,15 @@ def watched_periods(delta: float, periods: float | None) -> float:
 
 
 def require_closed(motion: Motion, status: int, tau: float, v: float, fastest: float) -> None:
-    """Raise RattleError unless (tau, v), after a period, is the motion's first state. fastest: the largest speed."""
+    """Check that a motion is back at its first state after one period, from its status and its state (tau, v) then.
+
+    fastest: the largest speed in the period. A difference in v counts relative to it.
+
+    Raises
+    ------
+    RattleError
+        If the status is not OK, or a difference is larger than CLOSED.
+    """
     closed = abs(wrapped(tau - motion.tau)) <= CLOSED and abs(v - motion.v) <= CLOSED * fastest
     if status != OK or not closed:
         raise RattleError(

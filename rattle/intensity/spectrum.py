@@ -30,7 +30,7 @@ from rattle.numerics.compile import kernel
 Array = NDArray[np.float64]
 MOST_ORDERS = 1 << 20
 LARGEST_MATRIX = 1 << 22  # largest number of orders times impacts that is evaluated at once
-# quadrature over a contact, accurate for orders up to about 1/duration
+# nodes and weights of the quadrature over a contact, accurate for orders up to about 1/(duration of the contact)
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
 SEGMENTS = 8 * BATCHES  # segments of a density; neighbouring segments overlap by half
 
@@ -137,7 +137,7 @@ def _contact_integrals(frequency: Array, begin: Array, duration: Array) -> NDArr
 
 
 def _force_line_amplitudes(order: Array, point: Any) -> NDArray[np.complex128]:
-    """Return the amplitudes (n,) of the terms of the contact force at whole orders from 0 on."""
+    """Return the amplitudes (n,) of the contact force at the orders 0, 1, …, n − 1; 0 where the force has no term."""
     lines = np.zeros(order.size, np.complex128)
     for frequency, size in force_lines(point):
         if 0 <= round(frequency / TWO_PI) < order.size:
@@ -194,11 +194,10 @@ def _impulse_train(impacts: Impacts, point: Any) -> tuple[Array, Array]:
 def summed_periodograms(
     time: Array, weight: Array, begin: Array, first: Array, last: Array, length: float, count: int
 ) -> Array:
-    """Return |∫ window e^(−2πikt/length) df|²/∫ window² dt, summed over all segments, for k = 0 … count − 1.
+    """Return |Σ_i weight_i window(time_i) e^(−2πik time_i/length)|²/∫ window² dt, summed over segments, for each k.
 
-    The integral over df is the sum over impulses of the sizes `weight` at the times `time`; the window is Hann's.
-    Segment q begins at the time begin[q], lasts `length`, and has the impulses from number first[q] to number
-    last[q] − 1.
+    k runs from 0 to count − 1, and the window is Hann's. Segment q begins at the time begin[q], lasts `length`, and has
+    the impulses i from first[q] to last[q] − 1, of the sizes `weight` at the times `time`.
 
     Returns
     -------

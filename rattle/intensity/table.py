@@ -50,8 +50,8 @@ class Intensities(NamedTuple):
     impulse_error: Array
 
 
-# number of fields that are not half-widths; values of these fields for quiet motion, except the impulse
-EXACT, OF_QUIET = 7, (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+VALUE_COUNT = 7  # number of the first fields of `Intensities`; the other fields are half-widths
+QUIET_VALUES = (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # first fields of a quiet motion, all but the impulse
 
 
 @kernel
@@ -136,8 +136,8 @@ def intensities_of(table: AttractorTable, cells: Any, stretch: Stretch) -> Inten
     quiet = np.flatnonzero(table.kind == Outcome.QUIET)
     mean = np.empty(quiet.size)
     write_mean_forces(table.cell[quiet], cells, mean)
-    found[:EXACT, quiet] = [*(np.full(quiet.size, x) for x in OF_QUIET), 0.5 * mean]
-    found[EXACT:, quiet] = 0.0
+    found[:VALUE_COUNT, quiet] = [*(np.full(quiet.size, x) for x in QUIET_VALUES), 0.5 * mean]
+    found[VALUE_COUNT:, quiet] = 0.0
 
     periodic = np.flatnonzero((table.kind == Outcome.PERIODIC) & (table.contacts == 0))
     around = np.zeros((periodic.size, COLUMNS))
@@ -147,13 +147,13 @@ def intensities_of(table: AttractorTable, cells: Any, stretch: Stretch) -> Inten
     if held.size:
         periodic = np.append(periodic, held)
         around = np.concatenate([around, [_sums_of_contact_motion(table, int(row), cells) for row in held]])
-    found[:EXACT, periodic] = intensity_rates(around[:, None])
-    found[EXACT:, periodic] = np.where(np.isnan(around[:, TIME]), np.nan, 0.0)
+    found[:VALUE_COUNT, periodic] = intensity_rates(around[:, None])
+    found[VALUE_COUNT:, periodic] = np.where(np.isnan(around[:, TIME]), np.nan, 0.0)
 
     chaotic = np.flatnonzero(table.kind == Outcome.CHAOTIC)
     cell = table.cell[chaotic]
     sums = stretch(
         cell, table.tau[chaotic], table.v[chaotic], np.maximum(1.0, WATCH / (PERIODS * cells.delta[cell])), cells
     )
-    found[:EXACT, chaotic], found[EXACT:, chaotic] = intensity_rates(sums), half_widths(sums)
+    found[:VALUE_COUNT, chaotic], found[VALUE_COUNT:, chaotic] = intensity_rates(sums), half_widths(sums)
     return Intensities(*found)

@@ -83,9 +83,9 @@ def add_impact(row, s, wall, speed, duration, impulse):
 def sum_impacts(tau, v, returns, periods, most, point, sums):
     """Follow the motion that leaves Σ⁺ at (τ, v) until it reaches one of three limits, and sum its impacts.
 
-    The limits are `returns` further departures from Σ⁺, `periods` forcing periods, and `most` impacts. Row j of the
-    sums (batches, COLUMNS), zero at the start, collects the impacts of the j-th of equal parts of the forcing periods;
-    its last column is the largest speed, not a sum.
+    The limits are `returns` further departures from Σ⁺, `periods` forcing periods, and `most` impacts. `sums` is an
+    array (batches, COLUMNS) of zeros. The `periods` forcing periods are divided into as many equal parts as `sums` has
+    rows, and row j receives the impacts whose flight begins in part j. The last column is the largest speed, not a sum.
 
     Returns
     -------

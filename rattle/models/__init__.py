@@ -37,7 +37,7 @@ class CapabilityError(ParameterError):
 
 
 def owner_of(name: str) -> type[Model]:
-    """Return the model that adds the parameter with this name to δ, ε and β."""
+    """Return the model that adds the parameter `name`, a key of ADDED, to δ, ε and β."""
     return next(model for model in MODELS.values() if name in {each.name for each in model.added})
 
 
@@ -47,7 +47,7 @@ def _required_parameters(model: type[Model]) -> tuple[str, ...]:
 
 
 def model_adding(names: Any) -> type[Model]:
-    """Return the model that has the parameters `names` besides δ, ε and β, and default values for all others.
+    """Return the model to which the parameters `names` belong, and whose other parameters have default values.
 
     Returns
     -------
@@ -70,7 +70,9 @@ def model_adding(names: Any) -> type[Model]:
     for model in MODELS.values():
         if wanted <= {each.name for each in model.added}:
             required = " and ".join(_required_parameters(model))
-            raise ParameterError(f"{given} belongs to the {model.name} model: give {required} too, which it needs")
+            raise ParameterError(
+                f"{given} belongs to the {model.name} model, which needs {required}: give {required} too"
+            )
     raise ParameterError(f"no model has {given} together: give the parameters of one model")
 
 

@@ -103,25 +103,25 @@ class AnyGear(Protocol):
 
     @property
     def sn1(self) -> float | None:
-        """Eccentricity of SN1, None where SN1 does not exist or is not computed."""
+        """Eccentricity of SN1; None where it is not computed. Where SN1 does not exist, None or RattleError."""
 
     def region(self) -> int:
         """Return the number of the region, an index of `REGIONS`."""
 
     def orbits(self) -> tuple[Orbit, ...]:
-        """Return the motions A to D that exist."""
+        """Return the motions A to D that exist; some gears return P(1,1,0) without a letter too, or instead, as "P"."""
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> Periodic:
         """Return the periodic motion near the departure (τ, v) that repeats after n_plus impacts on Σ⁺."""
 
     def saddle(self, orbit: Orbit) -> Periodic:
-        """Return an orbit of period one as a saddle, with the data from which its manifolds are computed."""
+        """Return an orbit of period one with the data for its manifolds; RattleError if the gear has no manifolds."""
 
     def impact(self, tau: float, v: float) -> Impact:
-        """Return the next impact on Σ⁺ after a departure."""
+        """Return the next departure from Σ⁺ after a departure (τ, v), v > 0, with the tangent matrix."""
 
     def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]:
-        """Return the first departure (τ, v) from Σ⁺ of the motion with this phase, position Φ and velocity Φ'."""
+        """Return the first departure (τ, v) from Σ⁺ of a motion with this phase, Φ and Φ', or raise RattleError."""
 
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
         """Return the states that the departures (τ, v) lead to after n returns to Σ⁺."""
@@ -189,7 +189,7 @@ class Functions(Protocol):
         """Return flags of points where a motion that becomes quiet makes so many impacts that it may look chaotic."""
 
     def stretch(self, *given: Any, **more: Any) -> Array:
-        """Return sums over the impacts of chaotic motions, from which their intensities are computed."""
+        """Return sums over the impacts of chaotic motions (n,), as `rattle.intensity.table.Stretch` specifies."""
 
     def diagram(self, *given: Any, **more: Any) -> Diagram[Any, Any]:
         """Return the bifurcation diagram along a segment."""
@@ -222,7 +222,8 @@ class Model(ABC):
     tile_samples : int
         The number of initial conditions in a tile of default size. Such a tile takes some seconds.
     cell_milliseconds : float, optional
-        The time that a cell takes, where it hardly depends on the number of samples; None where it does.
+        The time that a cell takes, for a model in which this time hardly depends on the number of samples; None for
+        other models.
     design_gears : int
         The number of random gears from which the explorer estimates the yield at a point.
     takes_harmonics : bool
@@ -270,7 +271,7 @@ class Model(ABC):
 
     @property
     def dwell(self) -> float:
-        """The duration of a short contact in forcing periods, 0 for rigid walls."""
+        """The duration of a contact in forcing periods, if the impact is fast; 0 for rigid walls."""
         return 0.0
 
     @property
@@ -283,7 +284,15 @@ class Model(ABC):
         """Return the gear at one point. Raises ParameterError."""
 
     def limits(self, delta: float) -> Limits:
-        """Return the eccentricities of SN1 and of the quiet limit at one damping, and the flip of C as missing."""
+        """Return the eccentricities of SN1 and of the quiet limit at one damping.
+
+        The flip of C is reported as missing; a subclass may compute it.
+
+        Returns
+        -------
+        Limits
+            The limits. `missing` says why a limit is None.
+        """
         gear = self.gear(delta, 0.0)
         unknown = f"not computed at one damping for the {self.name} model"
         flip = MissingLimit("flip", unknown, None)
@@ -322,7 +331,7 @@ class Model(ABC):
     def cells_of_orbits(self, delta: Array, epsilon: Array) -> Any:
         """Return the constants of `cells` for kernels that follow only periodic orbits.
 
-        Some models compute these constants faster, because they leave out the test for quiet motion.
+        A model may leave out constants that only the test for quiet motion needs, which saves time.
 
         Returns
         -------
@@ -332,15 +341,16 @@ class Model(ABC):
         return self.classifier.cells_of_orbits(self.grid(delta, epsilon))
 
     def impulse_balance_errors(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> Array:
-        """Return the error |(Σv₊ − Σv₋)/(2πδT) − 1| of the balance of impulses, for the attractors of cells (n,).
+        """Return the error |(P₊ − P₋)/(4πδT) − 1| of the balance of impulses, for the attractors of cells (n,).
 
-        v₊ and v₋ are the speeds of the impacts on Σ⁺ and Σ⁻ during a time T; half the impulse of the spring takes their
-        place in a contact of the stiff gear. With a load 2πδ is replaced by 2πδ(1 + load).
+        P₊ and P₋ are the sums of the impulses on Σ⁺ and on Σ⁻ during a time T. With a load 4πδ is replaced by
+        4πδ(1 + load).
 
         Returns
         -------
         Array
-            Relative errors, one for each row of the table; NaN for quiet and undecided attractors.
+            Relative errors, one for each row of the table; NaN for quiet and undecided attractors, and for motions that
+            cannot be followed.
         """
         return impulse_balance_errors(table, self.classifier.cells_of(self.parameters_at(delta, epsilon).flat()))
 
@@ -383,5 +393,5 @@ class Model(ABC):
 
     @classmethod
     def joined_rows(cls, parameters: Parameters, table: Attractors) -> Rows:
-        """Join the attractors of cells with parameters (n,) by `join_rows`, as if the cells were one row of a grid."""
+        """Join the attractors of cells with parameters (n,) by `join_rows`; each cell neighbours the next one only."""
         return join_rows(table, (1, parameters.size), cls.classifier.cells_of(parameters))

@@ -117,9 +117,9 @@ class StiffGear(SampledGear, Rattling):
         return MotionState(float(whole), float(w), n_plus, n_minus, np.array(tangent).reshape(2, 2))
 
     def impact(self, tau: float, v: float) -> Impact:
-        """Return the next departure from Σ⁺ after a departure (τ, v), v > 0, with the tangent matrix (2, 2).
+        """Return the next departure (τ', v') from Σ⁺ after a departure (τ, v), v > 0, with its tangent matrix (2, 2).
 
-        In (t, v²/2) the tangent matrix has determinant e^(−δ time).
+        The matrix is ∂(τ', v')/∂(τ, v). Converted to the coordinates (t, v²/2), it has the determinant e^(−δ time).
 
         Returns
         -------

@@ -4,11 +4,13 @@ Under forcing by one cosine and without load, samples are followed in SIMD lanes
 otherwise one by one.
 
 Where impacts lose energy, a chaotic set that comes close to contact finally loses all samples to contact. A contact
-phase ends at a release, a zero of the contact force; the motion after a release is always the same trajectory, which
-returns to contact. Unresolved samples of a cell are therefore called chaotic only if PROBES states close to the samples
-make EXPOSURE impacts in total, and none becomes quiet or periodic. If some do, the unresolved samples are assigned to
-the attractors that these states reach. If one of these states reaches an orbit without a contact phase, the samples may
-be approaching a periodic motion, so they are first followed to the last stage.
+phase ends at a release, a zero of the contact force; all motions continue from a release along one trajectory, which
+returns to contact.
+
+The unresolved samples of a cell are therefore tested: PROBES states close to the samples make EXPOSURE impacts in
+total. If none of these states becomes quiet or periodic, the samples are called chaotic. Otherwise the samples are
+assigned to the attractors that the states reach. If such an attractor is an orbit without a contact phase, the samples
+may be approaching it slowly, so they are first followed to the last stage.
 """
 
 from __future__ import annotations
@@ -39,7 +41,7 @@ EXPOSURE = 2**18  # impacts that the PROBES states of a cell make in total befor
 
 
 def cells_of(parameters: Parameters) -> InelasticCells:
-    """Return the record of the cells with these parameters (n,) that compiled code takes."""
+    """Return cells with these parameters (n,) as the record `InelasticCells`, for compiled code."""
     added = parameters.added["restitution"], parameters.added["load"]
     return inelastic_cells(parameters.delta, parameters.epsilon, parameters.beta, *added, parameters.harmonics)
 
@@ -80,7 +82,7 @@ class InelasticClassifier(Classifier):
         self.lanes, self.block, self.paths = ImpactingCells(*given), working_block(), np.zeros(2, np.int64)
         self.roughness = roughness_of(cells)
         self.is_lossy = cells.restitution < 1.0
-        # factor of EXPOSURE in each cell; it doubles when a state leaves the chaotic set of the cell
+        # multiple of EXPOSURE in each cell's next test; it doubles after a test in which a state left the chaotic set
         self.exposure_factors = np.ones(room[0], np.int64)
         self.in_lanes = (cells.load == 0.0) & np.array_equal(cells.shape, forcing_shape(()))
         super().__init__(cells, tau, v, budget)
@@ -103,7 +105,7 @@ class InelasticClassifier(Classifier):
 
     @staticmethod
     def quiet_invariant(parameters: Parameters) -> float:  # noqa: ARG004
-        """Return 0: no state counts as quiet by its v³/g alone, v being its speed and g the contact force."""
+        """Return 0, the largest v³/g (speed v, contact force g) at which a state counts as quiet: none does here."""
         return 0.0
 
     @property
@@ -127,7 +129,8 @@ class InelasticClassifier(Classifier):
     def may_leak(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return flags (k,) of cells where a chaotic set may lose samples so slowly that the probes show no loss.
 
-        Where impacts lose energy, only cells at weak damping are flagged.
+        The flags are those of `Classifier.may_leak`; of the cells where impacts lose energy, only those at weak damping
+        keep their flags.
 
         Returns
         -------
@@ -137,11 +140,11 @@ class InelasticClassifier(Classifier):
         return super().may_leak(cells) & (~self.is_lossy[cells] | self.weak[cells])
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags (k,) of cells with elastic impacts: their probes are not measured while samples still settle."""
+        """Return flags (k,) of cells with elastic impacts: their probes wait while samples are expected to settle."""
         return ~self.is_lossy[cells]
 
     def judge_by_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Measure probes and return flags (k,) of decided cells; `watch_for_contact` may change them where r < 1."""
+        """Measure probes and return flags (k,) of decided cells; where r < 1, `watch_for_contact` revises the flags."""
         decided = super().judge_by_probes(cells)
         lossy = self.is_lossy[cells] & (self.status[cells] == Outcome.UNRESOLVED).any(axis=1)
         decided[lossy] = self.watch_for_contact(cells[lossy], decided[lossy])
@@ -150,10 +153,10 @@ class InelasticClassifier(Classifier):
     def watch_for_contact(self, cells: NDArray[np.int64], decided: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Follow PROBES states close to unresolved samples of each cell (k,), to see if they leave the chaotic set.
 
-        If some of these states become quiet or periodic, the cell is not chaotic: its unresolved samples are assigned
-        to the attractors that these states reach, in the same proportions. If one of these states reaches an orbit
-        without a contact phase, the samples are assigned in the last stage only, and followed further before it.
-        decided (k,): flags of the cells that are decided already.
+        If some states of a cell become quiet or periodic, the cell is not chaotic: its unresolved samples are assigned
+        to the attractors that the states reach, in the same proportions. If one of these attractors is an orbit without
+        a contact phase, this happens at the last stage only. At earlier stages the cell stays undecided, and its
+        samples are followed further. decided (k,): flags of the cells that are decided already.
 
         Returns
         -------

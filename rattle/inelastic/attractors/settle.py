@@ -166,16 +166,16 @@ def measure(which, least, periods, cells, samples, balls, states, sums, footprin
 
 @kernel
 def follow_release(tau, v, cell, point, balls, states):
-    """Follow a state (τ, v) after contact to its orbit: until a later state after contact repeats (Brent's algorithm).
+    """Follow a state (τ, v) after contact until a later state after contact repeats (Brent's algorithm).
 
     Returns
     -------
     orbit : int
-        The number of the known orbit to which the state leads; UNKNOWN if the orbit is new, NO_ORBIT if no state
-        repeats within MOST_RETURNS returns or the motion makes no further return, NOT_YET if a state that is not after
-        contact almost repeats first.
+        The number of the orbit to which the state leads, if this orbit is known. Otherwise a code: UNKNOWN if a state
+        after contact repeated, so that the orbit is new; NOT_YET if a state without contact before it almost repeated
+        first; NO_ORBIT if neither happened within MOST_RETURNS returns, or the motion makes no further return.
     gap, tau, v
-        The number of returns in a period of the new orbit, and a state on this orbit.
+        For UNKNOWN, the number of returns in a period of the new orbit, and a state on this orbit.
     """
     unit = speed_unit(point.delta, point.epsilon, point.beta)
     mark_tau, mark_v, mark_n, contacts, following = tau, v, 0, 0, 1

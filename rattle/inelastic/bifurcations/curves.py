@@ -79,7 +79,7 @@ def trace(
             return _quiet_limit_curve(beta, load, forcing_shape(shape), window, dampings)
         if shape:
             raise RattleError(
-                f"{name} is traced under one cosine only, and {QUIET_LIMIT} under any forcing: leave out the harmonics"
+                f"{name} is traced for a forcing of one cosine only: leave out the harmonics, or trace {QUIET_LIMIT}"
             )
         return _trace_motion_curve(name, beta, restitution, load, window, dampings)
     except np.linalg.LinAlgError as error:
@@ -90,7 +90,8 @@ def _dampings_to_search(window: PlaneWindow, beta: float) -> Array:
     """Return the dampings at which a curve is searched for: values spread over the window, and its edges in δ."""
     low, high = window.delta
     spread = interior_points(low, high)
-    if low < REACH * beta < high - low:  # in a wide window equal spacing would miss the curves
+    # every curve has points below REACH · beta, which dampings spread over a wide window could miss
+    if low < REACH * beta < high - low:
         spread = np.concatenate([interior_points(low, REACH * beta), spread])
     return np.array([*spread, low, high])
 

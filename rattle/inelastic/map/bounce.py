@@ -5,10 +5,10 @@ A chatter that completes has infinitely many impacts. They are followed one by o
 2 REST_FRACTION LEAST_SHARE |g|/max|g'|, some 1e-8 forcing periods, and have less than REST_FRACTION² of the energy that
 a captured impact may have. (g is the contact force, and `rattle.inelastic.map.contact` has LEAST_SHARE.)
 
-The last followed impact stands for the remaining impacts and the contact phase too: it lasts until the release, the end
-of the contact phase, and the motion leaves it with speed 0. Its impulse is exactly that of everything until the
-release: Φ' goes from the arrival velocity to 0 while Φ returns to the wall, so the wall supplies the arrival speed and
-the integral of the contact force.
+The last followed impact includes the remaining impacts and the contact phase: it lasts until the release, the end of
+the contact phase, and the motion leaves it with speed 0. Its impulse is exact. Until the release Φ' goes from the
+arrival velocity to 0, and Φ returns to the wall, so the impulse of the wall is the arrival speed plus the integral of
+the contact force.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def force_primitive(tau, delta, harmonics):
 
 @inline
 def nearest_release(tau, zeros):
-    """Return the index in `zeros` of the phase nearest to tau, which is, up to rounding, where a contact phase ends."""
+    """Return the index in `zeros` of the release, the end of a contact phase, at phase tau up to rounding."""
     nearest, off = 0, math.inf
     for i in range(zeros.size):
         away = abs(wrapped(zeros[i] - tau))

@@ -76,8 +76,8 @@ def evaluate_forced(s, flight, harmonics, departure):
 def time_of_forced_crossing(low, high, guess, level, rising, third, flight, harmonics, departure):
     """Return the only time in (low, high) at which the displacement F of a flight is `level`, by Halley steps.
 
-    rising: whether F rises there. third: an upper bound of |F‴|. A step u leaves an error below u³ (p² + third/|6F'|)
-    with p = F''/2F', which is below rounding after the last step.
+    rising: whether F rises there. third: an upper bound of |F‴|. After a step u the error is below
+    u³ (p² + third/|6F'|) with p = F''/2F'; the search ends when this bound is smaller than rounding errors.
 
     Returns
     -------
@@ -113,8 +113,8 @@ def time_of_forced_crossing(low, high, guess, level, rising, third, flight, harm
 def time_of_forced_extremum(low, high, guess, convex, third, flight, harmonics, departure):
     """Return the only time in (low, high) at which the displacement F of a flight is extreme.
 
-    convex: whether it is a minimum. third: an upper bound of |F‴|. The time is so accurate that F at this time is exact
-    to rounding.
+    convex: whether the extremum is a minimum. third: an upper bound of |F‴|. The time is so accurate that F at it is
+    exact to rounding.
 
     Returns
     -------
@@ -150,12 +150,12 @@ def lower_bound_on_piece(length, g0, slope0, g1, slope1, delta):
     """Return a lower bound of a displacement G over a time `length` in which e^(δs) G' rises through 0.
 
     g0, slope0, g1, slope1: G and G' at the beginning and at the end. Without damping G lies above its tangents at both
-    ends. With damping this holds if the second tangent is made steeper.
+    ends. With damping G lies above the first tangent, and above the second one if its slope is divided by 1 − δ length.
 
     Returns
     -------
     float
-        The value at which both tangents meet; −∞ if the time is too long for the bound.
+        The value at which these two lines meet; −∞ unless δ length < 1/2.
     """
     x = delta * length
     if not x < 0.5:
@@ -168,7 +168,7 @@ def lower_bound_on_piece(length, g0, slope0, g1, slope1, delta):
 def crossing_on_piece(sign, s0, f0, f1, s1, e0, e1, guess, lower, upper, third, flight, harmonics, departure):
     """Return the first time from s0 to s1 at which the displacement F leaves the interval from `lower` to `upper`.
 
-    sign: the sign of the contact force from s0 to s1. So sign · F only falls, or only rises, or first falls and then
+    sign: the sign of the contact force from s0 to s1. Therefore sign · F falls, or rises, or first falls and then
     rises. f0, f1, e0, e1: F and F' at s0, then F and F' at s1. guess: a guess of the time, or NaN.
 
     Returns
@@ -205,12 +205,14 @@ def crossing_on_piece(sign, s0, f0, f1, s1, e0, e1, guess, lower, upper, third, 
 
 @kernel
 def first_forced_impact(wall, tau, flight, piece, point, departure):
-    """Return the first impact of a flight from a wall. piece: `piece_number` of the departure.
+    """Return the first impact of a flight that departs from a wall at phase tau.
+
+    piece: the number of zeros of the contact force at or before tau (`piece_number`).
 
     Returns
     -------
     tuple
-        (status, flight time s, wall, Φ' and Φ'' before the impact, 1 − e^(−δs)).
+        (status, flight time s, wall of the impact, Φ' and Φ'' before the impact, 1 − e^(−δs)).
     """
     harmonics, zeros = point.harmonics, point.zeros
     upper = 0.0 if wall > 0 else 2.0 * point.beta
@@ -225,7 +227,8 @@ def first_forced_impact(wall, tau, flight, piece, point, departure):
     s, f0, f1 = 0.0, 0.0, flight.w
     length, guess = FIRST_PIECE, math.nan
     outwards = wall * (flight.force - delta * flight.w)
-    if outwards > 0.0 and wall * flight.w < 0.0:  # not after a contact phase, where the force is 0 up to rounding
+    # a bounce; after a contact phase w and the force are 0 up to rounding, and give no estimate of the flight time
+    if outwards > 0.0 and wall * flight.w < 0.0:
         guess = -2.0 * wall * flight.w / outwards
         length = min(FIRST_PIECE_FACTOR * guess, LONGEST_PIECE)
     while s < LONGEST:

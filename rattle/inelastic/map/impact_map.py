@@ -68,8 +68,8 @@ def piece_number(tau, zeros):
 def flight_after_impact(wall, tau, w, piece, point, departure):
     """Return the flight that follows an impact, after the contact phase if the impact leads to contact.
 
-    An impact is given as the wall, the phase τ and the velocity w after it. piece: the number of zeros of the contact
-    force up to τ. w = 0 at such a zero is the end of a contact phase.
+    wall, tau, w: the wall and the phase of the impact, and the velocity after it; w = 0 at a zero of the contact force
+    means that a contact phase ends there. piece: the number of zeros of the contact force at or before tau.
 
     Returns
     -------

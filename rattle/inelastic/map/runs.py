@@ -36,7 +36,7 @@ def contacts_and_merged_impacts(tau, v, n, point):
             run = 0
         if counted == n:
             return contacts, merged
-    # without contact on Σ⁺, count the contact phases on Σ⁻ over one period
+    # no contact phase on Σ⁺ was found: the label leaves out no impact on Σ⁺, and contact phases can be on Σ⁻ only
     contacts = 0
     for _ in range(n):
         status, tau, v, _time, below, on_plus, on_minus = step(tau, v, point)

@@ -91,7 +91,7 @@ def one_impact_motions(point: InelasticPoint) -> list[OneImpactMotion]:
 
 
 def _zeros_of_periodic(function: Callable[[Array], Array], count: int) -> list[float]:
-    """Return zeros of a function of period 1, one in each of `count` equal intervals over which it changes sign."""
+    """Return zeros of a function of period 1: one in each of `count` equal intervals at whose ends its signs differ."""
     grid = np.arange(count + 1) / count
     from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load
 

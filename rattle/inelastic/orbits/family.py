@@ -28,7 +28,7 @@ from rattle.numerics.compile import inline, kernel
 from rattle.numerics.secant import narrow_bracket
 
 A, B, C, D = range(4)
-SAME_TIME = 1e-6  # largest difference of flight times that counts as the same impact
+SAME_TIME = 1e-6  # a flight ends with the impact that the equations assume if its time differs by less than this
 INNERMOST_NODE = 1e-9  # |σ| of the two nodes next to σ = 0, where the equations are singular
 NODES_PER_SIDE = 160  # number of values of σ < 0, and of σ > 0, at which ε(σ) is first computed
 MOST_NODES = 2 * NODES_PER_SIDE + 24  # nodes on both sides of σ = 0, and at most 24 turning points of ε(σ)
@@ -158,7 +158,7 @@ def fill_family_nodes(delta, beta, r, sigma, e):
 
 @kernel
 def family_one_impact(sign, delta, epsilon, beta, r):
-    """Return (admissible, τ, v, trace of the tangent map) of A or C. sign of cos 2πτ: −1 for A, 1 for C."""
+    """Return (admissible, τ, v, trace of the tangent map) of A or C. sign: that of cos 2πτ, −1 for A and 1 for C."""
     decay, lost = math.exp(-delta), -math.expm1(-delta)
     v = r * delta * DRIFT / (1.0 + r)
     offset = (v - DRIFT * excess_drift(delta, lost)) / TWO_PI  # ε sin 2πτ
@@ -197,7 +197,7 @@ def family_two_impacts(sigma, delta, epsilon, beta, r):
     omc, siny, _defect = versines(sigma)
     y1, x1 = y * omc - y - x * siny, x * omc - x + y * siny  # sine and cosine of 2πs, half a turn from those of 2πσ
     down, up = flight_at_phase(-v, x, y, delta), flight_at_phase(r * u, x1, y1, delta)
-    # the contact forces at both arrivals, taken from flights that depart there
+    # Φ'' at both arrivals, from the contact force of a flight with the phase and velocity of the arrival
     ends = flight_at_phase(-u, x1, y1, delta), flight_at_phase(v / r, x, y, delta)
     bend_down, bend_up = ends[0].force + delta * u, ends[1].force - delta * v / r
     a00, a01, a10, a11 = forced_tangent(-u, bend_down, -math.expm1(-delta * s), r, down)
@@ -206,11 +206,12 @@ def family_two_impacts(sigma, delta, epsilon, beta, r):
 
 
 @kernel
-def keep_orbit(orbit, found, exists, phase, speed, traces, i):
+def store_first_orbit(orbit, found, exists, phase, speed, traces, i):
     """Store an orbit at parameter point i, if it is admissible and no orbit with its letter is stored there.
 
-    orbit: the letter, 0 to 3 for A to D. found: the tuple of `family_one_impact` or `family_two_impacts`. Callers go
-    from σ = 1/2 down, so orbits of the branch born at SN2 come first.
+    orbit: the letter, 0 to 3 for A to D. found: the tuple of `family_one_impact` or `family_two_impacts`. Of
+    several orbits with one letter the longest time from Σ⁺ to Σ⁻ wins, because callers store orbits in falling order of
+    this time.
     """
     admissible, tau, v, trace = found
     if admissible and not exists[orbit, i]:
@@ -230,8 +231,8 @@ def fill_family_orbits(order, delta, epsilon, beta, r, exists, phase, speed, tra
     sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)
     for i in order:
         d, eps, b, rest = delta[i], epsilon[i], beta[i], r[i]
-        keep_orbit(A, family_one_impact(-1.0, d, eps, b, rest), exists, phase, speed, traces, i)
-        keep_orbit(C, family_one_impact(1.0, d, eps, b, rest), exists, phase, speed, traces, i)
+        store_first_orbit(A, family_one_impact(-1.0, d, eps, b, rest), exists, phase, speed, traces, i)
+        store_first_orbit(C, family_one_impact(1.0, d, eps, b, rest), exists, phase, speed, traces, i)
         if last < 0 or d != delta[last] or b != beta[last] or rest != r[last]:
             n = fill_family_nodes(d, b, rest, sigma, e)
         last = i
@@ -239,7 +240,7 @@ def fill_family_orbits(order, delta, epsilon, beta, r, exists, phase, speed, tra
             if (e[j] - eps) * (e[j + 1] - eps) <= 0.0 and not sigma[j] < 0.0 < sigma[j + 1]:
                 root = root_of_amplitude(eps, sigma[j], sigma[j + 1], d, b, rest)
                 which = D if e[j + 1] > e[j] else B
-                keep_orbit(which, family_two_impacts(root, d, eps, b, rest), exists, phase, speed, traces, i)
+                store_first_orbit(which, family_two_impacts(root, d, eps, b, rest), exists, phase, speed, traces, i)
 
 
 def family_nodes(delta: float, beta: float, r: float) -> tuple[Array, Array]:

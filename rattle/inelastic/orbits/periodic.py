@@ -62,7 +62,8 @@ def inelastic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1
     found, tau1, v1 = newton(tau, v, k, point)
     if not found:
         raise RattleError(
-            f"no periodic motion with {k} impacts on Σ⁺ was found near tau = {tau:g}, v = {v:g}: start closer"
+            f"no periodic motion with {k} impacts on Σ⁺ was found near tau = {tau:g}, v = {v:g}: give tau and v closer "
+            "to a periodic motion"
         )
     k = shortest_return(tau1, v1, k, point)
     tau1, v1 = fastest_point(tau1, v1, k, point)

@@ -24,7 +24,7 @@ class Impacting(Model):
     functions: ClassVar[Functions] = impacting
     classifier = ImpactingClassifier
     curve_names = impacting.NAMES
-    # cells with quiet and periodic motions, with quiet and chaotic ones, and with chaotic ones only
+    # the first cell has quiet and periodic motions, the second quiet and chaotic ones, the third chaotic ones only
     compiled_at = 0.089, 0.1, 0.25
 
     def gear(self, delta: float, epsilon: float) -> Gear:

@@ -25,7 +25,8 @@ RESTITUTION, LOAD = parameters_in(__file__)
 
 def _load_of_machine(load_torque: Any, pair: Any) -> Any:
     """Return the load: load torque on the second gear divided by drag torque, both referred to the first gear."""
-    return np.divide(load_torque * pair.ratio, pair.drag * pair.speed)  # infinite at speed 0, without drag torque
+    # at speed 0 the drag torque is 0, and np.divide returns infinity where `/` of floats raises ZeroDivisionError
+    return np.divide(load_torque * pair.ratio, pair.drag * pair.speed)
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class Inelastic(Model):
     design_gears = 256
     takes_harmonics = True
     one_cosine = frozenset({Capability.PERIOD_ONE})
-    compiled_at = (0.1, 0.25)  # a cell with quiet motion and impacts, and a cell with contact phases
+    compiled_at = (0.1, 0.25)  # the first cell has quiet motion and impacts, the second contact phases
 
     def __post_init__(self) -> None:
         """Check and convert all parameters."""
@@ -65,7 +66,7 @@ class Inelastic(Model):
         return {"beta": self.beta, "restitution": self.restitution, "load": self.load}
 
     def gear(self, delta: float, epsilon: float) -> inelastic.InelasticGear:  # type: ignore[override]
-        """Return the gear at one point. It lacks the methods of capabilities that `has` does not list."""
+        """Return the gear at one point. Methods for capabilities outside `has` are absent or raise RattleError."""
         return inelastic.InelasticGear(delta, epsilon, self.beta, self.restitution, self.load, self.harmonics)
 
     def parameters_at(self, delta: ArrayLike, epsilon: ArrayLike) -> Parameters:

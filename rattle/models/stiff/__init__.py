@@ -1,4 +1,4 @@
-"""The stiff model: elastic walls (paper 2.1, 2.2). Where the impacting gear has a graze, the stiff one has folds."""
+"""The stiff model: elastic walls (paper 2.1, 2.2). At G1 and G2, grazes of the impacting gear, it has saddle-nodes."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ class Stiff(Model):
     tile_samples = 4096  # computing a return takes a hundred times as long as for the impacting gear
     cell_milliseconds = 100.0
     design_gears = 256
-    compiled_at = (0.1,)  # one cell only, because computing more cells would take longer than it saves later
+    compiled_at = (0.1,)  # one cell only: another cell takes longer than the compilation that it would save later
 
     @property
     def dwell(self) -> float:
-        """The duration of a short contact in forcing periods: half a period of free oscillation on the spring."""
+        """The duration of a contact in forcing periods, if the impact is fast: half a period of free oscillation."""
         return math.pi / math.sqrt(2.0 * self.kappa)
 
     def gear(self, delta: float, epsilon: float) -> stiff.StiffGear:

@@ -17,7 +17,7 @@ from rattle.stiff.map.quiet import quiet_limit
 
 
 def cells_of(parameters: Parameters) -> StiffCells:
-    """Return the record of the cells with these parameters (n,) that compiled code takes."""
+    """Return cells with these parameters (n,) as the record `StiffCells`, for compiled code."""
     delta, epsilon, kappa = parameters.delta, parameters.epsilon, parameters.added["kappa"]
     rests = np.where(epsilon < quiet_limit(delta, kappa), 1.0, 0.0)
     return StiffCells(delta, epsilon, parameters.beta, rests, kappa)
@@ -42,7 +42,7 @@ class StiffClassifier(Classifier):
 
     @staticmethod
     def quiet_invariant(parameters: Parameters) -> float:  # noqa: ARG004
-        """Return 0: no state counts as quiet by its v³/g alone, v being its speed and g the contact force."""
+        """Return 0, the largest v³/g (speed v, contact force g) at which a state counts as quiet: none does here."""
         return 0.0
 
     @property
@@ -60,7 +60,7 @@ class StiffClassifier(Classifier):
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:  # noqa: ARG002
         """Follow the samples numbered `which` until each has an outcome or has made all returns that its limit allows.
 
-        Every return is checked for capture and recurrence, whatever `early` is.
+        `early` has no effect: samples of this gear are checked for capture and recurrence at every return.
         """
         settle(which, self.cells, samples.for_kernels(), self.balls.for_kernels())
 

@@ -34,8 +34,10 @@ __all__ = ["StiffBranch", "StiffEvent", "doubled_branch", "stiff_branch", "stiff
 
 POINTS_ACROSS = 50  # least number of points over the span
 MOST_POINTS = 1000
-NEARLY_TWICE = 1e-2  # distance from the flip below which the equations of a doubled branch are almost singular
-FLIP_WITHIN = 1e-3  # largest distance of the flip from the end of a doubled branch, as a share of the span
+# A branch of doubled period becomes singular at its flip. If such a branch stops, and the halves of its last motion
+# differ by less than this in the unknowns, a flip is sought there.
+NEARLY_TWICE = 1e-2
+FLIP_WITHIN = 1e-3  # largest distance between a doubled branch's last motion and its flip, as a share of the span
 LEAST_FLIGHT = 1e-6  # duration, in forcing periods, below which a flight counts as vanished
 LOST = "is lost"  # words for the end of a branch at a graze where a contact vanishes
 
@@ -98,7 +100,7 @@ def _follower(line: MotionsOnLine, span: tuple[float, float], resolution: int) -
 def stiff_branch_on_line(line: MotionsOnLine, start: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
     """Return the branch through the motion `start` on a line, followed in both directions while it stays in `span`."""
     if not line.is_admissible(start):
-        raise RattleError("the motion is virtual at its own parameters: take it from stiff_orbit or from_limit")
+        raise RattleError("the motion is virtual at its own parameters: give a motion from rattle.stiff.stiff_orbit")
     followed = _follower(line, span, resolution).follow_both_ways(start, -1, MOST_POINTS)
     ends = (_BranchEnd(CLOSED), _BranchEnd(CLOSED))
     if followed.paths is not None:
@@ -107,13 +109,23 @@ def stiff_branch_on_line(line: MotionsOnLine, start: Array, span: tuple[float, f
 
 
 def doubled_branch(event: StiffEvent, direction: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
-    """Return the branch of motions of twice the period that begins at a flip, along a direction in (δ, ε, 1/√(2κ))."""
+    """Return the branch of motions of twice the period that begins at a flip.
+
+    Parameters change along `direction`, in (δ, ε, 1/√(2κ)). span: (low, high), the multiples of the direction between
+    which the branch is followed, 0 at the flip.
+
+    Returns
+    -------
+    StiffBranch
+        The branch, with the flip as its first point.
+    """
     itinerary = event.itinerary.with_doubled_period()
     line = MotionsOnLine(itinerary.walls, itinerary.m, itinerary.beta, event.parameters, direction)
     start = start_of_doubled_branch(event.itinerary, event.unknowns)
     path = _follower(line, span, resolution).follow(*start, MOST_POINTS, FIRST_OF_DOUBLED)
     tangents = path.tangents.copy()
-    # the doubled branch turns back in the parameter at its first point, the flip, which is no saddle-node
+    # a doubled branch turns back in the parameter at its first point, the flip; the next point's tangent replaces the
+    # first one, so that this turn does not count as a saddle-node
     tangents[0] = tangents[min(1, len(tangents) - 1)]
     return _branch_of_points(line, path.points, tangents, 0, (_BranchEnd("flip"), _end_of_path(line, path, span)))
 
@@ -157,7 +169,15 @@ def _wall_name(wall: int) -> str:
 def _branch_of_points(
     line: MotionsOnLine, points: Array, tangents: Array, start: int, ends: tuple[_BranchEnd, _BranchEnd]
 ) -> StiffBranch:
-    """Return the branch with its events. Its points are `points` and each saddle-node between them."""
+    """Return a branch with its events, from its points (k, 2c + 1) and their tangents. Saddle-nodes become points too.
+
+    start: the index of the point from which the branch was followed. ends: the branch's ends, first and last.
+
+    Returns
+    -------
+    StiffBranch
+        The branch with its saddle-nodes, flips and grazes.
+    """
     problem = line.problem
     folds = np.flatnonzero((tangents[:-1, -1] < 0) != (tangents[1:, -1] < 0))
     marked: list[int] = []
@@ -189,7 +209,7 @@ def _branch_of_points(
             )
     multipliers = np.array([line.orbit(y).multipliers for y in points]).T
     stable = np.abs(multipliers[0]) < 1.0
-    for k in marked:  # a saddle-node gets the stability of its stable side
+    for k in marked:  # a saddle-node counts as stable if the motions on one side of it are stable
         stable[k] = stable[max(k - 1, 0)] or stable[k + 1]
     itinerary, unknowns = line.itinerary(points[0]), np.array([line.full_unknowns(y) for y in points])
     flights = itinerary.flights(unknowns[:, :-1], unknowns[:, -1:])
@@ -208,7 +228,13 @@ def _branch_of_points(
 
 
 def _rate_of_parameter(problem: ContinuationProblem, a: Array, b: Array) -> Callable[[Array], float]:
-    """Return a function of solutions y from a to b on a branch: the parameter's rate along the branch, 0 at a fold."""
+    """Return the function that is 0 at a fold between the points a and b of a branch.
+
+    Returns
+    -------
+    callable
+        It returns the parameter's component of the branch's tangent at a solution y between a and b.
+    """
     return lambda y: float(tangent_at(problem, y, b - a)[-1])
 
 

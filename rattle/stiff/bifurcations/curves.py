@@ -42,7 +42,7 @@ from rattle.stiff.orbits.periodic import orbit_of
 #: For each fold curve, the letters of the two motions that meet there.
 FOLDS = {"SN1": "AC", "SN2": "BD", "G1": "BC", "G2": "AD"}
 FLIPS, QUIET = ("PD1", "PDC", "PD2"), "quiet_limit"
-BORN_WITH = ("A", "B")  # motions with which D can be born in a fold
+BORN_WITH = ("A", "B")  # D is born in a fold, together with A at G2 or with B at SN2
 OF_ONE_CONTACT = ("SN1", "PDC")  # curves of P(1,1,0); all others belong to P(1,1,1)
 MEANINGS = {
     "SN1": "saddle-node at which A and C, P(1,1,0), are born as ε grows; goes on as G2 where they are born grazing",
@@ -138,9 +138,8 @@ def _starting_points(name: str, beta: float, kappa: float, window: PlaneWindow, 
 def _motions_on_curve(name: str, family: StiffFamily) -> list[Array]:
     """Return the motions of a family that are events of the curve with this name.
 
-    On the paper's curves the middle of the contact with Σ⁻ comes more than half a period after the middle of the
-    contact with Σ⁺; other motions are left out. At half a period ε is infinite along the family of
-    the impacting P(1,1,1).
+    Motions P(1,1,1) count only if the middle of the contact with Σ⁻ comes more than half a period after the middle of
+    the contact with Σ⁺, as on the paper's curves. (At half a period the impacting P(1,1,1) have a pole of ε.)
 
     Returns
     -------
@@ -173,7 +172,8 @@ def _flips_on_curve(name: str, family: StiffFamily) -> list[Array]:
             before, after = ("", *family.letters)[i], (*family.letters, "")[i + 1]
             turns = sorted({*(turns[:1] if before in BORN_WITH else ()), *(turns[-1:] if after in BORN_WITH else ())})
         elif name == "PD2":
-            gained = np.diff(above) * np.diff(points[:, -1]) > 0.0  # between two folds ε is monotone
+            # whether D gains stability as ε grows; points of one part of a family have monotone ε
+            gained = np.diff(above) * np.diff(points[:, -1]) > 0.0
             turns = [k for k in turns if gained[k]]
         found += [_flip_by_bisection(points[k], points[k + 1], family.cycle, flip) for k in turns]
     return found
@@ -213,8 +213,8 @@ def _reason_to_leave(name: str, y: Array, cycle: Cycle) -> str | None:
 def _is_maximum_of_epsilon(y: Array, cycle: Cycle) -> bool:
     """Return whether ε has a maximum along a family of motions at its fold y.
 
-    ε has a maximum where −ψ R''φφ/ψR_ε < 0. R are the residuals of the equations; φ and ψ are the right and left null
-    vectors of their Jacobian ∂R/∂y at fixed ε.
+    Let R be the residuals of the equations, and φ and ψ the right and left null vectors of their Jacobian at fixed ε.
+    Along the family ε has the second derivative −(ψ · D²R[φ, φ])/(ψ · ∂R/∂ε), which is negative at a maximum.
 
     Returns
     -------

@@ -81,7 +81,13 @@ class StiffMotions(Motions):
         return *found.events, *found.grazes
 
     def motions_at_event(self, event: StiffEvent) -> Iterator[Motion]:
-        """Yield the motion at a flip, where a doubled branch may end, or the motion beyond a graze."""
+        """Yield the motion at a flip, or the motion with the other label at a graze; nothing at a saddle-node.
+
+        Yields
+        ------
+        Motion
+            If a branch of doubled period ends at the flip, the yielded motion has half the period of the branch.
+        """
         if event.kind is Kind.FLIP:
             yield event.itinerary, event.unknowns
         elif event.beyond is not None:

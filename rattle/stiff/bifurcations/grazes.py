@@ -2,9 +2,10 @@
 
 The vector field is continuous. A contact is lost when its duration falls to 0, and gained when a flight touches a wall.
 Two contacts with the same wall become one when the duration of the flight between them falls to 0, and one contact
-becomes two when its depth falls to 0 in between. In each case the equations of the motion with one contact more are
-regular if the duration that falls to 0 is prescribed, so this motion is started with a small duration. Its branch may
-turn back in the parameter at once, within about 1/κ², as C and B do near G1.
+becomes two when its depth falls to 0 in between. In each case one contact or flight has a duration that vanishes at the
+graze. The equations of the motion with one contact more are regular there if this duration is prescribed, so this
+motion is solved for at a small duration. Its branch may turn back in the parameter within about 1/κ² of the graze: near
+G1 it turns from C to B.
 """
 
 from dataclasses import replace
@@ -19,7 +20,8 @@ from rattle.stiff.bifurcations.line import MotionsOnLine
 from rattle.stiff.orbits.periodic import FailingPiece, first_failing_piece
 
 VANISHING = 1e-5  # duration, in units of p = 1/√(2κ), below which a contact or a flight counts as vanished
-# duration, in units of p² = 1/2κ, with which a new contact or flight starts; at the fold of C and B a contact lasts 2.1
+# duration, in units of p² = 1/2κ, of a new contact or flight next to a graze; where C and B meet, C's new contact has
+# grown to 2.1
 STARTING_DURATION = 0.04
 # distances from a graze, in the unknowns, at which an admissible motion is sought
 DISTANCES_TO_TRY = 10.0 ** np.arange(-9, -3)
@@ -28,8 +30,9 @@ DISTANCES_TO_TRY = 10.0 ** np.arange(-9, -3)
 class Graze(NamedTuple):
     """A graze, at which a motion gains or loses a contact.
 
-    here: the motion at the graze, without this contact. beyond: the motion as which the branch continues beyond the
-    graze, or None if it was not found. Each motion is given as a line of parameters and its unknowns y on this line.
+    here: the motion at the graze, without the contact that is gained or lost. beyond: a motion of the branch with
+    another label that continues from the graze; None if no such motion was found. Each motion is given as a line of
+    parameters and the motion's unknowns y on this line.
     """
 
     here: tuple[MotionsOnLine, Array]
@@ -75,7 +78,13 @@ def _with_merged_contacts(line: MotionsOnLine, y: Array, contact: int) -> tuple[
 
 
 def _admissible_nearby(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | None:
-    """Return the admissible motion next to a graze y on a line, at one of DISTANCES_TO_TRY; None if there is none."""
+    """Return an admissible motion next to a graze y on a line; None if there is none.
+
+    Returns
+    -------
+    tuple or None
+        The line and the motion's unknowns. The motion is sought on both sides of y, at each of DISTANCES_TO_TRY.
+    """
     rising = np.zeros(y.size)
     rising[-1] = 1.0
     tangent = tangent_at(line.problem, y, rising)
@@ -95,7 +104,7 @@ def _with_one_more_contact(line: MotionsOnLine, y: Array, tangent: Array) -> tup
             None if there is None else first_failing_piece(line.itinerary(there[0]), line.full_unknowns(there[0])[:-1])
         )
         if failure is not None and failure.wall != 0:
-            more, guess, constraint = (_with_split_contact if failure.contact else _with_light_contact)(
+            more, guess, constraint = (_with_split_contact if failure.contact else _with_short_contact)(
                 line, y, failure
             )
             found = newton_on_curve(more.problem, guess, constraint)
@@ -113,7 +122,7 @@ def _with_inserted_contact(
     return more, np.insert(y, [after + 1, c + after + 1], [time, duration])
 
 
-def _with_light_contact(line: MotionsOnLine, y: Array, failure: FailingPiece) -> tuple[MotionsOnLine, Array, Array]:
+def _with_short_contact(line: MotionsOnLine, y: Array, failure: FailingPiece) -> tuple[MotionsOnLine, Array, Array]:
     """Return a guess of the motion with a short contact where a flight touches a wall, and a row of equations.
 
     The row is the last of Newton's equations; it keeps the duration of the contact.

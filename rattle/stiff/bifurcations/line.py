@@ -51,7 +51,7 @@ class MotionsOnLine:
             x = self.full_unknowns(y)
             with np.errstate(
                 divide="ignore", invalid="ignore"
-            ):  # a flight of duration 0 is singular, and Newton's method refuses it
+            ):  # if a flight has duration 0, the residuals are not finite, and Newton's method fails
                 return any_softness.residual_at(x[..., :-1], x[..., -1:])
 
         return ContinuationProblem(equations, scale=line_scale(self.origin, self.direction))
@@ -80,13 +80,14 @@ class MotionsOnLine:
         return twins(StiffItinerary(self.walls, self.m, self.beta, 0.0), start, y)
 
     def mean_of_halves(self, y: Array) -> tuple["MotionsOnLine", Array, float] | None:
-        """Return the motion of half the period whose unknowns are the mean of both halves of a motion y.
+        """Return the mean of both halves of a motion y, as a motion of half the period.
 
         Returns
         -------
         tuple or None
-            The line of this motion, its unknowns on the line, and the largest difference of the halves; None if the
-            second half of y does not meet the same walls as the first.
+            The line of the new motion; its unknowns on this line; the largest difference between an unknown of one half
+            of y and the same unknown of the other half, with times counted from the beginning of the half. None if the
+            halves of y do not meet the same walls.
         """
         half, odd = divmod(len(self.walls), 2)
         if odd or self.m % 2 or self.walls[:half] != self.walls[half:]:
@@ -102,7 +103,9 @@ class MotionsOnLine:
         return found is not None and found[2] < TWICE
 
     def flip_near(self, y: Array, width: float) -> Array | None:
-        """Return the flip on this line near a motion y, such as half of the last motion of a doubled branch.
+        """Return the flip on this line near a motion y.
+
+        A branch of doubled period ends at this flip, and y is half of the last motion of the branch.
 
         Returns
         -------

@@ -26,10 +26,10 @@ class StiffEvent(NamedTuple):
     """A saddle-node (SN), flip (PD) or graze (GR) on a branch.
 
     orbit: the motion at the event; at a graze, without the contact that is gained or lost.
-    point: the number of the branch's last point before the event. A saddle-node is itself a point of the branch, and
-    `point` is its number; for a flip or graze at an end of the branch, `point` is the number of the end point.
-    beyond: at a graze, the motion of the other label as which the branch's motion continues; None if it was not found,
-    and at other events.
+    point: the index of a point of the branch: of a saddle-node, which is itself a point; otherwise of the last point
+    before the flip or graze, or of the end point if the event is at an end of the branch.
+    beyond: for a graze, a motion of the branch with another label that continues from the graze, or None if no such
+    motion was found; for a saddle-node or flip, None.
     """
 
     kind: Kind
@@ -123,7 +123,8 @@ class StiffBranch(FollowedBranch):
         """Return the name of the curve of `rattle.stiff.trace` on which an event lies; None if it lies on no curve."""
         k, letters, x = event.point, self.names, event.unknowns
         if self.label[:2] != (1, 1) or (len(self.walls) > 1 and x[1] - x[0] + 0.5 * x[-1] * (x[3] - x[2]) < 0.5):
-            return None  # on all curves the middles of both contacts are more than half a period apart
+            # on every curve the middle of the contact with Σ⁻ comes more than half a period after that with Σ⁺
+            return None
         if event.kind is Kind.SADDLE_NODE and 0 < k < len(self) - 1:
             pair = "".join(sorted((letters[k - 1], letters[k + 1])))
             return next((name for name, meet in FOLDS.items() if meet == pair), None)
@@ -134,7 +135,14 @@ class StiffBranch(FollowedBranch):
         return self._flip_of_d(event) if letters[k] == "D" else None
 
     def _flip_of_d(self, event: StiffEvent) -> str | None:
-        """Return "PD1" for a flip of D next to a fold, else "PD2" if D gains stability there as ε grows, else None."""
+        """Return the name of the curve on which a flip of D lies.
+
+        Returns
+        -------
+        str or None
+            "PD1" if the branch's previous or next event is a saddle-node; otherwise "PD2" if D gains stability as ε
+            grows, and None if D loses stability.
+        """
         i = next(i for i, each in enumerate(self.events) if each is event)
         if any(each.kind is Kind.SADDLE_NODE for each in self.events[max(i - 1, 0) : i + 2]):
             return "PD1"

@@ -24,7 +24,8 @@ LONGEST = 1000.0  # longest search for the end of a contact, in forcing periods,
 DECAYS = 100.0  # number of decay times of a free motion that the longest search includes
 SHORT = 0.5  # value of (δ + √(2κ)) s below which the response S is computed by a Taylor series
 TERMS = 16  # number of terms of the Taylor series of the response S
-SAFETY_FACTOR = 0.999  # factor by which depths of permanent contact are reduced, against rounding errors
+# tests of the depth of permanent contact use this share of the depth, so that rounding cannot decide them
+SAFETY_FACTOR = 0.999
 
 
 class Contact(NamedTuple):
@@ -108,7 +109,7 @@ def forced_responses(s, delta, kappa):
     sine, lost, defect = responses(s, delta, kappa)
     omc, siny, forced_defect = versines(s)
     in_phase, behind, _size = compliance(delta, kappa)
-    p, q = lost - omc, TWO_PI * defect - forced_defect  # cos 2πs − C, sin 2πs − 2πS, C and S as in the docstring
+    p, q = lost - omc, TWO_PI * defect - forced_defect  # p = cos 2πs − C and q = sin 2πs − 2πS, without cancellation
     dp, dq = 2.0 * kappa * sine - TWO_PI * siny, TWO_PI * (lost + delta * sine - omc)
     x_c, x_s = in_phase * p + behind * q, in_phase * q - behind * p
     v_c, v_s = in_phase * dp + behind * dq, in_phase * dq - behind * dp
@@ -139,10 +140,9 @@ def steady_contact(s, contact):
 
 @inline
 def log_rate(s, delta, square, rate):
-    """Return u'/u at the time s for a motion u = e^(−δs/2) c(s) without force, with c = cos or cosh of rate · s.
+    """Return u'/u at the time s for the free motion u = e^(−δs/2) cos(rate · s), with cosh for cos if `square` > 0.
 
-    s is the time from the middle of a part of the contact on which u is positive. square: δ²/4 − 2κ, whose sign decides
-    between cos (negative) and cosh. rate: the square root of |square|.
+    u is a depth without force that is positive around s = 0. square: δ²/4 − 2κ. rate: the square root of |square|.
 
     Returns
     -------
@@ -158,8 +158,8 @@ def log_rate(s, delta, square, rate):
 def time_of_extremum(lo, hi, middle, contact):
     """Return the time in (lo, hi) at which x/u is extreme, with x the depth and u the free motion of `log_rate`.
 
-    u is centred on the time `middle`. At the extremum q = x' − x u'/u is 0; q changes sign once in (lo, hi), and obeys
-    q' = h − (δ + u'/u) q with the force h.
+    `log_rate` counts its time from `middle`. The method finds the zero of q = x' − x u'/u, which has the sign of the
+    derivative of x/u and changes sign once in (lo, hi). With the force h, q' = h − (δ + u'/u) q.
 
     Returns
     -------
@@ -227,7 +227,8 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     Returns
     -------
     tuple
-        (ENDS, LASTS, STAYS or TOO_LONG; the time s; at s, x, x' and the responses S and 1 − C of `responses`).
+        (status; the time s; x and x' at s; S and 1 − C of `responses` at s, both 0 if the status is STAYS). Status:
+        ENDS; LASTS if the contact lasts to the horizon, STAYS if it never ends, TOO_LONG if no end was found.
     """
     sin0, cos0 = phase_at(tau)
     mean, a, b = force_ahead(wall, sin0, cos0, delta, epsilon)

@@ -16,7 +16,7 @@ from rattle.numerics.compile import inline, kernel
 from rattle.stiff.map.contact import ENDS, LASTS, STAYS, contact_end
 
 GAP = SIGMA_PLUS - SIGMA_PLUS  # 0 in the integer type of the walls: the motion is in the gap
-QUIET, STUCK = 3, 4  # further status codes: contact that never ends; a motion that cannot be followed farther
+QUIET, STUCK = 3, 4  # status codes besides OK: contact never ends; the motion cannot be followed to its end
 MOST_PIECES = 1_000_000  # largest number of flights and contacts that one call follows
 
 
@@ -80,7 +80,7 @@ def follow_piece(wall, tau, position, w, delta, epsilon, beta, kappa, horizon):
     -------
     tuple
         (status; duration; wall, position and w at the end; whether the piece is a flight that starts on a wall; the
-        tangent map of the piece).
+        tangent map of the piece). Status: OK, QUIET if it is a contact that never ends, STUCK if no end was found.
     """
     leaves = wall != GAP and is_contact_over(wall, tau, position, w, delta, epsilon)
     if wall == GAP or leaves:

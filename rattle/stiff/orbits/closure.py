@@ -36,7 +36,7 @@ SAME_END = 1e-9  # allowed error of the duration of a contact, in forcing period
 
 
 class Cycle(NamedTuple):
-    """The data that all motions of a family share.
+    """A cycle of contacts: the data that all motions of a family share, which differ in times, durations and ε only.
 
     walls (c,): the walls ±1 that a motion meets, in order, Σ⁺ first. m: the period in forcing periods. delta, beta,
     kappa: δ, β and κ.
@@ -102,7 +102,7 @@ def free_flight(t0, t1, gap, delta, epsilon):
     x = delta * s
     decay, pull = math.exp(-x), -delta / math.expm1(-x)
     lag = 1.0 - s * pull  # the contribution of the drift to w₀, divided by 4π
-    if x < LONGEST_DECAY:  # the formula above cancels here
+    if x < LONGEST_DECAY:  # in a short flight 1 − s · pull would lose digits by cancellation
         k = x * decay64(x)
         lag = -k / (1.0 - k)
     (sin0, cos0), (sin1, cos1) = library_phase(t0), library_phase(t1)

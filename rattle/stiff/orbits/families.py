@@ -2,13 +2,13 @@
 
 A family is a connected curve of solutions at fixed δ, β and κ. It is followed as a whole, also where its motions are
 virtual. Families of P(1,1,0) are sought at many durations of the contact; for a given duration the equations are linear
-in ε cos 2πt and ε sin 2πt. Families of P(1,1,1) are sought with Newton's method from the impacting limit, which is
-explicit too, at many times from Σ⁺ to Σ⁻, and from every graze of a P(1,1,0). These guesses hold for a forcing of one
-cosine.
+in ε cos 2πt and ε sin 2πt. Families of P(1,1,1) are sought with Newton's method from two kinds of guesses: motions of
+the impacting gear, which are explicit too, at many times from Σ⁺ to Σ⁻; and every graze of a P(1,1,0). All these
+guesses hold for a forcing of one cosine.
 
-A letter belongs to a part of the curve between folds: A, SN1, C, fold at G1, B, SN2, D, fold at G2, A. At a graze just
-before the fold at G1, and at a graze just after the fold at G2, the families of P(1,1,1) and of P(1,1,0) meet, and the
-letter C or A continues from one to the other.
+A letter belongs to a part of a curve between folds. In order: A, SN1, C, fold at G1, B, SN2, D, fold at G2, A. C begins
+to touch Σ⁻ a little before the fold at G1, and A ceases to touch it a little after the fold at G2. At these two grazes
+the family of P(1,1,0) and a family of P(1,1,1) meet; the letters C and A hold on both sides.
 """
 
 from collections.abc import Iterator, Sequence
@@ -54,7 +54,7 @@ DURATIONS = 600  # number of durations of the contact at which P(1,1,0) is sough
 TIMES = 40  # number of times from Σ⁺ to Σ⁻ at which P(1,1,1) is sought, on either side of the pole at half a period
 LEAST_SPAN = 1.0  # least range of ε in which families are followed, in units of `plane_scale`
 # duration, in units of 1/√(2κ), of the contact with Σ⁻ with which families of P(1,1,1) start at a graze
-SLIGHT = 10.0 * LEAST_CONTACT
+SHORT_CONTACT = 10.0 * LEAST_CONTACT
 BISECTIONS = 45  # halvings of the interval in which a graze is located
 
 
@@ -98,10 +98,10 @@ class StiffFamily:
 
     @property
     def motions_at_breaks(self) -> list[Array]:
-        """Admissible motions at which the family breaks off, so that further motions may be missing; empty if none.
+        """Admissible motions that show that the family is incomplete; an empty list if it is complete.
 
-        They are at the ends at which the continuation failed. If it failed at both ends, or a fold could not be
-        located, all admissible points of the family are returned.
+        If the continuation failed at one end, the list has this end if it is admissible. If it failed at both ends, or
+        if a fold could not be located, the list has all admissible points of the family.
         """
         ends = [i for i, why in zip((0, -1), self.ends, strict=True) if why == BROKEN]
         return [y for y in (self.points if len(ends) == 2 else self.points[ends]) if is_admissible(y, self.cycle)]
@@ -186,9 +186,15 @@ def explicit_solutions(cycle: Cycle, offset: Array, duration: Array) -> Array:
 
 
 def _guess_of_sn1(cycle: Cycle) -> Array | None:
-    """Return unknowns (3,) close to SN1, the fold of P(1,1,0) with contact duration σ nearest to π; None if none is."""
+    """Return unknowns close to SN1: of the minima of ε over the P(1,1,0), the one with contact duration σ nearest to π.
+
+    Returns
+    -------
+    Array or None
+        Unknowns (3,); None if no P(1,1,0) has a minimum of ε.
+    """
     p = softness(cycle.kappa)
-    # distances of the duration σ from π at which SN1 is sought; its own distance is about 2p · force / speed
+    # SN1 is sought at durations σ at these distances from π; it lies at a distance of about 2p · force / speed
     hard = p * np.geomspace(1e-2, 1e4, DURATIONS)
     duration = np.concatenate([np.linspace(0.0, 4 * np.pi, DURATIONS), np.pi - hard, np.pi + hard])
     duration = np.unique(duration[(duration > 0.0) & (duration < 0.999 / p)])
@@ -250,7 +256,14 @@ def families_on_both_walls(cycle: Cycle, span: float, plus: Sequence[StiffFamily
 
 
 def _guesses_on_both_walls(cycle: Cycle, plus: Sequence[StiffFamily]) -> Iterator[tuple[Array, Array]]:
-    """Yield guesses of P(1,1,1), each with a row of Newton's equations that fixes a combination of the unknowns."""
+    """Yield guesses of P(1,1,1), each with a row that completes Newton's equations.
+
+    Yields
+    ------
+    tuple[Array, Array]
+        The guess (5,), and the row (5,), which keeps one quantity of the guess: the duration of the contact with Σ⁻,
+        the flight time from Σ⁺ to Σ⁻, or ε.
+    """
     p = softness(cycle.kappa)
     for family in plus:
         for y in guesses_at_grazes(family):
@@ -274,16 +287,17 @@ def guesses_at_grazes(family: StiffFamily) -> list[Array]:
             if not family_solution_above_chord(hit, miss, 0.5, cycle, y):
                 break
             hit, miss = (hit, y.copy()) if np.isnan(time_at_sigma_minus(y, cycle)) else (y.copy(), miss)
-        found.append(np.array([hit[0], time_at_sigma_minus(hit, cycle), hit[1], SLIGHT, hit[2]]))
+        found.append(np.array([hit[0], time_at_sigma_minus(hit, cycle), hit[1], SHORT_CONTACT, hit[2]]))
     return found
 
 
 def _letters_of_parts(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple[str, ...]:
     """Return the letters of a family of P(1,1,1).
 
-    Where the family ends because the contact with Σ⁻ is lost, the motion continues as a P(1,1,0), and the part at this
-    end has the letter of this P(1,1,0). One exception: a part that continues as C but does not fold back to B is D
-    (docs/stiff.md). Other parts are B if their motions are saddles with a multiplier above 1, else D.
+    A part is B if its motions are saddles with a multiplier above 1, else D. The first and the last part may have other
+    letters: if the family ends there because the contact with Σ⁻ is lost, the motion continues as a P(1,1,0), and the
+    part has the letter A or C of this P(1,1,0). A part that continues as C but does not fold back to B remains D
+    (docs/stiff.md).
 
     Returns
     -------

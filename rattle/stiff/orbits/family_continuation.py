@@ -2,8 +2,8 @@
 
 The method is that of `rattle.continuation.arclength`, here for the equations of `rattle.stiff.orbits.closure` and some
 hundred times as fast. A family is followed through virtual motions too, until a contact is lost (σ = 0), ε leaves its
-range, or a flight vanishes. Lengths and angles count ε in a unit that is proportional to δ at weak damping
-(`epsilon_unit`).
+range, or a flight vanishes. Lengths and angles of vectors of unknowns are measured with ε in units of `epsilon_unit`,
+which is 1 at strong damping and proportional to δ at weak damping.
 """
 
 import math
@@ -71,7 +71,7 @@ def eliminate(matrix, right):
 
 @inline
 def epsilon_unit(cycle):
-    """Return the unit of ε in lengths and angles (`rattle.continuation.arclength.plane_scale`), at most 1."""
+    """Return the unit in which ε counts in lengths and angles: δ/SMALL_DAMPING, at most 1."""
     return min(1.0, cycle.delta / SMALL_DAMPING)
 
 
@@ -184,10 +184,11 @@ def family_solution_above_chord(a, b, share, cycle, y):
 
 
 @inline
-def measured_unknown(y, index, level, chord, cycle, tangent):
-    """Return the value at y of the function whose zero `locate_between` finds.
+def value_to_zero(y, index, level, chord, cycle, tangent):
+    """Return the value at a solution y of the function whose zero `locate_between` finds.
 
-    The function is y[index] − level; for index −1 it is the rate of ε along the family.
+    The function is y[index] − level; for index −1 it is the rate of ε along the family, towards `chord`. `tangent` is
+    scratch memory.
 
     Returns
     -------
@@ -213,9 +214,9 @@ def locate_between(a, b, index, level, cycle, y):
     """
     tangent, chord = np.empty(y.size), b - a
     lo, hi, side, share = 0.0, 1.0, 0, math.nan
-    f_lo = measured_unknown(a, index, level, chord, cycle, tangent)
-    f_hi = measured_unknown(b, index, level, chord, cycle, tangent)
-    if f_lo * f_hi >= 0.0:  # the solution is an end of the interval, where rounding can change the sign
+    f_lo = value_to_zero(a, index, level, chord, cycle, tangent)
+    f_hi = value_to_zero(b, index, level, chord, cycle, tangent)
+    if f_lo * f_hi >= 0.0:  # no change of sign: the solution is at an end, where rounding may have changed the sign
         y[:] = b if abs(f_hi) < abs(f_lo) else a
         return True
     for _ in range(MOST_SECANTS):
@@ -224,7 +225,7 @@ def locate_between(a, b, index, level, cycle, y):
             share = 0.5 * (lo + hi)
         if not family_solution_above_chord(a, b, share, cycle, y):
             return False
-        f = measured_unknown(y, index, level, chord, cycle, tangent)
+        f = value_to_zero(y, index, level, chord, cycle, tangent)
         if f == 0.0 or abs(share - last) <= 1e-15:
             return True
         lo, f_lo, hi, f_hi, side = narrow_bracket(lo, f_lo, hi, f_hi, side, share, f)

@@ -105,7 +105,14 @@ def _cycle_of(itinerary: StiffItinerary, x: Array) -> Cycle:
 
 
 def orbit_of(itinerary: StiffItinerary, x: Array) -> StiffOrbit:
-    """Return the `StiffOrbit` of a solution x (2c + 2,) with c contacts, the first of them at a time in [0, 1)."""
+    """Return the `StiffOrbit` of a solution x (2c + 2,) with c contacts.
+
+    Returns
+    -------
+    StiffOrbit
+        The orbit. Its times are those of x, shifted by a whole number of forcing periods so that the first contact
+        begins at a time in [0, 1).
+    """
     c, p = itinerary.contacts, itinerary.softness
     speeds = -itinerary.signs * itinerary.flights(x, np.array([p])).w0
     more: dict[str, Any] = {"kappa": 0.5 / p**2, "durations": p * x[c : 2 * c]}
@@ -145,7 +152,7 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
     last = path.points[-1]
     if path.outside is None or abs(last[-1] - end) > 1e-12 * end:
         largest = float(max(path.points[:, -1]))
-        fold = 0.5 / largest**2 if largest else math.inf  # no step from κ = ∞ succeeded
+        fold = 0.5 / largest**2 if largest else math.inf  # infinite if not even the first step from κ = ∞ succeeded
         raise RattleError(
             f"the motion is not followed to kappa = {kappa:g}: at kappa = {fold:g} its branch folds back, or its "
             "equations become singular"
@@ -258,5 +265,8 @@ def stiff_orbit(
     itinerary, x = follow_contacts(delta, epsilon, beta, kappa, tau, v, n_plus)
     found = solve_at_parameters(itinerary, x)
     if found is None or not is_admissible_solution(itinerary, found):
-        raise RattleError(f"no periodic motion with {n_plus} contacts with Σ⁺ near tau = {tau}, v = {v}: start closer")
+        raise RattleError(
+            f"no periodic motion with {n_plus} contacts with Σ⁺ near tau = {tau}, v = {v}: give tau and v closer to a "
+            "periodic motion"
+        )
     return orbit_of(*with_shortest_period(itinerary, found))

@@ -235,7 +235,7 @@ def test_what_harmonics_leave() -> None:
     model = Inelastic(0.6, 0.9, harmonics=((3, 0.1, 0.0),))
     with pytest.raises(rattle.RattleError, match="of one cosine only: leave out the harmonics"):
         model.period_one(0.6, 0.1)
-    with pytest.raises(rattle.RattleError, match="SN1 is traced under one cosine only"):
+    with pytest.raises(rattle.RattleError, match="SN1 is traced for a forcing of one cosine only"):
         model.trace("SN1", *WINDOW.values())
     assert len(model.trace("quiet_limit", *WINDOW.values())) > 10
     assert model.codimension_two() == ()
