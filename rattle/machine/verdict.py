@@ -95,7 +95,9 @@ def machine_verdict(machine: MachineLike, count: int, seed: int) -> MachineVerdi
 
 
 def least_knock(machine: MachineLike, hardest: float) -> float:
-    """Return the speed of the weakest knock that makes resting teeth rattle; this and `hardest` in the model's unit.
+    """Return the speed of the weakest knock that makes resting teeth rattle for ever, in the model's unit of speed.
+
+    hardest: the speed of the hardest knock that is tried, in the same unit.
 
     In each round PHASES × SPEEDS knocks are followed: in the first round with speeds up to `hardest`, in each of the
     ROUNDS further rounds up to the weakest effective speed so far. Narrow ranges of effective speeds may be missed.
