@@ -22,8 +22,8 @@ SAME_FOOTPRINT = 0.2  # trajectories are on one attractor if they share over thi
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 BATCHES = 32
-# a chaotic set counts as one that no more samples leave, if so many were expected to leave it and none did: the
-# probability of this is e^(−3)
+# after a time in which this many samples were expected to leave a chaotic set and none did, no more are expected to:
+# the probability of such a time is e^(−3)
 LEAKS_MISSED = 3.0
 LEAST_GROWTH = 8.0  # least growth of ln stretch over the second half of the batches, in chaotic motion
 T_95 = 2.0395  # 97.5 % point of Student's t with 31 degrees of freedom
@@ -192,7 +192,7 @@ def fill_unresolved_counts(cells, status, impacts, first, left, leaks):
 
 
 def count_unresolved(cells: Counts, status: Counts, impacts: Counts, first: Counts) -> tuple[Counts, NDArray[np.bool_]]:
-    """Return the number of unresolved samples in each of these cells (k,), and flags of cells where it may still fall.
+    """Return the numbers (k,) of unresolved samples in these cells, and flags of cells whose number may still fall.
 
     A cell is flagged if samples of it have reached attractors after the first stage, the last of them not long ago. It
     is long ago if, at the rate at which samples reached attractors until then, at least LEAKS_MISSED of the unresolved

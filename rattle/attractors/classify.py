@@ -517,8 +517,7 @@ class Classifier(ABC):
         """Declare the unresolved samples of these cells to be on the chaotic attractor on which their probes are.
 
         If the probes of a cell seem to lie on several attractors, they are followed for longer. If they still seem to,
-        all unresolved samples of the cell are followed, and each is declared to be on its own attractor. seen: the
-        observations of the probes.
+        all unresolved samples of the cell are followed (`declare_several_sets`). seen: the observations of the probes.
 
         Returns
         -------

@@ -64,8 +64,8 @@ class ContinuationProblem:
     """N equations in N + 1 unknowns, whose solution curve is to be followed.
 
     equations: the function that maps points (…, N + 1) to residuals (…, N).
-    prepare: a function of points (…, N + 1), called before the equations are evaluated near these points. It may choose
-    constants of the equations, such as factors that keep residuals of order 1.
+    prepare: a function of points (…, N + 1), called before the equations are evaluated near these points. It may adapt
+    constants of the equations to these points (`rattle.continuation.conditions`).
     scale: a function that maps a point to the size of each unknown, a number or (N + 1,). Corrections are measured
     relative to this size.
     """

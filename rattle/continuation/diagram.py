@@ -64,7 +64,7 @@ class HasParameters(Protocol):
 
     @property
     def parameters(self) -> Array:
-        """The d parameters (…, d) of each point, in their order in the segment's ends."""
+        """The d parameters (…, d) of each point, in the same order as at the ends of the segment."""
 
 
 class BranchEvent(HasParameters, Protocol):

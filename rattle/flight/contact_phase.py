@@ -69,8 +69,8 @@ def stays_in_contact(wall, w, tau, delta, epsilon, drift):
     """Return whether the motion stays on the wall.
 
     The motion stays if the contact force presses on the wall and the speed into the gap is 0. A graze also arrives with
-    speed 0, but leaves at once, because the contact force points into the gap. A speed above 0 that is
-    not above SLOWEST counts as contact under any force.
+    speed 0, but leaves at once, because the contact force points into the gap. A positive speed of at most SLOWEST
+    counts as contact under any force.
 
     Returns
     -------

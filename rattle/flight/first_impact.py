@@ -101,7 +101,7 @@ def state_after_step(u, f1, lost, sin1, cos1, flight):
 
 @kernel
 def quick_impact(wall, tau, flight, beta):
-    """Locate the first impact of one flight by a guess, and tell whether the guess is proved.
+    """Locate the first impact of one flight by a guess, and return whether it is proved to be the first.
 
     `rattle.flight.lanes` does the same for many flights, and more: it improves rough first guesses, and it locates the
     impact once more, by a scan, if the proof fails.

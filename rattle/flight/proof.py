@@ -69,15 +69,15 @@ def times_to_arc(tau, arc):
 
 @inline
 def is_off_arc_ends(to_exit, arc_length, delta):
-    """Return whether it is certain, despite rounding, that a flight departs inside or that it departs outside the arc.
+    """Return whether, despite rounding, a flight certainly departs inside or certainly outside the arc.
 
-    This is certain if the departure is far from both ends of the arc, and the damping so small that a rounding of 1e-7
-    of the times to the ends changes F' by less than ERROR allows.
+    The arc is that of negative contact force. The answer is certain if the departure is far from both ends of the arc,
+    and the damping so small that a rounding of 1e-7 of the times to the ends changes F' by less than ERROR allows.
 
     Returns
     -------
     bool
-        False means that the departure may be on either side of an end of the arc.
+        False means that the departure may be inside or outside.
     """
     return (delta < FASTEST) & (to_exit > CLOSE) & (to_exit < f32(1.0) - CLOSE) & (abs(to_exit - arc_length) > CLOSE)
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from rattle.flight.forcing import TWO_PI
 
-#: For each drive the ratio of the model's Φ to φ + (e/r) cos Ωt, φ = θ₁ − θ₂, for two equal gears.
+#: For each drive the number by which φ + (e/r) cos Ωt is multiplied to be the model's Φ, if both gears are equal. φ is
+#: θ₁ − θ₂.
 DRIVES = {"torque": 1.0, "speed": 2.0}
 
 
@@ -67,7 +68,7 @@ class Reduced(NamedTuple):
         (γ₁ − γ₂)²m₁m₂/(m₁ + m₂)² in 1/s², with γ and m as in `reduce_pair`: a measure of the force that the reduction
         neglects; 0 if the reduction is exact.
     drift : float
-        Acceleration of x towards the driving flank that the drag causes, without a load, m/s².
+        Acceleration of x towards the driving flank by the drag alone, without a load, m/s².
     """
 
     inertia: Any

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rattle.models import AnyGear
 
 QUIET, KNOCKED, SOMETIMES, ALWAYS = VERDICTS = ("quiet", "quiet_unless_knocked", "rattles_sometimes", "always_rattles")
-#: Numbers of phases and of speeds of the knocks in a round, and number of rounds after the first. In each of these the
+#: Numbers of phases and of speeds of the knocks in a round, and number of rounds after the first. In a later round the
 #: speeds reach up to the weakest effective knock so far.
 PHASES, SPEEDS, ROUNDS = 32, 64, 2
 #: Speed of the hardest knock, over the natural speed.

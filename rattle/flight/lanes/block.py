@@ -195,7 +195,7 @@ def clear_block(b):
 
 @inline
 def has_ended(b, i):
-    """Return whether lane i was stopped or has reached its limit on Σ⁺; with too many impacts on Σ⁻ stop it first."""
+    """Return whether lane i has reached its limit on Σ⁺ or was stopped, here because of too many impacts on Σ⁻."""
     if b.n_minus[i] > MOST_BOUNCES * (b.n_plus[i] + 1.0):
         b.stuck[i], b.limit[i] = ENDLESS, -1.0
     return not b.n_plus[i] < b.limit[i]

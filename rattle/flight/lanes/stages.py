@@ -116,7 +116,7 @@ def prove(b, groups):
 
 @inline
 def prove_turns(b, groups):
-    """Withdraw the flag `proved` of lanes whose F' may change sign twice, as it can if the contact force does."""
+    """Withdraw the flag `proved` of lanes whose F' may change sign twice; it may only if the contact force does."""
     for i in range(GROUP * groups):
         flight, rising = flight32(b, i), b.falls[i] == ZERO
         certain = has_single_turn(b.wall_[i], rising, b.tau_[i], b.s_[i], b.turn[i], flight, arc32(b, i))
