@@ -105,10 +105,10 @@ def is_contraction(a, b, c, d, m00, m01, m11):
 
 @inline
 def state_on_ellipse(centres, i, direction, radius):
-    """Return the state in direction number `direction` from centre i, on the ellipse zᵀMz = size² around the centre.
+    """Return the state in direction number `direction` from centre i, on an ellipse zᵀMz = size² around the centre.
 
-    z is the difference from the centre, and M the matrix of the centre's norm. The size is `radius` in directions with
-    even numbers, and half of it in the others. The state follows from the Cholesky factor of M.
+    z is the difference from the centre, and M the matrix of the centre's norm. The size is `radius` if `direction` is
+    even, and half the radius if it is odd.
 
     Returns
     -------
@@ -189,12 +189,14 @@ def fill_centres(grown, orbits, cells, whole, real):
                     real[2, n], real[3, n], real[4, n] = m00, m01, m11
                     real[5, n] = LARGEST if found else 0.0
                     n += 1
-                if i // every * every + every < n_plus:  # otherwise this was the last centre of the orbit
+                if i // every * every + every < n_plus:  # if the orbit has another centre, go on towards it
                     _status, tau, v, _time, _below = step(tau, v, point)
 
 
 def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
-    """Return the centres of capture regions for the orbits of every cell, beginning with orbit number grown[cell].
+    """Return the centres of capture regions for all orbits that have no capture regions yet.
+
+    grown (n_cells,): the number of orbits of each cell, counted from the first, that have capture regions.
 
     Orbits with contact phases need no capture regions and have no centres: all samples that enter the same contact
     leave it in the same state.

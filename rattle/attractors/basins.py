@@ -45,7 +45,16 @@ MOST_IN_ALL, LEAST_BUDGET = 1 << 33, 1 << 13
 
 
 def budget_of(delta: float, states: int) -> int:
-    """Return the impacts that each of `states` states may make: as in a survey, or fewer at weak damping."""
+    """Return the budget of each of `states` states, in impacts on Σ⁺.
+
+    The budget is BUDGET, as in a survey. At damping below WEAK, where states take long, it is smaller if all states
+    together would otherwise make more than MOST_IN_ALL impacts.
+
+    Returns
+    -------
+    int
+        The budget.
+    """
     return BUDGET if delta >= WEAK else int(np.clip(MOST_IN_ALL // max(states, 1), LEAST_BUDGET, BUDGET))
 
 
@@ -112,8 +121,9 @@ class Basins(TabularResult):
     attractors : tuple of Attractor
         The attractors, ordered by falling fraction of the cells.
     steps : ndarray of int, (n, n)
-        Impacts on Σ⁺ until convergence was certain; where cell mapping was used, the impacts up to an exactly followed
-        cell are counted in whole steps of the map. −1 if chaotic or undecided.
+        Impacts on Σ⁺ until the attractor was certain; −1 for chaotic and undecided cells. With cell mapping, this is
+        the sum of two numbers: the impacts of all steps of the map that lead to a cell which was followed exactly, and
+        the impacts of that cell.
     method : str
         The method: one of `METHODS`.
     box : Box
@@ -156,7 +166,7 @@ class Basins(TabularResult):
 
 
 def classified(plane: StatePlane, tau: Array, v: Array) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
-    """Return the table of attractors that states (n,) go to, and each state's row in the table and its impacts."""
+    """Return the table of attractors that states (n,) go to, the row (n,) of each state in it, and impacts (n,)."""
     classifier = plane.classify(tau, v)
     table, rows = tabulate_attractors(classifier)
     return table, rows, classifier.samples.impacts
@@ -218,7 +228,8 @@ class GrowingClassification:
     def __init__(self, plane: StatePlane) -> None:
         self.plane = plane
         self.table = AttractorTable.empty()
-        #: One state for each attractor. It is followed again in every call, to match the attractors of the new table.
+        #: One state for each attractor of the table. Each call of `follow` follows these states again, to find the rows
+        #: of the known attractors in the table of that call.
         self.tau, self.v = np.zeros((2, 0))
 
     def follow(self, tau: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -242,15 +253,15 @@ class GrowingClassification:
         return row_of[rows[known:]], impacts[known:]
 
     def _rows_in_common_table(self, table: AttractorTable, reached: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return for each row of `table` the row of the same attractor in the common table, −1 if it is new.
+        """Return for each row of `table` the row of the same attractor in the common table, `self.table`.
 
-        The common table has stored one state for each of its attractors. reached: for each of these states the row of
-        `table` that has its attractor.
+        reached: for each attractor of the common table, the row of `table` to which a state of that attractor went when
+        it was followed again.
 
         Returns
         -------
         NDArray[np.int64]
-            Rows of `self.table`.
+            Rows of the common table; −1 for an attractor that is not in it.
         """
         here, there = self.table, table.take((slice(None), None))
         near = SAME_POINT * self.plane.unit

@@ -22,7 +22,9 @@ SAME_FOOTPRINT = 0.2  # trajectories are on one attractor if they share over thi
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 BATCHES = 32
-LEAKS_MISSED = 3.0  # where 3 samples are expected to leave a chaotic set, the probability that none leaves is e^(−3)
+# after a time in which this many samples were expected to leave a chaotic set and none did, no more are expected to:
+# the probability of such a time is e^(−3)
+LEAKS_MISSED = 3.0
 LEAST_GROWTH = 8.0  # least growth of ln stretch over the second half of the batches, in chaotic motion
 T_95 = 2.0395  # 97.5 % point of Student's t with 31 degrees of freedom
 PAIRS, FOURS, EIGHTS, SUM = (np.uint64(int(x * 8, 16)) for x in ("55", "33", "0f", "01"))
@@ -190,11 +192,11 @@ def fill_unresolved_counts(cells, status, impacts, first, left, leaks):
 
 
 def count_unresolved(cells: Counts, status: Counts, impacts: Counts, first: Counts) -> tuple[Counts, NDArray[np.bool_]]:
-    """Return the number of unresolved samples in each of these cells (k,), and whether more of them may still settle.
+    """Return the numbers (k,) of unresolved samples in these cells, and flags of cells whose number may still fall.
 
-    More samples may settle if some settled after the first stage, and the unresolved samples have not been followed for
-    long enough since the last of them settled. They have been followed for long enough if, at the rate at which samples
-    settled until then, at least LEAKS_MISSED more samples would have settled.
+    A cell is flagged if samples of it have reached attractors after the first stage, the last of them not long ago. It
+    is long ago if, at the rate at which samples reached attractors until then, at least LEAKS_MISSED of the unresolved
+    samples should have reached one since.
 
     Parameters
     ----------
@@ -208,7 +210,7 @@ def count_unresolved(cells: Counts, status: Counts, impacts: Counts, first: Coun
     Returns
     -------
     tuple of ndarray, (k,)
-        Numbers of unresolved samples, and flags of cells where more may settle.
+        Numbers of unresolved samples, and flags of cells where more of them are expected to reach an attractor.
     """
     left, leaks = np.zeros(cells.size, np.int64), np.zeros(cells.size, np.bool_)
     fill_unresolved_counts(cells, status, impacts, first, left, leaks)

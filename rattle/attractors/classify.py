@@ -26,7 +26,7 @@ from rattle.parameters import Parameters
 
 PILOT = 8  # this many samples of a cell are followed first; orbits that they find can capture the other samples
 FIRST, SECOND = 64, 512  # impacts that a sample may make in all by the end of the first, and of the second, stage
-GROWTH = 4  # by the end of each further stage a sample may make this many times as many impacts in all
+GROWTH = 4  # each later stage raises the impacts that a sample may make in all by this factor
 STAGES = 4  # number of stages after the first at strong damping; weak damping has as many as the budget allows
 FEW = 8  # a cell gets one more stage if at most one in 8 of its samples is unresolved
 MEASURED, PERIODS = 2000, 1000.0  # a probe is followed for at least this many impacts and forcing periods
@@ -36,12 +36,15 @@ WATCH = 100.0
 # Damping below which the neighbour test has two rounds. Neighbours of a sample have the sample's phase, and speeds that
 # are larger by multiples of NEIGHBOUR_STEP times the sample's speed.
 WEAK, NEIGHBOUR_STEP = 0.3, 1e-9
-# Numbers of states of a cell (unresolved samples and their neighbours) after the first and after the second round.
+# Numbers of states of a cell (its unresolved samples and their neighbours) that the neighbour test at weak damping has
+# followed after its first and after its second round.
 CROWDS = (256, 1024)
 BUDGET = 1_000_000  # default budget of impacts of a sample; a sample that is still unresolved then is undecided
 MOST_MEASURED = 20_000  # a probe stops after this many impacts, even if PERIODS forcing periods are not over
-MANY = 64  # in cells with fewer samples, neighbours of the samples are followed too, to make "chaotic" as reliable
-CROWD_OF_FEW = 256  # number of states of the neighbour test in a cell with fewer than MANY samples and a quiet motion
+MANY = 64  # with fewer samples in a cell, neighbours are followed too, so that "chaotic" is as reliable as with 64
+# Number of states that the neighbour test follows at strong damping, in a cell with fewer than MANY samples and a quiet
+# motion; without a quiet motion it is MOST_PROBES.
+CROWD_OF_FEW = 256
 # Largest number of probes of a cell. If samples leave a chaotic set after 3000 periods on average, this many probes
 # show it in 98 % of cells.
 MOST_PROBES = 12
@@ -61,7 +64,7 @@ class ChaoticSet(NamedTuple):
     sums : ndarray, (k, BATCHES, 3)
         Time, ln stretch and ln|det| of each batch of flights, for the k samples whose exponents were measured.
     watched : float
-        Shortest time, in forcing periods, for which one of the samples that show the chaos was followed.
+        Forcing periods for which the samples that show the chaos were followed; the least of their times.
     """
 
     samples: NDArray[np.int64]
@@ -114,7 +117,16 @@ class Classifier(ABC):
 
     @staticmethod
     def damping(cells: Any) -> NDArray[np.float64]:
-        """Return the rates (n_cells,) at which areas of (t, v²/2) shrink per forcing period with one impact in it."""
+        """Return the rates (n_cells,) at which areas of (t, v²/2) shrink: δ per forcing period.
+
+        Impacts that lose energy shrink areas too. For them a subclass returns the rate of motions with one impact per
+        forcing period.
+
+        Returns
+        -------
+        ndarray, (n_cells,)
+            Rates per forcing period.
+        """
         return np.asarray(cells.delta)
 
     @classmethod
@@ -172,7 +184,8 @@ class Classifier(ABC):
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
         """Follow samples to their attractors or limits of impacts, in place.
 
-        which: numbers of the samples. early: whether attractors will soon capture most of these samples.
+        which: numbers of the samples. early: True in the first stage, in which attractors soon capture most samples; a
+        subclass may then look for captured samples more often.
         """
 
     @abstractmethod
@@ -342,14 +355,15 @@ class Classifier(ABC):
         return np.asarray(self.weak[cells] | self.has_quiet[cells] | (self.count < MANY))
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags (k,) of the cells whose probes are measured only when no more samples are expected to settle.
+        """Return flags (k,) of the cells whose probes must wait while samples still reach attractors.
 
-        Here these are all cells; a subclass may exempt some.
+        The probes of such a cell are measured only when `count_unresolved` expects no more of its unresolved samples to
+        reach an attractor. This method flags all cells; a subclass may exempt some.
 
         Returns
         -------
         NDArray[np.bool_]
-            True for cells whose probes have to wait.
+            True for cells whose probes must wait.
         """
         return np.ones(cells.size, np.bool_)
 
@@ -359,8 +373,8 @@ class Classifier(ABC):
         Chaotic sets that lose samples slowly are frequent at weak damping and in cells with a quiet motion, and twelve
         probes do not reveal the loss. Therefore all unresolved samples of the cells are followed, for as many impacts
         as the probe with the most impacts. At weak damping, and if cells have fewer samples than MANY, neighbours of
-        these samples are followed too (`neighbours_stay_unresolved`). In the other cells the chaotic sets that the
-        probes had shown are withdrawn.
+        these samples are followed too (`neighbours_stay_unresolved`). A cell without a flag loses the chaotic sets that
+        its probes had shown.
 
         Returns
         -------
@@ -396,15 +410,16 @@ class Classifier(ABC):
     def neighbours_stay_unresolved(self, cells: NDArray[np.int64], first: int, last: int) -> NDArray[np.bool_]:
         """Return flags of the cells where neighbours of the unresolved samples stay unresolved too (neighbour test).
 
-        first, last: the range of numbers, as `neighbouring_trajectories` gives them, of the tested neighbours; `last`
-        itself is excluded. Each neighbour is followed for as many impacts as the unresolved sample of its cell with the
-        most impacts. In chaos, neighbours soon become independent.
+        The states of a cell are numbered as in `neighbouring_trajectories`: first its unresolved samples, then their
+        neighbours. The neighbours with numbers from `first` to `last` − 1 are tested. Each is followed for as many
+        impacts as the unresolved sample of its cell with the most impacts. In chaos, neighbours soon become
+        independent.
 
         Returns
         -------
         NDArray[np.bool_]
-            Flags (k,) of the cells whose tested neighbours stay unresolved. Except at weak damping, a neighbour that
-            may be chattering counts as resolved.
+            Flags (k,). A cell has no flag if a tested neighbour does not stay unresolved or, except at weak damping,
+            may be chattering.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -450,8 +465,8 @@ class Classifier(ABC):
     ) -> NDArray[np.bool_]:
         """Return flags of samples that may be chattering towards quiet motion.
 
-        Such a sample is in a cell with a quiet motion, and its impacts took less time than the share CHATTERING of the
-        expected `periods`.
+        A sample is flagged if its cell has a quiet motion and it made its impacts too fast: in a time below CHATTERING
+        times `periods`, the observation time. time, periods: in forcing periods.
 
         Returns
         -------
@@ -498,11 +513,11 @@ class Classifier(ABC):
             todo = todo[left & ~chaotic[todo] & ~stopped & (samples.impacts[now] < self.budget)]
         return seen, chaotic
 
-    def declare_chaos(self, cells: NDArray[np.int64], witnesses: SampleSets, seen: ProbeRecord) -> NDArray[np.bool_]:
+    def declare_chaos(self, cells: NDArray[np.int64], probes: SampleSets, seen: ProbeRecord) -> NDArray[np.bool_]:
         """Declare the unresolved samples of these cells to be on the chaotic attractor on which their probes are.
 
-        If the probes of a cell seem to lie on several attractors, the probes are followed for longer, and if they still
-        do, all unresolved samples of the cell are followed. witnesses: the probes; seen: their observations.
+        If the probes of a cell seem to lie on several attractors, they are followed for longer. If they still seem to,
+        all unresolved samples of the cell are followed (`declare_several_sets`). seen: the observations of the probes.
 
         Returns
         -------
@@ -512,21 +527,21 @@ class Classifier(ABC):
         if not cells.size:
             return np.zeros(0, np.bool_)
         declared = np.ones(cells.size, np.bool_)
-        several = self.have_several_sets(witnesses, seen.prints)
+        several = self.have_several_sets(probes, seen.prints)
         if several.any():
-            some, each = witnesses.select_cells(several), np.repeat(several, witnesses.size)
-            seen.prints[each] = self.with_traced_cells(some.which, seen.prints[each])
+            some, each = probes.select_cells(several), np.repeat(several, probes.size)
+            seen.prints[each] = self.mark_more_states(some.which, seen.prints[each])
             several[several] = self.have_several_sets(some, seen.prints[each])
         if several.any():
-            some, each = witnesses.select_cells(several), np.repeat(several, witnesses.size)
+            some, each = probes.select_cells(several), np.repeat(several, probes.size)
             more, chaotic = self.measure_exponents(some.which, LONGER)
             seen.sums[each] = more.sums
             seen.prints[each] |= more.prints
             declared[several] = some.cells_where_all(chaotic)
             several[several] = self.have_several_sets(some, seen.prints[each])
         single = declared & ~several
-        left, one = self.unresolved_in(cells[single]).split_by_cell(), witnesses.select_cells(single)
-        sums = np.split(seen.sums, witnesses.starts[1:])
+        left, one = self.unresolved_in(cells[single]).split_by_cell(), probes.select_cells(single)
+        sums = np.split(seen.sums, probes.starts[1:])
         watched = one.smallest_by_cell(self.samples.time).tolist()
         for cell, all_left, i, least in zip(cells[single].tolist(), left, np.flatnonzero(single), watched, strict=True):
             self.chaos[cell] = [ChaoticSet(all_left, sums[i], least)]
@@ -536,7 +551,7 @@ class Classifier(ABC):
     def declare_several_sets(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Follow all unresolved samples of these cells for longer, and declare on which chaotic attractor each one is.
 
-        Samples whose visited-cell bitmaps overlap are on the same attractor; there may be one or several in a cell.
+        Samples whose visited-cell bitmaps overlap are on the same attractor. A cell may turn out to have only one.
 
         Returns
         -------
@@ -549,7 +564,7 @@ class Classifier(ABC):
         (sums, prints), chaotic = self.measure_exponents(left.which, LONGER)
         declared = left.cells_where_all(chaotic)
         left, every = left.select_cells(declared), np.repeat(declared, left.size)
-        sums, prints = sums[every], self.with_traced_cells(left.which, prints[every])
+        sums, prints = sums[every], self.mark_more_states(left.which, prints[every])
         number = np.zeros(left.which.size, np.int64)
         write_group_numbers(prints, left.size, number)
         for cell, start, size in zip(cells[declared], left.starts, left.size, strict=True):
@@ -566,7 +581,7 @@ class Classifier(ABC):
         write_group_numbers(prints.copy(), sets.size, number)
         return ~sets.cells_where_all(number == 0)
 
-    def with_traced_cells(self, which: NDArray[np.int64], prints: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    def mark_more_states(self, which: NDArray[np.int64], prints: NDArray[np.uint64]) -> NDArray[np.uint64]:
         """Mark the states of TRACED more impacts of samples (k,) in the bitmaps `prints`, and return the bitmaps."""
         mark_footprints(which, TRACED, self.cells, self.samples, prints)
         return prints
@@ -577,7 +592,7 @@ class Classifier(ABC):
 
 
 def stage_impact_limit(stage: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the largest number of impacts of a sample until the end of each of these stages, at strong damping."""
+    """Return the impacts that a sample may make in all until the end of each of these stages, at strong damping."""
     return np.where(stage == 0, float(FIRST), SECOND * float(GROWTH) ** (stage - 1))
 
 

@@ -11,7 +11,8 @@ from rattle.attractors.table import KINDS
 from rattle.errors import require, require_integer, require_number
 from rattle.numerics.sampling import Z_95, wilson_interval
 
-LARGEST_SIZE, SIZES = 2.0**-6, 8  # largest distance of a pair of states; number of distances, successively halved
+# largest distance between the states of a pair; number of distances, of which each is half the one before
+LARGEST_SIZE, SIZES = 2.0**-6, 8
 FEWEST = 5  # the fit leaves out each distance that has fewer than this many uncertain pairs
 MOST_PAIRS = 1 << 20
 LONGEST_BOX = 4096

@@ -199,8 +199,7 @@ class SampledGear:
         """Return the uncertainty exponent of the basin boundary in [0, 1) × (0, v_max).
 
         The dimension of the boundary is 2 minus the exponent. It follows from exact trajectories of random pairs of
-        states at each of eight distances, from 2⁻⁶ of the plane down to 2⁻¹³. The result is deterministic in all
-        arguments.
+        states at each of eight distances, from 2⁻⁶ of the plane down to 2⁻¹³. The same arguments give the same result.
 
         Parameters
         ----------

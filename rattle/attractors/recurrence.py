@@ -58,7 +58,15 @@ def is_approaching(tau, v, star_tau, star_v, k, most, point):
 
 @kernel
 def impacts_until_return(tau, v, gap, point):
-    """Return the impacts on Σ⁺ until (τ, v) first returns close to itself: `gap`, unless an earlier return is found."""
+    """Return the number of impacts on Σ⁺ until the trajectory from (τ, v) first returns close to (τ, v).
+
+    gap: a number of impacts after which it is known to return.
+
+    Returns
+    -------
+    int
+        At most `gap`.
+    """
     t, speed, unit = tau, v, speed_unit_at(point)
     for j in range(1, gap):
         status, t, speed, _time, _below = step(t, speed, point)
@@ -217,8 +225,9 @@ def resolve(
     A sample with a stable orbit becomes PERIODIC. Another sample becomes UNRESOLVED, and no new recurrence of it is
     searched until it has made a number of further impacts.
 
-    A sample must wait if its cell has found an orbit in this call whose capture regions do not exist yet (orbits from
-    number grown[cell] on), or if its cell has no room for another orbit.
+    A sample is left waiting, without a search, if its cell has an orbit that has no capture regions yet (it may be the
+    orbit of this sample too), or if its cell has no room for another orbit. grown (n_cells,): the number of orbits of
+    each cell that have capture regions.
 
     Returns
     -------

@@ -21,8 +21,8 @@ class Rows(NamedTuple):
         Number of the cell, and the attractor's kind, an `Outcome`.
     which
         Number of the attractor among the attractors of its cell and kind.
-    one
-        Number of the first sample that reached the attractor; number of the last of all samples if none did.
+    first_sample
+        Number of the first sample that reached the attractor. If none did, this is an arbitrary sample.
     number
         Number of samples that reached the attractor.
     impacts
@@ -34,7 +34,7 @@ class Rows(NamedTuple):
     cell: Any
     kind: Any
     which: Any
-    one: Any
+    first_sample: Any
     number: Any
     impacts: Any
     watched: Any
@@ -113,7 +113,7 @@ def rows_of(kind: Counts, which: Counts, impacts: Counts, time: Array, known: Co
     """
     orbits = int(max(which[kind == Outcome.PERIODIC].max(initial=-1) + 1, known.max(initial=0)))
     sets = int(which[kind == Outcome.CHAOTIC].max(initial=-1) + 1)
-    most = kind.size + int(known.sum())  # the largest number of rows: each has a sample or a known orbit
+    most = kind.size + int(known.sum())  # room for all rows, because each row has a sample or a known orbit
     whole, watched, room = np.zeros((6, most), np.int64), np.zeros(most), np.zeros((2, 2 + orbits + sets), np.int64)
     n = fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, row)
     return Rows._make([*whole[:, :n], watched[:n]])

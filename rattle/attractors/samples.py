@@ -18,8 +18,8 @@ GRID = 32  # boxes along each side of the visited-cell bitmap of a chaotic traje
 HIGHEST = 14.0  # largest speed at which a visited-cell bitmap may end, in units of `speed_unit`
 RECURRENCE = 1e-6  # a return to within this distance of an earlier state starts Newton's method
 Known = TypeVar("Known", bound=StructOfArrays)
-CONTACT = -1  # marks, in the field `pause`, a sample that has entered a contact phase
-ALIGNMENT = 64  # impacts after which the tangent vector has turned to the most expanding direction
+CONTACT = -1  # value of `Trajectories.pause` for a sample that has entered a contact phase
+ALIGNMENT = 64  # impacts that exponents leave out, in which the tangent vector turns to the most expanding direction
 
 
 class Outcome(IntEnum):
@@ -57,8 +57,9 @@ class Outcome(IntEnum):
 class Trajectories(StructOfArrays):
     """Samples (n,): cell, state, impacts so far, limit of impacts, outcome, and the orbit that captured each.
 
-    After a recurrence `gap` holds the number of impacts between the two close states, and `pause` the number of impacts
-    before which no new recurrence is searched. `time` holds the forcing periods so far.
+    `time` holds the forcing periods so far. When a sample returns close to an earlier state, `gap` is set to the number
+    of impacts between the two states. If no orbit is found there, `pause` is set to the number of impacts that the
+    sample must have made before another such return counts.
     """
 
     cell: Any
@@ -189,7 +190,7 @@ def capturing_orbit(tau, v, cell, balls):
 
 @inline
 def top_speed(epsilon, unit):
-    """Return the speed at which a visited-cell bitmap ends. Few states are faster, if any."""
+    """Return the upper end of the speeds in a visited-cell bitmap. Its last boxes also hold faster states, if any."""
     return min(DRIFT + largest_slope(epsilon), HIGHEST * unit)
 
 

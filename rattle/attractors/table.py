@@ -42,8 +42,9 @@ class Attractor:
     tau, v : float
         A point of the attractor on Σ⁺; the fastest impact if periodic.
     contacts : int
-        Contact phases in m periods of a gear with restitution. There n₊ and n₋ count a run of impacts that ends in
-        contact as one impact, and both exponents are −∞ because contact forgets the earlier state.
+        Contact phases in m periods of a periodic motion; only a gear with restitution has them. If there are any, n₊
+        and n₋ count a run of impacts that ends in contact as one impact, and both exponents are −∞, because contact
+        forgets the earlier state.
     """
 
     kind: str
@@ -218,7 +219,7 @@ def tabulate_attractors(classifier: Classifier, missed: bool = False) -> tuple[A
     samples, orbits = classifier.samples, classifier.orbits
     row, known = np.empty(kind.size, np.int64), orbits.n if missed else np.zeros_like(orbits.n)
     rows = rows_of(kind, which, samples.impacts, samples.time, known, row)
-    cell, kind, which, one, number, impacts, watched = rows
+    cell, kind, which, first_sample, number, impacts, watched = rows
     watched[(kind != Outcome.CHAOTIC) & (kind != Outcome.UNDECIDED)] = np.nan
     periodic = kind == Outcome.PERIODIC
 
@@ -235,7 +236,8 @@ def tabulate_attractors(classifier: Classifier, missed: bool = False) -> tuple[A
         watched[chaotic] = [each.watched for each in found]
     labels = orbits.m, orbits.n_plus - orbits.merged, orbits.n_minus, orbits.contacts
     m, n_plus, n_minus, contacts = (orbit_values(x, 0).astype(np.int64) for x in labels)
-    tau, v = orbit_values(orbits.tau, samples.tau[one]), orbit_values(orbits.v, samples.v[one])
+    tau = orbit_values(orbits.tau, samples.tau[first_sample])
+    v = orbit_values(orbits.v, samples.v[first_sample])
     order = np.lexsort((tau, v, n_minus, n_plus, m, kind, -number, cell))
     place = np.empty_like(order)
     place[order] = np.arange(order.size)
@@ -282,9 +284,10 @@ def attractors_of_samples(classifier: type[Classifier], parameters: Parameters, 
 
 
 def attractors_of_cell(table: AttractorTable, samples: NDArray[np.int64]) -> tuple[Attractor, ...]:
-    """Return the attractors of one cell's rows, with fractions computed from the given numbers of samples (rows,).
+    """Return the attractors of one cell's rows.
 
-    These numbers may differ from the table's column `samples`.
+    samples (rows,): the numbers from which the fractions are computed, instead of the table's column `samples`. For
+    basins these are numbers of cells of the basin grid.
 
     Returns
     -------

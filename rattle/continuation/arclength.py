@@ -18,7 +18,8 @@ from rattle.numerics.complex_step import Array, Function, derivatives
 MOST_CORRECTIONS = 8
 #: Correction, relative to the unknowns and their scale, at which Newton's method has converged.
 SMALLEST_CORRECTION = 1e-13
-#: Correction below which the next correction would be smaller than rounding, if the one before was 1000 times as large.
+#: Newton's method has also converged if a correction is below this and below 1/1000 of the correction before: as it
+#: converges quadratically, the next correction would be below rounding.
 QUADRATIC_CORRECTION = 1e-8
 #: Correction above which a step is given up.
 LARGEST_CORRECTION = 0.3
@@ -28,16 +29,17 @@ LARGE_CORRECTION = 1e-3
 ACCEPTED_CORRECTION = 1e-11
 #: Step length below which a curve is not followed further.
 SHORTEST_STEP = 1e-10
-#: Lower limit of the rate |dp/ds| of the parameter p along a branch, by which a limit on steps of p is divided.
+#: A rate |dp/ds| of the parameter p along a branch counts as at least this, when a longest step in p is divided by it.
 LEAST_RATE = 1e-12
 #: Largest angle between the tangents of neighbouring points, in radians.
 LARGEST_TURN = 0.2
 #: Largest number of points of a path; largest number of bisections to find the edge at which a path ends.
 MOST_POINTS = 4000
 MOST_BISECTIONS = 200
-#: Largest difference of an unknown between points of a path that count as the same; and between a solution and the
-#: start of its curve, at which the curve counts as closed.
+#: The edge at which a path ends becomes its last point only if an unknown differs by more than this from the previous
+#: point.
 SAME_POINT = 1e-12
+#: A curve is closed if it comes back to its start with no unknown differing by this or more.
 SAME_SOLUTION = 1e-8
 CLOSED = "closed: it comes back to its start"
 #: Damping below which tolerances of δ and ε are relative to the damping; at larger dampings they are absolute.
@@ -61,10 +63,11 @@ def plane_scale(delta: float) -> float:
 class ContinuationProblem:
     """N equations in N + 1 unknowns, whose solution curve is to be followed.
 
-    equations: the function that maps points (…, N + 1) to residuals (…, N). prepare: a function that is called with
-    points (…, N + 1) before the equations are evaluated near these points. It may rescale the equations. scale: a
-    function that maps a point to the size of each unknown, a number or (N + 1,). Corrections are measured relative to
-    this size.
+    equations: the function that maps points (…, N + 1) to residuals (…, N).
+    prepare: a function of points (…, N + 1), called before the equations are evaluated near these points. It may adapt
+    constants of the equations to these points (`rattle.continuation.conditions`).
+    scale: a function that maps a point to the size of each unknown, a number or (N + 1,). Corrections are measured
+    relative to this size.
     """
 
     equations: Function
@@ -73,9 +76,9 @@ class ContinuationProblem:
 
 
 def line_scale(origin: Array, direction: Array) -> Callable[[Array], Array]:
-    """Return the `scale` of a `ContinuationProblem` whose parameters are on a line, origin + p · direction.
+    """Return the function `scale` of a `ContinuationProblem` whose parameters are on a line, origin + p · direction.
 
-    The last of the N unknowns is p. δ and ε are the first two parameters in origin and direction.
+    The last unknown of such a problem is p. The first two numbers of origin and direction belong to δ and ε.
 
     Returns
     -------
@@ -287,8 +290,8 @@ def last_inside(
     """Return the last admissible solution between a and b, and the first one that is not admissible.
 
     a is admissible and b is not. Bisection finds both solutions to rounding. If Newton's method fails near a singular
-    solution, the bisection steps along the tangent instead, because b may belong to another branch. If this fails too,
-    it tries a shorter step.
+    solution, the bisection steps along the tangent instead, because b may belong to another branch. If both fail, the
+    step is halved.
 
     Returns
     -------
@@ -350,8 +353,10 @@ class Follower:
         """Follow the curve from a solution in the direction of `tangent`, until it goes outside or closes.
 
         "Inside" and "outside" are those of `Follower`; the start is inside. If the curve goes outside, the last point
-        is the edge of the inside, to rounding. `most` is the largest number of points. `first` is the largest first
-        step; it is given if curves cross at the start.
+        is the edge of the inside, to rounding.
+
+        most: the largest number of points. first: the longest first step. Give it if another curve crosses at the
+        start, such as the branch that has a flip: then the orientation of the curve is not checked in this step.
 
         Returns
         -------

@@ -55,9 +55,13 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Co
     borders: list[Array] = []
 
     def prepare(x: Array) -> None:
-        """Set `borders` to the left and the right null vector of the Jacobian at x, for the test whether det J is 0."""
+        """Set `borders` to the singular vectors of the least singular value of J at x, which `equations` needs.
+
+        Where det J is 0, they are the left and the right null vector of J.
+        """
         left, _, right = np.linalg.svd(itinerary.jacobian(x, multiplier))
-        side = np.sign(np.linalg.det(left @ right))  # orients the null vectors so that the determinant keeps its sign
+        # with this sign the last number of `equations` changes its sign only where det J does
+        side = np.sign(np.linalg.det(left @ right))
         borders[:] = (side[..., None] * left[..., -1])[..., None, :], right[..., None, -1, :]
 
     def equations(x: NDArray) -> NDArray:

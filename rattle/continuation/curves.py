@@ -41,7 +41,7 @@ Test = Callable[[Array], str | None]
 STARTS = 33
 #: Largest allowed δ and ε of a window; for larger ones double precision has too few digits.
 FARTHEST = 1e6
-#: Name of the only curve on which no orbit bifurcates.
+#: Name of the quiet limit, the only curve on which no periodic orbit bifurcates.
 QUIET_LIMIT = "quiet_limit"
 
 
@@ -68,7 +68,8 @@ class CurveDescription(NamedTuple):
     """The motion that bifurcates at a point of a curve.
 
     tau, v: the phase of the motion's impact on Σ⁺, and the speed after this impact. multipliers (2,): the
-    Floquet multipliers of the motion.
+    Floquet multipliers of the motion. At the quiet limit, where no orbit bifurcates, tau is the phase at which contact
+    is lost, v is 0, and multipliers are NaN.
     """
 
     tau: float
@@ -86,6 +87,7 @@ class Curve(TabularResult):
     wall.
     arclength (n,): the length along (δ, ε) from the start of the piece. piece (n,): the number of the connected piece.
     folds: the numbers of the points at which δ turns back. ends: both ends of each piece.
+    On the quiet limit tau is the phase at which contact is lost, v is 0, and multipliers are NaN.
     All numbers are dimensionless; phases are in forcing periods.
     """
 
@@ -158,14 +160,14 @@ def crossings(problem: ContinuationProblem, points: Array, index: int, value: fl
 
 
 def _chord_points(points: Array, index: int, value: float) -> Array:
-    """Return the points (any, N) on the chords between the points of a piece (k, N) at a value of δ or ε.
+    """Return the points at which the chords between the points of a piece (k, N) have a given value of δ or ε.
 
     index: −2 for δ, −1 for ε.
 
     Returns
     -------
     Array
-        The points; no solutions, but close to solutions.
+        The points (l, N), l ≥ 0. They are guesses of solutions, not solutions.
     """
     d = points[:, index] - value
     i = np.flatnonzero((d[:-1] <= 0) & (d[1:] >= 0) | (d[:-1] >= 0) & (d[1:] <= 0))
@@ -252,7 +254,11 @@ class PlaneWindow:
 
 
 def pieces_in_window(
-    problem: ContinuationProblem, starts: Iterable[Array], window: PlaneWindow, left: Test, times: int | None = None
+    problem: ContinuationProblem,
+    starts: Iterable[Array],
+    window: PlaneWindow,
+    why_excluded: Test,
+    times: int | None = None,
 ) -> list[CurvePiece]:
     """Return the pieces of a curve inside a window that pass through solutions near the starts, each once.
 
@@ -264,9 +270,9 @@ def pieces_in_window(
         Guesses (N,) of solutions.
     window : PlaneWindow
         The window.
-    left : Test
-        A function of a solution in the window that returns None if the solution is on the curve, else the reason in
-        words why it is not, such as that its motion is virtual.
+    why_excluded : Test
+        A function of a solution in the window. It returns None if the solution belongs to the curve, else the reason in
+        words why it does not, such as that its motion is virtual.
     times : int | None
         The number of unknowns that are times, by default all but δ and ε.
 
@@ -277,7 +283,7 @@ def pieces_in_window(
     """
     found: list[CurvePiece] = []
     twins = partial(_shifted_near, times)
-    follower = Follower(problem, window.bounds, lambda x: left(x) is None, window.longest_step, twins)
+    follower = Follower(problem, window.bounds, lambda x: why_excluded(x) is None, window.longest_step, twins)
     guesses = [*starts]
     solved = solutions_with_values(problem, np.array(guesses), -2) if guesses else np.empty((0, 2))
     solved = solved[~np.isnan(solved[:, 0])]
@@ -285,7 +291,7 @@ def pieces_in_window(
         x, solved = solved[0], solved[1:]
         if not follower.is_inside(x):
             continue
-        new = _follow_piece(follower, x, lambda y: window.why_outside(y) or left(y))
+        new = _follow_piece(follower, x, lambda y: window.why_outside(y) or why_excluded(y))
         # rounding may have ended an earlier piece too early, before this start: then the new piece replaces it
         found = [
             piece
@@ -338,7 +344,7 @@ def _follow_piece(follower: Follower, x: Array, why: Test) -> CurvePiece:
 
 
 def _insert_folds(problem: ContinuationProblem, points: Array, tangents: Array) -> Array:
-    """Return the points with a further point at each turn of δ or ε: then both are monotone from point to point."""
+    """Return the points with a further point wherever δ or ε turns back, so that both are monotone in between."""
     turns = [
         (int(i), index) for index in (-2, -1) for i in np.flatnonzero(tangents[:-1, index] * tangents[1:, index] < 0)
     ]
@@ -368,15 +374,16 @@ def trace_problem(
     problem: ContinuationProblem,
     starts: Iterable[Array],
     window: PlaneWindow,
-    left: Test,
+    why_excluded: Test,
     describe: Callable[[Array], CurveDescription],
-    named: Callable[[Array, str], str],
+    better_reason: Callable[[Array, str], str],
     times: int | None = None,
 ) -> Curve:
     """Return the curve of a problem in a window. Arguments without explanation are those of `pieces_in_window`.
 
-    describe: a function of a solution that returns its motion. named: a function of the unknowns at an end and of the
-    reason why the curve ends there, which returns a better reason, such as the name of a codimension-two point.
+    describe: a function of a solution that returns its motion. better_reason: a function of the unknowns at an end and
+    of the reason why the curve ends there. It returns the reason for the result: the same, or one that says more, such
+    as the name of a codimension-two point.
 
     Returns
     -------
@@ -384,8 +391,11 @@ def trace_problem(
         The curve.
     """
     found = [
-        CurvePiece(piece.points, (named(piece.points[0], piece.reasons[0]), named(piece.points[-1], piece.reasons[1])))
-        for piece in pieces_in_window(problem, starts, window, left, times)
+        CurvePiece(
+            piece.points,
+            (better_reason(piece.points[0], piece.reasons[0]), better_reason(piece.points[-1], piece.reasons[1])),
+        )
+        for piece in pieces_in_window(problem, starts, window, why_excluded, times)
     ]
     return build_curve(name, beta, problem, found, [[describe(x) for x in piece.points] for piece in found])
 

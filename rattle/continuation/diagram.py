@@ -64,7 +64,7 @@ class HasParameters(Protocol):
 
     @property
     def parameters(self) -> Array:
-        """The d parameters (…, d) of each point, in their order in the segment's ends."""
+        """The d parameters (…, d) of each point, in the same order as at the ends of the segment."""
 
 
 class BranchEvent(HasParameters, Protocol):
@@ -109,7 +109,8 @@ class Diagram(TabularResult, Generic[AnyBranch, AnyEvent]):
     branches: A to D and all other P(m, n₊, n₋) that were found, each once.
     events: all admissible events on the branches, each once, in order of position.
     points: the impacts of the attractors that sweeps followed forward and backward.
-    sampled: the attractors of a sample of initial conditions at each step, with quiet motion; `cell` is the step.
+    sampled: the table of the attractors, quiet motion included, that a sample of initial conditions reaches at each
+    step; its column `cell` is the number of the step.
     small: the stable parts of branches that no sample found, because their basins are small or they lie between two
     steps.
     left_out: the labels of motions that were met but exceed the limits on impacts or branches.
@@ -285,12 +286,14 @@ def _is_close(one: KnownAttractor, other: KnownAttractor, unit: float) -> bool:
 
 
 def _unsampled_pieces(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tuple[list[BranchPiece], bool]:
-    """Return the stable parts of branches that no sample found, and make motions that the sweeps missed known to them.
+    """Return the stable parts of branches that no sample found.
+
+    The function also adds to `sweeps.known` the motions of stable parts that are not known there, at each step.
 
     Returns
     -------
     tuple[list[BranchPiece], bool]
-        The parts, and whether a motion was added to the known attractors of the sweeps.
+        The parts, and whether a motion was added to `sweeps.known`.
     """
     small, new = [], False
     for piece, inside, tau, v in _stable_pieces(search, position):

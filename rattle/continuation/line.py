@@ -42,21 +42,21 @@ class ParameterLine:
         return np.concatenate([y[:-1], self.origin + y[-1] * self.direction])
 
     def line_normal(self, n: int) -> Array:
-        """Return the normal (n + 2,) of the hyperplane of the unknowns (n times, δ, ε) with (δ, ε) on the line."""
+        """Return the normal (n + 2,) of the hyperplane of all unknowns (n times, δ, ε) whose (δ, ε) is on the line."""
         return np.concatenate([np.zeros(n), [-self.direction[1], self.direction[0]]])
 
 
 def line_through(
     delta: float, epsilon: float, parameter: Parameter, span: Span, resolution: int = POINTS_ACROSS
 ) -> ParameterLine:
-    """Return the line through (δ, ε) along which `rattle.branch` follows an orbit, as far as δ > 0 and ε ≥ 0.
+    """Return the line through (δ, ε) along which `rattle.branch` follows an orbit.
 
     parameter, span and resolution are the arguments of `rattle.branch`.
 
     Returns
     -------
     ParameterLine
-        The line; its span ends where δ or ε would become too small.
+        The line. Its span is cut off where ε falls to 0, or δ to LEAST_DAMPING times that of the orbit.
 
     Raises
     ------

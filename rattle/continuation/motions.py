@@ -81,7 +81,7 @@ class Motions(ABC):
 
     @abstractmethod
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
-        """Yield the motions A to D, at one or more steps of each of their branches."""
+        """Yield motions A to D at some of the steps: at least one motion on each branch that can be found."""
 
     @abstractmethod
     def motion_near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
@@ -93,7 +93,7 @@ class Motions(ABC):
 
     @abstractmethod
     def solve_motion(self, itinerary: Any, y: Array) -> Periodic | None:
-        """Return the motion at the position of a guess y = (unknowns (n,), position along the segment), or None."""
+        """Return the motion near a guess y = (unknowns (n,), position along the segment), at this position, or None."""
 
     @abstractmethod
     def follow_branch(self, motion: Motion, span: tuple[float, float]) -> Any:

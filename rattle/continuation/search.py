@@ -1,8 +1,9 @@
 """Find all branches of periodic motions along a segment that flips and grazes connect with given motions, each once.
 
-The search follows the branch of each given motion. At a flip it goes on to the doubled branch, and at the start of a
-doubled branch to the branch that has this flip. At a graze it goes on to the branch of the motion with or without the
-grazing impact. A motion is on a known branch if it is a solution between two points of that branch.
+The search follows the branch of each given motion. At a flip it goes on to the branch of doubled period, and from the
+start of a branch of doubled period back to the branch that has the flip. At a graze it goes on to the branch of the
+motion with or without the grazing impact. A motion is on a known branch if it is a solution between two points of that
+branch.
 """
 
 import heapq

@@ -8,9 +8,12 @@
 
     finish: until all runs have ended, follow the state of each run at its next step to an attractor:
         if this is quiet motion, or an attractor that was reached in this direction before: the run ends, and a run in
-            the opposite direction starts from the step before. If this is quiet motion, and the end of an earlier run
-            had started the run that ends now, the first direction is resumed too, where the earlier run had passed.
-        if this is another attractor: it becomes known and reached in this direction, and its state starts the next step
+            the opposite direction starts from its attractor at the step before.
+        if this is quiet motion, and the run had been started by the end of an earlier run: a new run in its direction
+            also starts, from the attractor that the earlier run had reached at this step (at the next step, if the run
+            ends at its first).
+        if this is another attractor: it becomes known and reached in this direction, and its state starts the next
+            step. After the last step the run ends.
 
 In this way all known attractors are followed. Where the two directions reach different attractors, there is hysteresis.
 """
@@ -89,10 +92,12 @@ class SweepPoints(NamedTuple):
 class _Run:
     """A run: a motion that is followed from step to step in one direction.
 
-    step: the step at which the run arrives next. tau, v: its state at the step before; at first, a state at `step`.
-    trail: the attractors that the run reached, by step. back: the trail of the run in the other direction whose end
-    started this run, or empty. stops_at_known: whether the run ends at every known attractor that a run has reached in
-    either direction; otherwise only attractors reached in this direction end it.
+    step: the number of the next step.
+    tau, v: the state of the run at the step before; before its first step, a state of the attractor where it starts.
+    trail: the attractors that the run reached, by step.
+    back: the trail of the earlier run, in the other direction, whose end started this run; empty if none did.
+    stops_at_known: whether the run ends at every known attractor that a run has reached in either direction; otherwise
+    only attractors reached in this direction end it.
     """
 
     direction: int
@@ -121,7 +126,11 @@ class Sweeps:
             self.known[table.cell[i]].append(known)
 
     def run(self) -> None:
-        """Follow all known attractors, each at least in one direction."""
+        """Follow all known attractors, each at least in one direction.
+
+        A known attractor is forgotten if the run from its state ends at once: in quiet motion, or at an attractor that
+        had been reached before.
+        """
         for direction, step in ((FORWARD, 0), (BACKWARD, len(self.known) - 1)):
             for known in self.known[step]:
                 self._start_run(known, direction, step)
@@ -178,12 +187,13 @@ class Sweeps:
         """Record the attractor that a run reached, and move the run to its next step; or end the run.
 
         The run ends after the last step, in quiet motion, or at an attractor that had been reached before (`_Run`). In
-        the last two cases a run in the opposite direction starts from the step before. If this opposite run ends in
-        quiet motion, as happens on a chaotic set that samples leave after some time, a run in the first direction
-        starts again from where the first run had passed.
+        the last two cases a run in the opposite direction starts from the attractor of the step before. If the run ends
+        in quiet motion and has an earlier run (`back`), a new run in its own direction also starts, from the attractor
+        that the earlier run had reached at this step (at the next step, if the run ends at its first). This happens on
+        chaotic sets that samples leave after some time.
 
-        rows: for the run, and then for each known attractor of the step, the row of `table` with the attractor that its
-        state goes to. end: the state of the run after it was followed.
+        rows: the rows of `table` with the attractors that states go to, first the state of the run, then the states of
+        the known attractors of the step. end: the state of the run after it was followed.
         """
         row, here = rows[0], self.known[run.step]
         kind = int(table.kind[row])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rattle.flight.forcing import DRIFT, add_analytic_acceleration, add_slope, analytic_change
 from rattle.numerics.compile import inline
 
-SMALL = 0.1  # product of damping and flight time below which the mean drift would lose digits by cancellation
+SMALL = 0.1  # below this |δs| `drift_lag` sums a series, because the closed form would lose digits by cancellation
 # the Taylor series of 1 − x/(1 − e^(−x)) has these coefficients of x, x², x⁴, x⁶, …
 LAG = (-1 / 2, -1 / 12, 1 / 720, -1 / 30240, 1 / 1209600, -1 / 47900160, 691 / 1307674368000)
 
@@ -44,7 +44,15 @@ def decay_loss(z):
 
 @inline
 def drift_lag(x, s, pull):
-    """Return 1 − x/(1 − e^(−x)) to rounding, for x = δs of a flight with duration s; `pull` is δ/(1 − e^(−x))."""
+    """Return 1 − x/(1 − e^(−x)) without cancellation, for x = δs of a flight with duration s.
+
+    Unless x is small, this is computed as 1 − s · pull. pull: δ/(1 − e^(−x)).
+
+    Returns
+    -------
+    complex
+        The number; it has no unit.
+    """
     if not abs(x.real) < SMALL:
         return 1.0 - s * pull
     y = x * x

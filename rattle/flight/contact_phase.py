@@ -8,10 +8,12 @@ contact:
 - `stays_in_contact`: the speed into the gap is 0, and the force presses. Elastic impacts lead there only if the motion
   starts on the wall with speed 0, or if a speed underflows.
 
-A law whose chatter completes (`ImpactLaw.chatter_completes`) enters contact in finite time. It is released with speed 0
-at the phase where the force turns away from the wall: the beginning of `forcing.negative_arc` on Σ⁺, its end on Σ⁻. The
-stiff gear's contacts have depth; `rattle.stiff.map.flow.is_contact_over` decides their release, and endless contact is
-quiet.
+If chatter completes under the impact law (`ImpactLaw.chatter_completes`), the motion enters contact in finite time. It
+is released with speed 0 at the phase where the contact force turns away from the wall. On Σ⁺ this is the beginning of
+`forcing.negative_arc`, on Σ⁻ the end of this arc.
+
+In a contact of the stiff gear the teeth are compressed. `rattle.stiff.map.flow.is_contact_over` decides when such a
+contact is over; a contact that is never over is quiet motion.
 """
 
 from rattle.flight.forcing import contact_force, library_phase
@@ -20,8 +22,9 @@ from rattle.numerics.compile import inline, kernel
 IN_CONTACT = 2  # status of a motion in contact: there is no next flight until a release
 ENDLESS = 3  # status of a motion that makes over MOST_BOUNCES impacts on Σ⁻ for one on Σ⁺
 MOST_BOUNCES = 100_000
-SLOWEST = 1e-150  # speed below which squares of speeds and heights underflow
-#: A chatter must end within this share of the time until the contact force may vanish (`rattle.inelastic.map.contact`).
+SLOWEST = 1e-150  # a lower speed into the gap counts as contact: its square and the height of its bounce underflow
+#: A chatter is certain to complete only if a bound of its duration is at most this share of the time until the contact
+#: force may vanish (`rattle.inelastic.map.contact`).
 SHARE = 0.4
 LOW = 2.0 * (1.0 - SHARE) ** 2  # up to this v²/(gap × force) a bounce is certain to stay clear of the other wall
 
@@ -30,7 +33,7 @@ LOW = 2.0 * (1.0 - SHARE) ** 2  # up to this v²/(gap × force) a bounce is cert
 def is_captured(speed, force, largest_invariant):
     """Return whether a bounce on Σ⁺ with this speed, under this contact force, is certain to become quiet.
 
-    It is certain where v³/g is at most the largest invariant of `rattle.impacting.map.quiet`.
+    It is certain if speed³/force ≤ `largest_invariant`, the limit that `rattle.impacting.map.quiet` computes.
 
     Returns
     -------
@@ -65,8 +68,9 @@ def chatter_completes(speed, pressing, gap, capture):
 def stays_in_contact(wall, w, tau, delta, epsilon, drift):
     """Return whether the motion stays on the wall.
 
-    The motion stays if it has no speed into the gap and the contact force presses on the wall. A graze also arrives
-    with speed 0, but leaves at once, because the contact force points into the gap.
+    The motion stays if the contact force presses on the wall and the speed into the gap is 0. A graze also arrives with
+    speed 0, but leaves at once, because the contact force points into the gap. A positive speed of at most SLOWEST
+    counts as contact under any force.
 
     Returns
     -------

@@ -100,10 +100,11 @@ def state_after_step(u, f1, lost, sin1, cos1, flight):
 
 
 @kernel
-def proven_impact(wall, tau, flight, beta):
-    """Locate the first impact of one flight by the guess and the proof of `rattle.flight.lanes`.
+def quick_impact(wall, tau, flight, beta):
+    """Locate the first impact of one flight by a guess, and return whether it is proved to be the first.
 
-    Unlike there, the first guess is not improved, and there is no second attempt.
+    `rattle.flight.lanes` does the same for many flights, and more: it improves rough first guesses, and it locates the
+    impact once more, by a scan, if the proof fails.
 
     Returns
     -------
@@ -139,7 +140,9 @@ def proven_impact(wall, tau, flight, beta):
 def root_in(lo, hi, guess, level, rising, flight):
     """Return the crossing F = level in (lo, hi), where F is monotone, by Halley steps inside a shrinking bracket.
 
-    A step u leaves an error of u³ (p² + |F‴/6F'|) with p = F''/2F'. The error of the last step is below rounding.
+    rising: whether F rises in (lo, hi). guess: a time near the crossing; if it is not in (lo, hi), the search begins in
+    the middle. A step u leaves an error of u³ (p² + |F‴/6F'|) with p = F''/2F'. The error of the last step is below
+    rounding.
 
     Returns
     -------
@@ -191,7 +194,8 @@ def extremum_in(lo, hi, guess, convex, flight):
             hi = s
         else:
             lo = s
-        u = -f1 / (f2 + flight.delta * f1)  # F'' + δF' is the contact force, which keeps its sign
+        # a Newton step for e^(δs) F', whose derivative is e^(δs) times the contact force F'' + δF': not 0 in (lo, hi)
+        u = -f1 / (f2 + flight.delta * f1)
         new = s + u
         inside = lo <= new <= hi
         bend = abs(third_derivative(lost, sin1, cos1, flight) / f2) + abs(flight.delta)
@@ -257,7 +261,7 @@ def searched_crossing(tau, flight, lower, upper):
     Returns
     -------
     tuple
-        (status, +1 for the upper or −1 for the lower level, time).
+        (status, +1 for the upper or −1 for the lower level, time); status is OK, or NO_IMPACT if there is no crossing.
     """
     arc = negative_arc(flight.delta, flight.epsilon)
     s, f0, f1 = 0.0, 0.0, flight.w
@@ -291,6 +295,7 @@ def safe_impact(wall, tau, flight, beta):
     -------
     tuple
         (status, flight time s, wall, F', 1 − e^(−δs), sin, cos), with sine and cosine of 2π times the phase of arrival.
+        If status is NO_IMPACT instead of OK, the other values have no meaning.
     """
     upper = 0.0 if wall > 0 else 2.0 * beta
     lower = upper - 2.0 * beta
@@ -308,10 +313,11 @@ def first_impact(wall, tau, w, delta, epsilon, beta, drift):
     -------
     tuple
         (status, time, wall, velocity before reflection, 1 − e^(−δ time), the flight, sin, cos of 2π phase at arrival).
+        If status is NO_IMPACT instead of OK, only the flight has a meaning.
     """
     flight = flight_from_phase(tau, w, delta, epsilon, drift)
     if delta > 0.0:
-        proved, target, s, w1, lost, sin1, cos1 = proven_impact(wall, tau, flight, beta)
+        proved, target, s, w1, lost, sin1, cos1 = quick_impact(wall, tau, flight, beta)
         if proved:
             return OK, s, target, w1, lost, flight, sin1, cos1
     status, s, target, w1, lost, sin1, cos1 = safe_impact(wall, tau, flight, beta)

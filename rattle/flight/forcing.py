@@ -124,7 +124,7 @@ def _build_functions(real, versine, sine_defect):
 
     @inline
     def add_acceleration_after(x, sin0, dsin, cos1, epsilon):
-        """Return x + e'', e the forcing, at the phase of cosine cos1 and sine sin0 + dsin, a sum that loses digits."""
+        """Return x + e'', e the forcing, at the phase whose cosine is cos1 and whose sine is sin0 + dsin."""
         return x - two_pi * two_pi * epsilon * cos1
 
     return FlightFunctions(
@@ -344,14 +344,22 @@ def minus_fifth_derivative32(sine, cosine, epsilon):
 
 @inline
 def change_scale32(s):
-    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε, e the forcing: the scale of its rounding error."""
+    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε, e the forcing: it limits rounding errors of F."""
     y = W1 * s
     return min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
 
 
 @inline
 def coarse_change_scale32(s, epsilon):
-    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|, e the forcing; `change_scale32` is closer but slower."""
+    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|, e the forcing.
+
+    ε times `change_scale32` is a closer bound, but takes longer to compute.
+
+    Returns
+    -------
+    float
+        The bound, in the unit of Φ.
+    """
     return epsilon * (W1 * s + f32(3.0))
 
 
@@ -381,14 +389,15 @@ def largest_sixth32(epsilon):
 
 @inline
 def sine_changes_to_arc32(inside, sin0, arc):
-    """Return the changes of the forcing's sine from the departure to both ends of the arc of negative contact force.
+    """Return the changes of sin 2πτ from a departure to the beginning and to the end of the arc of negative force.
 
-    inside: whether the departure is inside the arc; then the first change is 0.
+    sin0: sin 2πτ at the departure. inside: whether the departure is inside the arc; then the first change is 0, because
+    the arc has begun.
 
     Returns
     -------
     tuple[float, float]
-        The changes.
+        The change to the beginning of the arc, and the change to its end.
     """
     return (sin0 if inside else arc.sin_entry) - sin0, arc.sin_exit - sin0
 
@@ -429,7 +438,16 @@ def add_analytic_acceleration(x, sine, cosine, epsilon):
 
 @inline
 def analytic_force_ahead(sign, sin0, cos0, delta, epsilon):
-    """Return the result of `force_ahead` for the wall `sign` (±1), complex sine and cosine, and δ > 0."""
+    """Return mean, a and b for which mean + a cos 2πs + b sin 2πs presses on the wall a time s after a phase.
+
+    `force_ahead` returns the same numbers for a real phase. sign: the wall, ±1. sin0, cos0: complex sine and cosine of
+    the phase. δ must be above 0.
+
+    Returns
+    -------
+    tuple
+        mean (real), a and b (complex).
+    """
     size = sign * TWO_PI * epsilon
     mean = sign * 2 * TWO_PI * delta
     return mean, -size * (TWO_PI * cos0 + delta * sin0), size * (TWO_PI * sin0 - delta * cos0)
@@ -472,7 +490,15 @@ class Forcing:
         return [(0.0, complex(mean_force(delta))), (TWO_PI, size), (-TWO_PI, size.conjugate())]
 
     def force_and_rate(self, time: NDArray, delta: NDArray) -> NDArray:
-        """Return g/2π and g'/4π²ε (…, 2), g the contact force, at times (…). Both are 0 where g has a minimum of 0."""
+        """Return g/2π and g'/4π²ε at times (…), g the contact force: the two residuals of the quiet limit.
+
+        At the quiet limit the least contact force is 0, so both numbers are 0 at the time of this least force.
+
+        Returns
+        -------
+        ndarray, (…, 2)
+            The two numbers.
+        """
         sine, cosine = np.sin(TWO_PI * time), np.cos(TWO_PI * time)
         force = 2 * delta - self.epsilon * (TWO_PI * cosine + delta * sine)
         return np.stack([force, TWO_PI * sine - delta * cosine], axis=-1)

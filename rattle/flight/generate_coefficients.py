@@ -34,7 +34,7 @@ class Polynomial(NamedTuple):
 
 
 def series(start: int, step: int, x: Any) -> Any:
-    """Return Σ (−x)^k / (step·k + start)!, exact to 45 digits for |x| ≤ 40 if step is 2."""
+    """Return Σ (−x)^k / (step·k + start)!, exact to 45 digits: for |x| ≤ 40 if step is 2, for |x| ≤ 2 if step is 1."""
     total, term = mp.mpf(0), mp.mpf(1) / mp.factorial(start)
     for k in range(TERMS):
         total += term
@@ -45,7 +45,15 @@ def series(start: int, step: int, x: Any) -> Any:
 
 
 def polynomials() -> list[Polynomial]:
-    """Return all polynomials of the kernels. Their z = 2π(s − nearest integer) lies in [−π, π], so z² in [0, π²]."""
+    """Return all polynomials of the kernels.
+
+    Kernels reduce a time s to z = 2π(s − n), where n is the integer nearest to s. So z is in [−π, π] and z² in [0, π²].
+
+    Returns
+    -------
+    list of Polynomial
+        The polynomials, in the order of coefficients.py.
+    """
     decay, versine, defect, sine = (partial(series, *x) for x in ((2, 1), (2, 2), (3, 2), (1, 2)))
     square = mp.pi**2
     return [

@@ -186,8 +186,9 @@ def estimated_minimum(s, series, flight):
     r2 = reach * reach
     m6 = largest_sixth32(epsilon) + f32(1 / 360) * (delta * delta) * (delta * delta) * (
         delta * abs(a)
-    )  # bounds |F⁽⁶⁾|/720, because e^(δu) < 2
-    left_out = m6 * r2 * r2  # the remainder of F is at most r2 * left_out, that of F' at most 6 * reach * left_out
+    )  # an upper bound of |F⁽⁶⁾|/720 near s, where e^(δ|u|) < 2
+    # the terms that the series leaves out are at most r2 * left_out in F, and 6 * reach * left_out in F'
+    left_out = m6 * r2 * r2
     tilt = abs(taylor_slope(u, c1, c2, c3, c4, c5)) + ERROR * speed_scale(flight) + f32(6.0) * reach * left_out
     end = s + reach
     rounding = end * (abs(w) + abs(a) * (f32(0.5) * delta * end)) + coarse_change_scale32(end, epsilon)

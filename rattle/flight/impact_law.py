@@ -36,7 +36,7 @@ def reflected_change(change):
 
 @inline
 def arrival_term(w):
-    """Return the term that the arrival velocity w, or a derivative of w, contributes to `impact_mismatch`."""
+    """Return the term of the arrival velocity w in `impact_mismatch`. The term is linear, so w may be a derivative."""
     return w
 
 

@@ -19,10 +19,11 @@ from rattle.flight.law import decay32, evaluate32
 from rattle.numerics.compile import inline
 
 LATER = f32(1.0002)  # the flight may end later in double than in single precision, by up to 1e-4 of its duration
-# `last_step` can remove the remainder of a step of fourth order up to this share of the flight time; after a longer
-# step a second attempt is cheaper
+# longest step of `refine_time` to the impact, as a share of the flight time: `last_step` can remove the error of such a
+# step. After a longer step a second attempt is cheaper.
 LARGEST_STEP = f32(0.05)
-# above this ratio of the terms of F to s |F'| at the impact, the time s of the impact loses its thirteenth digit
+# If the sum of the sizes of the terms of F is more than this number times s |F'|, as in a graze or a long flight, the
+# thirteenth digit of the time s of the impact would be lost.
 STEEPEST = f32(100.0)
 # above this damping, rounding of the times to the ends of the arc of negative contact force may change F' by more than
 # ERROR allows (`is_off_arc_ends`)
@@ -31,7 +32,16 @@ FASTEST = f32(20.0)
 
 @inline
 def is_located(s, step, speed, flight):
-    """Return whether double precision can complete the impact: the last step is short, and the impact is no graze."""
+    """Return whether an impact at time s, located in single precision, can be computed in double precision by one step.
+
+    It can if the step that led to s was short, δs is within the range of the polynomials, and F' at s (`speed`) is
+    large enough: in a graze or a long flight, rounding of F would cost digits of s.
+
+    Returns
+    -------
+    bool
+        False means that the impact has to be located in another way.
+    """
     near = (abs(step) < LARGEST_STEP * s) & (flight.delta * s < TOO_FAR)
     return near & (height_scale(s, flight) < STEEPEST * s * abs(speed))
 
@@ -59,15 +69,15 @@ def times_to_arc(tau, arc):
 
 @inline
 def is_off_arc_ends(to_exit, arc_length, delta):
-    """Return whether it is certain, despite rounding, on which side of the arc's ends a flight departs.
+    """Return whether, despite rounding, a flight certainly departs inside or certainly outside the arc.
 
-    It is certain if the departure is far from both ends of the arc, and the damping so small that a rounding of 1e-7 of
-    the times to the ends changes F' by less than ERROR allows.
+    The arc is that of negative contact force. The answer is certain if the departure is far from both ends of the arc,
+    and the damping so small that a rounding of 1e-7 of the times to the ends changes F' by less than ERROR allows.
 
     Returns
     -------
     bool
-        False means that the side is not certain.
+        False means that the departure may be inside or outside.
     """
     return (delta < FASTEST) & (to_exit > CLOSE) & (to_exit < f32(1.0) - CLOSE) & (abs(to_exit - arc_length) > CLOSE)
 
@@ -76,11 +86,12 @@ def is_off_arc_ends(to_exit, arc_length, delta):
 def has_single_turn(wall, rising, tau, s, turn, flight, arc):
     """Return whether F' certainly changes sign at most once before s, given the sign of F' at s.
 
-    rising: whether F' > 0 at s. turn: the estimated time of the change of sign.
+    rising: whether F' > 0 at s. turn: the estimated time of the change of sign. The result is True only if it is also
+    certain that e^(δs) F' grows between the true and the estimated time of this change.
 
-    It must also be certain that e^(δs) F' grows between the true and the estimated time of this change. e^(δs) F' grows
-    where the contact force g is positive, and falls on the arc, where g < 0. The signs of F' at both ends of the arc,
-    which need no new sine, therefore decide its sign at all other times.
+    e^(δs) F' grows where the contact force is positive, and falls on the arc, where the force is negative. Therefore F'
+    changes sign at most once before the arc, once on the arc and once after it. The signs of F' at both ends of the arc
+    show which of these changes are possible. (F' is cheap at these ends, because their sines are known.)
 
     Returns
     -------
@@ -123,7 +134,8 @@ def height_lower_bound(s, minimum, delta):
         The bound, in the unit of F.
     """
     x = delta * s
-    growth = LATER + x * (f32(1.0006) + f32(1.101) * x)  # an upper bound of LATER e^(LATER x) for x < 2
+    # an upper bound of LATER e^(LATER x) for x < 2; LATER, because the flight may end later in double precision
+    growth = LATER + x * (f32(1.0006) + f32(1.101) * x)
     return minimum.bound - minimum.tilt * s * growth
 
 
@@ -131,14 +143,13 @@ def height_lower_bound(s, minimum, delta):
 def clears_the_gap(wall, rising, s, minimum, gap, flight):
     """Return whether a flight from Σ⁺ back to Σ⁺ certainly clears Σ⁻, because it is too short or turns above Σ⁻.
 
-    While Φ falls, |F'| stays below |w| + max (e'(t₀) − e') if A of the flight law is not negative; for one cosine this
-    is |w| + 2πε (1 − sin θ).
-    For all other flights, which need no such check, the result is True.
+    The flight is too short if it could not cross the gap at its highest speed. While Φ falls, |F'| stays below
+    |w| + max (e'(t₀) − e') if A of the flight law is positive; for one cosine this is |w| + 2πε (1 − sin θ).
 
     Returns
     -------
     bool
-        False means that it is not certain.
+        False if it is not certain. True for flights that leave or reach Σ⁻, for which there is nothing to check.
     """
     fastest = abs(flight.w) + largest_slope_loss32(flight.sin0, flight.cos0, flight.epsilon)
     shallow = fastest * s * LATER < f32(0.9999) * gap

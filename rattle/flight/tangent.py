@@ -10,7 +10,7 @@ from rattle.numerics.compile import inline
 def flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
     """Return ∂F/∂w₀, ∂F/∂t₀ and ∂F'/∂t₀ of a flight's height F at fixed flight time s.
 
-    lost: 1 − e^(−δs). The fourth derivative, ∂F'/∂w₀, is e^(−δs).
+    lost: 1 − e^(−δs). The derivative ∂F'/∂w₀ is not returned, because it is simply 1 − lost.
 
     Returns
     -------

@@ -10,7 +10,8 @@ import numpy as np
 
 from rattle.flight.forcing import TWO_PI
 
-#: For each drive the ratio of the model's Φ to φ + (e/r) cos Ωt, φ = θ₁ − θ₂, for two equal gears.
+#: For each drive the number by which φ + (e/r) cos Ωt is multiplied to be the model's Φ, if both gears are equal. φ is
+#: θ₁ − θ₂.
 DRIVES = {"torque": 1.0, "speed": 2.0}
 
 
@@ -32,7 +33,7 @@ class Units(NamedTuple):
     force
         Unit of the force between the teeth, N.
     frequency
-        Frequency of order 1, Hz.
+        One oscillation in a forcing period, Hz.
     """
 
     length: Any
@@ -47,7 +48,8 @@ class Units(NamedTuple):
 class Reduced(NamedTuple):
     """Two gears, reduced to one coordinate: x along the line of action between their teeth.
 
-    If both gears are equal, inertia, drag and radius are those of each gear, and `scale` is the value in `DRIVES`.
+    If both gears are equal and a forcing period is one revolution, inertia, drag and radius are those of each gear, and
+    `scale` is the value in `DRIVES`.
 
     Parameters
     ----------
@@ -63,10 +65,10 @@ class Reduced(NamedTuple):
     ratio : float
         Base radius of the first gear over that of the second.
     rate_difference : float
-        (γ₁ − γ₂)²m₁m₂/(m₁ + m₂)² in 1/s², with γ and m as in `reduce_pair`: a measure of what the single damping rate
+        (γ₁ − γ₂)²m₁m₂/(m₁ + m₂)² in 1/s², with γ and m as in `reduce_pair`: a measure of the force that the reduction
         neglects; 0 if the reduction is exact.
     drift : float
-        Acceleration that drives the teeth together without a load, m/s².
+        Acceleration of x towards the driving flank by the drag alone, without a load, m/s².
     """
 
     inertia: Any
@@ -139,7 +141,7 @@ def _float_or_array(number: Any) -> Any:
 
 
 def rate_error(pair: Reduced, backlash: Any, forcing: Any, load: Any) -> Any:
-    """Return a bound of the share of the driving force that the single damping rate of `reduce_pair` neglects.
+    """Return a bound of the force that the reduction of `reduce_pair` neglects, over the driving force.
 
     The bound holds after transients; m, γ and V are those of `reduce_pair`, and u₁, u₂ the speeds of the base circles.
     The common motion has the speed u with m₁u₁ + m₂u₂ = (m₁ + m₂)u, which impacts do not change, so y = u − V obeys
@@ -160,7 +162,7 @@ def rate_error(pair: Reduced, backlash: Any, forcing: Any, load: Any) -> Any:
     float or ndarray
         The bound, 0 where the reduction is exact.
     """
-    with np.errstate(all="ignore"):  # at speed 0 the driving force is 0
+    with np.errstate(all="ignore"):  # at speed 0 the driving force is 0, and the quotient inf or NaN
         share = np.divide(2.0 * pair.rate_difference * (0.5 * backlash + forcing), pair.drift * (1.0 + load))
     return _float_or_array(np.where(np.equal(pair.rate_difference, 0.0), 0.0, share))
 

@@ -11,7 +11,7 @@ from rattle.machine.forcing import AMPLITUDES
 
 UNITS = {
     "inertia": "kg*m**2",
-    "drag": "N*m*s",  # radians have no dimension
+    "drag": "N*m*s",  # N m per rad/s, without the radian, which has no dimension
     "backlash": "m",
     "eccentricity": "m",
     "radius": "m",
@@ -100,8 +100,8 @@ def require_plausible(inertia: float, backlash: float, eccentricity: float, radi
     )
 
 
-def teeth_of(name: str, value: Any) -> int | None:
-    """Return a checked number of teeth, or None if `value` is None. Raises ParameterError."""
+def checked_teeth(name: str, value: Any) -> int | None:
+    """Return a number of teeth after a check, or None if `value` is None. Raises ParameterError."""
     if value is None:
         return None
     number = require_number(name, value, positive=True)
@@ -147,7 +147,10 @@ def require_matching_gears(given: Mapping[str, Any], radius: Any, teeth: int | N
 
 
 def require_plausible_speed(speed: float, radius: float, sure: bool) -> None:
-    """Raise ParameterError if a speed in rad/s is impossible, or, unless `sure`, so high that it seems to be in rpm."""
+    """Raise ParameterError if a speed in rad/s is impossible, or so high that it was probably given in rpm.
+
+    sure: whether the unit of the speed is known for certain; then only an impossible speed is refused.
+    """
     rpm, velocity = speed / RPM, speed * radius
     require(velocity <= IMPOSSIBLE, f"no gear turns at {rpm:.6g} rpm with a base radius of {radius:g} m: check both")
     require(

@@ -33,11 +33,11 @@ from rattle.machine.given import (
     DRIVEN,
     RPM,
     WIDEST,
+    checked_teeth,
     is_quantity,
     require_plausible,
     require_plausible_speed,
     si_number,
-    teeth_of,
 )
 from rattle.machine.point import MachinePoint, machine_point
 from rattle.machine.verdict import MachineVerdict, machine_verdict
@@ -182,8 +182,8 @@ class Machine:
             **{name: None if value is None else si_number(name, value) for name, value in optional.items()},
             "drive": drive,
             "restitution": _checked_restitution(restitution),
-            "teeth": teeth_of("teeth", teeth),
-            "driven_teeth": teeth_of("driven_teeth", driven_teeth),
+            "teeth": checked_teeth("teeth", teeth),
+            "driven_teeth": checked_teeth("driven_teeth", driven_teeth),
             "errors": checked_components("errors", errors),
             "driven_errors": checked_components("driven_errors", driven_errors),
         }
@@ -275,9 +275,10 @@ class Machine:
 
     @property
     def rate_error(self) -> float:
-        """A bound of the share of the driving force that the model's single damping rate neglects.
+        """A bound of the force that the model neglects, over the driving force.
 
-        It is 0, and the reduction is exact, if the speed is imposed or if c₁/I₁ = c₂/I₂.
+        The model has one damping rate for both gears. It neglects nothing, and the bound is 0, if the speed is imposed
+        or if c₁/I₁ = c₂/I₂.
         """
         return float(self._point.rate_error)
 

@@ -41,12 +41,12 @@ class MachinePoint(NamedTuple):
 
     @property
     def rate_error(self) -> Any:
-        """A bound of the share of the driving force that the single damping rate neglects; 0 if it neglects nothing."""
+        """A bound of the force that the model neglects by having one damping rate, over the driving force."""
         backlash = 2.0 * self.beta * self.units.length
         return conversion.rate_error(self.pair, backlash, self.forcing.total, self.added.get("load", 0.0))
 
 
-@np.errstate(all="ignore")  # numbers at the ends of double precision are refused below, or by the gear
+@np.errstate(all="ignore")  # no warning of overflow: numbers that are not finite are refused below, or by the gear
 def machine_point(
     numbers: Mapping[str, Any],
     speed: Any,

@@ -21,8 +21,8 @@ BARE = ("angle", "error")
 WHOLE = 0.01
 #: Largest and least peak-to-peak height of a transmission error, m.
 WIDEST, NARROWEST = 1e-3, 2e-8
-#: Largest difference between both ends of a curve: over its largest step between neighbouring points, and over its
-#: peak-to-peak height. The larger of these limits holds, but only the second if the last point repeats the first.
+#: The errors at both ends of a curve may differ by CLOSING times its peak-to-peak height, or by JUMP times its largest
+#: step between neighbouring points if that is more. If the last point repeats the first, only CLOSING counts.
 JUMP, CLOSING = 4.0, 0.1
 MOST_POINTS = 1_000_000
 Array = NDArray[np.float64]
@@ -168,8 +168,8 @@ def _whole_revolutions(turn: Array, e: Array) -> tuple[Array, Array, int]:
     Raises
     ------
     ParameterError
-        If the angles do not span whole revolutions, the errors have an impossible height, or the errors at
-        both ends disagree.
+        If the angles do not span whole revolutions, the peak-to-peak height of the errors is impossible, or the errors
+        at both ends differ too much.
     """
     span, step = float(turn[-1] - turn[0]), float(np.median(np.diff(turn)))
     with_end, without = round(span), round(span + step)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rattle.models import AnyGear
 
 QUIET, KNOCKED, SOMETIMES, ALWAYS = VERDICTS = ("quiet", "quiet_unless_knocked", "rattles_sometimes", "always_rattles")
-#: Numbers of phases and of speeds of the knocks in a round, and number of rounds after the first. In each of these the
+#: Numbers of phases and of speeds of the knocks in a round, and number of rounds after the first. In a later round the
 #: speeds reach up to the weakest effective knock so far.
 PHASES, SPEEDS, ROUNDS = 32, 64, 2
 #: Speed of the hardest knock, over the natural speed.
@@ -100,7 +100,9 @@ def machine_verdict(machine: MachineLike, count: int, seed: int) -> MachineVerdi
 
 
 def least_knock(machine: MachineLike, hardest: float) -> float:
-    """Return the speed of the weakest knock that makes resting teeth rattle; this and `hardest` in the model's unit.
+    """Return the speed of the weakest knock that makes resting teeth rattle for ever, in the model's unit of speed.
+
+    hardest: the speed of the hardest knock that is tried, in the same unit.
 
     In each round PHASES × SPEEDS knocks are followed: in the first round with speeds up to `hardest`, in each of the
     ROUNDS further rounds up to the weakest effective speed so far. Narrow ranges of effective speeds may be missed.

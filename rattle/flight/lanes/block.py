@@ -25,19 +25,23 @@ ZERO, ONE = f32(0.0), f32(1.0)
 #: Fields that also have a copy in single precision, named with a trailing underscore.
 _STATE = ("tau", "w", "wall", "sin0", "cos0")
 _PARAMETERS = ("inverse_delta", "delta", "epsilon", "gap")
-#: Fields in double precision that a lane keeps from flight to flight, in this order: state and parameters; the
-#: coefficient of restitution; the largest v/h², with the pressing force h, at which a chatter is certain to complete (0
-#: for elastic impacts); the impacts on both walls, the most impacts on Σ⁺, and the reason of an early stop (0 if none);
-#: a tangent vector (dt, dw), the product of determinants, and the time. The last line is for the code that follows
-#: trajectories: a reference state and its number of impacts, the number of checks so far and the number at which the
-#: reference is replaced; the batch that is measured (below 0 if none yet) and the time up to which it is recorded; the
-#: unit of speeds.
+#: Fields in double precision that a lane keeps from flight to flight.
 _CARRIED = (
     *_STATE,
     *_PARAMETERS,
-    *("restitution", "capture", "n_plus", "n_minus", "limit", "stuck"),
+    # coefficient of restitution; largest v/h² (speed v, pressing force h) at which a chatter is certain to complete, 0
+    # if impacts are elastic
+    *("restitution", "capture"),
+    # impacts on Σ⁺ and on Σ⁻ so far; most impacts on Σ⁺; status with which the lane stopped early, 0 if it did not
+    *("n_plus", "n_minus", "limit", "stuck"),
+    # tangent vector (dt, dw); product of the determinants of the flights; time so far, in forcing periods
     *("t_tangent", "w_tangent", "determinant", "time"),
-    *("at_tau", "at_v", "at_n", "looks", "next_look", "batch", "since", "unit"),
+    # reference state of the search for recurrences, and its number of impacts; number of checks so far; number of
+    # checks at which the reference state is replaced
+    *("at_tau", "at_v", "at_n", "looks", "next_look"),
+    # number of the batch in which growth is measured, −1 if none yet; time up to which growth is recorded; unit of
+    # speeds (`speed_unit`)
+    *("batch", "since", "unit"),
 )
 _NEXT_IMPACT = ("f0", "s", "w1", "bend", "lost", "sin1", "cos1", "target", "sure")
 #: Fields in single precision: copies of parameters and state, and the arc of negative contact force; in _GUESSED the
@@ -71,7 +75,7 @@ TABLES = {
 
 
 def _layout() -> np.dtype[np.void]:
-    """Return the dtype of one block: the fields in turn, each on whole cache lines, and the arrays of TABLES."""
+    """Return the dtype of one block: all fields in their order, each on whole cache lines, with TABLES over them."""
     ends = accumulate((np.dtype(of).itemsize * LANES for of in FIELDS.values()), initial=0)
     offsets = dict(zip([*FIELDS, ""], ends, strict=True))
     fields = [(name, (of, (LANES,)), offsets[name]) for name, of in FIELDS.items()]
@@ -191,7 +195,7 @@ def clear_block(b):
 
 @inline
 def has_ended(b, i):
-    """Stop lane i if it makes too many impacts on Σ⁻; return whether it was stopped or has reached its limit on Σ⁺."""
+    """Return whether lane i has reached its limit on Σ⁺ or was stopped, here because of too many impacts on Σ⁻."""
     if b.n_minus[i] > MOST_BOUNCES * (b.n_plus[i] + 1.0):
         b.stuck[i], b.limit[i] = ENDLESS, -1.0
     return not b.n_plus[i] < b.limit[i]

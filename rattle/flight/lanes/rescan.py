@@ -66,7 +66,7 @@ def compact(b, groups):
 @inline
 def compacted_flight(b, i):
     """Return the flight at place i of the compacted lanes, in single precision."""
-    k = np.uint64(i)  # an unsigned index, as in `flight32`
+    k = np.uint64(i)  # an unsigned index, because a possibly negative one prevents vectorisation
     return Flight(b.z_w[k], b.z_a[k], b.z_sin0[k], b.z_cos0[k], b.z_delta[k], b.z_epsilon[k])
 
 
@@ -96,7 +96,8 @@ def scan(b, n, padded):
             b.z_turned[k], b.z_ended[k], b.z_falls[k] = flag(now.turned), flag(now.ended), flag(now.falls)
         left = np.int32(0)
         for k in range(padded):
-            left = np.int32(left | np.int32(b.z_ended[k] == ZERO))  # numba widens the result of `or` to 64 bits
+            # np.int32 twice, because numba widens the result of `|` to 64 bits, and mixed widths vectorise badly
+            left = np.int32(left | np.int32(b.z_ended[k] == ZERO))
         if left == 0:
             break
 
@@ -113,7 +114,8 @@ def locate(b, n):
         series = taylor_coefficients(turn, flight)
         lowest, minimum = estimated_minimum(turn, series, flight)
         b.z_f[k] = minimum.bound if flight.delta * turn < TOO_FAR else UNBOUNDED
-        misses = (turn > ZERO) & (wall > ZERO) & (lowest < -gap)  # the flight met Σ⁻ between two points of the scan
+        # whether the flight falls below Σ⁻ at its minimum, which may be between two points of the scan
+        misses = (turn > ZERO) & (wall > ZERO) & (lowest < -gap)
         falls = flag(misses | (scanned_fall > ZERO))
         level = wall_level(wall, falls > ZERO, gap)
         near_turn = turn + step_to_level(falls == ZERO, level, series)
@@ -127,7 +129,10 @@ def locate(b, n):
 
 @inline
 def prove_scanned(b, n):
-    """Discard the proof of impacts that may not be the first; for blocks in which no contact force changes sign."""
+    """Withdraw the flag `z_proved` of scanned flights that may have met Σ⁻ before their impact.
+
+    This completes the proof if the contact force changes sign on no lane of the block.
+    """
     for k in range(n):
         rising, minimum = b.z_falls[k] == ZERO, Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])
         clear = clears_the_gap(b.z_wall[k], rising, b.z_s[k], minimum, b.z_gap[k], compacted_flight(b, k))
@@ -136,7 +141,10 @@ def prove_scanned(b, n):
 
 @inline
 def prove_scanned_turns(b, n):
-    """Discard the proof of impacts that may not be the first; for blocks in which some contact force changes sign."""
+    """Withdraw the flag `z_proved` of scanned flights that may have met Σ⁻ before their impact.
+
+    This completes the proof if the contact force changes sign on some lane of the block.
+    """
     for k in range(n):
         wall, gap, rising, tau, s = b.z_wall[k], b.z_gap[k], b.z_falls[k] == ZERO, b.z_tau[k], b.z_s[k]
         flight, arc, minimum = compacted_flight(b, k), compacted_arc(b, k), Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])

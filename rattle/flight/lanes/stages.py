@@ -116,7 +116,7 @@ def prove(b, groups):
 
 @inline
 def prove_turns(b, groups):
-    """Discard the proof of a lane whose F' may change sign twice, because the contact force changes sign."""
+    """Withdraw the flag `proved` of lanes whose F' may change sign twice; it may only if the contact force does."""
     for i in range(GROUP * groups):
         flight, rising = flight32(b, i), b.falls[i] == ZERO
         certain = has_single_turn(b.wall_[i], rising, b.tau_[i], b.s_[i], b.turn[i], flight, arc32(b, i))
@@ -145,28 +145,28 @@ def copy_to_double(b, groups):
 
 @inline
 def select_number(go, new, old):
-    """Return the new number if the lane goes on, else the old one.
+    """Return `new` if `go` is true, else `old`, for a store that vectorises well.
 
-    LLVM would turn a plain choice into a masked store, which is slow without AVX-512. The maximum of the
-    old number and LEAST, the most negative number, equals the old number, but LLVM does not recognise it as such.
+    LLVM would turn `new if go else old` into a masked store, which is slow without AVX-512. It does not if `old` is
+    written as the maximum of `old` and LEAST, the most negative number.
 
     Returns
     -------
     float
-        `new` where the lane goes on, else `old`.
+        `new` or `old`.
     """
     return new if go else max(old, LEAST)
 
 
 def _build_land(tangent):
-    """Build the stage that moves lanes to their impacts; with `tangent` it also keeps what `carry` needs."""
+    """Build the stage that moves lanes to their impacts. tangent: whether it also stores the numbers for `carry`."""
 
     @inline
     def land(b, groups):
-        """Move each lane whose impact is proved to this impact, unless its limit is reached, and reflect its velocity.
+        """Move each lane to its impact and reflect its velocity, if the impact is proved and the lane below its limit.
 
-        With tangent vectors, the flights of other lanes get duration 0, and for `carry` sin1 and cos1 become the sine
-        and cosine at the departure.
+        If tangent vectors are followed, a lane that is not moved gets the flight duration 0, and the fields sin1 and
+        cos1 of all lanes get sine and cosine of the phase of departure. `carry` reads both.
         """
         for i in range(GROUP * groups):
             tau, wall, target, s, flight = b.tau[i], b.wall[i], b.target[i], b.s[i], flight64(b, i)
@@ -286,10 +286,11 @@ def repair(b, groups, paths):
 
 @kernel
 def advance(memory, groups, flights, force, tangent, paths):
-    """Compute the next flights of every lane of a block: `flights` of them, if `tangent` with their tangent vectors.
+    """Compute the next `flights` flights of every lane of a block that is below its limit.
 
-    `groups` is the number of groups in use, `force` the result of `needed_stage`. `paths` counts the flights that
-    need a scan, and those that need the safe search.
+    memory: the block, as `new_block` returns it. groups: number of groups in use. force: the result of `needed_stage`.
+    tangent: whether tangent vectors are carried along. paths: counters, to which the flights that need a scan and those
+    that need the safe search are added.
     """
     b = memory[0]
     lossy = has_lossy_lane(b, groups)
@@ -310,7 +311,8 @@ def advance(memory, groups, flights, force, tangent, paths):
             prove_turns(b, groups)
         unproved = np.int32(0)
         for i in range(GROUP * groups):
-            unproved = np.int32(unproved | np.int32(b.proved[i] == ZERO))  # numba widens the result of `or` to 64 bits
+            # np.int32 twice, because numba widens the result of `|` to 64 bits, and mixed widths vectorise badly
+            unproved = np.int32(unproved | np.int32(b.proved[i] == ZERO))
         if unproved:
             second_attempt(b, groups, force, paths)
         copy_to_double(b, groups)
