@@ -25,7 +25,7 @@ from rattle.orbits.return_map import (
 FARTHEST = 0.2
 #: Smallest step of continuation, as a share of the way from a cell to the next.
 LEAST_STEP = 2.0**-6
-#: Before Newton's method starts again, τ, and v in units of `speed_unit_at`, are rounded to a multiple of this number.
+#: `solve_from_rounded` rounds τ, and v in units of `speed_unit_at`, to multiples of this number.
 ROUNDING = 2.0**-26
 #: Stands for the number of an orbit where there is no such orbit.
 NOWHERE = -1

@@ -76,7 +76,7 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
     ParameterError
         If an argument is outside its domain, or both states go to the same attractor.
     RattleError
-        If the motion on the boundary comes to rest.
+        If the motion on the boundary becomes quiet.
     """
     turns = require_integer("turns", turns, 1, 100_000)
     pair = np.array([require_pair(name, state) for name, state in (("one", one), ("other", other))])
@@ -93,7 +93,7 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
             moved = gear.iterate(pair[:, 0], pair[:, 1], 1)
             if (moved.n_plus < 1).any():
                 raise RattleError(
-                    "the motion on the boundary comes to rest, so it has no edge state: choose two other states"
+                    "the motion on the boundary becomes quiet, so it has no edge state: choose two other states"
                 )
             pair, made = np.column_stack([moved.tau, moved.v]), made + 1
     return EdgeState(float(pair[0, 0]), float(pair[0, 1]), None, _distance(pair, unit), made)

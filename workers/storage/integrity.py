@@ -47,7 +47,7 @@ class Integrity:
     template: tuple[str, ...]  # lost or damaged files that belong to no tile: metadata, coordinates, curves
     tiles: int  # number of tiles of the survey
     files: int  # number of checked files
-    version: str  # code version of the store; empty if its root is damaged
+    version: str  # code version of the store; empty if its root cannot be read
     completed: str  # date of completion; empty if the survey is not complete
 
     @property

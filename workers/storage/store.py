@@ -141,8 +141,8 @@ def _require_same_survey(request: AnyRequest, place: Place) -> Manifest | None:
         raise SurveyError(f"{place} holds something that is not a survey or population: choose another path")
     if attributes.get("code_version", code_version()) != code_version():
         raise SurveyError(
-            f"{place} holds a store computed by version {attributes.get('code_version')}, and this is {code_version()}"
-            ": choose another path, or finish the store with that version"
+            f"{place} holds a store computed by version {attributes.get('code_version')}, and this is version "
+            f"{code_version()}: choose another path, or finish the store with that version"
         )
     if manifest is None and attributes["content_hash"] == request.content_hash():
         return None
