@@ -11,9 +11,9 @@ from rattle.attractors.recurrence import mark_footprints
 from rattle.attractors.samples import GRID
 from rattle.numerics.compile import kernel
 
-#: Number of impacts that mark a footprint. It suffices to find 99 % of the overlapping pairs, and no other pairs.
+#: Number of impacts that mark a footprint. Footprints of this length show 99 % of the overlapping pairs, and no others.
 STRETCH = 128
-#: Number of impacts that mark the longer footprints of pairs that did not overlap.
+#: Number of impacts that mark longer footprints, by which pairs without an overlap are compared once more.
 LONGER = 2048
 
 

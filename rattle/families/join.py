@@ -19,9 +19,11 @@ from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, numbers_of, sums
 from rattle.families.table import Families, tabulate_families
 from rattle.parameters import Parameters
 
-#: Two of the four sides of a cell, as columns of `LinkedOrbits.to`. The other two sides are these sides of neighbours.
+#: The sides of a cell towards the next row and the next column, as columns of `LinkedOrbits.to`. They suffice to visit
+#: each pair of neighbouring cells once.
 AHEAD = (0, 1)
-#: Number of small steps to the next cell, for an orbit whose continuation there does not continue back to it.
+#: Number of small steps in which an orbit is followed to the next cell once more, if its continuation there does not
+#: lead back to it.
 STEPS = 64
 
 
@@ -79,8 +81,8 @@ def joined(
 ) -> Families:
     """Return the families of the attractors of a grid of cells `epsilon` (m,) × `delta` (n,).
 
-    count: the number of samples of a cell. table, cells: the attractors, and the cells as kernels take them, both row
-    by row of the grid.
+    count: the number of samples of a cell. table: the attractors, in the order of their cells. cells: the cells, row by
+    row of the grid, as kernels take them.
 
     Returns
     -------
@@ -111,7 +113,8 @@ def _join_with_sums(
     orbits, n = continue_orbits(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
     periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     attractors = together(table, table_of_continued(orbits, periodic.size, n))
-    row = np.append(periodic, np.arange(table.cell.size, attractors.cell.size))  # the row of each orbit
+    # row[i] is the row of orbit i in attractors
+    row = np.append(periodic, np.arange(table.cell.size, attractors.cell.size))
     component = components(attractors, row, orbits, shape, cells)
     order = in_order(attractors)
     attractors, component = attractors.take(order), component[order]
@@ -161,7 +164,7 @@ def components(
     NDArray[np.int64]
         The numbers (rows,): QUIET_FAMILY for quiet motion, NO_FAMILY for undecided samples.
     """
-    from scipy.sparse import coo_array  # imported here, because this takes an eighth of a second
+    from scipy.sparse import coo_array  # scipy is imported here, because this takes an eighth of a second
     from scipy.sparse.csgraph import connected_components
 
     chaotic = np.flatnonzero(table.kind == Outcome.CHAOTIC)
@@ -203,14 +206,22 @@ def continue_orbits(
         getattr(orbits, name)[:n] = getattr(table, name)[periodic]
     cell = orbits.cell[:n]
     orbits.before[1:n] = np.where(cell[1:] == cell[:-1], np.arange(n - 1), NOWHERE)
-    orbits.last[cell] = np.arange(n)  # where a cell occurs several times, its last orbit remains
+    orbits.last[cell] = np.arange(n)  # numpy keeps the last value if an index is repeated: the last orbit of the cell
     return spread_all(first, n, columns, inside, cells, orbits)
 
 
 def spread_all(
     done: int, n: int, columns: int, inside: Rectangle, cells: Any, orbits: LinkedOrbits
 ) -> tuple[LinkedOrbits, int]:
-    """Continue the orbits with numbers `done` to n − 1 as `spread_orbits` does, and enlarge arrays that are full."""
+    """Continue the orbits with numbers `done` to n − 1, and all orbits found on the way, from cell to cell.
+
+    This repeats `spread_orbits`, with larger arrays whenever they are full, until nothing new is found.
+
+    Returns
+    -------
+    tuple[LinkedOrbits, int]
+        The orbits and their number.
+    """
     while done < n:
         done, n = spread_orbits(done, n, columns, inside, cells, orbits)
         if done < n:
@@ -221,8 +232,8 @@ def spread_all(
 def linked_pairs(orbits: LinkedOrbits, n: int, cells: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the pairs among the first n orbits that are one orbit in neighbouring cells.
 
-    The orbits of a pair are continuations of each other. Or one is the continuation of the other and remains so in
-    STEPS small steps, which exclude a jump to another orbit.
+    Each orbit of a pair continues to the other one. Or only one of them does: then it must also arrive at the other in
+    STEPS small steps, because a large step may have jumped to another orbit.
 
     Returns
     -------

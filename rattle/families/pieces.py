@@ -54,10 +54,10 @@ class GridPiece:
         self.samples[which] = table.samples
 
 
-def entering(
+def continue_into_piece(
     inside: AttractorTable, beside: AttractorTable, tried: bool, columns: int, piece: Rectangle, cells: Any
 ) -> AttractorTable:
-    """Return the orbits that continuation finds in the cells of a piece of a grid.
+    """Continue orbits from cell to cell into a piece of a grid, and return the new orbits that this finds.
 
     Parameters
     ----------
@@ -69,26 +69,30 @@ def entering(
         The number of columns of the grid.
     piece : Rectangle
         The piece.
+    cells : NamedTuple of ndarray
+        The cells of the grid as kernels take them.
 
     Returns
     -------
     AttractorTable
-        A row for each cell of the piece and each orbit that continuation found there and that was not known there.
+        A row, with 0 samples, for each new orbit of each cell of the piece.
     """
     n, m = (int(np.count_nonzero(table.kind == Outcome.PERIODIC)) for table in (inside, beside))
     orbits, end = continue_orbits(together(inside, beside), columns, piece, cells, n if tried else 0)
     return table_of_continued(orbits, n + m, end)
 
 
-def connected(table: AttractorTable, shape: tuple[int, int], cells: Any) -> NDArray[np.int64]:
-    """Return the number of the component of each attractor of a complete grid, as `components` does.
+def connect_attractors(table: AttractorTable, shape: tuple[int, int], cells: Any) -> NDArray[np.int64]:
+    """Connect the attractors of a grid with their neighbours, and return a number for each row of their table.
 
-    The rows of the table are in the order of the cells, and include all orbits that continuation finds.
+    table: all attractors, in the order of their cells, including all orbits that continuation finds. shape: the numbers
+    of rows and columns of the grid.
 
     Returns
     -------
     NDArray[np.int64]
-        The numbers (rows,); rows with the same number are one attractor.
+        The numbers (rows,): rows with the same number are one attractor in several cells. Quiet motion has the number
+        QUIET_FAMILY, undecided samples have NO_FAMILY.
     """
     orbits, _n = continue_orbits(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
     return components(table, np.flatnonzero(table.kind == Outcome.PERIODIC), orbits, shape, cells)

@@ -25,7 +25,7 @@ from rattle.orbits.return_map import (
 FARTHEST = 0.2
 #: Smallest step of continuation, as a share of the way from a cell to the next.
 LEAST_STEP = 2.0**-6
-#: Before Newton's method starts again, τ, and v in units of `speed_unit_at`, are rounded to a multiple of this number.
+#: `solve_from_rounded` rounds τ, and v in units of `speed_unit_at`, to multiples of this number.
 ROUNDING = 2.0**-26
 #: Stands for the number of an orbit where there is no such orbit.
 NOWHERE = -1
@@ -107,7 +107,7 @@ def stability_with_label(tau, v, k, orbits, point):
     Returns
     -------
     tuple
-        (the answer, ln|multiplier| of both multipliers). The logarithms are NaN if the orbit has another label.
+        (whether both hold, ln|multiplier| of both multipliers). The logarithms are NaN if the orbit has another label.
     """
     n_plus = np.int64(orbits.n_plus[k])  # the same type as in other callers, so that `power_map` is compiled once
     status, _t, _v, time, below, a00, _b, _c, a11, log_det = power_map(tau, v, n_plus, point)
@@ -189,7 +189,8 @@ def continue_orbit(k, cell, n, orbits, cells):
     if not is_stable or shortest_return(tau, v, n_plus, point) != n_plus:
         return NOWHERE
     t, w = tau, v
-    for _ in range(n_plus):  # another impact of the orbit may be the fastest in this cell
+    # orbits are stored at their fastest departure, which may be another departure in this cell than in the last one
+    for _ in range(n_plus):
         known = orbit_at_point(t, w, cell, k, near, orbits)
         if known != NOWHERE:
             return known
@@ -261,7 +262,8 @@ def spread_orbits(done, n, columns, inside, cells, orbits):
 def write_arrivals(one, other, steps, way, orbits, arrives):
     """Continue each orbit one[i] to the cell of orbit other[i], and write to arrives[i] whether it becomes that orbit.
 
-    way: the parameters of all steps of all k pairs (k·steps,), as cells, pair by pair.
+    The orbits are followed in `steps` small steps. way: the parameters (k·steps,) at these steps, in the form of cells;
+    the steps of the first pair come first.
     """
     for i in range(one.size):
         n_plus, tau, v = np.int64(orbits.n_plus[one[i]]), orbits.tau[one[i]], orbits.v[one[i]]

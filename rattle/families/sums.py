@@ -115,10 +115,11 @@ def add_sums(parts: Iterable[Sums]) -> Sums:
 
 
 def numbers_of(sums: Sums) -> Integers:
-    """Return an array that has at the index of a component the number of its family, and NO_FAMILY at the index −1.
+    """Return an array whose entry i is the number of the family of component i.
 
-    Families are numbered by falling number of cells, and families of equally many cells by their first attractors. So
-    the numbers depend on the cells alone.
+    The last entry is NO_FAMILY, because undecided samples have the component −1. Families are numbered by falling
+    number of cells, and families of equally many cells by their first attractors. So the numbers depend on the cells
+    alone.
 
     Returns
     -------

@@ -84,7 +84,15 @@ def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], 
     n = int(family.max(initial=QUIET_FAMILY)) + 1
 
     def by_family(values: NDArray[Any], default: float = 0) -> NDArray[Any]:
-        """Return, for each family, the value that its component has in `values`; `default` if it has no component."""
+        """Return values in the order of families, from `values`, which has one for each entry of `sums`.
+
+        default: the value of a family without an entry: quiet motion, if no cell has it.
+
+        Returns
+        -------
+        NDArray[Any]
+            Values (families,).
+        """
         column = np.full(n, default, values.dtype)
         column[family] = values
         return column
@@ -92,7 +100,15 @@ def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], 
     def axis_range(
         axis: NDArray[np.float64], one: NDArray[np.int64], other: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return, for each family, the smaller and the larger of axis[one] and axis[other] of its component."""
+        """Return the least and the largest value of an axis at the cells of each family.
+
+        one, other: for each entry of `sums`, the first and the last index along the axis. Values of an axis may fall.
+
+        Returns
+        -------
+        tuple[NDArray[np.float64], NDArray[np.float64]]
+            Values (families,), NaN for a family without cells.
+        """
         low, high = np.minimum(axis[one], axis[other]), np.maximum(axis[one], axis[other])
         return by_family(low, np.nan), by_family(high, np.nan)
 

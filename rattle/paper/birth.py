@@ -46,5 +46,5 @@ def birth_of_chaos() -> Birth:
         raise RattleError(f"P(2,2,1) must have a flip and then a graze on Σ⁻, but has {kinds}: report this as a bug")
     flip, graze = events
     persists = bool(branch(orbit, "epsilon", (FROM, TO)).admissible.all())
-    walls = graze.itinerary.walls  # the graze counts as an impact here
+    walls = graze.itinerary.walls  # includes the impact of speed 0, so 1 is subtracted on Σ⁻
     return Birth(flip.epsilon, graze.epsilon, walls.count(1), walls.count(-1) - 1, persists)

@@ -20,7 +20,7 @@ paper writes ≈. An interval agrees only as a whole. Computed values that are c
 
 
 def value(number: Number) -> str:
-    """Return a computed value with ten decimals, marked if it is proved; ends of an interval have seven."""
+    """Return a computed value with ten decimals and, if it is proved, a note; or an interval with seven decimals."""
     if isinstance(number.computed, tuple):
         return "{:.7f} to {:.7f}".format(*number.computed)
     return f"{number.computed:.10f}" + (", proved" if number.what in PROVED else "")

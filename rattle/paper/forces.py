@@ -132,9 +132,8 @@ def contact_force_finding() -> Finding:
     never = float((least / top).mean())
     phase = np.linspace(0, 1, 1001)
     at = float(formulas.acceleration_by_formula(phase, 0.0, 0.4, 0.2).min())
-    born = np.fmin(
-        rattle.sn1(delta), rattle.grazing("G2", delta).epsilon
-    )  # region I ends at SN1 or G2; fmin ignores NaN
+    # ε at the end of region I: the smaller of SN1 and G2; fmin ignores a curve that does not exist (NaN)
+    born = np.fmin(rattle.sn1(delta), rattle.grazing("G2", delta).epsilon)
     return Finding(
         "contact force",
         "Neither positive g nor (3.13) holds throughout Figure 7's plane",

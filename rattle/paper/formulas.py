@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 
 def acceleration_by_formula(phase: Array, v: float, delta: float, epsilon: float) -> Array:
-    """Return Φ'' on departure: the bracket of the paper's (3.7), or minus the denominator of its (3.8)."""
+    """Return Φ'' on departure. It is the bracket in the paper's (3.7), and minus the denominator of its (3.8)."""
     return (
         delta * v
         - TWO_PI * delta * epsilon * np.sin(TWO_PI * phase)
@@ -113,7 +113,7 @@ def _bounce_residuals(v: float) -> tuple[float, float, float]:
 
 
 def _largest_absolute(values: Array) -> float:
-    """Return the largest absolute value."""
+    """Return the largest absolute value in an array."""
     return float(np.abs(values).max())
 
 

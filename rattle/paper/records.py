@@ -125,7 +125,7 @@ class Finding:
 class Report:
     """The result of the check of the paper.
 
-    first: the number of the first of the findings; 1 in a whole report.
+    first: the number of findings[0] in the whole report: 1, unless the report has one finding alone.
     """
 
     numbers: tuple[Number, ...]

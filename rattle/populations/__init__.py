@@ -1,8 +1,8 @@
 """Populations of gears that differ within their tolerances."""
 
-from rattle.populations.answers import means
+from rattle.populations.answers import row_means
 from rattle.populations.distributions import Distribution, distribution_of
-from rattle.populations.gears import VERDICTS, Gears, computed
+from rattle.populations.gears import VERDICTS, Gears, compute_gears
 from rattle.populations.limit import SAFE_IF_SMALL
 from rattle.populations.plan import JUDGED, MOST_COUNT, MOST_GEARS, MOST_SHARE, PAIRS, Plan
 from rattle.populations.tolerances import DIMENSIONLESS, OF_MACHINE, Tolerances, is_machine, model_of_numbers
@@ -21,9 +21,9 @@ __all__ = [
     "Gears",
     "Plan",
     "Tolerances",
-    "computed",
+    "compute_gears",
     "distribution_of",
     "is_machine",
-    "means",
     "model_of_numbers",
+    "row_means",
 ]

@@ -99,7 +99,7 @@ class Population:
 
     @cached_property
     def passing(self) -> Estimate | None:
-        """The yield: the share of gears that pass, of all that were tested; None if the plan has no requirement.
+        """The yield: the share of the tested gears that pass; None if the plan has no requirement.
 
         Gears whose verdict is unknown widen the interval; in the value each of them counts as half a gear that passes.
         """
@@ -150,7 +150,7 @@ class Population:
     def worst(self, most: int = MOST_WORST) -> tuple[WorstGear, ...]:
         """Return up to `most` gears with the largest mean energy (for machines the mean power in W), largest first."""
         gears = self.gears
-        quiet, energy = (gears.energy == 0.0).mean(axis=1), means(gears.energy) * self.watts_per_unit
+        quiet, energy = (gears.energy == 0.0).mean(axis=1), row_means(gears.energy) * self.watts_per_unit
         order = np.argsort(-np.nan_to_num(energy, nan=-1.0), kind="stable")[:most]
         numbers = [dict(zip(self.names, map(float, gears.values[i]), strict=True)) for i in order]
         rows = zip(order, numbers, strict=True)
@@ -174,8 +174,8 @@ class Population:
         ParameterError
             If `of` is neither "quiet" nor "energy".
         RattleError
-            If `pairs` is 0, fewer than FEWEST gears have decided samples, or the output does not vary significantly
-            between gears; never if only one number varies.
+            If the population was computed with `pairs` = 0, fewer than FEWEST gears have decided samples, or the output
+            does not vary significantly between gears. There is no error if only one number varies.
         """
         require_one_of("of", of, OUTPUTS)
         if len(self.names) == 1:
@@ -184,7 +184,7 @@ class Population:
         if not self.plan.n_sharing:
             raise RattleError("Sobol indices need additional gears, but `pairs` is 0: give `pairs` above 0")
         energy = self.rows.energy
-        output = (energy == 0.0).mean(axis=1) if of == "quiet" else means(energy)
+        output = (energy == 0.0).mean(axis=1) if of == "quiet" else row_means(energy)
         parts = {part: output[self.plan.rows_of(part)] for part in range(AGAIN, int(self.rows.part.max()) + 1)}
         base = output[: self.plan.n_sharing]
         return {
@@ -196,8 +196,8 @@ class Population:
         }
 
 
-def means(energy: Array) -> Array:
-    """Return the mean of each row (n, count) over values that are not NaN; NaN if all values of the row are NaN."""
+def row_means(energy: Array) -> Array:
+    """Return the mean (n,) of each row of an array (n, count). NaN are left out; the mean is NaN if all are NaN."""
     known = (~np.isnan(energy)).sum(axis=1)
     return np.divide(np.nansum(energy, axis=1), known, out=np.full(len(energy), np.nan), where=known > 0)
 
@@ -234,7 +234,7 @@ def quantile_estimate(values: Array, q: float) -> Estimate:
     """
     known = np.sort(values[~np.isnan(values)])
     value = float(known[min(int(q * known.size), known.size - 1)])
-    below = means(np.where(np.isnan(values), np.nan, values <= value))
+    below = row_means(np.where(np.isnan(values), np.nan, values <= value))
     below = below[~np.isnan(below)]
     deviation = max(float(below.std()), np.sqrt(q * (1.0 - q) / values.shape[1])) / np.sqrt(below.size)
     low, high = (int(np.floor((q + sign * Z_95 * deviation) * known.size)) for sign in (-1, 1))
@@ -249,8 +249,8 @@ def covariance_ratio(base: Array, other: Array, again: Array) -> Estimate:
     """Estimate Cov(base, other)/Cov(base, again) over gears (n,), from which Sobol indices are computed.
 
     base, again: outputs of the same gears from different initial states, so that sampling errors do not add to the
-    covariance. other: outputs of other gears, each of which has some numbers in common with one of these gears. The
-    interval is by the delta method.
+    covariance. other: outputs of n other gears; gear i of them has some of its numbers in common with gear i of base.
+    The interval is by the delta method.
 
     Returns
     -------
@@ -266,7 +266,7 @@ def covariance_ratio(base: Array, other: Array, again: Array) -> Estimate:
     if known.sum() < FEWEST:
         raise RattleError(f"Sobol indices need {FEWEST} gears with decided samples: make `pairs` or `budget` larger")
     x, y, z = (each[known] - each[known].mean() for each in (base, other, again))
-    same, shared = x * z, 0.5 * (x + z) * y  # base and again belong to the same gears: use their mean
+    same, shared = x * z, 0.5 * (x + z) * y  # the mean of base and again, outputs of the same gears, has less noise
     whole, error = float(same.mean()), 1.0 / np.sqrt(same.size)
     if whole <= Z_95 * float(same.std()) * error:
         raise RattleError(

@@ -38,9 +38,9 @@ class Copula:
         object.__setattr__(self, "_inverse", np.linalg.inv(self.matrix))
 
     def draws(self, seed: int, stream: int, rows: NDArray[np.int64]) -> Array:
-        """Return correlated standard normal numbers (n, d), one row for each of the given rows of a random stream.
+        """Return correlated standard normal numbers (n, d): n rows of a random stream that has a row for each integer.
 
-        A row depends only on the seed, the stream and the number of the row.
+        rows: the numbers (n,) of these rows. A row depends only on the seed, the stream and the number of the row.
 
         Returns
         -------

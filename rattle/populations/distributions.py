@@ -202,7 +202,7 @@ def distribution_of(text: str) -> Distribution:
     try:
         numbers = [float(part) for part in rest]
     except ValueError:
-        raise ParameterError(f"{text!r} is no distribution: write numbers, separated by colons, after {word}") from None
+        raise ParameterError(f"{text!r} is no distribution: after {word} write numbers, separated by colons") from None
     names = [each.name for each in fields(kind)]
     needed = [each.name for each in fields(kind) if each.name not in ("low", "high") or kind is not Normal]
     require(

@@ -19,7 +19,7 @@ from rattle.populations.distributions import LEAST, Distribution
 from rattle.populations.plan import Z_TESTS, Plan
 from rattle.populations.tolerances import Points
 
-#: Number of samples that are followed at once at strong damping.
+#: Number of samples that are followed at once; fewer at weak damping, where each sample is observed longer.
 SAMPLE_BLOCK = 65_536
 #: Number of gears whose margins are computed at once.
 MARGIN_BLOCK = 64
@@ -58,7 +58,7 @@ class Gears(NamedTuple):
     verdict: NDArray[np.int64]
 
 
-def computed(plan: Plan, start: int, stop: int) -> Gears:
+def compute_gears(plan: Plan, start: int, stop: int) -> Gears:
     """Compute rows number start to stop − 1 of a population; a row depends only on the plan and the row's number."""
     rows = np.arange(start, stop)
     part, values = plan.parts(rows), plan.values(rows)
@@ -77,7 +77,15 @@ def computed(plan: Plan, start: int, stop: int) -> Gears:
 
 
 def blocks_of_gears(delta: Array, count: int) -> list[slice]:
-    """Return slices of gears with these δ to follow at once; a slice takes some seconds if all motions are chaotic."""
+    """Divide gears into slices to follow at once. A slice takes some seconds if all of its motions are chaotic.
+
+    delta (n,): δ of each gear. count: the number of samples of a gear.
+
+    Returns
+    -------
+    list[slice]
+        Slices that together cover all n gears, in their order.
+    """
     longer = np.maximum(1.0, WATCH / (PERIODS * delta.min(initial=1.0)))
     size = max(1, int(SAMPLE_BLOCK / longer) // count)
     return [slice(start, min(start + size, delta.size)) for start in range(0, delta.size, size)]
@@ -166,7 +174,7 @@ def verdicts_of(plan: Plan, points: Points) -> NDArray[np.int64]:
         open_ = np.flatnonzero(verdict == UNKNOWN)
         here = points.take(open_)
         for rows in blocks_of_gears(here.parameters.delta, after - before):
-            seed = plan.seed + (look + 1 << 64)  # differs from the seeds of all parts
+            seed = plan.seed + (look + 1 << 64)  # plan.seed + part, the seed of a part, is never this large
             found = sorted_energies(plan, here.take(rows), after - before, seed)
             quiet[open_[rows]] += (found == 0.0).sum(axis=1)
             rattling[open_[rows]] += (found > 0.0).sum(axis=1)

@@ -37,7 +37,8 @@ SAFE_IF_SMALL = {
     **dict.fromkeys(("restitution", *AMPLITUDES), True),
     **dict.fromkeys(("delta", "drag", "load", "load_torque"), False),
 }
-#: The numbers whose default range of values follows from closed forms if the forcing is one cosine.
+#: Numbers whose default range of values follows from closed forms if the forcing is a single cosine. The default ranges
+#: of other numbers, and of these numbers with more harmonics, are found by a search.
 OF_ONE_COSINE = ("epsilon", "eccentricity", "beta", "backlash", "rpm", "delta", "drag")
 #: The numbers whose range starts at 0. Their values are scanned in equal steps, those of other numbers in equal ratios.
 FROM_ZERO = ("epsilon", "eccentricity", "restitution", *AMPLITUDES)
@@ -75,11 +76,12 @@ def design_limit(
     seed: int = 0,
     budget: int = BUDGET,
 ) -> Limit:
-    """Return the value of a number up to which a gear runs quietly with probability `share`, also at safer values.
+    """Return the value of a number up to which, from safe values on, a gear runs quietly with probability `share`.
 
-    The limit is the largest epsilon, beta or restitution, or the least delta or load. For a machine it is the largest
-    eccentricity, mesh_error or other amplitude, backlash or rpm, or the least drag or load_torque. harmonic_20 is the
-    amplitude of order 20 over that of the first harmonic; error_20 is the amplitude of order 20 of a machine in m.
+    The probability is at least `share` at the limit and at all safer values. The limit is the largest epsilon, beta or
+    restitution, or the least delta or load. For a machine it is the largest eccentricity, mesh_error or other
+    amplitude, backlash or rpm, or the least drag or load_torque. harmonic_20 is the amplitude of order 20 over that of
+    the first harmonic; error_20 is the amplitude of order 20 of a machine in m.
 
     The probability is estimated from `count` states in [0, 1) × (0, natural speed), the same for all values. A scan of
     32 values starts at the safe end. The limit is solved for between two of these values; the interval contains the
@@ -208,8 +210,9 @@ class _Solver:
     def _default_range(self) -> tuple[float, float]:
         """Return the default range of the scan.
 
-        An end of the range is the value beyond which no motion is quiet, or the end of the allowed values. If there is
-        no such value for an end, the end is a typical value divided by RANGE_RATIO, or multiplied by RANGE_RATIO.
+        On the unsafe side the range goes to the value beyond which no motion is quiet, or to the end of the allowed
+        values if that comes first; on the safe side it goes to the end of the allowed values, such as 0. A side without
+        such an end goes to a typical value divided or multiplied by RANGE_RATIO.
 
         Returns
         -------
@@ -249,7 +252,7 @@ class _Solver:
         return 1.0 / end, RANGE_RATIO / end
 
     def _is_inelastic(self) -> bool:
-        """Return whether the numbers, with the one whose limit is sought, make a gear of the inelastic model."""
+        """Return whether the gear is inelastic, by the names of its numbers and of the one whose limit is sought."""
         return model_of_numbers({**self.given, self.of: 0.5}) is Inelastic
 
     @property
@@ -263,7 +266,7 @@ class _Solver:
         return is_beyond_quiet_limit(few.parameters)
 
     def _last_possible_value(self, unit: float) -> float:
-        """Return the last value of the sought number, from the safe end, at which the teeth can stay in contact.
+        """Return the value of the sought number beyond which the teeth cannot stay in contact.
 
         unit: a typical value of the number, which is returned if the teeth can stay in contact at all values.
 
@@ -355,8 +358,8 @@ class _Solver:
     def _first_unsafe_index(self) -> int:
         """Return the index of the first value of the scan at which the share of quiet runs is too small.
 
-        The first FIRST_SAMPLES samples decide if their share is large enough, or is certainly too small. Otherwise all
-        samples are followed, and their share decides.
+        At each value FIRST_SAMPLES samples are followed first. They decide if their share of quiet runs is at least the
+        required one, or is significantly below it. Otherwise all samples are followed, and their share decides.
 
         Returns
         -------
@@ -383,7 +386,7 @@ class _Solver:
 
         def is_nonnegative(i: int) -> bool:
             """Return whether the field is at least 0 at value number i of the scan; i = −1 stands for the value 0."""
-            if i < 0:  # if the number is the eccentricity, all motions become quiet at 0
+            if i < 0:  # if an eccentricity is the only forcing, all motions become quiet at 0
                 return self.of in ("epsilon", "eccentricity") and not self._is_inelastic()
             return bool(getattr(self.excess(float(self.scanned[i])), which) >= 0.0)
 

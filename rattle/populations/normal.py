@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 def ndtr(z: Any) -> NDArray[np.float64]:
     """Return the standard normal distribution function at z."""
-    from scipy import special  # imported here, because it takes a fifth of a second
+    from scipy import special  # scipy is imported here, because this takes a fifth of a second
 
     return np.asarray(special.ndtr(z))
 

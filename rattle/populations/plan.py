@@ -66,10 +66,11 @@ class Plan:
     """The plan of a population; the fields are the arguments of `rattle.population`.
 
     Each row is one gear. Rows are numbered consecutively through the parts of the plan. The first part is the
-    population. The others are for Sobol indices: the first `pairs` gears again, with other samples; then, for each
-    varying number, these gears with this number kept and the others drawn again; then, for each varying number, these
-    gears with this number drawn again and the others kept. If only one number varies, the population is the only part.
-    Raises ParameterError.
+    population. All other parts are for Sobol indices, and have `pairs` gears each. The second part repeats the first
+    `pairs` gears of the population, with other samples. Then each varying number has a part with these gears, in which
+    this number is kept and all other numbers are drawn again; and after these parts, each varying number has a part
+    in which this number is drawn again and all others are kept. If only one number varies, the population is the only
+    part. Raises ParameterError.
     """
 
     tolerances: Tolerances
@@ -113,10 +114,7 @@ class Plan:
 
     @cached_property
     def n_sharing(self) -> int:
-        """The number of rows of each part but the first, which are for Sobol indices: `pairs`, but at most `gears`.
-
-        It is 0 if only one number varies.
-        """
+        """The number of rows of each part for Sobol indices: min(`pairs`, `gears`), 0 if only one number varies."""
         return min(self.pairs, self.gears) if len(self.tolerances.names) > 1 else 0
 
     @cached_property
@@ -130,7 +128,7 @@ class Plan:
         return self.gears + self.n_sharing * (1 + 2 * len(self.tolerances.names))
 
     def is_judged(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags of the rows that are tested for the requirement: some of the population, evenly spread."""
+        """Return which rows are tested for the requirement: `n_judged` rows of the population, evenly spread."""
         number = rows * self.n_judged // self.gears
         return np.asarray((rows < self.gears) & (number != (rows - 1) * self.n_judged // self.gears))
 
@@ -172,13 +170,13 @@ class Plan:
 
     @property
     def sample_counts(self) -> tuple[int, ...]:
-        """The numbers of samples after which the share of a gear is tested, until one test decides."""
+        """The numbers of samples after which the share of quiet runs of a gear is tested, until one test decides."""
         share = self.share or 0.5
         fewest = math.ceil(Z_TESTS**2 * share / (1.0 - share))
         return tuple(sorted({FIRST_COUNT, fewest + 1, 4 * (fewest + 1)}))
 
 
-#: Number of samples after which the share of a gear is tested for the first time.
+#: Number of samples after which the share of quiet runs of a gear is tested for the first time.
 FIRST_COUNT = 32
 #: Normal quantile at 1 − 0.05/6, which gives 95 % confidence over all three tests of a gear together.
 Z_TESTS = 2.393979799818671

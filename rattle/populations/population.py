@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from rattle.attractors.classify import BUDGET
 from rattle.populations.answers import Population
-from rattle.populations.gears import computed
+from rattle.populations.gears import compute_gears
 from rattle.populations.plan import JUDGED, PAIRS, Plan, Shock
 from rattle.populations.tolerances import Tolerances
 
@@ -76,4 +76,4 @@ def population(
     """
     tolerances = Tolerances(given, correlation)
     plan = Plan(tolerances, gears, count, share, margin, shock, judged, pairs, seed, budget)
-    return Population(plan, computed(plan, 0, plan.rows))
+    return Population(plan, compute_gears(plan, 0, plan.rows))

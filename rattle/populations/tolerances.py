@@ -131,7 +131,7 @@ class Tolerances:
 
     @cached_property
     def _ranges(self) -> dict[str, tuple[float, float]]:
-        """The least and the largest value of each number that can be drawn, by name."""
+        """For each number, by name, the least and the largest possible value; for a fixed number both are its value."""
         return {
             name: value.range if isinstance(value, Distribution) else (value, value)
             for name, value in self.given.items()

@@ -19,7 +19,10 @@ MOST_IMPACTS = 100_000_000
 
 
 class Accumulator(Protocol):
-    """A quantity of each of n samples, accumulated from their impacts on Σ⁺ one by one."""
+    """A quantity of each of n samples, accumulated from their impacts on Σ⁺ one by one.
+
+    `accumulated` calls `begin` once, `add` after each impact on Σ⁺ of the samples still followed, and at last `values`.
+    """
 
     def begin(self, tau: Array, v: Array) -> None:
         """Prepare for n samples that start at the states tau, v (n,)."""
@@ -63,7 +66,16 @@ def accumulated(
 def accumulated_at(
     parameters: Parameters, tau: Array, v: Array, accumulator: Accumulator, periods: float, impacts: int = 100_000
 ) -> Array:
-    """Return an accumulated quantity of n samples, each at its own parameters. Other arguments: as in `accumulated`."""
+    """Return an accumulated quantity of n samples, each at its own parameters.
+
+    tau, v (n,): the initial states. parameters (n,): the parameters of each sample. Each sample is followed for
+    `periods` forcing periods, but at most for `impacts` impacts on Σ⁺.
+
+    Returns
+    -------
+    Array
+        The values of the accumulator, one for each sample.
+    """
     periods = require_number("periods", periods, positive=True)
     impacts = require_integer("impacts", impacts, 1, MOST_IMPACTS)
     model = MODELS[parameters.model]

@@ -23,12 +23,13 @@ LEAST_STEP = 1e-9
 LONGEST = 32
 #: Largest distance between the departures of an orbit and of its continuation, with speeds in units of `speed_unit_of`.
 FARTHEST = 0.1
-#: A multiplier that is closer to ±1 than this, where an orbit is about to end, counts as ±1.
+#: Where the continuation of an orbit stops, a multiplier that is closer to ±1 than this counts as ±1: the orbit ends at
+#: a saddle-node or a flip.
 AT_ONE = 0.01
-#: Least ratio of two values of a function of an orbit's multipliers from which the orbit's end is extrapolated.
+#: Least ratio of the two values from which `_distance_to_zero` extrapolates; values closer together are too inexact.
 CLEARLY = 1.5
-#: Distance beyond the end of an orbit, as a share of the distance between two points of the path, at which a virtual
-#: continuation of the orbit is sought.
+#: Distance beyond the end of an orbit, as a share of the distance between two points of the path, at which the orbit is
+#: sought again: if it is virtual there, it ended at a graze.
 BESIDE = 1e-3
 
 
@@ -46,7 +47,8 @@ class OrbitEnd:
     """The end of an orbit between two points of a path.
 
     cause: why the orbit ends. low, high: the orbit ends between these shares of the way from the first point to the
-    second. orbit: the orbit at the second point if it does not end before (cause "sampling"), otherwise None.
+    second. orbit: None, or the orbit at the second point if it does not end before; then the cause of its absence from
+    the attractors there is "sampling".
     """
 
     cause: str
@@ -92,15 +94,16 @@ def find_orbit_end(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> O
 
 
 def _distance_to_zero(trail: list[tuple[float, Any]], sign: float, power: int) -> float:
-    """Extrapolate to where ((1 + sign λ₁)(1 + sign λ₂))^power becomes 0, λ₁ and λ₂ being an orbit's multipliers.
+    """Extrapolate linearly to the position at which ((1 + sign λ₁)(1 + sign λ₂))^power is 0 on an orbit's branch.
 
-    trail: the multipliers of the orbit where it was found, each pair after its position, which is a share of the way
+    λ₁ and λ₂ are the orbit's multipliers: the product is 0 where one of them is −1 (sign 1) or 1 (sign −1). trail: for
+    each position at which the orbit was found, the position and both multipliers. A position is the share of the way
     from one point of the path to the next.
 
     Returns
     -------
     float
-        The distance from the last position to the zero, as such a share; 0 if the values do not differ enough.
+        The distance from the last position to the zero, as a share of the way; 0 if the values do not differ enough.
     """
     known = [(share, float(np.real(np.prod(1.0 + sign * np.array(pair)))) ** power) for share, pair in trail]
     last, rest = known[-1]
@@ -143,7 +146,15 @@ def distance_after_part(gear: AnyGear, label: TrackedOrbit, found: Any) -> float
 
 
 def _was_doubled(gear: AnyGear, at: TrackedOrbit) -> bool:
-    """Return whether a motion with half the period of `at`, near its flip (multiplier −1), departs close to `at`."""
+    """Return whether the orbit `at` is close to the flip of an orbit with half its period, from which it branches.
+
+    This is so if a motion with half the label, and a multiplier close to −1, departs from Σ⁺ close to `at`.
+
+    Returns
+    -------
+    bool
+        True if there is such a motion.
+    """
     if any(n % 2 for n in at.label):
         return False
     m, n_plus, n_minus = (n // 2 for n in at.label)
@@ -154,10 +165,10 @@ def _was_doubled(gear: AnyGear, at: TrackedOrbit) -> bool:
 def _cause_of_end(
     start: Parameters, end: Parameters, last: Any, at: TrackedOrbit, trail: list[tuple[float, Any]]
 ) -> tuple[str, float]:
-    """Return why an orbit that was followed from `start` towards `end` is about to end, and how far its end is.
+    """Return why an orbit that was followed from `start` towards `end` ends, and how far ahead its end is.
 
-    last, at: the orbit at the last step. trail: the positions so far, as shares of the way from `start` to `end`, each
-    with the orbit's multipliers there.
+    last, at: the orbit at the last position where it was found, as the gear returned it and as a record. trail: all
+    positions so far, as shares of the way from `start` to `end`, each with the orbit's multipliers there.
 
     Returns
     -------
@@ -172,5 +183,5 @@ def _cause_of_end(
     if np.abs(multipliers + 1.0).min() < AT_ONE:
         return FLIP, _distance_to_zero(trail, 1.0, 1)
     beyond = _orbit_near(gear_between(start, end, min(share + BESIDE, 1.0)), at)
-    # beyond a graze the orbit is virtual, or it meets another wall and Newton's method does not find it
+    # beyond a graze the orbit is virtual, or Newton's method does not find it because its flight meets another wall
     return (GRAZE if beyond is None or not beyond.admissible else UNKNOWN), 0.0

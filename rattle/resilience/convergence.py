@@ -26,9 +26,9 @@ class Convergence:
     """The times at which samples (n,) arrive at their attractors.
 
     attractors: the attractors, the largest basin fraction first. which (n,): the index of each sample's attractor.
-    time (n,): forcing periods until the sample has arrived at its quiet or periodic attractor, which is its first
-    departure from Σ⁺ at a distance below `within` from the attractor. The time is NaN for chaotic and undecided
-    samples, and for samples that did not arrive within the observation time.
+    time (n,): forcing periods until the sample arrives at its quiet or periodic attractor. A sample arrives with its
+    first departure from Σ⁺ whose distance from the attractor is below `within`. The time is NaN for chaotic and
+    undecided samples, and for samples that did not arrive within the observation time.
     """
 
     attractors: tuple[Attractor, ...]

@@ -32,8 +32,8 @@ LONGEST = 8
 #: A saddle with more impacts replaces a saddle with fewer only if its distance is smaller by this factor. Otherwise it
 #: may be the shorter saddle, run through several times.
 TWICE = 0.1
-#: Newton's method seeks a saddle near a state that returns after some impacts to within CLOSE of itself. A saddle is
-#: the edge state if a state on the boundary is nearer to it than ARRIVED. Speeds are in units of `speed_unit_of`.
+#: Newton's method seeks a saddle from a state on the boundary whose distance from its own iterate is below CLOSE. The
+#: saddle is the edge state if its distance from the state is below ARRIVED. Speeds are in units of `speed_unit_of`.
 CLOSE, ARRIVED = 1e-2, 1e-5
 
 
@@ -76,7 +76,7 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
     ParameterError
         If an argument is outside its domain, or both states go to the same attractor.
     RattleError
-        If the motion on the boundary comes to rest.
+        If the motion on the boundary becomes quiet.
     """
     turns = require_integer("turns", turns, 1, 100_000)
     pair = np.array([require_pair(name, state) for name, state in (("one", one), ("other", other))])
@@ -93,7 +93,7 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
             moved = gear.iterate(pair[:, 0], pair[:, 1], 1)
             if (moved.n_plus < 1).any():
                 raise RattleError(
-                    "the motion on the boundary comes to rest, so it has no edge state: choose two other states"
+                    "the motion on the boundary becomes quiet, so it has no edge state: choose two other states"
                 )
             pair, made = np.column_stack([moved.tau, moved.v]), made + 1
     return EdgeState(float(pair[0, 0]), float(pair[0, 1]), None, _distance(pair, unit), made)
@@ -107,7 +107,7 @@ def _distance(pair: Array, unit: float) -> float:
 def _bisect(gear: AnyGear, pair: Array, unit: float) -> Array:
     """Return two states on the line between `pair`, on both sides of the basin boundary and closer than TOGETHER.
 
-    If rounding stops the bisection before, they are farther apart.
+    The states are farther apart than TOGETHER if rounding stops the bisection earlier.
 
     Returns
     -------
@@ -131,9 +131,9 @@ def _bisect(gear: AnyGear, pair: Array, unit: float) -> Array:
 def _find_saddle(gear: AnyGear, state: Array, unit: float) -> tuple[Any, float] | None:
     """Return an unstable periodic motion near a state, and its distance from the state; None if none is found.
 
-    For each number of impacts on Σ⁺ up to LONGEST after which the motion from the state is closer to the state than
-    CLOSE, Newton's method starts from the state. A motion with more impacts is returned only if it is much nearer than
-    the motions with fewer (TWICE).
+    For each number n of impacts on Σ⁺ up to LONGEST: if the state returns to within CLOSE of itself after n impacts,
+    Newton's method seeks a periodic motion with n impacts from there. A motion with more impacts is returned only if
+    its distance is less than TWICE times that of the motions with fewer.
 
     Returns
     -------

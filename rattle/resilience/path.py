@@ -40,7 +40,7 @@ PERIODS = 200.0
 CHAOTIC_STATES = 16
 #: Two points are on the same attractor if τ and v differ by less than this, with speeds in units of `speed_unit_of`.
 SAME_POINT = 1e-6
-#: This stands for the number of a family if a motion becomes chaotic at a step without a known chaotic family.
+#: Stands for the number of a family if a motion becomes chaotic at a step that has no chaotic family in the table.
 CHAOS_THERE = -2
 
 
@@ -49,11 +49,11 @@ class Change(NamedTuple):
 
     family: the number of the family. step: the change is between the steps `step` and `step` + 1.
     begins: True if the family begins, False if it ends.
-    cause: "saddle-node", "flip", "graze", "crisis", "quiet limit" or "unknown"; "sampling" if the attractor exists at
-    both steps but at one of them no sample reached it; "continues" if the attractor exists at both steps, at one of
-    them as the family `other`.
+    cause: "saddle-node", "flip", "graze", "crisis", "quiet limit" or "unknown". "sampling": the attractor exists at
+    both steps, but the samples of one step missed it. "continues": the attractor exists at both steps, and has the
+    number `other` at the step that lacks the number `family`.
     low, high: the change is between these positions along the path, in steps and fractions of a step.
-    other: the family that a motion on the attractor goes to at the step without the attractor, −1 if unknown.
+    other: the family to which motions on the attractor go at the step that lacks `family`, −1 if unknown.
     """
 
     family: int
@@ -239,14 +239,15 @@ class _ChangeFinder:
             for family in sorted(self.here[step + begins].keys() - self.here[step + 1 - begins].keys())
         ]
         explained: dict[tuple[int, int, bool], Change] = {}
-        for chaotic in (False, True):  # changes of chaotic families are last, because they may follow from others
+        # chaotic families come last, because their changes may have the causes of other families' changes
+        for chaotic in (False, True):
             for each in found:
                 if (self.rows.kind[self._existing_row(*each)] == Outcome.CHAOTIC) == chaotic:
                     explained[each] = self._explain(*each, explained)
         return sorted(explained.values(), key=lambda change: (change.step, change.low, change.family))
 
     def _existing_row(self, family: int, step: int, begins: bool) -> int:
-        """Return the row of a family at `step` + 1 if it `begins` there, otherwise at `step`, after which it ends."""
+        """Return the table row of a family at the step that has it: `step` + 1 if it begins there, otherwise `step`."""
         return self.here[step + begins][family]
 
     def _explain(self, family: int, step: int, begins: bool, others: dict[tuple[int, int, bool], Change]) -> Change:
@@ -278,15 +279,16 @@ class _ChangeFinder:
         elif (because := others.get((other, step, not begins))) is not None:
             return Change(family, step, begins, *because[3:6], other)
         elif other >= 0:
-            end = OrbitEnd(CRISIS, 0.0, 1.0)  # the chaotic motion goes to a chaotic attractor that visits other states
+            end = OrbitEnd(CRISIS, 0.0, 1.0)  # `other` is a chaotic family too, which visits other states
         elif other == CHAOS_THERE:
             end, other = OrbitEnd(SAMPLING, 0.0, 1.0), -1
         return self._change_from_end(family, step, begins, end, other)
 
     def _change_from_end(self, family: int, step: int, begins: bool, end: OrbitEnd, other: int) -> Change:
-        """Return the beginning or the end of a family as a `Change`, from the end of the orbit that was followed.
+        """Return the record of a family's beginning or end between `step` and `step` + 1.
 
-        `end.low` and `end.high` are shares of the way from the step where the family exists to the neighbouring step.
+        end: cause and position of the change; `end.low` and `end.high` are shares of the way from the step where the
+        family exists to the other step. other: the field of that name in `Change`.
 
         Returns
         -------
@@ -299,19 +301,21 @@ class _ChangeFinder:
     def _family_reached(self, row: int, step: int, gear: AnyGear, there: AnyGear) -> int:
         """Return the family that motions on an attractor go to when the parameters jump to those of a step.
 
-        For a chaotic attractor it is the family that most of CHAOTIC_STATES states go to.
+        A periodic attractor is represented by one of its states, a chaotic one by CHAOTIC_STATES states; the answer is
+        the family to which most of them go.
 
         row: the row of the attractor. gear, there: the gears at the attractor's own step and at `step`.
 
         Returns
         -------
         int
-            The number of the family; CHAOS_THERE if the motions become chaotic and belong to no known family; −1 if
-            they go to another attractor without a family, or are not followed.
+            The number of the family. CHAOS_THERE if the motions become chaotic and no chaotic family is known at
+            `step`. −1 if they go to any other attractor without a family, or if they are not followed, because they
+            could take too many impacts to become quiet.
         """
         tau, v = float(self.rows.tau[row]), float(self.rows.v[row])
         if self.rows.kind[row] == Outcome.CHAOTIC and model_at(there).rests_late(there.delta, there.epsilon):
-            return -1  # becoming quiet takes more impacts there than a motion is followed for
+            return -1  # a motion that becomes quiet there would look chaotic: it takes too many impacts
         many = CHAOTIC_STATES if self.rows.kind[row] == Outcome.CHAOTIC else 1
         on = gear.iterate(tau, v, 7 * np.arange(many))
         goes = there.reached(on.tau, on.v).attractors[0]

@@ -33,12 +33,12 @@ MOST_STATES = 64
 class LeastShock(NamedTuple):
     """The smallest shock that was found to take a motion to another attractor.
 
-    change: the change of Φ', inf if no shock was found. It is −x where a departure from Σ⁺ becomes faster by x, because
-    Φ' is negative there.
+    change: the change of Φ', inf if no shock was found. Φ' is negative at a departure from Σ⁺, so a shock that makes a
+    departure faster by x has the change −x.
     tau: the phase of the shock. position, velocity: Φ and Φ' before the shock.
     to: the attractor that the motion goes to, None if no shock was found.
-    error: the accuracy of `change`. A shock that is smaller by `error` was tried from the same state, and did not
-    suffice. tau, position, velocity and error are NaN if no shock was found.
+    error: the accuracy of `change`: a shock smaller by `error`, from the same state, does not take the motion away.
+    tau, position, velocity and error are NaN if no shock was found.
     """
 
     change: float
@@ -146,9 +146,9 @@ def _states_at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple
 class _ShockSearch:
     """The search for the smallest fatal shock.
 
-    state, way: the index of the state from which the smallest fatal shock was found, and the sign of this shock. low,
-    high: from this state a shock of size `low` does not suffice, and a shock of size `high` does. to: the attractor
-    after the shock; None, and `high` is inf, as long as no fatal shock is found.
+    state: the index of the state from which the smallest fatal shock was found. way: the sign of this shock. high: its
+    size, inf as long as no fatal shock is found. low: a smaller size that is not fatal from this state. to: the
+    attractor after the shock, None as long as no fatal shock is found.
     """
 
     def __init__(

@@ -105,7 +105,7 @@ def edges_of(
 
 
 def _has_label_of_curve(table: FamilyTable, name: str) -> np.ndarray:
-    """Return for each family whether a curve makes or ends motions of its label; False for a chaotic family."""
+    """Return for each family whether a curve makes or ends motions with the family's label; False for chaos."""
     known = labels_on_curve(name)
     labels = zip(*(column.tolist() for column in table[:4]), strict=True)
     return np.array([label in known for label in labels], bool) & (table.kind != CHAOTIC)

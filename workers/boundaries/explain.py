@@ -66,12 +66,12 @@ class Explanation:
     """Explanation of a survey's boundaries.
 
     pairs: the n pairs of neighbouring cells that differ. known: the curves, sorted by the number of explained pairs,
-    largest first. region_explained, attractors_explained (n,): whether the cells of a pair differ in their region (or
-    attractors) and a curve between them explains the difference. sampling (n,): whether the cells of a pair have the
-    same families, so that they differ only because samples of one cell missed an attractor. met: how many pairs
-    have no known curve between their cells, although a motion that was followed from one cell to the other met a
-    bifurcation. rest: the unexplained pairs. crossed (n,): whether a known curve or such a bifurcation lies between
-    the cells of a pair.
+    largest first. region_explained (n,): whether the cells of a pair differ in their region, and a curve between them
+    explains it. attractors_explained (n,): the same for attractors. sampling (n,): whether the cells of a pair
+    have the same families, so that they differ only because samples of one cell missed an attractor. met: how many
+    pairs are crossed by no known curve, but a motion that was followed from one cell to the other met a bifurcation.
+    rest: the unexplained pairs. crossed (n,): whether a known curve, or a bifurcation that was met, lies between the
+    cells of a pair.
     """
 
     pairs: Pairs
@@ -178,10 +178,10 @@ class _Search:
         return self.pairs.region & np.any(bounds, axis=0)
 
     def unexplained_labels(self, n: int) -> list[Label]:
-        """Return the labels in whose attractors the cells of the n-th pair differ, without those that curves explain.
+        """Return the labels that no curve explains, of those whose number of attractors differs in the n-th pair.
 
-        Chaos counts as explained if there are other differences and curves explain all of them: chaos then replaces a
-        motion that a curve ends, or is replaced by a motion that a curve makes.
+        Chaos counts as explained if the cells also differ in other attractors and curves explain all of these: chaos
+        then takes the place of a motion that a curve ends, or gives way to a motion that a curve makes.
 
         Returns
         -------
@@ -260,8 +260,8 @@ class _Search:
     ) -> PeriodicOrbit | Event | None:
         """Follow a motion from its cell to the other cell of the pair, at (δ, ε) = target, or to a bifurcation.
 
-        worth: trace the bifurcation's curve too, unless the motion has more than LONGEST_TRACED impacts per period, or
-        `most_curves` curves have been traced.
+        worth: whether to trace the bifurcation's curve through the survey as well. It is not traced if the motion has
+        more than LONGEST_TRACED impacts per period, or if `most_curves` curves have been traced already.
 
         Returns
         -------

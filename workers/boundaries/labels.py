@@ -33,7 +33,7 @@ def labels_at_bifurcation(walls: tuple[int, ...], m: int, impact: int | None, fl
     Returns
     -------
     frozenset[Label]
-        One to three labels.
+        One label at a saddle-node, otherwise two.
     """
     plus, minus = walls.count(1), walls.count(-1)
     found = {(PERIODIC, m, plus, minus)}

@@ -73,7 +73,15 @@ class CellGrid:
             raise SurveyError("the survey has no regions and no attractors: compute a survey with one of the two")
 
     def differing_pairs(self) -> Pairs:
-        """Return the pairs of computed neighbours that differ in region, or in attractors if no sample is undecided."""
+        """Return the pairs of computed neighbours that differ in their region or in their attractors.
+
+        Attractors are compared only if neither cell has undecided samples, because these may hide an attractor.
+
+        Returns
+        -------
+        Pairs
+            The pairs, first those of neighbours along δ.
+        """
         found = []
         for step in ((0, 1), (1, 0)):
             here = tuple(slice(0, size - s) for size, s in zip(self.known.shape, step, strict=True))

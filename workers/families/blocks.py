@@ -26,8 +26,8 @@ from gear_rattle.workers.survey.request import Along, SurveyRequest
 from rattle import Attractors
 from rattle.families import Rectangle
 
-#: Largest number of slots in a block, for which a worker needs some 100 MB. Another number would change one continued
-#: orbit in 10⁸.
+#: Largest number of slots in a block, for which a worker needs some 100 MB. With another number the families of a
+#: survey would be the same, but for about one continued orbit in 10⁸.
 SLOTS_OF_BLOCK = 1 << 19
 
 
@@ -72,7 +72,15 @@ def blocks_of(request: SurveyRequest, along: Along = ()) -> list[Block]:
 
 
 def extended_by_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
-    """Extend a rectangle by one cell on each side inside a grid of this shape; with before=0, not to lower indices."""
+    """Extend a rectangle by one cell on each side, but not beyond a grid of this shape.
+
+    before: 1, or 0 to extend it only after its last row and column.
+
+    Returns
+    -------
+    Rectangle
+        The larger rectangle.
+    """
     return Rectangle(
         max(cells.top - before, 0),
         min(cells.bottom + 1, shape[0]),
@@ -137,7 +145,7 @@ def read_components(place: Place, block: Block) -> np.ndarray:
 
 
 def intersection(one: Rectangle, other: Rectangle) -> Rectangle:
-    """Return the intersection of two rectangles. An empty intersection ends before it begins."""
+    """Return the intersection of two rectangles; an empty one has bottom ≤ top or right ≤ left."""
     return Rectangle(
         max(one.top, other.top),
         min(one.bottom, other.bottom),
@@ -147,15 +155,15 @@ def intersection(one: Rectangle, other: Rectangle) -> Rectangle:
 
 
 def read_target_slots(request: SurveyRequest, place: Place, cells: Rectangle, blocks: Iterable[Block]) -> np.ndarray:
-    """Read for each listed attractor in a rectangle of cells the slot to which the attractor must move.
+    """Read the slots to which the attractors in a rectangle of cells must move.
 
-    The first axis of the result (slots, m, n) counts the attractors of a cell. blocks: the blocks that cover the
-    rectangle.
+    blocks: the blocks that cover the rectangle.
 
     Returns
     -------
     np.ndarray
-        int8; −1 where a cell has fewer attractors.
+        Shape (slots, m, n), int8. Entry k of a cell is the new slot of its k-th listed attractor, −1 if the cell lists
+        fewer attractors.
     """
     found = np.empty((request.n_slots, cells.bottom - cells.top, cells.right - cells.left), np.int8)
     for block in blocks:

@@ -141,9 +141,9 @@ class _Join:
         return [i for i in found if i is not None]
 
     def _rows_around(self, block: Block, tables: Sequence[Rows], before: int = 1) -> Rows:
-        """Return those rows of tables, one table for each block, that belong to cells just around a block.
+        """Return the table rows of the cells just around a block, which are in the tables of its neighbours.
 
-        before: with 0, only the cells after the block's last row and column count.
+        tables: a table for each block. before: 1, or 0 for only the cells after the block's last row and column.
 
         Returns
         -------
@@ -205,7 +205,7 @@ class _Join:
             One array for each block. Entry i is the number of the survey's component to which the block's component i
             belongs. The last entry is NO_FAMILY, so that component −1 (undecided samples) has no family.
         """
-        from scipy.sparse import coo_array  # imported here, because it takes an eighth of a second to load
+        from scipy.sparse import coo_array  # imported here: loading it takes an eighth of a second
         from scipy.sparse.csgraph import connected_components
 
         begin = np.cumsum([0, *(part.number for part in parts)])
@@ -240,13 +240,13 @@ class _Join:
         )
 
     def _slots_of_families(self, summaries: Sequence[BlockSummary], family: np.ndarray, families: int) -> np.ndarray:
-        """Return the slot that each family has in all its cells. The last entry is for "no family".
+        """Assign to each family one slot for all its cells.
 
         Returns
         -------
         np.ndarray
-            Shape (families + 1,), int8; −1 for a family without such a slot, and for "no family". If the survey's slots
-            do not follow families, all entries are −1.
+            Shape (families + 1,), int8: the slot of each family, −1 if no slot is free in all its cells. The last entry
+            is −1, for NO_FAMILY. If the survey's slots do not follow families, all entries are −1.
         """
         if not self._request.slots_follow_families:
             return np.full(families + 1, -1, np.int8)

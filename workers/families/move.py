@@ -54,7 +54,15 @@ def move_tile(
 def _source_slots(
     request: SurveyRequest, place: Place, tile: Tile, blocks: Sequence[Block], values: TileArrays
 ) -> np.ndarray:
-    """Return for each slot of a tile (slots, m, n) the slot that now holds the attractor which must move into it."""
+    """Return for each slot of a tile the slot that now has the content which must move into it.
+
+    A slot that no attractor must move into gets the content of an empty slot.
+
+    Returns
+    -------
+    np.ndarray
+        Shape (slots, m, n); in each cell a permutation of the slots.
+    """
     cells = Rectangle(tile.epsilon.start, tile.epsilon.stop, tile.delta.start, tile.delta.stop)
     target = read_target_slots(request, place, cells, blocks).reshape(request.n_slots, -1)
     found = attractors_in_slots(values, request.initial_conditions.count)

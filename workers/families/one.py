@@ -128,9 +128,10 @@ def _family_maps(survey: xr.Dataset, number: int, entered: xr.Dataset) -> dict[s
     at = entered["entered_row"].values, entered["entered_column"].values
 
     def values_of_largest(name: str, of_entered: np.ndarray) -> np.ndarray:
-        """Return for each cell the value at the family's attractor of largest fraction, or at its continued orbit.
+        """Return a variable of the attractor that represents the family in each cell.
 
-        of_entered: the values of the continued orbits without a slot, for cells where no slot lists the family.
+        This is the listed attractor of the family with the largest fraction; where no slot lists the family, the orbit
+        that continuation found. of_entered: the values of these orbits.
 
         Returns
         -------

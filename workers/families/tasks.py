@@ -33,7 +33,17 @@ from gear_rattle.workers.survey.families import ListedAttractors, create_family_
 from gear_rattle.workers.survey.manifest import digest
 from gear_rattle.workers.survey.request import SurveyRequest
 from rattle import Attractors
-from rattle.families import NO_FAMILY, QUIET_FAMILY, Rectangle, Sums, connected, entering, in_order, sums_of, together
+from rattle.families import (
+    NO_FAMILY,
+    QUIET_FAMILY,
+    Rectangle,
+    Sums,
+    connect_attractors,
+    continue_into_piece,
+    in_order,
+    sums_of,
+    together,
+)
 from rattle.numerics import StructOfArrays
 
 POSITIONS = 1 << 16  # every cell has fewer attractors than this
@@ -76,7 +86,7 @@ class BlockSummary(NamedTuple):
     """Summary of the components (connected parts of families) in a block.
 
     sums: properties that can be added to those of other blocks. ends: the edges of the components. pairs (k, 2): the
-    numbers of components that occur in the same cell.
+    numbers of two components that slots of the same cell list.
     """
 
     sums: Sums
@@ -109,7 +119,7 @@ def continue_into_block(
     here, there = (renumbered_in_rectangle(each, frame, columns) for each in tables)
     top, left = frame.top, frame.left
     piece = Rectangle(cells.top - top, cells.bottom - top, cells.left - left, cells.right - left)
-    new = entering(here, there, tried, frame.right - left, piece, _orbit_cells(request, frame))
+    new = continue_into_piece(here, there, tried, frame.right - left, piece, _orbit_cells(request, frame))
     return renumbered_in_grid(new, frame, columns)
 
 
@@ -134,7 +144,7 @@ def connect_block(
     order = in_order(table)
     table = table.take(order)
     shape = frame.bottom - frame.top, frame.right - frame.left
-    component = connected(renumbered_in_rectangle(table, frame, columns), shape, _orbit_cells(request, frame))
+    component = connect_attractors(renumbered_in_rectangle(table, frame, columns), shape, _orbit_cells(request, frame))
     inside, where = is_within(table.cell, block.cells, columns), position_in_cell(table.cell)
     mine = np.unique(component[inside & (component > QUIET_FAMILY)])
     numbers = np.full(int(component.max(initial=QUIET_FAMILY)) + 2, NO_FAMILY)  # the last entry is for component −1
@@ -216,7 +226,8 @@ def write_families(
     kept: dict[str, Buffer] = {}
     array = create_family_array(zarr.create_group(MemoryStore(kept), zarr_format=3), request, block.side)
     array[:, cells.top : cells.bottom, cells.left : cells.right] = numbers.reshape(shape)
-    content = kept[replace(block, along=()).chunk].to_bytes()  # a third axis of length 1 changes no byte of a chunk
+    # the array in memory has no third axis: this changes the key of the chunk, but not its bytes
+    content = kept[replace(block, along=()).chunk].to_bytes()
     place.put(block.chunk, content)
     return digest(content)
 

@@ -69,7 +69,7 @@ def region_places(region: np.ndarray, delta: np.ndarray, epsilon: np.ndarray) ->
 
 
 def widest_cells(codes: np.ndarray, wanted: Iterable[int]) -> dict[int, tuple[int, int, float]]:
-    """Return for each wanted code that occurs in a map (m, n) the middle cell of the widest part with this code.
+    """Return for each wanted code that occurs in a map (m, n) the cell farthest from other codes and the map's edge.
 
     Returns
     -------
@@ -77,7 +77,7 @@ def widest_cells(codes: np.ndarray, wanted: Iterable[int]) -> dict[int, tuple[in
         By code: row and column of the cell, and its distance in cells from the nearest cell with another code or beyond
         the edge of the map.
     """
-    from scipy.ndimage import distance_transform_edt  # imported here, because it takes a fifth of a second to load
+    from scipy.ndimage import distance_transform_edt  # imported here: loading it takes a fifth of a second
 
     places = {}
     for code in wanted:

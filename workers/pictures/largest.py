@@ -38,7 +38,9 @@ LETTERS = {(1, 1, 0): "C", (1, 1, 1): "D"}  # motions of the impacting gear with
 def open_maps(
     opened: Callable[[str | None], xr.Dataset], variable: str, number: int | None = None, limit: int = MOST_CELLS
 ) -> xr.Dataset:
-    """Return an open survey, or a slice of it, with the maps of its families if `variable` is one of these maps.
+    """Return a survey, or a slice of it, in which the map of `variable` can be drawn.
+
+    Maps of families (LARGEST, SHARE) are added if `variable` is one of them, because stores do not have them.
 
     Parameters
     ----------
@@ -139,9 +141,9 @@ def _contacts_of(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
 
 
 def family_colours(table: xr.Dataset) -> list[str]:
-    """Return a colour for each of the families 0 to OTHERS − 2.
+    """Return a colour for each of the families 0 to OTHERS − 2; further families share one colour on maps.
 
-    It is the colour of the family's label, or a spare colour if an earlier family has the same label or a similar
+    The colour of a family is that of its label, or a spare colour if an earlier family has the same label or a similar
     colour.
 
     Returns

@@ -21,7 +21,7 @@ from gear_rattle.workers.survey.values.evaluate import FAILED
 from gear_rattle.workers.survey.values.schema import CELL, is_phase
 
 BAND = 1 << 22  # at most this many cells are reduced at a time
-RARE = 2.0  # an extreme is rare if its distance from the mean is more than this times that of the other extreme
+RARE = 2.0  # an extreme counts as rare if it is more than RARE times as far from the mean as the other extreme
 
 NEAR = 1  # to find the rarest code around a cell, count the codes of cells up to this many cells away on each side
 
@@ -193,10 +193,10 @@ def level_opener(opened: Callable[[str], xr.Dataset], number: int | None, has_le
 
 
 def _halving_of(cells: Pair, number: int) -> Pair:
-    """Return how many cells along each axis become one in the halving with this number, from 0.
+    """Return how many cells along each axis become one in one halving: 2, or 1 if the axis needs no more halvings.
 
-    cells: how many cells of the map a cell of the last level covers along each axis. An axis that needs fewer halvings
-    has 1 in the further ones.
+    cells: how many cells of the map a cell of the last level covers along each axis. number: the number of the halving,
+    from 0.
 
     Returns
     -------
@@ -230,10 +230,10 @@ def _display_codes(
 ) -> DisplayedCells:
     """Choose the displayed code of each cell of a level.
 
-    A cell of the level covers several cells of the survey. If these have several codes, the code that occurs in the
-    fewest cells of the level nearby is displayed, and of equally rare codes the one that occurs in the fewest cells of
-    the whole picture. A code that more than half of the covered cells have is displayed only if it is the only one.
-    rows, columns: how many of the survey's cells each row and each column of the level covers.
+    A cell of the level covers several cells of the survey. If the covered cells have several codes, the rarest code is
+    displayed: the one in the fewest neighbouring cells of the level (NEAR), and of equally rare codes the one in the
+    fewest cells of the whole picture. A code that more than half of the covered cells have is not displayed if they
+    have any other code. rows, columns: how many of the survey's cells each row and each column of the level covers.
 
     Returns
     -------
@@ -259,7 +259,15 @@ def _display_codes(
 
 
 def _count_around(cells: np.ndarray) -> np.ndarray:
-    """Return for each cell how many of the flags `cells` are set up to NEAR cells away from it."""
+    """Count for each cell the flagged cells in the square that reaches NEAR cells to each side of it.
+
+    cells: the flags (m, n).
+
+    Returns
+    -------
+    np.ndarray
+        Counts (m, n).
+    """
     size = 2 * NEAR + 1
     sums = np.pad(cells, ((NEAR + 1, NEAR), (NEAR + 1, NEAR))).astype(np.int64).cumsum(axis=0).cumsum(axis=1)
     found: np.ndarray = sums[size:, size:] - sums[:-size, size:] - sums[size:, :-size] + sums[:-size, :-size]
@@ -289,11 +297,11 @@ def _code_shares(
 
 
 def _display_numbers(plane: xr.DataArray, statistics: np.ndarray, states: reduce.LevelCodes) -> DisplayedCells:
-    """Choose the displayed number of each cell of a level: the mean, or an extreme if it is rare.
+    """Choose the displayed number of each cell of a level, which covers several cells of the survey.
 
-    A map of integers displays an extreme instead of the mean. A cell of the level covers several cells of the survey.
-    If none of these has a finite number, or some but fewer than half of them have none, the cell displays infinity if
-    one of them is infinite, and otherwise no number. So a few cells without a number remain visible.
+    The cell displays the mean of the covered cells, or an extreme if the extreme is rare (RARE) or the map has
+    integers. If no covered cell has a finite number, or if some but fewer than half of them have none, the cell
+    displays no number, or infinity if a covered cell is infinite. So a few cells without a number remain visible.
 
     Returns
     -------

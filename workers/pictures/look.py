@@ -12,7 +12,7 @@ from gear_rattle.workers.survey.values.quantities import QUANTITIES
 from gear_rattle.workers.survey.values.schema import OF_PERIODIC, SLOT
 from rattle.curves import NAMES
 
-if TYPE_CHECKING:  # takes a second to import, and only drawing needs it
+if TYPE_CHECKING:  # not imported at run time: matplotlib takes a second to import, and only drawing needs it
     import xarray as xr
     from matplotlib.colors import Normalize
 
@@ -27,9 +27,10 @@ ROBUST = (2.0, 98.0)  # percentiles of the values at the ends of the span "robus
 CRISIS, LIMIT, POINTS = "crisis", "design_limit", "points"
 #: Maps that are computed from a store's families: the largest family of each cell, and the share of one family.
 LARGEST, SHARE = "largest_family", "family_fraction"
-#: Maps that exist for surveys only: a window of such a map cannot be computed at finer resolution.
+#: Maps that need the whole survey, so that a window of them cannot be computed at finer resolution.
 SURVEY_ONLY = frozenset({LARGEST, SHARE, *OF_PERIODIC})
-#: If the survey's slots follow families, these maps also exist for surveys only, because a window has no families.
+#: Maps that have a map for each slot. If slots follow families, a window of these maps cannot be computed at finer
+#: resolution either, because a window has no families.
 IN_SLOTS = frozenset(quantity.name for quantity in QUANTITIES if SLOT in quantity.dims)
 AMONG, WHICH = "among", ("all", "rattling")
 LINES = (*NAMES, CRISIS, LIMIT, POINTS)
@@ -41,7 +42,7 @@ OPACITY = 0.3  # opacity of the interval of a design limit
 
 
 def is_survey_only(variable: str, request: SurveyRequest) -> bool:
-    """Return whether a map exists for surveys only, so that no window of it can be computed at finer resolution."""
+    """Return whether a map needs the whole survey, so that a window of it cannot be computed at finer resolution."""
     return variable in SURVEY_ONLY or (variable in IN_SLOTS and request.slots_follow_families)
 
 
@@ -51,7 +52,7 @@ def variable_words(name: str) -> str:
 
 
 def in_revolutions(text: str) -> str:
-    """Return a text with "revolution" for "forcing period", as texts about a machine have it."""
+    """Return a text about a machine with "revolution" in place of "forcing period", because both last equally long."""
     return text.replace("forcing period", "revolution").replace("watched periods", "watched revolutions")
 
 

@@ -191,7 +191,7 @@ def map_figure(
     axes.set_title(title_of(plane) + third, fontsize=11)
     if is_machine:
         axes.set_title(in_revolutions(axes.get_title()), fontsize=11)
-        for each in figure.axes[1:]:  # the axes of the colour bar
+        for each in figure.axes[1:]:  # all axes after the map's own, such as those of the colour bar
             each.set_ylabel(in_revolutions(each.get_ylabel()))
     usual = (*CURVES_ON.get(variable, ()), *([POINTS] if variable == "region" else []))
     lines = usual if look.lines is None else look.lines
@@ -410,7 +410,7 @@ def _is_listed(plane: xr.DataArray, code: int, values: np.ndarray) -> bool:
 def colours_of_codes(plane: xr.DataArray) -> Sequence[str]:
     """Return the colour of each code of a map of codes."""
     own = str(plane.attrs.get(FLAG_COLOURS, "")).split()
-    if plane.name == LARGEST and plane.coords[AMONG] == WHICH[1]:  # code 0: no family except quiet running
+    if plane.name == LARGEST and plane.coords[AMONG] == WHICH[1]:  # on this map code 0 means only quiet running
         own[0] = KIND_COLOURS["quiet"]
     return own or {"region": REGION_COLOURS, KIND: COLOURS_OF_KINDS}.get(str(plane.name), CODE_COLOURS)
 

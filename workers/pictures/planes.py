@@ -13,7 +13,7 @@ from gear_rattle.workers.survey.slices import require_slice, third_axis_length
 from gear_rattle.workers.survey.values.schema import CELL, OF_PERIODIC, SLOT
 from rattle.attractors import PERIODIC
 
-if TYPE_CHECKING:  # not imported at run time: it takes half a second, and the start of a service does not need it
+if TYPE_CHECKING:  # not imported at run time: xarray takes half a second to import, which would delay a service's start
     import xarray as xr
 
 #: SLOT_ORDER is the attribute of a slot's map that names the rule by which attractors are put into slots: BY_FRACTION,

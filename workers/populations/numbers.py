@@ -93,7 +93,7 @@ def _number_or_distribution(value: Any, handler: ValidatorFunctionWrapHandler) -
     except ValidationError as error:
         of_number, *of_distribution = error.errors()
         meant = of_distribution[0] if isinstance(value, Mapping) and of_distribution else of_number
-        where = ".".join(str(part) for part in meant["loc"][2:])  # skips pydantic's names of the union's branches
+        where = ".".join(str(part) for part in meant["loc"][2:])  # without pydantic's names of the union's branches
         said = f"{where}: {field_message(meant)}" if where else field_message(meant)
         raise PydanticCustomError("number_or_distribution", "{said}", {"said": said}) from error
 

@@ -24,10 +24,10 @@ DAMPING_SAMPLE_GEARS = 64  # the size of a default tile follows from the least d
 
 
 class ShockGiven(StrictRecord):
-    """A knock that parts teeth in contact.
+    """A shock that separates teeth in contact, as the start of each run.
 
-    speed: the speed with which the teeth part, in m/s for a machine and otherwise in the model's unit. phase: the phase
-    of the forcing at which the knock comes, in forcing periods; by default it is random.
+    speed: the speed at which the teeth separate, in m/s for a machine and otherwise in the model's unit. phase: the
+    phase of the forcing at the shock, in forcing periods; by default it is random.
     """
 
     speed: Real | AnyDistribution
@@ -40,8 +40,8 @@ class PopulationRequest(StrictRecord):
     gear: the numbers of a gear, at least one of them a distribution. correlation: correlation matrix of the varying
     numbers, in the order of the fields of `gear`. gears: the number of gears. count: initial conditions of each gear.
     share: a gear passes if at least this share of its runs ends quiet. margin: a gear passes if its boundary distance
-    is at least this; give share or margin. judged: how many gears are tested for passing. pairs: how many gears get
-    partners that share some of their numbers, for Sobol indices. tile: gears in a task and in a chunk.
+    is at least this; give share or margin. judged: how many gears are tested for passing. pairs: for how many
+    gears further gears with some of the same numbers are computed, for Sobol indices. tile: gears in a task and chunk.
     """
 
     name: Name = ""

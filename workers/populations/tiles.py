@@ -18,7 +18,7 @@ from gear_rattle.workers.survey.tiles import (
     TileRecord,
 )
 from gear_rattle.workers.survey.values.evaluate import FAILED, SOME_UNDECIDED
-from rattle.populations import Gears, computed
+from rattle.populations import Gears, compute_gears
 
 
 @dataclass(frozen=True)
@@ -95,8 +95,8 @@ def cell_outcomes(
 ) -> Iterator[CellOutcome]:
     """Evaluate each gear of a tile alone, so that a failing gear does not affect the others.
 
-    first: the number of the first gear in the tile to evaluate. failing: exceptions in MACHINE_FAILURES that count as
-    failures of the gear here, instead of ending the tile.
+    first: the position in the tile of the first gear to evaluate. Exceptions in MACHINE_FAILURES end the tile, except
+    those in `failing`, which count as failures of the gear.
 
     Yields
     ------
@@ -119,7 +119,7 @@ def tile_name(request: PopulationRequest, tile: GearTile) -> str:
 
 
 def _evaluate(request: PopulationRequest, rows: slice) -> TileArrays:
-    found = computed(request.plan, rows.start, rows.stop)
+    found = compute_gears(request.plan, rows.start, rows.stop)
     return {each.name: _variable_values(each, request, found) for each in variables_of(request)}
 
 

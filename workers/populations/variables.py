@@ -11,7 +11,7 @@ from gear_rattle.workers.survey.values.evaluate import OK, SOME_UNDECIDED, STATU
 from gear_rattle.workers.survey.values.quantities import DOI
 from rattle.machine import UNITS
 from rattle.models import ADDED, BETA
-from rattle.populations import VERDICTS, Gears, is_machine, means
+from rattle.populations import VERDICTS, Gears, is_machine, row_means
 
 GEAR, SAMPLE = "gear", "sample"
 NAMES = {
@@ -129,7 +129,7 @@ def _evaluate_field(name: str) -> Evaluate:
 
 def _mean_power(request: PopulationRequest, found: Gears) -> np.ndarray:
     units = request.plan.tolerances.points(found.values).units
-    return np.asarray(means(found.energy) * (1.0 if units is None else units.power))
+    return np.asarray(row_means(found.energy) * (1.0 if units is None else units.power))
 
 
 def _gear_status(_: PopulationRequest, found: Gears) -> np.ndarray:

@@ -1,11 +1,12 @@
-"""The interface of tasks that complete a survey: a task handles one item, in this process or on a cluster."""
+"""Run the tasks that complete a survey after its tiles. A task handles one item, such as a block of cells."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from gear_rattle.workers.survey.request import SurveyRequest
 
-#: A function that runs `task(request, path, *item)` for each item, and returns the results in the order of the items.
+#: The type of functions that run `task(request, path, *item)` for each item, in this process or on a cluster, and
+#: return the results in the order of the items.
 Each = Callable[[Callable[..., Any], SurveyRequest, str, Sequence[tuple[Any, ...]]], list[Any]]
 
 

@@ -28,8 +28,8 @@ SCHEME = "s3://"
 #: deleted, and LOCK while a run writes to it.
 CREATING, DELETING, LOCK = ".creating", ".deleting", ".lock"
 MARKERS = (CREATING, DELETING, LOCK)
-#: A failed request is repeated for RETRY_SECONDS; after that the survey has to wait. RETRIES is so large that the time
-#: is the limit, even when a restarting server refuses connections at once.
+#: A failed request is repeated for RETRY_SECONDS; then it raises StorageError. RETRIES is so large that only the time
+#: ends the attempts, even while a restarting server refuses each connection at once.
 RETRIES, RETRY_SECONDS = 1000, 60
 
 
@@ -145,7 +145,7 @@ class Bucket:
             ) from error
 
     def build(self, template: Mapping[str, bytes]) -> None:
-        """Create the store. The root is written last, unless another run has written it in the meantime."""
+        """Create the store. The root is written last. A root that another run has written meanwhile is kept."""
         import obstore
         from obstore.exceptions import AlreadyExistsError
 

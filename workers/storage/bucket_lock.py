@@ -11,7 +11,7 @@ import psutil
 
 
 def process_identity() -> dict[str, Any]:
-    """Return an identity of this process, from which other processes on this machine find out whether it has ended."""
+    """Return the identity of this process, from which `has_died` in other processes tells whether it has ended."""
     return {
         "host": socket.gethostname(),
         "boot": _boot_id(),
@@ -30,7 +30,15 @@ def _boot_id() -> str:
 
 
 def has_died(holder: dict[str, Any]) -> bool:
-    """Return whether the process with an identity has certainly ended; False if it ran on another host or boot."""
+    """Return whether the process with an identity has certainly ended.
+
+    Of a process on another machine, or from before the last restart of this machine, this cannot be known.
+
+    Returns
+    -------
+    bool
+        True if it has ended, False if it has not or this is not known.
+    """
     if not _boot_id() or (holder["host"], holder["boot"]) != (socket.gethostname(), _boot_id()):
         return False
     try:

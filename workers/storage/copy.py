@@ -30,7 +30,7 @@ class CopyResult(NamedTuple):
 
 
 class FileSource(Protocol):
-    """A collection of files by key, to copy from."""
+    """The source of a copy: a directory, a bucket or a zip file, whose files are read by key."""
 
     def read(self, key: str) -> bytes:
         """Return the content of a file. Raises OSError."""
@@ -134,7 +134,7 @@ def _earlier_manifest(place: Place) -> Manifest | None:
 
 
 def _keys_with_digests(manifest: Manifest) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Yield the key of every file except the manifest, with the digests that the file may have; the root comes last."""
+    """Yield the key and the allowed digests of every file except the manifest; the root comes last."""
     for key, known in manifest.files.items():
         yield key, (known,)
     for tile in manifest.tiles:

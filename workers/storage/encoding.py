@@ -27,6 +27,6 @@ def prepare_for_writing(dataset: xr.Dataset) -> xr.Dataset:
     for name, values in dataset.variables.items():
         encoding = {key: value for key, value in values.encoding.items() if key in KEPT}
         values.encoding = encoding | (NO_FILL if name in dataset.coords else {})
-        if "flag_values" in values.attrs:  # read from JSON as plain ints, but CF requires the variable's type
+        if "flag_values" in values.attrs:  # zarr reads them as Python ints, but CF requires the variable's type
             values.attrs["flag_values"] = np.array(values.attrs["flag_values"], values.dtype)
     return dataset

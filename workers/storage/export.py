@@ -55,7 +55,7 @@ def _write_group(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: s
             height, width = min(rows, values.shape[-2]), values.shape[-1]
             encoding[name]["chunksizes"] = (*(1 for _ in values.shape[:-2]), height, width)
     written = dataset.to_netcdf(path, mode=mode, group=group, engine="h5netcdf", encoding=encoding, compute=False)  # type: ignore[call-overload]
-    written.compute(scheduler="synchronous")  # writes one band after the other in this process, never on a cluster
+    written.compute(scheduler="synchronous")  # dask writes the bands one by one in this process, never on a cluster
 
 
 def _rows_of_band(dataset: xr.Dataset) -> int:

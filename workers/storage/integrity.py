@@ -38,8 +38,8 @@ Found = tuple[set[int], dict[int, tuple[str, ...]]]  # indices of whole tiles; d
 class Integrity:
     """Result of checking every file of a store.
 
-    A store whose manifest this version cannot read is checked by decoding its chunks, which end in a checksum each;
-    `tiles` is 0 then.
+    If this version cannot read the store's manifest, the chunks were checked by decoding them, because each ends in a
+    checksum. Then `tiles` is 0, `done` and `damaged` are empty, and `template` has the keys of all bad files.
     """
 
     done: frozenset[int]  # indices of the tiles that are computed and whole
@@ -47,7 +47,7 @@ class Integrity:
     template: tuple[str, ...]  # lost or damaged files that belong to no tile: metadata, coordinates, curves
     tiles: int  # number of tiles of the survey
     files: int  # number of checked files
-    version: str  # code version of the store; empty if its root is damaged
+    version: str  # code version of the store; empty if its root cannot be read
     completed: str  # date of completion; empty if the survey is not complete
 
     @property
@@ -62,7 +62,9 @@ class Integrity:
 
 
 def examine(where: str | Path | Place, processes: int = 1) -> Integrity:
-    """Check every file of the store of a survey or population. If it is completed, a missing chunk counts as lost.
+    """Check every file of the store of a survey or population.
+
+    A chunk that is missing is lost if the survey is completed; otherwise its tile may only not be computed yet.
 
     Parameters
     ----------
@@ -121,7 +123,7 @@ def _check_by_decoding(place: Place, attributes: Mapping[str, Any]) -> tuple[int
         The metadata of the store cannot be read.
     """
     version = attributes["code_version"]
-    is_ours = version == code_version()  # this version writes a file for every chunk
+    is_ours = version == code_version()  # this version writes every chunk, so a missing file is a lost file
     lost = [MANIFEST] if is_ours else []
     try:
         with warnings.catch_warnings():

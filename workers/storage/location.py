@@ -116,7 +116,7 @@ class Directory:
                     f"{self} is being computed by another run: wait until that run ends, or choose another path"
                 ) from None
             except OSError:
-                pass  # the file system has no locks
+                pass  # on a file system without locks nothing keeps a second run out
             yield
 
     def remove_leftovers(self) -> None:

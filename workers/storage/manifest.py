@@ -20,10 +20,10 @@ from gear_rattle.workers.storage.location import Place
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest, file_digests
 from gear_rattle.workers.survey.template import COMPACT, Template, consolidate_metadata
 
-#: The manifest is written when more than 1/SHARE of its tiles are new since it was last written, so that a large
-#: manifest is written rarely.
+#: During a run the manifest is written again when more than 1/SHARE of its tiles are new, and not after each tile,
+#: because a large manifest takes long to write.
 SHARE = 200
-KNOWN = 8  # parsed manifests in the cache, because each is needed repeatedly
+KNOWN = 8  # number of small manifests that are kept after parsing, because each is needed repeatedly
 #: Bytes of a large manifest. The cache keeps only the latest large manifest, because that of 10⁹ cells takes 250 MB.
 LARGE = 4 * 2**20
 
@@ -106,7 +106,7 @@ def require_manifest(place: Place) -> Manifest:
 
 
 def require_store(place: Place) -> None:
-    """Raise StorageError if a store is gone. This is not damage, because the store may come back."""
+    """Raise StorageError if a store is gone: its disk may come back, so the store does not count as damaged."""
     if not place.is_occupied():
         raise StorageError(f"{place} is gone: it was moved or deleted. Bring the store back, or compute it again")
 
@@ -149,7 +149,7 @@ def recording_tiles(place: Place) -> Iterator[RecordTiles]:
     """Yield a function that records written tiles in the manifest.
 
     The caller holds the lock of the store, and changes nothing else in the manifest in this context. If the process is
-    killed, at most one tile in SHARE is not in the manifest on disk; these tiles are computed again.
+    killed, up to 1/SHARE of the written tiles are missing from the manifest on disk, and are computed again.
 
     Yields
     ------

@@ -141,8 +141,8 @@ def _require_same_survey(request: AnyRequest, place: Place) -> Manifest | None:
         raise SurveyError(f"{place} holds something that is not a survey or population: choose another path")
     if attributes.get("code_version", code_version()) != code_version():
         raise SurveyError(
-            f"{place} holds a store computed by version {attributes.get('code_version')}, and this is {code_version()}"
-            ": choose another path, or finish the store with that version"
+            f"{place} holds a store computed by version {attributes.get('code_version')}, and this is version "
+            f"{code_version()}: choose another path, or finish the store with that version"
         )
     if manifest is None and attributes["content_hash"] == request.content_hash():
         return None
@@ -287,7 +287,8 @@ def _chunk_keys(request: AnyRequest, tile: AnyTile) -> dict[str, str]:
 def finish_store(where: str | Path | Place) -> None:
     """Finish a survey or population whose tiles are all computed: remove partial files, write the date of completion.
 
-    In a refined survey without a bound the audited cells are counted, too. The call may be repeated.
+    In a refined survey that need not meet a bound on its wrong share, this also counts the audited cells. The call may
+    be repeated.
 
     Raises
     ------
@@ -306,7 +307,7 @@ def finish_store(where: str | Path | Place) -> None:
         try:
             place.remove_leftovers()
             attributes = {COMPLETED: attributes_of(place).get(COMPLETED) or current_time()}
-            # In a survey with the variable LEAF, the rounds of audits have already counted the audited cells.
+            # A survey with the variable LEAF must meet a bound, and its rounds of audits count the audited cells.
             if AUDIT in manifest.chunks and LEAF not in manifest.chunks:
                 attributes |= _audit_attributes(place)
             set_attributes(place, attributes)
@@ -337,10 +338,11 @@ def add_to_store(where: str | Path | Place, added: Template, there: Mapping[str,
 
 
 def prepare_for_tiles(request: AnyRequest, place: Place) -> None:
-    """Remove the additions of a store that would contradict tiles that are computed again: families, levels, audits.
+    """Remove from a store what tiles that are computed again would contradict.
 
-    In new tiles, slots are in the order of basin fractions until the families are joined, and only the first round of
-    audits is done. The caller holds the lock of the store.
+    These are the counts of audits, because new tiles have had the first round of audits only; and, in a survey whose
+    slots follow families, families and levels, because slots of new tiles are in the order of basin fractions. The
+    caller holds the lock of the store.
 
     Raises
     ------
@@ -421,7 +423,7 @@ def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_st
     SurveyError
         There is no survey, or it cannot be read.
     """
-    import xarray as xr  # imported here, because it takes a third of a second, and workers do not need it
+    import xarray as xr  # imported here, because its import takes a third of a second, and workers do not need it
 
     try:
         dataset = xr.open_zarr(_zarr_source(path_or_url), chunks=None, consolidated=True, group=group)

@@ -29,7 +29,7 @@ from gear_rattle.workers.kinds import cell_outcomes, compute_tile
 from gear_rattle.workers.populations.numbers import request_field_of, to_library_form
 from gear_rattle.workers.storage.integrity import manifest_of
 from gear_rattle.workers.storage.location import place_of
-from rattle.populations.gears import Gears, computed
+from rattle.populations.gears import Gears, compute_gears
 
 FIELDS: dict[str, Any] = {
     "gear": {
@@ -166,10 +166,10 @@ def test_a_gear_that_fails_is_the_only_one_lost(monkeypatch: pytest.MonkeyPatch)
     def failing(plan: Any, start: int, stop: int) -> Gears:
         if start <= 3 < stop:
             raise ArithmeticError("no luck")
-        return computed(plan, start, stop)
+        return compute_gears(plan, start, stop)
 
     exact, _ = compute_tile(REQUEST, TILES[0])
-    monkeypatch.setattr(gear_rattle.workers.populations.tiles, "computed", failing)
+    monkeypatch.setattr(gear_rattle.workers.populations.tiles, "compute_gears", failing)
     arrays, record = compute_tile(REQUEST, TILES[0])
     assert record.failed_cells == ((0, 3, "ArithmeticError: no luck"),)
     assert np.flatnonzero(arrays["status"] == 3).tolist() == [3]

@@ -90,7 +90,7 @@ def test_another_version_is_refused_untouched(store: Path, monkeypatch: pytest.M
     before = snapshot(store)
     for module in ("survey.request", "storage.store"):
         monkeypatch.setattr(f"gear_rattle.workers.{module}.code_version", lambda: "9.9")
-    with pytest.raises(SurveyError, match=r"computed by version .* this is 9\.9"):
+    with pytest.raises(SurveyError, match=r"computed by version .* this is version 9\.9"):
         create_store(REQUEST, store)
     assert snapshot(store) == before
 

@@ -8,7 +8,7 @@ from depth import deep
 
 import rattle
 from rattle.attractors.speeds import NATURAL
-from rattle.populations.gears import FAILS, NOT_ASKED, PASSES, computed, initial_states, verdicts_of
+from rattle.populations.gears import FAILS, NOT_ASKED, PASSES, compute_gears, initial_states, verdicts_of
 from rattle.populations.plan import Plan, Shock
 from rattle.populations.tolerances import Tolerances
 
@@ -23,7 +23,7 @@ def of(given: dict[str, Any], correlation: Any = None, **asked: Any) -> Plan:
 
 def test_a_gear_is_what_it_is_alone_to_the_bit() -> None:
     plan = of(PAPER, gears=6, count=64, seed=3, pairs=0)
-    found = computed(plan, 0, 6)
+    found = compute_gears(plan, 0, 6)
     for k in range(6):
         gear = rattle.Gear(found.delta[k], found.epsilon[k], found.beta[k])
         energies = []
@@ -37,9 +37,9 @@ def test_a_gear_is_what_it_is_alone_to_the_bit() -> None:
 
 def test_rows_do_not_depend_on_the_others_that_are_computed() -> None:
     plan = of(PAPER, gears=12, count=8, pairs=5, share=0.7, judged=4)
-    whole = computed(plan, 0, plan.rows)
+    whole = compute_gears(plan, 0, plan.rows)
     for start, stop in ((0, 5), (5, 14), (14, plan.rows)):
-        part = computed(plan, start, stop)
+        part = compute_gears(plan, start, stop)
         for a, b in zip(part, whole, strict=True):
             assert np.array_equal(a, b[start:stop], equal_nan=True)
     assert np.flatnonzero(whole.verdict != NOT_ASKED).tolist() == [0, 3, 6, 9]
@@ -97,7 +97,7 @@ def test_the_powers_are_those_of_the_machines() -> None:
 @deep
 def test_gears_pass_whose_share_of_quiet_runs_is_large_enough() -> None:
     plan = of(PAPER, gears=24, count=1, pairs=0, share=0.8, judged=24)
-    found = computed(plan, 0, 24)
+    found = compute_gears(plan, 0, 24)
     told = 0
     for k in range(24):
         exact = rattle.Gear(found.delta[k], found.epsilon[k], found.beta[k]).attractors(2048, NATURAL, seed=77)
@@ -119,7 +119,7 @@ def test_as_many_gears_are_judged_as_was_asked(gears: int, judged: int) -> None:
 
 def test_gears_pass_whose_margin_is_large_enough() -> None:
     plan = of(PAPER, gears=8, count=1, pairs=0, margin=1.5, judged=8)
-    found = computed(plan, 0, 8)
+    found = compute_gears(plan, 0, 8)
     for k in range(8):
         margin = rattle.Gear(found.delta[k], found.epsilon[k], found.beta[k]).boundary_distance(NATURAL).v
         assert found.verdict[k] == (PASSES if margin > 1.5 else FAILS)
@@ -188,7 +188,7 @@ def test_what_cannot_be_asked_is_refused(asked: dict[str, Any], says: str) -> No
 def test_teeth_that_give_way_are_followed_too() -> None:
     given = {"delta": 0.6, "epsilon": rattle.Uniform(0.02, 0.2), "kappa": rattle.LogNormal(1e3, 0.1)}
     plan = of(given, gears=3, count=4, pairs=0)
-    found = computed(plan, 0, 3)
+    found = compute_gears(plan, 0, 3)
     values = plan.values(np.arange(3))
     for k in range(3):
         gear = rattle.stiff.StiffGear(0.6, values[k, 0], 0.6, values[k, 1])
