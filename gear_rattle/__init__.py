@@ -38,7 +38,7 @@ _MODULES = {
 }
 
 _ACCESSOR = "gear_rattle.workers.pictures.accessor"  # importing this module registers `survey.rattle` with xarray
-_NEED_ACCESSOR = ("Client", "open_survey", "run_survey")  # names whose results are surveys, which need the accessor
+_NEED_ACCESSOR = ("Client", "open_survey", "run_survey")  # names that lead to opened surveys
 
 __all__ = [
     "Client",

@@ -71,6 +71,8 @@ def completed_template(kept: dict[str, Buffer], request: Any, created: str, chun
 
     Parameters
     ----------
+    kept : dict[str, Buffer]
+        The files of the store by key, which are changed.
     chunks : dict[str, str]
         The pattern of each variable's chunk keys, with placeholders such as {row} and {column}.
 
@@ -92,7 +94,7 @@ def completed_template(kept: dict[str, Buffer], request: Any, created: str, chun
 def empty_arrays(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
     """Create the per-cell arrays of a store in memory, without values.
 
-    They serve to encode tiles as the store has them, without reading the metadata of the store.
+    A tile that is written to these arrays gives its chunks, so no metadata of the store need to be read.
 
     Returns
     -------

@@ -134,7 +134,7 @@ def impulse_balance_error(cells: Cells) -> np.ndarray:
 
 
 def _largest_of_attractors(cells: Cells, values: np.ndarray) -> np.ndarray:
-    """Return the largest of `values` over the attractors of each cell. NaN is ignored, but stands where all are NaN."""
+    """Return the largest of `values` over the attractors of each cell, ignoring NaN; NaN if all values are NaN."""
     largest = np.full(cells.delta.size * cells.epsilon.size, np.nan)
     np.fmax.at(largest, cells.attractors.cell, values)
     return largest.reshape(cells.shape)
