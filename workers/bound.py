@@ -101,7 +101,7 @@ def meet_bound(
 
 
 def audit_counts_of_tile(_request: SurveyRequest, path: str, tile: Tile) -> AuditCounts | None:
-    """Read from the store how many cells of a tile the last round of audits audited, found wrong and left filled.
+    """Read how many cells of a tile the last round of audits audited, how many were wrong, and how many stay filled.
 
     Returns
     -------
@@ -133,7 +133,7 @@ def recompute_tile(request: SurveyRequest, path: str, tile: Tile) -> tuple[Audit
 
 
 def _audit_counts(tile: Tile, values: Mapping[str, np.ndarray]) -> AuditCounts | None:
-    """Return how many cells of a tile the last round of audits audited, found wrong and left filled.
+    """Count the cells of a tile that the last round of audits audited, that were wrong, and that stay filled.
 
     values: arrays of the tile by variable.
 

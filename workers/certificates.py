@@ -121,7 +121,7 @@ def certify_claims(claims: Iterable[AttractorClaim]) -> ProofResults:
 
 
 def prove_here(parts: Sequence[list[AttractorClaim]]) -> list[ProofResults]:
-    """Prove groups of attractors in this process; return the answers of `certify_claims` for each group."""
+    """Prove groups of attractors in this process. Return the results of `certify_claims` for each group."""
     return [certify_claims(part) for part in parts]
 
 
@@ -140,7 +140,7 @@ def certify_survey(
     survey : xr.Dataset
         A survey, opened with `open_survey`.
     prove : Callable[[Sequence[list[AttractorClaim]]], list[ProofResults]]
-        Function that calls `certify_claims` for each list of attractors, here or on a cluster, and returns the answers
+        Function that calls `certify_claims` for each list of attractors, here or on a cluster, and returns the results
         in the same order. Its errors are passed on.
     at_once : int
         Number of lists in a call of `prove`; their results are stored together.
@@ -211,8 +211,8 @@ def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
     Returns
     -------
     dict[Place, float]
-        `time_radius` of each stored certificate, by slot and by the cell's indices along ε and δ: only one motion has
-        every impact within this time of the time in the certificate.
+        `time_radius` of each stored certificate, by slot and by the cell's indices along ε and δ: the half-width of the
+        intervals of impact times in which the motion is unique.
 
     Raises
     ------
@@ -247,7 +247,7 @@ def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
             each = json.loads(line)
             place, radius = (each["slot"], *each["cell"]), float(each["time_radius"])
         except (ValueError, KeyError, TypeError):
-            break  # unreadable if a run was killed while it wrote this line, the last one
+            break  # a run that was killed may have left its last line incomplete
         if not line.endswith(b"\n"):
             break
         radii[place] = radius
@@ -256,7 +256,7 @@ def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
 
 
 def _survey_identity(survey: xr.Dataset) -> str:
-    """Return the text by which a store of certificates names its survey: the content hash, and the slice if any."""
+    """Return the text that names the survey (or slice) of a store of certificates: content hash, third-axis value."""
     third = (f" {name}={value!r}" for name, value in third_axis_value(survey).items())
     return "".join([survey.attrs["content_hash"], *third])
 

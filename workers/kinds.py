@@ -27,7 +27,7 @@ AnyTile = Tile | GearTile
 
 
 def request_of(document: Any) -> AnyRequest:
-    """Return the request in the document of a job or a store. Raises ValidationError."""
+    """Return the request that a job or a store keeps as JSON. Raises ValidationError. document: the decoded JSON."""
     kind = PopulationRequest if isinstance(document, dict) and "gear" in document else SurveyRequest
     return kind.model_validate(document)
 
@@ -70,8 +70,8 @@ def cell_outcomes(
 ) -> Iterator[CellOutcome]:
     """Evaluate each cell of a tile alone, so that a failing cell does not affect the others.
 
-    first: the number of the first cell to evaluate. An error of the model fails its cell alone. An error of the
-    computer, such as MemoryError, is raised, unless its type is in `failing`: then it fails its cell alone, too.
+    first: the number of the first cell to evaluate. An error of the model makes only its cell fail. An error of
+    the computer, such as MemoryError, is raised, unless its type is in `failing`: then only its cell fails, too.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def template_of(request: AnyRequest, created: str | None = None) -> Template:
 
 
 def empty_arrays(request: AnyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
-    """Create a store's per-cell arrays in memory, without values. A tile that is written to them gives its chunks.
+    """Create a store's per-cell arrays in memory, without values. Writing a tile to them encodes its chunks.
 
     Returns
     -------

@@ -114,7 +114,7 @@ def with_options(
 def with_added(
     command: Command, kind: Any, text: str | None = None, after: str = "beta", model: str | None = None
 ) -> Command:
-    """Give a command an option for each parameter that a model adds. They follow the command's option named `after`.
+    """Give a command an option for each parameter that a model adds. These options follow the option named `after`.
 
     The command's last argument is then a mapping {name: value} of the given parameters.
 

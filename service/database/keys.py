@@ -88,7 +88,7 @@ class Keys(Transactions):
     def add_session(self, key_id: str, session_hash: str, seconds: float) -> None:
         """Sign a browser in with a key for a number of seconds.
 
-        Delete all expired sessions, and the oldest sessions of the key, so that it has at most MOST_SESSIONS.
+        Delete all expired sessions, and the oldest sessions of the key, so that the key has at most MOST_SESSIONS.
         """
         with self._write() as (session, _):
             session.execute(delete(SessionRow).where(SessionRow.expires <= timestamp()))

@@ -234,7 +234,8 @@ class _WorkerProcesses:
                     process.stdin.flush()
                 while process.poll() is None and not self._over.wait(WATCH_SECONDS):
                     if not self.started.is_set() and self._should_stop():
-                        logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # or dask logs tasks that this fails
+                        # dask would log all tasks that fail because the cluster does not start.
+                        logging.getLogger("asyncio").setLevel(logging.CRITICAL)
                         self._over.set()
             finally:
                 nannies.end_processes_of(process.pid)
@@ -344,7 +345,8 @@ def connect(url: str) -> Iterator[Client]:
             _require_answer(url)
             client = stack.enter_context(Client(url, timeout=CONNECT_SECONDS, set_as_default=False))
             client.wait_for_workers(1, timeout=CONNECT_SECONDS)
-        except (OSError, ValueError, TypeError, RuntimeError) as error:  # Type or Runtime: wrong settings of TLS
+        except (OSError, ValueError, TypeError, RuntimeError) as error:
+            # TypeError and RuntimeError come from wrong settings of TLS.
             raise ClusterLostError(
                 f"no dask scheduler with workers answers at {url} ({error}): start both, or correct the address or the "
                 "settings of TLS"

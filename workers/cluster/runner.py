@@ -95,7 +95,7 @@ def _load_marks(_request: AnyRequest) -> list[bool]:
     Returns
     -------
     list[bool]
-        The same list for equal requests, by the cache. The caller appends to it after loading.
+        The same list for equal requests, from the cache. The caller appends to it after loading the kernels.
     """
     return []
 
@@ -268,7 +268,7 @@ def run_tiles(
                         if run_state.record_measured(tile):
                             measuring.append(tile)
 
-                    submission.seconds = 0.0  # in no time a task computes just one cell
+                    submission.seconds = 0.0  # with 0 seconds, a task computes just one cell
                     _run_submission(submission, measuring, on_ended, *asked, on_measured)
                     submission.seconds = PART_SECONDS
                     run_state.predict_costs(list(left.values()), columns)

@@ -156,7 +156,7 @@ class Submission(InFlight[Attempt, Found]):
         return found
 
     def handle_error(self, task: Task[Attempt], error: BaseException) -> None:
-        """Submit a tile in a process of its own if its task killed workers; raise an error if it had one already."""
+        """If a task killed workers and had no process of its own, submit its tile again in one; else raise an error."""
         tile = task.work.tile
         if not isinstance(error, KilledWorker):
             raise tile_error(self._request, tile, error) from error

@@ -168,7 +168,7 @@ def complete_sources(source: np.ndarray) -> np.ndarray:
         The source of each slot; all sources in a cell are different.
     """
     taken = np.zeros((source.shape[0] + 1, *source.shape[1:]), bool)
-    np.put_along_axis(taken, source.astype(np.int64), True, 0)  # −1 marks the last row, which is left out below
+    np.put_along_axis(taken, source.astype(np.int64), True, 0)  # −1 (none) marks the extra last row, left out below
     to, of = (np.argsort(used, axis=0, kind="stable") for used in (source >= 0, taken[:-1]))
     free = np.arange(source.shape[0])[:, None, None] < (source < 0).sum(axis=0)
     moved = np.take_along_axis(source, to, 0)

@@ -321,7 +321,9 @@ class SurveyRequest(_ModelFields):
             if size is not None and size > num:
                 raise ValueError(f"tile.{axis} ({size}) exceeds the axis ({num} values): use {num} or less")
             if self.refine is not None and size not in (None, num) and size % BLOCK:
-                raise ValueError(f"tile.{axis} ({size}) cuts blocks of a refined survey: use a multiple of {BLOCK}")
+                raise ValueError(
+                    f"tile.{axis} ({size}) would divide the blocks of a refined survey: use a multiple of {BLOCK}"
+                )
         if self.tile_shape[0] * self.tile_shape[1] > self._largest_tile:
             raise ValueError(f"a tile may hold at most {self._largest_tile:,} cells: use a smaller tile")
         if self.tile_shape[0] * self.tile_shape[1] * self.samples_per_cell > MAX_TILE_SAMPLES:
@@ -400,7 +402,7 @@ class SurveyRequest(_ModelFields):
         }
 
     def slice_index(self, number: int) -> Along:
-        """Return the index of the slice `number`, counted from 0; of the last slice if there are not so many.
+        """Return the index of the slice `number`, counted from 0. Too large a number gives the last slice.
 
         Returns
         -------

@@ -94,7 +94,7 @@ def completed_template(kept: dict[str, Buffer], request: Any, created: str, chun
 def empty_arrays(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
     """Create the per-cell arrays of a store in memory, without values.
 
-    A tile that is written to these arrays gives its chunks, so no metadata of the store need to be read.
+    Writing a tile to these arrays encodes its chunks as the store has them, without reading the store's metadata.
 
     Returns
     -------
@@ -297,7 +297,7 @@ def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
 
 
 def write_variables(group: zarr.Group, variables: Iterable[CurveVariable], item: Any) -> None:
-    """Write variables with their attributes to a group. item: the object that has their values."""
+    """Write variables with their attributes to a group. item: the object that they describe, such as a curve."""
     for variable in (part for each in variables for part in each.parts):
         write_array(group, variable.name, variable.dims, variable.stored_values(item), variable.attributes)
 

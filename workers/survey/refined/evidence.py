@@ -150,7 +150,7 @@ def cells_differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
     seen (…, k, n, n): how many samples of each cell go to the motion. known (k, n, n): flags of the sampled cells.
     count: the number of samples of a cell. A cell lacks the motion if none of its samples goes to it. Cells of a leaf
     differ if one cell lacks the motion, and in another cell at least CERTAIN_SAMPLES samples go to it. They also differ
-    if more cells lack the motion than chance explains where all cells have the same basin fraction.
+    if more cells lack the motion than chance would explain if all cells had the same basin fraction.
 
     Returns
     -------

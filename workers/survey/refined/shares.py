@@ -244,7 +244,7 @@ def _normalized(shares: np.ndarray) -> np.ndarray:
 
 
 def _divided_fractions(of: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Divide basin fractions among orbits. All orbits with one label in one cell share one fraction, by their weights.
+    """Divide basin fractions among orbits. All orbits with one label in one cell share one fraction by weight.
 
     of (k,): for each orbit, the number of the fraction that it shares. weight (k,): how many samples of computed cells
     go to the branch of the orbit, negative if no computed cell has this branch. An orbit with a negative weight gets a

@@ -101,7 +101,7 @@ class Tree:
             size //= 2
 
     def _are_uniform(self, leaves: Leaves) -> np.ndarray:
-        """Return for each leaf whether its cells agree, no curve crosses it, and this round fills leaves so large."""
+        """Return whether each leaf has cells that agree, is crossed by no curve, and need not be computed whole now."""
         found = self.evidence.are_uniform(leaves) & ~self._are_crossed(self.blocks.cells_of(leaves))
         if max(self._now.regular, self._now.chaotic) >= leaves.size:
             limit = np.where(self.evidence.have_chaos(leaves), self._now.chaotic, self._now.regular)

@@ -99,7 +99,7 @@ def _worst_evaluator(field: str) -> Evaluate:
 
     def evaluate(cells: Cells) -> np.ndarray:
         cell = cells.attractors.cell
-        by_energy = np.lexsort((cells.intensities.energy, cell))  # NaN (unknown) is last, like the largest
+        by_energy = np.lexsort((cells.intensities.energy, cell))  # an unknown energy (NaN) is last
         worst = by_energy[np.searchsorted(cell, np.arange(cells.delta.size * cells.epsilon.size), side="right") - 1]
         values = _attractor_values(cells, field)[worst]
         return np.where(np.isnan(cells.intensities.energy[worst]), np.nan, values).reshape(cells.shape)
