@@ -26,7 +26,7 @@ COUNTED_VARIABLES = (SOURCE_LEVEL, AUDIT, LEAF)  # variables of a tile from whic
 
 
 def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Return whether a survey requests a bound on wrong cells that its store does not record as met.
+    """Return whether a survey must meet a bound on its share of wrong cells, and its store does not record this yet.
 
     All tiles of the survey must be computed.
 

@@ -97,8 +97,9 @@ def version_check(versions: Mapping[str, str | None], module: str, topic: str) -
 
     In all other workers the plugin loads the kernels.
 
-    The check holds for workers that join later, too. The class is local, because dask sends a local class as a whole:
-    a worker without this package can run it. So it uses nothing of this module.
+    The check holds for workers that join later, too. The plugin's class is defined inside this function, because dask
+    then sends all of its code, which even a worker without this package can run. So the class uses nothing of this
+    module.
 
     Parameters
     ----------

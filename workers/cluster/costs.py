@@ -138,7 +138,8 @@ def spread_evenly(tiles: Iterable[AnyTile], columns: int) -> list[AnyTile]:
     """Sort tiles so that the first n tiles, for any n, spread over the plane. columns: number of columns of tiles.
 
     The order is that of ordered dithering: tiles with even row and column numbers come first, then the three groups of
-    other parities. Within each of these four groups the same rule holds for half the numbers, and so on.
+    other parities. Within each of these four groups, the same rule sorts tiles by row and column numbers divided by 2,
+    and so on.
 
     Returns
     -------

@@ -162,8 +162,21 @@ def complete_on(
 ) -> None:
     """Complete a survey on a cluster with `complete`, while holding the lock of the store.
 
-    See `complete` for on_proved and should_pause, and `template_on` for should_stop and the errors. After a stop no
-    process continues the work.
+    Parameters
+    ----------
+    should_stop : Callable[[], bool]
+        Called several times a second. After it returns true, the tasks are ended, and StoppedError is raised.
+    on_proved, should_pause
+        Arguments of `complete`.
+
+    Raises
+    ------
+    ClusterLostError
+        The cluster is gone.
+    StoppedError
+        `should_stop` returned true. No process continues the work.
+    SurveyError
+        The survey cannot be completed.
     """
     place, joining = place_of(where), CompletionTasks(client, should_stop)
     with place.lock_for_writing():

@@ -87,7 +87,7 @@ def _sum_over_attractors(cells: Cells, weights: np.ndarray) -> np.ndarray:
 
 
 def attractor_count(cells: Cells) -> np.ndarray:
-    """Return the number of attractors of each cell, also beyond the slots; undecided samples count as one attractor."""
+    """Return each cell's number of attractors, with or without a slot; undecided samples count as one attractor."""
     return _sum_over_attractors(cells, np.ones(cells.attractors.cell.size))
 
 
