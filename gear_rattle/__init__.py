@@ -38,7 +38,8 @@ _MODULES = {
 }
 
 _ACCESSOR = "gear_rattle.workers.pictures.accessor"  # importing this module registers `survey.rattle` with xarray
-_NEED_ACCESSOR = ("Client", "open_survey", "run_survey")  # names whose results are surveys, which need the accessor
+#: Exported names with which users get opened surveys, for which `survey.rattle` must be registered.
+_NEED_ACCESSOR = ("Client", "open_survey", "run_survey")
 
 __all__ = [
     "Client",

@@ -22,7 +22,7 @@ def call_in_subprocess(function: Callable[..., Answer], *arguments: object) -> A
     Parameters
     ----------
     function : Callable[..., Answer]
-        A function that its module and name identify, because it is pickled.
+        A function at the top level of a module: pickle sends only the name of the module and the name of the function.
     *arguments : object
         The arguments of the function, which are pickled too.
 
@@ -49,7 +49,7 @@ def call_in_subprocess(function: Callable[..., Answer], *arguments: object) -> A
 
 
 def answer_call_from_stdin() -> None:
-    """Call the function that stdin names, and write its result or its error to stdout."""
+    """Read a pickled function and its arguments from stdin, call the function, write its result or error to stdout."""
     output, sys.stdout = sys.stdout.buffer, sys.stderr  # text that a library prints must not mix with the answer
     function, arguments = pickle.load(sys.stdin.buffer)
     try:

@@ -22,11 +22,11 @@ from gear_rattle.workers.survey.refined.rounds import KINDS, AuditCounts, AuditR
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.tiles import Tile, compute_tile, first_audit_round, tiles_of
 
-COUNTED_VARIABLES = (SOURCE_LEVEL, AUDIT, LEAF)  # stored variables from which the audit counts of a tile follow
+COUNTED_VARIABLES = (SOURCE_LEVEL, AUDIT, LEAF)  # variables of a tile from which its `AuditCounts` follow
 
 
 def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Return whether a survey requests a bound on wrong cells that its store does not record as met.
+    """Return whether a survey must meet a bound on its share of wrong cells, and its store does not record this yet.
 
     All tiles of the survey must be computed.
 
@@ -48,8 +48,8 @@ def meet_bound(
     """Compute rounds of audits until a survey meets its bound on the share of wrong cells. All tiles must be computed.
 
     The caller holds the lock of the store, and the survey's families are not joined yet. The content of a tile follows
-    from the request and the rounds, and each round follows from the audit counts of all tiles. So the result does not
-    depend on the size of tiles, the number of workers or interruptions.
+    from the request and the rounds, and the next round follows from the findings of the last round in all tiles. So the
+    result does not depend on the size of tiles, the number of workers or interruptions.
 
     Parameters
     ----------
@@ -78,8 +78,8 @@ def meet_bound(
     later = tuple(AuditRound(*asked) for asked in json.loads(attributes_of(place).get(ROUNDS, "[]")))
     while True:
         tiles = [(replace(tile, rounds=later),) for tile in tiles_of(request)]
-        # The counts of all tiles are read in one group, because a pause between groups could end the call before
-        # any tile is computed.
+        # The counts of all tiles are read without a pause: if every call paused while it reads, no tile would ever be
+        # computed.
         found = each(audit_counts_of_tile, request, str(place), tiles)
         waiting = iter([tile for tile, counts in zip(tiles, found, strict=True) if counts is None])
         with recording_tiles(place) as note:
@@ -101,12 +101,12 @@ def meet_bound(
 
 
 def audit_counts_of_tile(_request: SurveyRequest, path: str, tile: Tile) -> AuditCounts | None:
-    """Read a tile's audit counts of its last round from the store.
+    """Read how many cells of a tile the last round of audits audited, how many were wrong, and how many stay filled.
 
     Returns
     -------
     AuditCounts | None
-        None if the stored tile was computed with other rounds of audits than `tile.rounds`.
+        None if the stored tile was computed with other rounds than `tile.rounds`, so that it must be computed again.
     """
     place = place_of(path)
     with report_damage(f"the audit of {place}"):
@@ -133,7 +133,15 @@ def recompute_tile(request: SurveyRequest, path: str, tile: Tile) -> tuple[Audit
 
 
 def _audit_counts(tile: Tile, values: Mapping[str, np.ndarray]) -> AuditCounts | None:
-    """Return a tile's audit counts of its last round; None if `values` come from other rounds than `tile.rounds`."""
+    """Count the cells of a tile that the last round of audits audited, that were wrong, and that stay filled.
+
+    values: arrays of the tile by variable.
+
+    Returns
+    -------
+    AuditCounts | None
+        None if `values` come from other rounds than `tile.rounds`.
+    """
     source, audit, leaf = (values[name] for name in COUNTED_VARIABLES)
     now = (leaf > 0) & (leaf // KINDS == len(tile.rounds))
     filled = source > 0

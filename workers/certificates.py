@@ -43,13 +43,13 @@ CERTIFICATES, REFUSED = "certificates.jsonl", "refused.jsonl"
 CHECKSUMS_FILE = "checksums.json"
 MEANINGS = ("none", "orbit")  # meanings of the codes 0 and 1 of the variable `attractor_certificate`
 ORBIT = MEANINGS.index("orbit")
-SLOT = ("attractor", *CELL)
+SLOT_DIMS = ("attractor", *CELL)
 AT_ONCE = 32  # number of motions that one task proves
 IDENTITY_ATTRIBUTE = "survey_content_hash"  # attribute of a store of certificates that identifies the survey
 
 Place = tuple[int, int, int]  # slot, and index of the cell along ε and along δ
-#: For each attractor its certificate as a document, or the reason why there is none.
-Answers = list[tuple[Place, dict[str, Any] | str]]
+#: For each attractor its place, with its certificate as a dictionary or the reason why it has none.
+ProofResults = list[tuple[Place, dict[str, Any] | str]]
 
 
 class AttractorClaim(NamedTuple):
@@ -86,7 +86,7 @@ def claims_of(survey: xr.Dataset) -> list[AttractorClaim]:
     if Capability.PROOFS not in model.has:
         raise SurveyError(str(lacking(Capability.PROOFS, model)))
     names = ("kind", "phase", "velocity", "m", "n_plus", "n_minus")
-    kind, tau, v, *label = (survey[f"attractor_{name}"].transpose(*SLOT).values for name in names)
+    kind, tau, v, *label = (survey[f"attractor_{name}"].transpose(*SLOT_DIMS).values for name in names)
     delta, epsilon = survey["delta"].values, survey["epsilon"].values
     found = np.argwhere(np.moveaxis(kind == rattle.KINDS.index("periodic"), 0, -1))
     places = [(int(slot), int(i), int(j)) for i, j, slot in found]
@@ -99,9 +99,9 @@ def claims_of(survey: xr.Dataset) -> list[AttractorClaim]:
     ]  # fmt: skip
 
 
-def certify_claims(claims: Iterable[AttractorClaim]) -> Answers:
-    """Return for each attractor its certificate as a document, or the reason why the attractor is not proved."""
-    found: Answers = []
+def certify_claims(claims: Iterable[AttractorClaim]) -> ProofResults:
+    """Try to prove attractors. Return the place of each with its certificate (a dictionary) or the cause of failure."""
+    found: ProofResults = []
     for claim in claims:
         try:
             orbit = claim.model.gear(claim.delta, claim.epsilon).orbit(claim.tau, claim.v, claim.label[1])
@@ -120,15 +120,15 @@ def certify_claims(claims: Iterable[AttractorClaim]) -> Answers:
     return found
 
 
-def prove_here(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
-    """Prove groups of attractors in this process; return the answers of `certify_claims` for each group."""
+def prove_here(parts: Sequence[list[AttractorClaim]]) -> list[ProofResults]:
+    """Prove groups of attractors in this process. Return the results of `certify_claims` for each group."""
     return [certify_claims(part) for part in parts]
 
 
 def certify_survey(
     survey: xr.Dataset,
     out: Path,
-    prove: Callable[[Sequence[list[AttractorClaim]]], list[Answers]] = prove_here,
+    prove: Callable[[Sequence[list[AttractorClaim]]], list[ProofResults]] = prove_here,
     at_once: int = 1,
     on_done: Callable[[int, int], None] = lambda _done, _number: None,
     should_stop: Callable[[], bool] = lambda: False,
@@ -139,8 +139,8 @@ def certify_survey(
     ----------
     survey : xr.Dataset
         A survey, opened with `open_survey`.
-    prove : Callable[[Sequence[list[AttractorClaim]]], list[Answers]]
-        Function that calls `certify_claims` for each list of attractors, here or on a cluster, and returns the answers
+    prove : Callable[[Sequence[list[AttractorClaim]]], list[ProofResults]]
+        Function that calls `certify_claims` for each list of attractors, here or on a cluster, and returns the results
         in the same order. Its errors are passed on.
     at_once : int
         Number of lists in a call of `prove`; their results are stored together.
@@ -206,13 +206,13 @@ def certify_survey(
 
 
 def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
-    """Open or create a store of certificates. Return {(slot, i, j): radius} of the attractors that earlier runs proved.
+    """Open a store of certificates, or create it empty. A damaged store is emptied.
 
     Returns
     -------
     dict[Place, float]
-        By slot, and by the cell's indices along ε and δ: the half-width in time of the box in which the motion is
-        unique.
+        `time_radius` of each stored certificate, by slot and by the cell's indices along ε and δ: the half-width of the
+        intervals of impact times in which the motion is unique.
 
     Raises
     ------
@@ -247,7 +247,7 @@ def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
             each = json.loads(line)
             place, radius = (each["slot"], *each["cell"]), float(each["time_radius"])
         except (ValueError, KeyError, TypeError):
-            break  # an earlier run was killed while it wrote this line
+            break  # a run that was killed may have left its last line incomplete
         if not line.endswith(b"\n"):
             break
         radii[place] = radius
@@ -256,7 +256,7 @@ def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
 
 
 def _survey_identity(survey: xr.Dataset) -> str:
-    """Return the identity that ties a store of certificates to its survey, or to a slice of the survey."""
+    """Return the text that names the survey (or slice) of a store of certificates: content hash, third-axis value."""
     third = (f" {name}={value!r}" for name, value in third_axis_value(survey).items())
     return "".join([survey.attrs["content_hash"], *third])
 
@@ -280,14 +280,14 @@ def prove_survey(
 ) -> None:
     """Prove the periodic attractors of a survey with `certify_survey`, and store the certificates beside the survey."""
 
-    def prove(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
+    def prove(parts: Sequence[list[AttractorClaim]]) -> list[ProofResults]:
         return each(_certify_task, request, str(where), [(part,) for part in parts])
 
     with open_survey(where) as survey:
         certify_survey(survey, certificates_path(where), prove, at_once, on_done, should_stop)
 
 
-def _certify_task(_request: SurveyRequest, _path: str, claims: list[AttractorClaim]) -> Answers:
+def _certify_task(_request: SurveyRequest, _path: str, claims: list[AttractorClaim]) -> ProofResults:
     return certify_claims(claims)
 
 
@@ -339,7 +339,7 @@ def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrit
     out : pathlib.Path
         The store.
     ended : bool
-        True if the run that proves has certainly ended, so that missing checksums count as lost.
+        True if no run still proves. A missing file of checksums then counts as lost, because a run ends by writing it.
 
     Returns
     -------
@@ -400,7 +400,7 @@ def _checksums(out: Path, files: Iterable[str]) -> dict[str, str]:
 def _write_variables(survey: xr.Dataset, out: Path, radii: dict[Place, float]) -> xr.Dataset:
     """Write the variables that follow from the certificates, and return them as a dataset.
 
-    radii: for each proved attractor, by its place, the half-width in time of the box in which the motion is unique.
+    radii: `time_radius` of the certificate of each proved attractor, by the attractor's place.
 
     Returns
     -------
@@ -410,7 +410,7 @@ def _write_variables(survey: xr.Dataset, out: Path, radii: dict[Place, float]) -
     import xarray as xr
     from zarr.errors import ZarrUserWarning
 
-    shape = tuple(survey.sizes[dim] for dim in SLOT)
+    shape = tuple(survey.sizes[dim] for dim in SLOT_DIMS)
     proved, radius = np.zeros(shape, "int8"), np.full(shape, np.nan)
     for place, each in radii.items():
         proved[place], radius[place] = ORBIT, each
@@ -419,10 +419,10 @@ def _write_variables(survey: xr.Dataset, out: Path, radii: dict[Place, float]) -
     what = {"long_name": "what is proved: none is nothing, orbit that it exists and attracts"} | described | flags
     width = {"long_name": "half-width in time of the box in which the motion is unique"} | described
     variables = {
-        "attractor_certificate": (SLOT, proved, what),
-        "attractor_certificate_radius": (SLOT, radius, width),
+        "attractor_certificate": (SLOT_DIMS, proved, what),
+        "attractor_certificate_radius": (SLOT_DIMS, radius, width),
     }
-    coordinates = {name: survey[name].variable for name in SLOT}
+    coordinates = {name: survey[name].variable for name in SLOT_DIMS}
     attributes = {
         "Conventions": "CF-1.11",
         "title": "Certificates of the periodic attractors of a survey",

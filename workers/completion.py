@@ -16,12 +16,13 @@ from gear_rattle.workers.survey.request import SurveyRequest
 
 
 def is_incomplete(request: AnyRequest, where: str | Path | Place) -> bool:
-    """Return whether a survey with all tiles lacks a bound on wrong cells, families, levels or certificates.
+    """Return whether a survey whose tiles are all computed needs further steps (`complete`).
 
     Returns
     -------
     bool
-        True if the request includes one of these and the store lacks it; False for a population.
+        True if a requested bound is not met yet, or if requested families or certificates, or levels, are missing;
+        False for a population.
     """
     return isinstance(request, SurveyRequest) and any(
         lacks(request, where) for lacks in (lacks_bound, lacks_families, lacks_levels, lacks_certificates)

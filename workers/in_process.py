@@ -76,7 +76,7 @@ def run_tiles_here(
                 break
             try:
                 values, record = compute_tile(request, tile)
-                if left.is_set():  # the run has ended, so the store is no longer locked
+                if left.is_set():  # after the run the store is not locked, so nothing may be written
                     break
                 record = replace(record, files=write_tile(request, str(place), tile, values))
             except Exception as error:

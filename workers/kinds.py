@@ -27,7 +27,7 @@ AnyTile = Tile | GearTile
 
 
 def request_of(document: Any) -> AnyRequest:
-    """Return the request in the document of a job or a store. Raises ValidationError."""
+    """Return the request that a job or a store keeps as JSON. Raises ValidationError. document: the decoded JSON."""
     kind = PopulationRequest if isinstance(document, dict) and "gear" in document else SurveyRequest
     return kind.model_validate(document)
 
@@ -70,8 +70,8 @@ def cell_outcomes(
 ) -> Iterator[CellOutcome]:
     """Evaluate each cell of a tile alone, so that a failing cell does not affect the others.
 
-    first: the number of the first cell to evaluate. failing: exceptions of the computer, such as MemoryError, that
-    count as failures of the cell here; other exceptions of the computer end the tile.
+    first: the number of the first cell to evaluate. An error of the model makes only its cell fail. An error of
+    the computer, such as MemoryError, is raised, unless its type is in `failing`: then only its cell fails, too.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def template_of(request: AnyRequest, created: str | None = None) -> Template:
 
 
 def empty_arrays(request: AnyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
-    """Create the arrays of a store in memory, without values. They serve to encode tiles as the store has them.
+    """Create a store's per-cell arrays in memory, without values. Writing a tile to them encodes its chunks.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def tile_name(request: AnyRequest, tile: AnyTile) -> str:
 def position_of_cell(request: AnyRequest, i: int, j: int) -> dict[str, int]:
     """Return the position of a failed cell: {axis: index} of a survey's cell, or {"gear": row} in a population.
 
-    i, j: the cell's row, counted through all slices, and its column; in a population only j counts.
+    i: row of the cell, counted through all slices; ignored in a population. j: column of the cell, or row of the gear.
 
     Returns
     -------
@@ -125,7 +125,7 @@ def position_of_cell(request: AnyRequest, i: int, j: int) -> dict[str, int]:
 
 
 def tile_error(request: AnyRequest, tile: AnyTile, error: BaseException) -> SurveyError:
-    """Return the exception that ends a run if a tile cannot be computed or written."""
+    """Return the exception with which a run ends if a tile cannot be computed or written. error: the cause."""
     what = tile_name(request, tile)
     if isinstance(error, StorageError):
         return StorageError(f"{what} cannot be written: {error}")

@@ -92,7 +92,15 @@ def _read_values(place: Place, block: LevelBlock, quantity: Quantity) -> np.ndar
 def _chunks_of_levels(
     request: SurveyRequest, block: LevelBlock, quantity: Quantity, values: np.ndarray, known: np.ndarray
 ) -> Iterator[tuple[str, bytes]]:
-    """Yield (key, content) of a variable's chunks for a block in each level. known: flags of cells with a value."""
+    """Reduce the values of a variable in a block to all levels, and yield (key, content) of the resulting chunks.
+
+    known: flags of the cells that have a value.
+
+    Yields
+    ------
+    tuple[str, bytes]
+        Key and content of a chunk.
+    """
     levels = levels_of(request.shape)
     arrays = level_arrays(quantity)
     beside = values.shape[:-2]
@@ -113,7 +121,7 @@ def _chunks_of_levels(
 def _reduced_arrays(
     quantity: Quantity, values: np.ndarray, known: np.ndarray, request: SurveyRequest
 ) -> Iterator[tuple[np.ndarray, ...]]:
-    """Reduce one map to each level, and yield the resulting arrays of the level, in the order of `level_arrays`."""
+    """Reduce one map of a variable. Yield for each level its arrays, in the order of `level_arrays`."""
     steps = reduction_steps(levels_of(request.shape))
     if words := code_meanings(quantity):
         yield from reduce.reduced_codes(values, known, steps, len(words))
@@ -123,6 +131,14 @@ def _reduced_arrays(
 
 
 def _stacked_maps(made: Sequence[np.ndarray], beside: tuple[int, ...]) -> np.ndarray:
-    """Stack the maps of a variable into one array. beside: lengths of the variable's dimensions other than δ and ε."""
+    """Join the maps of a variable, for example one for each slot, to one array.
+
+    made: the maps. beside: lengths of the variable's dimensions other than δ and ε.
+
+    Returns
+    -------
+    np.ndarray
+        Shape (statistics, *beside, rows, columns); codes have no statistics.
+    """
     statistics = made[0].shape[:-2]
     return np.stack(made, axis=len(statistics)).reshape(*statistics, *beside, *made[0].shape[-2:])

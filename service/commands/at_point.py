@@ -72,7 +72,7 @@ OPTIONS: dict[str, Any] = {
 NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")  # numbers that every machine needs
 
 
-def at_point(*, timed: bool = False) -> Callable[[Command], Command]:
+def with_point(*, timed: bool = False) -> Callable[[Command], Command]:
     """Return a decorator that gives a command the options OPTIONS. The command's first argument is then a `GivenPoint`.
 
     Parameters
@@ -81,10 +81,10 @@ def at_point(*, timed: bool = False) -> Callable[[Command], Command]:
         Allow --rpm together with DELTA and EPSILON.
     """
 
-    def with_point(command: Command) -> Command:
+    def add_options(command: Command) -> Command:
         return with_options(command, OPTIONS, lambda given: point_of_options(given, timed))
 
-    return with_point
+    return add_options
 
 
 def point_of_options(given: dict[str, Any], timed: bool) -> GivenPoint:
@@ -144,11 +144,11 @@ def _machine_point(plain: dict[str, Any], machine: dict[str, Any]) -> GivenPoint
 
 
 def _measured_harmonics(curve: Path, orders: int | None, machine: dict[str, Any]) -> dict[str, Any]:
-    """Return the harmonics of a measured transmission error as numbers of a machine, and print a summary."""
+    """Read a measured transmission error, print a summary, and return its harmonics as numbers of a machine."""
     from rattle import read_transmission_error
 
     if "eccentricity" in machine:
-        raise typer.BadParameter("--transmission-error has the eccentricity: leave out --eccentricity")
+        raise typer.BadParameter("--transmission-error takes the place of --eccentricity: leave out one of the two")
     found = read_transmission_error(curve) if orders is None else read_transmission_error(curve, orders)
     typer.echo(f"{curve}: {found}")
     return {"eccentricity": 0.0, "errors": found.harmonics}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gear_rattle.service.commands.at_point import GivenPoint, at_point
+from gear_rattle.service.commands.at_point import GivenPoint, with_point
 from gear_rattle.service.commands.options import Sample, Seed
 
 if TYPE_CHECKING:
@@ -21,7 +21,10 @@ SpeedLimit = Annotated[
 
 
 def attractors_of_point(point: GivenPoint, count: int, v_max: float | None, seed: int) -> tuple[Attractor, ...]:
-    """Return the attractors of a point by falling basin fraction. v_max: top initial speed; None: natural speed."""
+    """Return the attractors of a point by falling basin fraction.
+
+    v_max: the largest initial speed of samples; None for the natural speed of the point.
+    """
     return point.gear.attractors(count, "natural" if v_max is None else v_max, seed)
 
 
@@ -32,7 +35,7 @@ def attractor_name(attractor: Attractor) -> str:
     return label if attractor.kind == "periodic" else attractor.kind
 
 
-@at_point()
+@with_point()
 def attractors(
     point: GivenPoint,
     count: Sample = 64,

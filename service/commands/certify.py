@@ -79,7 +79,10 @@ def certify(
     if curves and store is None:
         raise typer.BadParameter("--curves needs a STORE: name a survey")
     if chaos and (point is None or numbers):
-        raise typer.BadParameter("--chaos is for the impacting gear at one --point DELTA EPSILON: give these alone")
+        raise typer.BadParameter(
+            "--chaos proves chaos of the impacting gear at one point: give --point DELTA EPSILON, and no number of "
+            "another model"
+        )
     if areas is not None:
         prove_areas(areas, delta, epsilon, beta, columns, processes, figure)
     elif check is not None:
@@ -213,7 +216,7 @@ def _prove_survey(store: str, out: Path, processes: int, scheduler: str | None, 
 
                     found = certify_on(client, survey, out, on_done, stop.is_set)
         except SurveyError:
-            if not stop.is_set():  # after a stop, the error only reports the end of the cluster
+            if not stop.is_set():  # an error after a stop only says that the cluster has ended
                 raise
     if stop.is_set():
         typer.echo(f"Stopped. {out} keeps what is proved; the same command resumes it.", err=True)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def prove_areas(
     out: Path, delta: str, epsilon: str, beta: str, columns: int, processes: int, figure: Path | None
 ) -> None:
-    """Prove blocks of a plane, print the proved share, and draw the blocks if a figure is requested."""
+    """Prove blocks of a plane, write them to `out`, print the proved shares, and draw the blocks to `figure`."""
     from gear_rattle.service.commands.progress import reporter
     from gear_rattle.service.commands.signals import stop_requested
     from gear_rattle.workers.areas import certify_areas

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gear_rattle.service.commands.at_point import GivenPoint, at_point
+from gear_rattle.service.commands.at_point import GivenPoint, with_point
 from gear_rattle.service.commands.attractors import attractor_name
 from gear_rattle.service.commands.options import Sample, Seed
 
@@ -20,7 +20,7 @@ WIDTH = 140  # characters in a line, enough for all numbers, however wide the te
 BAR = 20  # length of the longest bar in characters
 
 
-@at_point(timed=True)
+@with_point(timed=True)
 def compare(
     point: GivenPoint,
     table: Annotated[
@@ -45,8 +45,8 @@ def compare(
 ) -> None:
     """Compare measured impacts with the motions of a gear: label, phases, nearest attractors.
 
-    Times are in seconds and speeds in m/s along the line of action for a machine; with DELTA and EPSILON speeds are the
-    model's, and times in seconds if --rpm is given, else in revolutions.
+    For a machine, times are in seconds, and speeds in m/s along the line of action. With DELTA and EPSILON, speeds are
+    those of the model, and times are in revolutions, or in seconds if --rpm is given.
     """
     from rattle import comparison
 

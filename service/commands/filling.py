@@ -57,7 +57,7 @@ def _compute_missing(request: AnyRequest, out: str, scheduler: str | None, worke
                 )
                 _compute_tiles(request, out, missing, cluster, stop.is_set)
             except survey.SurveyError:
-                if not stop.is_set():  # after a stop, the error only reports the end of the cluster
+                if not stop.is_set():  # an error after a stop only says that the cluster has ended
                     raise
     else:
         typer.echo(f"{out} is complete.")
@@ -146,7 +146,7 @@ def _compute_tiles(
         if not should_stop() and survey.is_incomplete(request, out):
             _complete_survey(request, out, client, should_stop)
     if isinstance(request, survey.SurveyRequest) and request.has_bound:
-        # Rounds of audits have computed some of the cells that tiles had filled.
+        # Rounds of audits may have computed cells that tiles had filled, so the number is read from the store.
         filled = 0 if before else attributes_of(survey.place_of(out)).get(AUDIT_ATTRIBUTES[0], 0)
     if missing:
         some = f", {filled} of them filled" if filled else ""

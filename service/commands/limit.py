@@ -81,13 +81,16 @@ def limit(
 
 
 def _limit_text(of: str, share: float, found: Limit, at: str = "") -> str:
-    """Return a limit as a line of text. of: the limited number. share: the required probability of quiet running."""
+    """Return a limit as a line of text.
+
+    of: the limited number. share: the required probability of quiet running. at: words to add, such as " at 900 rpm".
+    """
     from rattle.populations import SAFE_IF_SMALL
 
     unit, scale = UNITS.get(of, MICROMETRES if of.startswith("error_") else ("", 1.0))
     if math.isnan(found.value):
         return f"no limit of {of} was found in the searched range: give another range with --between"
-    # SAFE_IF_SMALL does not list the amplitudes of orders, such as error_12, which are safe if small.
+    # Amplitudes of orders, such as error_12, are safe if small, and are not listed in SAFE_IF_SMALL.
     way = "up to" if SAFE_IF_SMALL.get(of, True) else "down to"
     value, low, high = (f"{scale * x:.4g}" for x in found)
     return f"{of} {way} {value}{unit} [{low}, {high}]{at} for P(quiet) of {share:g} at least"
@@ -97,7 +100,7 @@ def _read_number(name: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise typer.BadParameter(f"--{name} must be one number here, got {text!r}") from None
+        raise typer.BadParameter(f"--{name} must be one number for a limit, not a distribution, got {text!r}") from None
 
 
 def _read_range(text: str) -> tuple[float, float]:

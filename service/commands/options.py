@@ -114,7 +114,7 @@ def with_options(
 def with_added(
     command: Command, kind: Any, text: str | None = None, after: str = "beta", model: str | None = None
 ) -> Command:
-    """Give a command an option for each parameter that a model adds, after its own option `after`.
+    """Give a command an option for each parameter that a model adds. These options follow the option named `after`.
 
     The command's last argument is then a mapping {name: value} of the given parameters.
 
@@ -207,7 +207,7 @@ Scheduler = Annotated[
 
 
 def settings_of(**given: Any) -> Settings:
-    """Return the settings of a service. An argument None leaves a setting to the environment.
+    """Return the settings of a service. A setting with the argument None comes from the environment or is the default.
 
     Raises
     ------

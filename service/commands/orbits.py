@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from gear_rattle.service.commands.at_point import GivenPoint, at_point
+from gear_rattle.service.commands.at_point import GivenPoint, with_point
 
 WIDTH = 140  # characters in a line, enough for all numbers, however wide the terminal is
 #: {field of the analytic limits: the name that is printed}.
 NAMES = {"sn1": "SN1", "flip": "flip", "quiet_limit": "quiet limit"}
 
 
-@at_point()
+@with_point()
 def orbits(point: GivenPoint) -> None:
     """Print the period-one orbits of one parameter point, its region and its analytic limits."""
     from rich.console import Console

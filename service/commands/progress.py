@@ -17,7 +17,10 @@ PLAIN_SECONDS = 10.0  # least number of seconds between two printed lines
 
 
 class Reporter(Protocol):
-    """A display of the number of computed cells and of the time left, estimated by the run or from the speed so far."""
+    """A display of the progress of a run: the number of computed cells, and the time left.
+
+    The time left is the run's own estimate. If the run gives none, it follows from the speed so far.
+    """
 
     def __enter__(self) -> Self:
         """Begin the display."""
@@ -62,8 +65,8 @@ def compilation_messages() -> Iterator[None]:
 def reporter(cells: int, cells_done: int = 0, what: str = "cells") -> Reporter:
     """Return a reporter that draws a progress bar if stderr is a terminal, and otherwise prints a line now and then.
 
-    cells: the number of all cells. cells_done: the number of cells that were computed before. what: name of the
-    cells in the display.
+    cells: the number of all cells. cells_done: the number of cells that were computed before. what: the word in the
+    display for that which is counted, such as "gears".
 
     Returns
     -------

@@ -67,7 +67,7 @@ def list_(
             table.add_row(
                 job.id, job.state, f"{shown['progress']} %", cells, shown["created"][:19], Text(shown["name"])
             )
-    Console(width=140).print(table)  # at this width no id is cut
+    Console(width=140).print(table)  # wide enough that no id is cut off
 
 
 def watch(

@@ -73,7 +73,7 @@ def serve(
             "are not cut off. Put Caddy or nginx in front (docs/operations.md) and set RATTLE_BEHIND_PROXY=true.",
             err=True,
         )
-    with stop_requested() as asked_to_stop:  # uvicorn raises the signal again after a clean shutdown
+    with stop_requested() as asked_to_stop:  # takes the signal that uvicorn raises again at its end
         started = run_server(create_app(settings), settings, log_config(settings.log_format), asked_to_stop)
     if not started:
         raise typer.Exit(1)

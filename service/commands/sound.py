@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gear_rattle.service.commands.at_point import GivenPoint, at_point
+from gear_rattle.service.commands.at_point import GivenPoint, with_point
 from gear_rattle.service.commands.attractors import SpeedLimit, attractor_name, attractors_of_point
 from gear_rattle.service.commands.options import Sample, Seed
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rattle import Attractor
 
 
-@at_point(timed=True)
+@with_point(timed=True)
 def sound(
     point: GivenPoint,
     out: Annotated[Path, typer.Argument(metavar="OUT.wav", help="Sound file to write.")],
@@ -42,7 +42,10 @@ def sound(
     v_max: SpeedLimit = None,
     seed: Seed = 0,
 ) -> None:
-    """Write the impacts of a motion to a sound file. Each is as loud as its impulse; --rpm is the speed of rotation."""
+    """Write the impacts of a motion to a sound file. The amplitude of an impact is proportional to its impulse.
+
+    --rpm is the speed of rotation.
+    """
     if point.rpm is None:
         raise typer.BadParameter("a sound needs the speed of rotation: give --rpm", param_hint="--rpm")
     chosen = _chosen_attractor(point, attractors_of_point(point, count, v_max, seed), attractor)
@@ -53,7 +56,10 @@ def sound(
 
 
 def _chosen_attractor(point: GivenPoint, found: tuple[Attractor, ...], number: int | None) -> Attractor:
-    """Return the attractor with this number, from 1. None: the one with the most energy, undecided ones last."""
+    """Return the attractor `number`, counted from 1; for None the attractor with the most energy.
+
+    Undecided samples are chosen only if there is nothing else.
+    """
     if number is not None:
         if not 1 <= number <= len(found):
             raise typer.BadParameter(

@@ -69,7 +69,7 @@ def tolerance(
     """Compute a population of gears, write it to PATH, and print the answers about it.
 
     With --submit a service computes the population instead, and the command prints its id; if the service has an
-    identical population, that one is used. A number that varies is normal:MEAN:DEVIATION[:LOW[:HIGH]],
+    identical population, that one is used. Write a number that varies as normal:MEAN:DEVIATION[:LOW[:HIGH]],
     uniform:LOW:HIGH, triangular:LOW:MODE:HIGH or lognormal:MEDIAN:DEVIATION. The same command resumes an interrupted
     population; the numbers are the same to the last bit.
     """

@@ -22,7 +22,7 @@ __all__ = ["Database", "DoneTile", "NewJob"]
 class Database(Surveys, Keys):
     """The surveys and populations, their tiles and events, and the API keys.
 
-    Every method is one transaction, and may be called from any thread.
+    Every method except `close` is one transaction, and may be called from any thread.
 
     Parameters
     ----------

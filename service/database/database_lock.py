@@ -52,7 +52,10 @@ def _locked_elsewhere_error(engine: Engine) -> DataDirectoryError:
 
 
 class _FileLock:
-    """A locked file beside the SQLite file. SQLite's own locks would be released when the SQLite file is closed."""
+    """A locked file beside the SQLite file.
+
+    A lock of the SQLite file itself would not last: a process loses it when any of its connections closes that file.
+    """
 
     def __init__(self, engine: Engine) -> None:
         with engine.connect() as connection:

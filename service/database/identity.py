@@ -39,7 +39,7 @@ class NewJob:
         """The idempotency key as the database stores it, with the owner; None without a key."""
         if self.owner is None or self.idempotency_key is None:
             return self.idempotency_key
-        return f"{self.owner} {self.idempotency_key}"  # idempotency keys have no spaces, so the text is unique
+        return f"{self.owner} {self.idempotency_key}"  # unique, because neither part has a space
 
 
 def find_by_key(session: Session, new: NewJob) -> JobRow | None:

@@ -86,7 +86,10 @@ class Keys(Transactions):
             ).one_or_none()
 
     def add_session(self, key_id: str, session_hash: str, seconds: float) -> None:
-        """Sign a browser in for a number of seconds. Delete expired sessions, and the oldest beyond MOST_SESSIONS."""
+        """Sign a browser in with a key for a number of seconds.
+
+        Delete all expired sessions, and the oldest sessions of the key, so that the key has at most MOST_SESSIONS.
+        """
         with self._write() as (session, _):
             session.execute(delete(SessionRow).where(SessionRow.expires <= timestamp()))
             older = select(SessionRow.hash).where(SessionRow.key == key_id).order_by(SessionRow.created.desc())
@@ -105,7 +108,7 @@ class Keys(Transactions):
             session.execute(delete(SessionRow).where(SessionRow.hash == session_hash))
 
     def live_identities(self, identities: Collection[Identity]) -> set[Identity]:
-        """Return those of the identities whose keys are not revoked and whose sessions have not ended."""
+        """Return the identities whose keys are not revoked and whose sessions have neither ended nor expired."""
         keys = {key for key, _ in identities}
         hashes = {session_hash for _, session_hash in identities if session_hash is not None}
         with self._read() as session:

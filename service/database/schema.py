@@ -98,7 +98,7 @@ def _require_utf8(connection: Connection) -> None:
 
 
 def _not_ours_error(engine: Engine, made_by: str) -> DataDirectoryError:
-    """Return the error for a job database that another program, or another version, made."""
+    """Return the error for a job database that another program or version made. made_by: its maker in words."""
     return DataDirectoryError(
         f"The job database {url_without_password(engine.url)} belongs to {made_by}. "
         "Give this service a database of its own, or use the version that made this database."

@@ -423,8 +423,8 @@ def _require_quota(session: Session, owner: str | None, n_cells: int, max_jobs: 
     running = session.scalar(active.where(JobRow.owner == key.id)) or 0
     if key.max_running is not None and running >= key.max_running:
         raise QueueFullError(
-            f"{running} surveys and populations of your key are waiting or running, and {key.max_running} is its quota."
-            " Wait for one to end, or DELETE one of them."
+            f"{running} surveys and populations of your key are waiting or running, and the quota is "
+            f"{key.max_running}. Wait for one to end, or DELETE one of them."
         )
     kept = session.scalar(select(func.sum(JobRow.n_cells)).where(JobRow.owner == key.id)) or 0
     if key.max_cells is not None and kept + n_cells > key.max_cells:

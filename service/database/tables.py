@@ -21,7 +21,7 @@ class State(StrEnum):
 
     @property
     def is_final(self) -> bool:
-        """True for the state of a job that has ended. It changes again only if the job is verified or deleted."""
+        """True if a job in this state has ended. An ended job gets another state only if it is verified or deleted."""
         return self not in ACTIVE
 
 

@@ -20,7 +20,7 @@ DATABASE_TAKEN = (
 
 
 class Transactions:
-    """Transactions of one database.
+    """Base class of `Surveys` and `Keys`: the transactions of one job database that read, and those that write.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class Transactions:
             self._writing.release()
 
     def directory_identity(self) -> str | None:
-        """Return the recorded identity of the data directory that has the stores; None if none is recorded."""
+        """Return the identity of the data directory with this database's stores; None if no service recorded it."""
         with self._read() as session:
             return session.scalar(select(ServiceRow.directory))
 

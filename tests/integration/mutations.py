@@ -278,7 +278,7 @@ PROTECTIONS = (
         "a join that is given up has ended before another begins",
         "tests/integration/test_workers_cluster.py::test_a_task_that_began_while_it_was_given_up_has_ended",
         "workers/cluster/cluster.py",
-        "    while quiet < ROUNDS:\n",
+        "    while quiet < IDLE_CHECKS:\n",
         "    while False:\n",
     ),
     _one(
@@ -495,8 +495,8 @@ PROTECTIONS = (
         "an embedded cluster has no pages",
         f"{INTRUDERS}::test_a_service_listens_for_http_and_for_its_own_certificate_only",
         "workers/cluster/cluster.py",
-        "dask.config.set({**NOTES, **NO_PAGES,",
-        "dask.config.set({**NOTES,",
+        "dask.config.set({**FEW_DIAGNOSTICS, **NO_PAGES,",
+        "dask.config.set({**FEW_DIAGNOSTICS,",
     ),
     _one(
         "modules are looked for in private places",

@@ -154,7 +154,7 @@ def test_nothing_is_kept_of_what_is_over(cluster: Client) -> None:
     def notes(dask_worker: Worker) -> list[int]:
         return [len(dask_worker.batched_stream.recent_message_log), len(dask_worker.profile_history)]
 
-    before, last, scheduler = groups(), gear_rattle.workers.cluster.cluster.LAST, cluster.cluster.scheduler
+    before, last, scheduler = groups(), gear_rattle.workers.cluster.cluster.FEW_RECORDS, cluster.cluster.scheduler
     for number in range(3 * last):  # each stands for a window of the explorer
         assert cluster.submit(int, number, key=f"window{number}").result() == number
         wait_until(lambda: not scheduler.tasks)  # otherwise dask adds the next task to the same computation

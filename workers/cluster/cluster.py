@@ -48,17 +48,17 @@ WATCH_SECONDS = 0.1  # seconds between two checks whether the nannies' process l
 #: Longest wait for killed workers to vanish, and seconds between two checks.
 END_SECONDS, LOOK_SECONDS = 1.0, 0.02
 #: Cancelled tasks have ended if no worker runs one in this many successive checks: by then all messages have arrived.
-ROUNDS = 5
-#: NOTES makes dask keep fewer diagnostics than by default (1000 messages of every connection, two hours of each
+IDLE_CHECKS = 5
+#: Settings that make dask keep fewer diagnostics than by default (1000 messages of every connection, two hours of each
 #: processor's load, all submitted tasks), because nobody reads them here. dask's frequent measurements of load and
 #: clock took a seventh of a processor for two idle workers.
-LAST = 10
-NOTES = {
-    "distributed.admin.low-level-log-length": LAST,
-    "distributed.admin.system-monitor.log-length": LAST,
+FEW_RECORDS = 10
+FEW_DIAGNOSTICS = {
+    "distributed.admin.low-level-log-length": FEW_RECORDS,
+    "distributed.admin.system-monitor.log-length": FEW_RECORDS,
     "distributed.admin.system-monitor.interval": "60s",
     "distributed.admin.tick.interval": "1s",
-    "distributed.diagnostics.computations.max-history": LAST,
+    "distributed.diagnostics.computations.max-history": FEW_RECORDS,
     "distributed.worker.profile.enabled": False,
 }
 #: Settings that leave dask's HTTP servers without pages, because every local account can reach these servers.
@@ -70,7 +70,7 @@ OURS, MODULE = "gear-rattle", "gear_rattle"
 #: or compute different bits.
 PACKAGES = (OURS, "dask", "distributed", "numpy", "numba", "llvmlite", "zarr")
 SHOWN = 3  # a message names at most this many workers
-REFUSED = "gear-rattle-refused"  # topic of dask's events about refused workers, which have other software
+REFUSED_TOPIC = "gear-rattle-refused"  # topic of dask's events about refused workers, which have other software
 
 logger = logging.getLogger(__name__)
 
@@ -88,7 +88,7 @@ class WarmKernels(WorkerPlugin):
         await warming
 
     def teardown(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
-        """Keep the garbage collector from examining all modules as the worker ends, which took a third of a second."""
+        """Exempt all objects from garbage collection, which would delay the worker's end by a third of a second."""
         gc.freeze()
 
 
@@ -97,8 +97,9 @@ def version_check(versions: Mapping[str, str | None], module: str, topic: str) -
 
     In all other workers the plugin loads the kernels.
 
-    The check holds for workers that join later, too. The class is local, because dask sends a local class as a whole:
-    a worker without this package can run it. So it uses nothing of this module.
+    The check holds for workers that join later, too. The plugin's class is defined inside this function, because dask
+    then sends all of its code, which even a worker without this package can run. So the class uses nothing of this
+    module.
 
     Parameters
     ----------
@@ -145,7 +146,7 @@ def version_check(versions: Mapping[str, str | None], module: str, topic: str) -
                 # Do not wait here until the worker has closed. Closing needs an answer of the nanny, so that the nanny
                 # does not restart the worker, and the nanny answers only once the worker has started.
                 self.closing = asyncio.create_task(worker.close(reason=sentence))
-                await asyncio.sleep(0)  # closing has begun
+                await asyncio.sleep(0)  # lets the task above begin to close the worker
                 raise RuntimeError(sentence)  # dask writes this error to the worker's log
             await import_module(module).WarmKernels().setup(worker)
 
@@ -234,14 +235,15 @@ class _WorkerProcesses:
                     process.stdin.flush()
                 while process.poll() is None and not self._over.wait(WATCH_SECONDS):
                     if not self.started.is_set() and self._should_stop():
-                        logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # dask would log futures that now fail
+                        # dask would log all tasks that fail because the cluster does not start.
+                        logging.getLogger("asyncio").setLevel(logging.CRITICAL)
                         self._over.set()
             finally:
                 nannies.end_processes_of(process.pid)
 
 
 def _environment() -> dict[str, str]:
-    """Return the environment of workers: this process's, with one thread and no warnings of leaked semaphores."""
+    """Return this process's environment variables for workers, with one thread each, without semaphore warnings."""
     ignored = ",".join(filter(None, [os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning"]))
     return {**environment(), **ONE_THREAD, "PYTHONWARNINGS": ignored}
 
@@ -283,7 +285,7 @@ def embedded_cluster(
         stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
         # Workers run in this directory, where Python first looks for modules; dask's default is open to all accounts.
         scratch = stack.enter_context(scratch_directory(dask.config.get("temporary-directory", None)))
-        stack.enter_context(dask.config.set({**NOTES, **NO_PAGES, "temporary-directory": scratch}))
+        stack.enter_context(dask.config.set({**FEW_DIAGNOSTICS, **NO_PAGES, "temporary-directory": scratch}))
         try:
             with _interrupts_blocked():
                 cluster = stack.enter_context(_cluster_without_workers())
@@ -344,15 +346,16 @@ def connect(url: str) -> Iterator[Client]:
             _require_answer(url)
             client = stack.enter_context(Client(url, timeout=CONNECT_SECONDS, set_as_default=False))
             client.wait_for_workers(1, timeout=CONNECT_SECONDS)
-        except (OSError, ValueError, TypeError, RuntimeError) as error:  # the last two mean wrong settings of TLS
+        except (OSError, ValueError, TypeError, RuntimeError) as error:
+            # TypeError and RuntimeError come from wrong settings of TLS.
             raise ClusterLostError(
                 f"no dask scheduler with workers answers at {url} ({error}): start both, or correct the address or the "
                 "settings of TLS"
             ) from error
         try:
             versions = require_compatible(client)
-            client.subscribe_topic(REFUSED, lambda event: logger.warning("%s", event[1]))
-            client.register_plugin(version_check(versions, __name__, REFUSED))
+            client.subscribe_topic(REFUSED_TOPIC, lambda event: logger.warning("%s", event[1]))
+            client.register_plugin(version_check(versions, __name__, REFUSED_TOPIC))
         except SurveyError:
             raise
         except Exception as error:
@@ -432,7 +435,7 @@ def end_processes(client: Client, addresses: list[str]) -> None:
         ending = partial(client.run, _end_process, workers=addresses, wait=False, on_error="ignore")
         thread = Thread(target=ending, name="end-processes", daemon=True)
         thread.start()
-        deadline = time.monotonic() + END_SECONDS  # dask may send tasks to these workers until they are gone
+        deadline = time.monotonic() + END_SECONDS  # wait, because dask may send tasks to dying workers
         with suppress(OSError):
             while time.monotonic() < deadline and not client.nthreads().keys().isdisjoint(addresses):
                 time.sleep(LOOK_SECONDS)
@@ -443,7 +446,7 @@ def end_tasks(client: Client, futures: list[Future]) -> None:
     keys = {future.key for future in futures}
     try:
         processing = client.processing()
-        client.cancel(futures)  # otherwise dask would start these tasks again on other workers
+        client.cancel(futures)  # or dask would repeat the tasks of killed workers elsewhere
     except OSError:  # the scheduler is gone
         return
     end_processes(client, [address for address, busy in processing.items() if busy and keys.issuperset(busy)])
@@ -457,7 +460,7 @@ def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
     """
     end_tasks(client, futures)
     quiet, keys = 0, {future.key for future in futures}
-    while quiet < ROUNDS:
+    while quiet < IDLE_CHECKS:
         answers: SimpleQueue[dict[str, bool]] = SimpleQueue()
         Thread(target=_ask_workers, args=(client, keys, answers), name="ask-workers", daemon=True).start()
         at_work = list[str]()

@@ -1,6 +1,6 @@
 """Compute a tile that killed its workers, or did not end, cell by cell in a process of its own.
 
-Only cells that kill this process, or take too long, have no values.
+So a cell that kills this process, or takes too long, fails alone; all other cells of the tile are computed.
 """
 
 import os

@@ -22,21 +22,21 @@ SEVERAL = (
 
 
 @dataclass(frozen=True)
-class _Item:
-    """An attempt at a task. number: index of its arguments. attempt: 1 for the first attempt."""
+class _TaskAttempt:
+    """An attempt at a task. number: index of the task in the list of tasks. attempt: 1 for the first attempt."""
 
     number: int
     attempt: int
 
 
-class CompletionTasks(InFlight[_Item, Any]):
+class CompletionTasks(InFlight[_TaskAttempt, Any]):
     """Runs the tasks that complete a survey on a cluster. `complete` calls the method `run_for_each`."""
 
     def __init__(self, client: Client, should_stop: Callable[[], bool]) -> None:
         """Store the client. should_stop: returns whether to stop; it is called several times a second."""
         super().__init__(client, "join", LOST)
         self._should_stop = should_stop
-        self._waiting = deque[_Item]()
+        self._waiting = deque[_TaskAttempt]()
 
     def run_for_each(
         self, task: Callable[..., Any], request: SurveyRequest, path: str, items: Sequence[tuple[Any, ...]]
@@ -62,7 +62,7 @@ class CompletionTasks(InFlight[_Item, Any]):
             A task failed, or killed its worker repeatedly.
         """
         found = [None] * len(items)
-        self._waiting = deque(_Item(number, 1) for number in range(len(items)))
+        self._waiting = deque(_TaskAttempt(number, 1) for number in range(len(items)))
         try:
             while self._waiting or self.in_flight:
                 if self._should_stop():
@@ -82,11 +82,11 @@ class CompletionTasks(InFlight[_Item, Any]):
         return found
 
     def batch_size(self) -> int:
-        """Return how many tasks a batch needs so that no thread is idle for long before the batch ends."""
+        """Return a number of tasks for a batch, so large that threads are idle only shortly before the batch ends."""
         return SEVERAL * max(self.count_threads(WORKERLESS_SECONDS), 1)
 
-    def handle_error(self, task: Task[_Item], error: BaseException) -> None:
-        """Repeat a task whose worker died, unless ATTEMPTS attempts have failed so; raise any other error."""
+    def handle_error(self, task: Task[_TaskAttempt], error: BaseException) -> None:
+        """Queue a task again if it killed its worker, for at most ATTEMPTS attempts. Raise any other error."""
         self.drop(task.work.__eq__)
         if not isinstance(error, KilledWorker):
             raise error
@@ -94,4 +94,4 @@ class CompletionTasks(InFlight[_Item, Any]):
             raise SurveyError(
                 "a task that completes the survey killed its worker repeatedly: see the log of the workers"
             ) from error
-        self._waiting.append(_Item(task.work.number, task.work.attempt + 1))
+        self._waiting.append(_TaskAttempt(task.work.number, task.work.attempt + 1))

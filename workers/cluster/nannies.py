@@ -40,7 +40,7 @@ class StartMessage(NamedTuple):
 
 def main() -> None:
     """Run nannies and workers until all workers have closed, or the process that wrote to stdin has ended."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # workers inherit this
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends neither this process nor the workers, which inherit this
     import dask
     import distributed  # noqa: F401 - loaded while the caller's scheduler starts
 
@@ -72,7 +72,7 @@ def end_processes_of(pid: int) -> None:
         process = psutil.Process(pid)
         children = process.children(recursive=True)
         if pid != os.getpid():
-            process.kill()  # first, because this process would restart killed workers
+            process.kill()  # before its children, because nannies restart killed workers
         for child in children:
             with suppress(psutil.Error):
                 if TRACKER not in " ".join(child.cmdline()):

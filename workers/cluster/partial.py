@@ -14,7 +14,7 @@ from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.survey.tiles import Tile, TileArrays, TileRecord
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 
-PART_SECONDS = 2.0  # a task takes at most this long, unless one cell takes longer, so that others can begin soon
+PART_SECONDS = 2.0  # intended duration of a task, short so that other tasks can begin soon
 FEW = 16  # a tile with fewer cells has no parts
 QUICK = 0.25  # a tile that takes less than this share of a task's time has no parts
 
@@ -25,7 +25,7 @@ class PartialTile:
 
     values: arrays of the whole tile, 0 in cells that are not computed.
     done (rows, columns): flags of the computed cells; the gears of a population are one row.
-    record: sums over the computed cells. slowest: seconds for a cell in the slowest group of cells so far.
+    record: sums over the computed cells. slowest: seconds per cell of the slowest group of cells so far.
     """
 
     values: TileArrays
@@ -73,7 +73,7 @@ def compute_partly(
     seconds : float
         No further group begins after this time. At least one cell is computed.
     expected : float
-        Seconds for a cell in the slowest part of the survey so far. A tile that takes little time even at this rate is
+        Seconds per cell of the slowest part of the survey so far. A tile that takes little time even at this rate is
         computed at once, because dividing it into groups would take longer.
 
     Returns

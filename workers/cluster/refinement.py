@@ -27,8 +27,8 @@ def refined_frames(
     """Compute a map of a window on a cluster, and yield frames of increasing resolution.
 
     survey: the window's request, from `window_survey`. index: number of the map, if the variable has a map for each of
-    several orbits or slots. The generator blocks between frames, so it needs a thread of its
-    own. When it ends or is closed, only parts that are already running, for about half a second, remain on the cluster.
+    several orbits or slots. The generator blocks between frames, so it needs a thread of its own. When it ends or is
+    closed, parts that already run may remain on the cluster for about half a second.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class _WindowTasks(InFlight[WindowPart, PartValues]):
         self._cells, self._seconds = 0, 0.0
 
     def parts(self, grid: WindowGrid, level: int, first_cells: int) -> Iterator[WindowPart]:
-        """Yield the parts of a level, each of about PART_SECONDS; before times are measured, of `first_cells` cells."""
+        """Divide a level into parts of about PART_SECONDS each, or of `first_cells` cells before any part was timed."""
         cells = max(1, int(PART_SECONDS * self._cells / self._seconds)) if self._seconds else first_cells
         for block in grid.blocks(level):
             yield from grid.parts(block, cells)
@@ -89,7 +89,7 @@ class _WindowTasks(InFlight[WindowPart, PartValues]):
     ) -> Iterator[tuple[WindowPart, PartValues]]:
         """Compute parts as threads become free, and yield them in the order in which they end."""
         left = next(parts, None)
-        self._cells, self._seconds = 0, 0.0  # cells of a finer level are at other points, and may take longer
+        self._cells, self._seconds = 0, 0.0  # measured anew: cells of this level may take longer
         while (left or self.in_flight) and not should_stop():
             room = AHEAD * self.count_threads(WORKERLESS_SECONDS) - len(self.in_flight)
             while left and room > 0:

@@ -18,8 +18,8 @@ from uuid import uuid4
 from distributed import Client, Future, KilledWorker, get_worker
 
 from gear_rattle.workers.certificates import (
-    Answers,
     AttractorClaim,
+    ProofResults,
     certify_claims,
     certify_survey,
     require_proof_extra,
@@ -79,8 +79,8 @@ def advance_tile(
     """
     if apart or not is_divisible(request, tile.n_cells):
         return compute_and_write(request, path, tile, apart)
-    if not (loaded := _loaded_for(request)):
-        compute_partly(request, tile, None, 0.0)  # loads kernels, so that measured times do not include loading
+    if not (loaded := _load_marks(request)):
+        compute_partly(request, tile, None, 0.0)  # one cell, to load kernels before times are measured
         loaded.append(True)
     part = compute_partly(request, tile, before, seconds, expected)
     if not part.is_whole:
@@ -89,13 +89,13 @@ def advance_tile(
 
 
 @lru_cache(maxsize=16)
-def _loaded_for(_request: AnyRequest) -> list[bool]:
-    """Return a list that is empty until this process has loaded the kernels of a request; the caller then extends it.
+def _load_marks(_request: AnyRequest) -> list[bool]:
+    """Return a list that is empty if this process has not loaded the kernels of a request yet.
 
     Returns
     -------
     list[bool]
-        The same list for equal requests.
+        The same list for equal requests, from the cache. The caller appends to it after loading the kernels.
     """
     return []
 
@@ -162,8 +162,21 @@ def complete_on(
 ) -> None:
     """Complete a survey on a cluster with `complete`, while holding the lock of the store.
 
-    See `complete` for on_proved and should_pause, and `template_on` for should_stop and the errors. After a stop no
-    process continues the work.
+    Parameters
+    ----------
+    should_stop : Callable[[], bool]
+        Called several times a second. After it returns true, the tasks are ended, and StoppedError is raised.
+    on_proved, should_pause
+        Arguments of `complete`.
+
+    Raises
+    ------
+    ClusterLostError
+        The cluster is gone.
+    StoppedError
+        `should_stop` returned true. No process continues the work.
+    SurveyError
+        The survey cannot be completed.
     """
     place, joining = place_of(where), CompletionTasks(client, should_stop)
     with place.lock_for_writing():
@@ -180,7 +193,7 @@ def certify_on(
     """Prove the attractors of a survey on a cluster with `certify_survey`. Raises StoppedError after a stop."""
     joining = CompletionTasks(client, should_stop)
 
-    def prove(parts: Sequence[list[AttractorClaim]]) -> list[Answers]:
+    def prove(parts: Sequence[list[AttractorClaim]]) -> list[ProofResults]:
         return joining.map(certify_claims, [(part,) for part in parts])
 
     return certify_survey(survey, out, prove, joining.batch_size(), on_done)
@@ -268,7 +281,7 @@ def run_tiles(
                         if run_state.record_measured(tile):
                             measuring.append(tile)
 
-                    submission.seconds = 0.0  # a task computes one cell
+                    submission.seconds = 0.0  # with 0 seconds, a task computes just one cell
                     _run_submission(submission, measuring, on_ended, *asked, on_measured)
                     submission.seconds = PART_SECONDS
                     run_state.predict_costs(list(left.values()), columns)
@@ -282,7 +295,7 @@ def run_tiles(
                 if not should_stop():
                     _run_submission(submission, waiting, on_ended, *asked, on_part)
                 if submission.superseded and isinstance(request, SurveyRequest) and request.has_bound:
-                    # Repeated attempts at finished tiles would overwrite the tiles of later rounds.
+                    # Attempts that still run at finished tiles would overwrite what later rounds of audits write.
                     end_tasks_and_wait(client, submission.superseded)
             finally:
                 submission.cancel()

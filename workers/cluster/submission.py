@@ -17,14 +17,14 @@ from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, tile_error, tile_name
 from gear_rattle.workers.survey.tiles import TileRecord
 
-#: A tile is late if it takes longer than LATE_SECONDS, and than LATE_FACTOR times the longest tile of the run so far.
-#: Its worker may be frozen.
+#: A task is late if it takes longer than LATE_SECONDS and than LATE_FACTOR times the longest finished task of the run.
+#: The worker of a late task may be frozen.
 LATE_SECONDS, LATE_FACTOR = 30.0, 10
-#: A tile of up to TILE_CELLS cells may take TILE_SECONDS on a worker. A larger tile may take proportionally longer, but
-#: at most MOST times as long. A usual tile takes seconds.
-TILE_CELLS, TILE_SECONDS, MOST = 4096, 900.0, 8.0
-#: Least seconds between killing the process of one tile that takes too long and that of the next such tile, because the
-#: killed process restarts meanwhile.
+#: The task of a tile of up to TILE_CELLS cells may take TILE_SECONDS on a worker. That of a larger tile may take
+#: proportionally longer, but at most LONGEST_FACTOR times as long. A usual task takes seconds.
+TILE_CELLS, TILE_SECONDS, LONGEST_FACTOR = 4096, 900.0, 8.0
+#: If the tasks of several tiles take too long, their processes are killed one after the other, at intervals of at least
+#: this many seconds, in which a killed process restarts.
 RESTART_SECONDS = 60.0
 #: A cluster is lost after this time without workers; shorter times pass while workers restart.
 WORKERLESS_SECONDS = 60.0
@@ -61,7 +61,7 @@ class Submission(InFlight[Attempt, Found]):
         super().__init__(client, "tile", LOST)
         self._task, self._request, self._path = task, request, path
         self._partial = {} if partial is None else partial
-        self._slowest = 0.0  # seconds for a cell in the slowest part so far
+        self._slowest = 0.0  # seconds per cell of the slowest part so far
         self.seconds = PART_SECONDS  # intended duration of a task
         self.n_threads = 0
         self._longest = 0.0
@@ -136,7 +136,8 @@ class Submission(InFlight[Attempt, Found]):
         Returns
         -------
         TileRecord | AnyTile | None
-            None if no task ends within `seconds`, or if the ended task failed and its tile was submitted again.
+            None if no task ends within `seconds`, or if the task that ended was forgotten, or failed and its tile was
+            submitted again.
         """
         if (ended := self.next_result(seconds)) is None:
             return None
@@ -155,7 +156,7 @@ class Submission(InFlight[Attempt, Found]):
         return found
 
     def handle_error(self, task: Task[Attempt], error: BaseException) -> None:
-        """Submit a tile again, for a process of its own, if its task had none and killed workers; else raise."""
+        """If a task killed workers and had no process of its own, submit its tile again in one; else raise an error."""
         tile = task.work.tile
         if not isinstance(error, KilledWorker):
             raise tile_error(self._request, tile, error) from error
@@ -199,4 +200,4 @@ class Submission(InFlight[Attempt, Found]):
 
 
 def _allowed_seconds(task: Task[Attempt]) -> float:
-    return TILE_SECONDS * min(max(task.work.tile.n_cells / TILE_CELLS, 1.0), MOST)
+    return TILE_SECONDS * min(max(task.work.tile.n_cells / TILE_CELLS, 1.0), LONGEST_FACTOR)

@@ -184,7 +184,7 @@ def compute_part(
     Raises
     ------
     MACHINE_FAILURES
-        One of these exceptions, which are failures of the computer and not of a cell.
+        An exception of one of these types: the computer failed, and not the model in a cell.
     """
     began = time.perf_counter()
     quantity = map_quantity(variable, index, request)
@@ -217,9 +217,9 @@ def compute_part(
 
 
 def _compute_map(wanted: tuple[Quantity, ...], index: int, cells: Cells) -> np.ndarray:
-    """Compute variables of cells, and return a map of the last variable.
+    """Compute variables of cells, and return a map of the last one. An error in any of them is passed on.
 
-    index: the number of the map, if that variable has a map for each of several orbits or slots.
+    index: the number of the map, if the last variable has a map for each of several orbits or slots.
 
     Returns
     -------

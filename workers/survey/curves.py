@@ -20,11 +20,11 @@ from rattle import RattleError
 from rattle.curves import CodimensionTwo, Curve
 from rattle.models import Model
 
-LOWEST_DELTA = 0.1  # a window's δ is at least this share of the first δ of the axis, because no curve reaches δ = 0
+LOWEST_DELTA = 0.1  # least δ of a window, as a share of the survey's least δ, because no curve reaches δ = 0
 #: A window extends beyond its cells by at least this share of its largest δ (or ε), because curves take minutes to
 #: trace in narrower windows.
 NARROWEST = 1e-9
-LEAST_EPSILON = 1e-6  # least ε of which NARROWEST is a share, because a share of ε = 0 would not widen a window
+LEAST_EPSILON = 1e-6  # NARROWEST is a share of this ε if all ε of a survey are smaller
 
 
 class MissingCurve(NamedTuple):
@@ -35,10 +35,10 @@ class MissingCurve(NamedTuple):
 
 @dataclass(frozen=True)
 class CurveVariable:
-    """A variable that is stored in a group, such as the group of a curve.
+    """A variable that describes an object, for example a curve, in the object's group of the store.
 
-    values: the function that takes the values from the described object, for example a `Curve`. The variable is empty
-    for a curve that cannot be traced.
+    values: the function that returns the variable's values for such an object. The variable is empty for a curve that
+    cannot be traced.
     """
 
     name: str
@@ -128,7 +128,14 @@ Points = tuple[CodimensionTwo, ...]
 
 
 def _pairs_at_points(points: Points) -> list[tuple[str, str, str, float]]:
-    """Return (point, first curve, second curve, measured order of contact) of each pair of curves at each point."""
+    """Return an entry for each two curves that meet at a codimension-two point.
+
+    Returns
+    -------
+    list[tuple[str, str, str, float]]
+        Names of the point and of both curves, and the measured p of |ε₁ − ε₂| ∝ |Δδ|^p near the point: 1 if the curves
+        cross, 2 if they touch.
+    """
     return [(point.name, *pair, order) for point in points for pair, order in point.tangency.items()]
 
 
@@ -188,9 +195,9 @@ def window_around(delta: np.ndarray, epsilon: np.ndarray) -> Window:
 
 
 def _widened_range(axis: np.ndarray, scale: float) -> tuple[float, float]:
-    """Return the range of an axis, widened on both sides by half a cell, or by a tiny share of its end if that is more.
+    """Return the range of an axis, widened on both sides by half a cell, but at least by a tiny length.
 
-    The share is NARROWEST of the last value of the axis, or of `scale` if `scale` is larger.
+    This length is NARROWEST times the last value of the axis, or times `scale` if `scale` is larger.
 
     Returns
     -------

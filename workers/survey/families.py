@@ -99,9 +99,9 @@ class ListedAttractors(NamedTuple):
 class JoinedFamilies(NamedTuple):
     """The families of a survey.
 
-    table: the families. entered: the orbits without a slot, which no sample reached and continuation from neighbouring
-    cells found, sorted by cell. entered_family: the family of each of these orbits. columns: the number of columns of
-    the grid.
+    table: the families. entered: the orbits that continuation from neighbouring cells found, but no sample reached,
+    sorted by cell; they have no slot. entered_family: the family of each of these orbits. columns: the number of
+    columns of the grid.
     """
 
     table: FamilyTable
@@ -158,7 +158,7 @@ def attractors_in_slots(values: Mapping[str, np.ndarray], count: int) -> ListedA
 
 
 def complete_sources(source: np.ndarray) -> np.ndarray:
-    """Complete the sources of the slots of each cell to a permutation of the slots.
+    """Complete a rearrangement of the slots of each cell, so that every slot is the source of exactly one slot.
 
     source (slots, m, n): for each slot of a cell the slot whose content moves into it, −1 for none. Each slot without a
     source gets one of the slots that are no source yet, in ascending order. These unused slots are empty, so a slot
@@ -170,7 +170,7 @@ def complete_sources(source: np.ndarray) -> np.ndarray:
         The source of each slot; all sources in a cell are different.
     """
     taken = np.zeros((source.shape[0] + 1, *source.shape[1:]), bool)
-    np.put_along_axis(taken, source.astype(np.int64), True, 0)  # −1 addresses the additional last row
+    np.put_along_axis(taken, source.astype(np.int64), True, 0)  # −1 (none) marks the extra last row, left out below
     to, of = (np.argsort(used, axis=0, kind="stable") for used in (source >= 0, taken[:-1]))
     free = np.arange(source.shape[0])[:, None, None] < (source < 0).sum(axis=0)
     moved = np.take_along_axis(source, to, 0)
@@ -219,7 +219,7 @@ def slots_in_cells(family: np.ndarray, cell: np.ndarray, of_family: np.ndarray) 
         Slot of each attractor.
     """
     slot = np.full(family.size, -1)
-    used = np.zeros(int(cell.max(initial=-1)) + 1, np.uint64)  # for each cell a bit for each slot
+    used = np.zeros(int(cell.max(initial=-1)) + 1, np.uint64)  # bit i of a cell is set if its slot i is taken
     named = np.flatnonzero(family != NO_FAMILY)
     _, first = np.unique(family[named].astype(np.int64) * used.size + cell[named], return_index=True)
     first = named[first]  # the first attractor of each family in each cell
@@ -238,7 +238,7 @@ def _lowest_free_slot(used: int) -> int:
 
 
 def create_family_array(root: zarr.Group, request: SurveyRequest, side: int) -> zarr.Array:
-    """Create the array with the family number of every slot, in chunks of `side` × `side` cells."""
+    """Create the array of family numbers, one for each slot of each cell, in chunks of `side` × `side` cells."""
     described: dict[str, Any] = {
         "long_name": "number of the family of the attractor, a row of the group families; 0: quiet, -1: none",
         "units": "1",

@@ -20,7 +20,7 @@ Part = TypeVar("Part", bound=StrictRecord)
 Positive = Annotated[Real, Field(gt=0)]
 Teeth = Annotated[int, Field(strict=True, ge=1, le=1000)]
 
-#: {number of a machine that may be an axis: the axis of the model that replaces it}.
+#: {axis of a survey of a machine: the axis of the model to which it is converted}.
 AXES = {"rpm": "delta", "eccentricity": "epsilon"}
 
 
@@ -54,7 +54,7 @@ class SurveyedMachine(StrictRecord):
 
     @property
     def _reduced_pair(self) -> Reduced:
-        """The two gears reduced to one coordinate, at a speed of 1 rad/s."""
+        """The two gears reduced to one coordinate. The speed is 1 rad/s; the fields used here do not depend on it."""
         return machine_point({**self.model_dump(), "eccentricity": 0.0}, 1.0).pair
 
     @property
@@ -76,7 +76,7 @@ def model_range(machine: SurveyedMachine, name: str, axis: Axis) -> tuple[float,
     """Return the range of δ for an axis of speeds ("rpm"), or of ε for eccentricities. Raises ParameterError."""
     if name == "rpm":
         return machine.machine_at_speed(axis.stop, 0.0).delta, machine.machine_at_speed(axis.start, 0.0).delta
-    any_speed = 1.0  # in revolutions per minute; ε does not depend on the speed
+    any_speed = 1.0  # in revolutions per minute; another number would do, because ε does not depend on the speed
     low, high = (machine.machine_at_speed(any_speed, end).epsilon for end in (axis.start, axis.stop))
     return low, high
 

@@ -67,8 +67,8 @@ BASIN_SIDE = 8  # cells along a side of a default tile if basins are computed; s
 BASIN_SAMPLES = 4096  # number of states of a cell that are followed at a time if basins are computed
 MAX_TILE_CELLS = 65_536  # largest number of cells of a tile, whose results take some 50 MB in a worker
 MAX_TILE_REGIONS = 1_048_576  # largest number of cells of a tile that refines regions alone, a few bytes per cell
-#: A default tile of a refined survey of regions is higher than wide by the square of this factor, because all cells of
-#: a column share constants of the closed forms.
+#: A default tile of a refined survey of regions has more rows than columns, by the square of this factor, because all
+#: cells of a column share constants of the closed forms.
 TALL_TILE_FACTOR = 4
 MAX_TILE_SAMPLES = 4_194_304  # largest number of samples of a tile, which take some 300 MB while a worker follows them
 BY_FRACTION, BY_FAMILY = "fraction", "family"  # values of `slots_by`, the rule that gives an attractor its slot
@@ -321,7 +321,9 @@ class SurveyRequest(_ModelFields):
             if size is not None and size > num:
                 raise ValueError(f"tile.{axis} ({size}) exceeds the axis ({num} values): use {num} or less")
             if self.refine is not None and size not in (None, num) and size % BLOCK:
-                raise ValueError(f"tile.{axis} ({size}) cuts blocks of a refined survey: use a multiple of {BLOCK}")
+                raise ValueError(
+                    f"tile.{axis} ({size}) would divide the blocks of a refined survey: use a multiple of {BLOCK}"
+                )
         if self.tile_shape[0] * self.tile_shape[1] > self._largest_tile:
             raise ValueError(f"a tile may hold at most {self._largest_tile:,} cells: use a smaller tile")
         if self.tile_shape[0] * self.tile_shape[1] * self.samples_per_cell > MAX_TILE_SAMPLES:
@@ -364,7 +366,7 @@ class SurveyRequest(_ModelFields):
 
     @property
     def added_numbers(self) -> dict[str, float]:
-        """The values of the parameters that the model adds to δ, ε and β, by name; a third axis by its last value."""
+        """{name: value} of the parameters that the model adds to δ, ε and β; of a third axis the last value alone."""
         return {
             name: value.stop if isinstance(value, Axis) else value
             for name, value in self.other_parameters.items()
@@ -400,7 +402,7 @@ class SurveyRequest(_ModelFields):
         }
 
     def slice_index(self, number: int) -> Along:
-        """Return the index of the slice with a number, from 0. A number beyond the last slice means the last slice.
+        """Return the index of the slice `number`, counted from 0. Too large a number gives the last slice.
 
         Returns
         -------
@@ -491,7 +493,7 @@ class SurveyRequest(_ModelFields):
 
     @property
     def samples_per_cell(self) -> int:
-        """Most states of a cell that are followed at a time: its initial conditions, or states of its basins."""
+        """The largest number of states of a cell that are followed at once, as samples or to find its basins."""
         samples = self.initial_conditions.count if SAMPLED.intersection(self.quantities) else 0
         return max(samples, BASIN_SAMPLES) if Group.BASINS in self.quantities else samples
 

@@ -71,6 +71,8 @@ def completed_template(kept: dict[str, Buffer], request: Any, created: str, chun
 
     Parameters
     ----------
+    kept : dict[str, Buffer]
+        The files of the store by key, which are changed.
     chunks : dict[str, str]
         The pattern of each variable's chunk keys, with placeholders such as {row} and {column}.
 
@@ -92,7 +94,7 @@ def completed_template(kept: dict[str, Buffer], request: Any, created: str, chun
 def empty_arrays(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
     """Create the per-cell arrays of a store in memory, without values.
 
-    They serve to encode tiles as the store has them, without reading the metadata of the store.
+    Writing a tile to these arrays encodes its chunks as the store has them, without reading the store's metadata.
 
     Returns
     -------
@@ -295,7 +297,7 @@ def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
 
 
 def write_variables(group: zarr.Group, variables: Iterable[CurveVariable], item: Any) -> None:
-    """Write variables with their attributes to a group. item: the object that has their values."""
+    """Write variables with their attributes to a group. item: the object that they describe, such as a curve."""
     for variable in (part for each in variables for part in each.parts):
         write_array(group, variable.name, variable.dims, variable.stored_values(item), variable.attributes)
 

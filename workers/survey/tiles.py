@@ -114,7 +114,7 @@ def compute_tile(
 
     Values are a pure function of the request and the cell; they do not depend on the shape or order of tiles. A cell
     that fails has status 3, fill values in all other variables, and a message in the record; its neighbours are
-    unaffected. If a cell of a refined tile fails, or if outcomes are given, all its cells are computed.
+    unaffected. A refined tile has no filled cells if one of its cells fails, or if `outcomes` are given.
 
     Parameters
     ----------
@@ -188,7 +188,8 @@ def cell_outcomes(
     Parameters
     ----------
     failing : tuple[type[Exception], ...]
-        Exceptions in MACHINE_FAILURES that count as failures of the cell here, instead of ending the tile.
+        Types in MACHINE_FAILURES, such as MemoryError, after which only the cell counts as failed. Errors of the other
+        types in MACHINE_FAILURES are raised, and no further cell is evaluated.
 
     Yields
     ------

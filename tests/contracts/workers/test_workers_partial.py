@@ -138,7 +138,7 @@ def test_after_a_pause_a_tile_goes_on_where_it_was(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(runner, "recording_tiles", lambda _: nullcontext(lambda _: None))
     monkeypatch.setattr(runner, "is_divisible", lambda *_: True)
     monkeypatch.setattr(costs, "MANY", 1)
-    monkeypatch.setattr(costs, "FEWEST", 1)
+    monkeypatch.setattr(costs, "LEAST_MEASURED", 1)
     monkeypatch.setattr(partial, "compute_tile", cost)
     run_state, ended, left = RunState(), list[TileRecord](), list[float]()
 
@@ -150,7 +150,7 @@ def test_after_a_pause_a_tile_goes_on_where_it_was(tmp_path: Path, monkeypatch: 
         )  # fmt: skip
 
     run(lambda: len(cells) > 8)
-    assert run_state.foreseen.keys() == {0, 1, 2, 3}
+    assert run_state.seconds_per_cell.keys() == {0, 1, 2, 3}
     assert not ended
     computed = {index: int(part.done.sum()) for index, part in run_state.partial.items()}
     assert max(computed.values()) > 1

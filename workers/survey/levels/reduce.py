@@ -1,10 +1,10 @@
 """Reduce several cells to one: codes, numbers and phases of rectangles of cells.
 
 The functions `reduced_codes`, `reduced_numbers` and `reduced_phases` take values (m, n), flags `known` (m, n) of the
-computed cells, and `steps`: for each level how many cells of the next finer level a cell covers along each axis, 1 or
-2. They yield the arrays of each level. Every level is computed from the survey's cells and not from the next finer
-level, because the most frequent of several most frequent codes need not be the most frequent code of all cells. The
-last cell of an axis may cover fewer cells.
+cells that count, and `steps`: for each level how many cells of the next finer level a cell covers along each axis, 1 or
+2. A cell counts if it is computed, has not failed and has the variable. The functions yield the arrays of each level.
+Every level is computed from the survey's cells and not from the next finer level, because the most frequent of several
+most frequent codes need not be the most frequent code of all cells. The last cell of an axis may cover fewer cells.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -15,16 +15,17 @@ import numpy as np
 
 from gear_rattle.workers.survey.levels.grid import Pair
 
-#: Names of the statistics of the numbers in several cells. "share" is the share of the computed cells that have a
-#: finite number.
+#: Names of the statistics of the numbers in several cells. "share" is the number of cells with a finite number, divided
+#: by the number of cells that count (see the top of this file).
 STATISTICS = ("mean", "least", "largest", "share")
 
 
 class LevelCodes(NamedTuple):
     """The codes in the cells (m, n) of a level, each of which covers several cells of the survey.
 
-    most: the most frequent code in a cell, the lowest one of equally frequent codes. share: the share of the computed
-    cells that have this code; NaN if no cell is computed. occurs: a bit mask; bit i is set if code i occurs.
+    most: the most frequent code in a cell, the lowest one of equally frequent codes. share: the number of covered cells
+    with this code, divided by the number of covered cells that count (see this module); NaN if none counts. occurs: a
+    bit mask; bit i is set if code i occurs.
     """
 
     most: np.ndarray
@@ -69,7 +70,7 @@ def reduced_numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]
 
     The mean is the mean of the finite numbers; least and largest include infinite numbers. In cells without
     a finite number the mean is NaN; in cells without any number least and largest are NaN, too. The share is NaN where
-    no cell is computed.
+    no cell counts (see this module).
 
     Yields
     ------
@@ -95,7 +96,7 @@ def reduced_phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair])
 
     A phase of 1 equals a phase of 0. The mean is the direction of the sum of unit vectors, in [0, 1). least and largest
     are the ends of the interval around the mean that contains all phases, so least may be below 0, and largest 1 or
-    more. All three are NaN in cells without any phase; the share is NaN where no cell is computed.
+    more. All three are NaN in cells without any phase; the share is NaN where no cell counts (see this module).
 
     Yields
     ------

@@ -28,7 +28,7 @@ from gear_rattle.workers.survey.values.schema import CELL, Quantity
 #: Dimensions of a level. Their names differ from those of the survey's dimensions, because their coordinates differ.
 LEVEL_CELL = ("level_epsilon", "level_delta")
 STATISTIC = "statistic"
-SHARE, OCCURS = "_share", "_occurs"  # endings of the names of the two arrays beside the most frequent code
+SHARE, OCCURS = "_share", "_occurs"  # a variable with codes has two more arrays, whose names end in these
 #: Entry of the attribute `zarr_conventions` that names the convention for pyramid levels.
 MULTISCALES = {
     "schema_url": "https://raw.githubusercontent.com/zarr-conventions/multiscales/refs/tags/v1/schema.json",
@@ -59,7 +59,15 @@ def code_meanings(quantity: Quantity) -> tuple[str, ...]:
 
 
 def level_arrays(quantity: Quantity) -> tuple[LevelDescription, ...]:
-    """Return descriptions of a level's arrays for a variable; complex numbers are represented by their moduli."""
+    """Describe the arrays that a level has for one variable: one array of statistics, or three arrays for codes.
+
+    Complex numbers are represented by their moduli.
+
+    Returns
+    -------
+    tuple[LevelDescription, ...]
+        For codes: the most frequent code, its share, and which codes occur.
+    """
     name, dims, words = quantity.name, quantity.dims[:-2], code_meanings(quantity)
     if not words:
         modulus = np.dtype(quantity.dtype).kind == "c"
@@ -130,14 +138,13 @@ def files_of_levels(request: SurveyRequest) -> Template:
 
 
 def _layout_entries(levels: tuple[Level, ...]) -> Iterator[dict[str, Any]]:
-    """Yield each level's entry of the multiscales convention, with scales relative to the next finer level.
-
-    Pairs are along (epsilon, delta).
+    """Yield the description of each level in the form of the multiscales convention for zarr.
 
     Yields
     ------
     dict[str, Any]
-        Name of the level, of the level from which it is derived, and scale and translation.
+        Name of the level, name of the next finer level, and scale and translation relative to that level, along
+        (epsilon, delta).
     """
     for level, step in zip(levels, reduction_steps(levels), strict=True):
         before = {"derived_from": str(level.number - 1)} if level.number > 1 else {}

@@ -45,8 +45,9 @@ def audit_attributes(counts: Sequence[Sequence[int]]) -> dict[str, int | float]:
 
     counts: for each slice, the numbers of filled, audited and wrong cells.
 
-    All slices of such a survey audit the same positions, so the audits of several slices are no larger a sample than
-    that of one. The upper bound for the survey is therefore the largest one of a slice; it is 0 if no cells are filled.
+    All slices of such a survey audit the same positions, so several slices are no larger a random sample than one
+    slice. The upper bound for the survey is therefore the largest of the upper bounds for its slices; it is 0 if no
+    cells are filled.
 
     Returns
     -------
@@ -58,7 +59,7 @@ def audit_attributes(counts: Sequence[Sequence[int]]) -> dict[str, int | float]:
 
 
 def share_upper_bound(wrong: int, drawn: int, confidence: float = CONFIDENCE) -> float:
-    """Return an upper bound, with this confidence, of the share of wrong cells in a population of cells.
+    """Return an upper bound, with this confidence, of the share of wrong cells among cells of which some were drawn.
 
     drawn: how many cells were drawn at random. wrong: how many of the drawn cells are wrong. The bound is the upper
     end of the one-sided interval of Clopper and Pearson, Biometrika 26 (1934) 404.

@@ -14,12 +14,12 @@ from rattle.families import GridPiece, in_order, no_attractors, together
 
 #: Kinds of attractors that only samples show, because continuation can follow periodic orbits only.
 SAMPLED_KINDS = (QUIET, CHAOTIC, UNDECIDED)
-#: Two cells differ if at least this many samples go to a motion in one cell, and none in the other cell.
+#: Two cells certainly differ if at least this many samples go to a motion in one cell, and none in the other cell.
 CERTAIN_SAMPLES = 12
 #: Closed forms are computed for at most this many cells at once, sorted by column, because a column shares constants.
 CELLS_AT_ONCE = 65_536
-#: An audited cell disagrees with its leaf if the leaf's edges have a motion to which no sample of the cell goes, unless
-#: this happens by chance with a probability of at least CHANCE_LIMIT.
+#: The samples of an audited cell may miss a motion of its leaf's edges by chance. The cell counts as wrong for this
+#: reason only if the probability of such a chance is below CHANCE_LIMIT.
 CHANCE_LIMIT = 1e-3
 
 
@@ -122,7 +122,7 @@ class Evidence:
         audited : np.ndarray
             Flags of the audited cells, in the shape of the square.
         before : np.ndarray
-            The result of `label_codes` for these cells before the audit.
+            The codes that `label_codes` returned before the audit, which may have found further orbits.
 
         Returns
         -------
@@ -148,9 +148,9 @@ def cells_differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
     """Return for each leaf (k,) whether some of its cells have a motion and others do not.
 
     seen (…, k, n, n): how many samples of each cell go to the motion. known (k, n, n): flags of the sampled cells.
-    count: the number of samples of a cell. Cells differ if no sample goes to the motion in one cell, and at least
-    CERTAIN_SAMPLES do in another cell. Cells also differ if the cells without a sample that goes to the motion are more
-    than chance explains, assuming that all cells have the same basin fraction.
+    count: the number of samples of a cell. A cell lacks the motion if none of its samples goes to it. Cells of a leaf
+    differ if one cell lacks the motion, and in another cell at least CERTAIN_SAMPLES samples go to it. They also differ
+    if more cells lack the motion than chance would explain if all cells had the same basin fraction.
 
     Returns
     -------

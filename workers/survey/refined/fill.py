@@ -31,13 +31,13 @@ TRAJECTORY_VARIABLES = ("lyapunov_max", "sum_rule_error", "impulse_balance_error
 class RefinedCells(Cells):
     """The cells of a refined tile, computed or filled.
 
-    table: the attractors of all cells. wider (attractors,): the uncertainty that filling adds to each basin fraction
-    (see `Filling`), 0 in a computed cell. regions, source_level, audit, audit_leaf: the values of the stored variables
-    region, source_level, audit and audit_leaf.
+    table: the attractors of all cells. added_width (attractors,): the uncertainty that filling adds to each basin
+    fraction (see `Filling`), 0 in a computed cell. regions, source_level, audit, audit_leaf: the values of the stored
+    variables region, source_level, audit and audit_leaf.
     """
 
     table: Attractors = None  # type: ignore[assignment]  # a field after fields with defaults needs a default
-    wider: np.ndarray = None  # type: ignore[assignment]
+    added_width: np.ndarray = None  # type: ignore[assignment]
     regions: np.ndarray = None  # type: ignore[assignment]
     source_level: np.ndarray = None  # type: ignore[assignment]
     audit: np.ndarray = None  # type: ignore[assignment]
@@ -60,9 +60,16 @@ class RefinedCells(Cells):
         return found
 
     def values_of(self, quantity: Quantity) -> np.ndarray:
-        """Return the values of a variable. In filled cells, some variables have another formula, and some are NaN."""
+        """Return the values of a variable.
+
+        Returns
+        -------
+        np.ndarray
+            Upper ends and errors of basin fractions include the uncertainty of filling. TRAJECTORY_VARIABLES are NaN in
+            filled cells with a chaotic attractor.
+        """
         if quantity.name == "attractor_fraction_upper":
-            return in_slots(self, np.minimum(self._fraction_upper + self.wider, 1.0), np.nan, quantity.dtype)
+            return in_slots(self, np.minimum(self._fraction_upper + self.added_width, 1.0), np.nan, quantity.dtype)
         if quantity.name == "fraction_error":
             return self._fraction_error
         if quantity.name in TRAJECTORY_VARIABLES:
@@ -81,8 +88,8 @@ class RefinedCells(Cells):
         won = kind_fraction("quiet")(self) * self.count
         low, high = wilson_interval(np.where(self.is_filled, np.minimum(won, self.count), np.rint(won)), self.count)
         quiet = self.table.kind == QUIET
-        wider = np.bincount(self.table.cell[quiet], self.wider[quiet], self.source_level.size).reshape(self.shape)
-        return (high - low) / 2 + wider
+        added = np.bincount(self.table.cell[quiet], self.added_width[quiet], self.source_level.size).reshape(self.shape)
+        return (high - low) / 2 + added
 
     @cached_property
     def _lacks_own_trajectory(self) -> np.ndarray:
@@ -100,7 +107,7 @@ class RefinedCells(Cells):
     def _traced_cells(self) -> RefinedCells:
         """A copy of these cells in which the chaotic attractors without a trajectory are left out."""
         rows = ~self._lacks_own_trajectory
-        return replace(self, table=self.table.take(rows), wider=self.wider[rows])
+        return replace(self, table=self.table.take(rows), added_width=self.added_width[rows])
 
 
 class FillingPlan(NamedTuple):
@@ -133,7 +140,7 @@ def refined_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) 
     evidence = Evidence(blocks, frame, sampled, Group.REGION in plan.quantities)
     tree = Tree(evidence, crossed_edges(blocks, plan.crossings), random_draws(blocks, plan.seed), plan.rounds)
     tree.compute_cells()
-    level, wider, table = np.zeros(blocks.n_cells, np.int8), np.zeros(evidence.table.cell.size), evidence.table
+    level, added_width, table = np.zeros(blocks.n_cells, np.int8), np.zeros(evidence.table.cell.size), evidence.table
     for leaves in tree.filled:
         square = blocks.cells_of(leaves)
         cell = blocks.cell_numbers(square)
@@ -142,7 +149,7 @@ def refined_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) 
         evidence.region[cell[empty]] = np.broadcast_to(evidence.region[cell[:, :1, :1]], cell.shape)[empty]
         if sampled:
             more = fill_leaves(evidence, leaves)
-            table, wider = together(table, more.table), np.append(wider, more.wider)
+            table, added_width = together(table, more.table), np.append(added_width, more.added_width)
     height, width = rows.stop - rows.start, columns.stop - columns.start
     row, column = np.divmod(table.cell, blocks.shape[1])
     mine = (row < height) & (column < width)
@@ -159,7 +166,7 @@ def refined_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) 
             "epsilon": whole.epsilon[rows],
         },
         table=table.take(order),
-        wider=wider[order],
+        added_width=added_width[order],
         regions=inner_cells(evidence.region),
         source_level=inner_cells(level),
         audit=inner_cells(tree.audit),

@@ -2,8 +2,9 @@
 
 Each round audits a random sample of the filled cells. It draws the sample from cells that no earlier round has drawn,
 so the sample is independent of all earlier decisions. If the bound is not met, there is another round. That round first
-computes all cells of the leaves of those kinds in which too many audited cells were wrong. Then it audits as many cells
-as the bound needs. The last round computes all remaining cells.
+computes all cells of some leaves (squares of cells): of the leaves without chaos up to one size, and of those with
+chaos up to another, because too many audited cells in such leaves were wrong. Then it audits as many cells as the bound
+needs. The last round computes all remaining cells.
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ LAST_ROUND = 5  # number of the round that computes all remaining cells; the fir
 #: The kind of a leaf (a square of cells) is log2 of its size, plus CHAOTIC if its computed cells have chaotic or
 #: undecided samples. There are KINDS kinds.
 CHAOTIC, KINDS = 8, 16
-#: A round computes all cells of more and more kinds of leaves, until the expected share of wrong cells is at most this
-#: multiple of the bound.
+#: A round computes whole kinds of leaves, those with the largest shares of wrong cells first, until the expected share
+#: of wrong cells in all other leaves is at most this multiple of the bound.
 WRONG_TARGET = 0.5
 MOST_AUDITED = 0.5  # a round that would have to audit more than this share of the filled cells computes all of them
-#: The first audit draws this many times the number of cells that would suffice if all cells were filled and right.
+#: The first audit draws this many times the number of cells that would suffice if all cells were filled and none wrong.
 FIRST_AUDIT_FACTOR = 3.0
 
 
@@ -67,7 +68,7 @@ def first_round(audit: float, bound: float | None, cells: int) -> AuditRound:
     Returns
     -------
     AuditRound
-        A round without limits on the sizes of leaves.
+        A round that audits without first computing all cells of any leaf.
     """
     if bound is None:
         return AuditRound(audit)

@@ -22,11 +22,11 @@ class Filling(NamedTuple):
     table: the attractors. A periodic attractor is an orbit that Newton's method has found in the cell. Any other
     attractor has the state of an attractor of the same kind in the nearest computed cell, and no exponents.
     `table.samples` is the basin fraction times the number of samples of a cell, and need not be a whole number.
-    wider: the half-width that filling adds to the 95 % interval of each basin fraction.
+    added_width: the half-width that filling adds to the 95 % interval of each basin fraction.
     """
 
     table: Attractors
-    wider: np.ndarray
+    added_width: np.ndarray
 
 
 class Branches(NamedTuple):
@@ -60,7 +60,7 @@ def fill_leaves(evidence: Evidence, leaves: Leaves) -> Filling:
         parts += (
             leaf.filling_with_orbits(blocks[block], row, column) if block in blocks else leaf.filling_without_orbits()
         )
-    return Filling(together(*(each.table for each in parts)), np.concatenate([each.wider for each in parts]))
+    return Filling(together(*(each.table for each in parts)), np.concatenate([each.added_width for each in parts]))
 
 
 def branches_of(existing: GridPiece) -> Branches:
@@ -152,16 +152,16 @@ class _Leaf:
         return [*self._fill_sampled_kinds(shares, spread), periodic]
 
     def _fitted_fractions(self, won: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Fit a plane over (δ, ε) to each basin fraction of the computed cells, and evaluate it in the empty cells.
+        """Fit linear functions of (δ, ε) to basin fractions of the computed cells; evaluate them in the empty cells.
 
-        There is a plane for each kind in SAMPLED_KINDS and for each label of periodic orbits. won (known cells,
-        labels): how many samples of each computed cell go to orbits with each label. The fractions of each cell are
-        scaled so that their sum is 1.
+        There is a function for each kind in SAMPLED_KINDS and for each label of periodic orbits. won (known cells,
+        labels): how many samples of each computed cell go to orbits with each label. The fitted fractions of each cell
+        are scaled so that their sum is 1.
 
         Returns
         -------
         tuple[np.ndarray, np.ndarray]
-            The fractions (empty cells, kinds and labels); and for each plane the standard deviation of the computed
+            The fractions (empty cells, kinds and labels). For each function the standard deviation of the computed
             fractions from it, without the part that the finite number of samples explains.
         """
         count = self.evidence.cells.count
@@ -244,12 +244,12 @@ def _normalized(shares: np.ndarray) -> np.ndarray:
 
 
 def _divided_fractions(of: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Divide the basin fraction of each label in each cell among the orbits with this label, in proportion to weight.
+    """Divide basin fractions among orbits. All orbits with one label in one cell share one fraction by weight.
 
-    of (k,): for each orbit, the number of the basin fraction in which the orbit has a part. weight (k,): how many
-    samples of computed cells go to the branch of the orbit, negative if no computed cell has this branch. An orbit with
-    a negative weight gets no part if another orbit with a part in this fraction has a weight of 0 or more. If all
-    weights are 0, the parts are equal.
+    of (k,): for each orbit, the number of the fraction that it shares. weight (k,): how many samples of computed cells
+    go to the branch of the orbit, negative if no computed cell has this branch. An orbit with a negative weight gets a
+    part only if all orbits that share its fraction have negative weights. If none of them has a positive weight, the
+    parts are equal.
 
     Returns
     -------

@@ -25,7 +25,7 @@ class Tree:
     draws (cells,): a random number for each cell, which decides the round that audits it. rounds: the rounds of audits.
     audit (cells,): the finding of the audit, 0 (not audited), AUDITED or DISAGREED. leaf (cells,): KINDS times the
     number of the last round in which the cell was to be filled, plus the kind of the cell's leaf. filled: the leaves
-    whose other cells are filled.
+    that are not divided further, in which all cells that are not computed will be filled.
     """
 
     evidence: Evidence
@@ -40,7 +40,7 @@ class Tree:
     _chosen: np.ndarray = field(init=False)  # (cells,): flags of the cells to audit in this round
 
     def __post_init__(self) -> None:
-        """Set the arrays of the first round."""
+        """Create `audit` and `leaf`, and choose the cells that the first round audits."""
         self.audit, self.leaf = np.zeros((2, self.blocks.n_cells), np.int8)
         self._now = self.rounds[0]
         self._chosen = self.draws < self._now.drawn
@@ -51,13 +51,13 @@ class Tree:
         return self.evidence.blocks
 
     def compute_cells(self) -> None:
-        """Compute the necessary cells, round by round. The other cells of the leaves in `filled` can then be filled.
+        """Compute cells and divide leaves, round by round, until the leaves in `filled` can be filled.
 
         The method changes `filled`, `audit` and `leaf`.
         """
         self._compute_leaves([self.blocks.whole_blocks()])
         for number, (before, now) in enumerate(pairwise(self.rounds), start=1):
-            self._now = now  # a round first computes all cells of some leaves, and then audits others
+            self._now = now  # `_are_uniform` now rejects all leaves that this round computes as a whole
             self._compute_leaves(self._divide_failing(self._are_uniform))
             self._number = number
             self._chosen = (before.drawn <= self.draws) & (self.draws < now.drawn)
@@ -86,7 +86,7 @@ class Tree:
         return others
 
     def _compute_and_divide(self, waiting: list[Leaves]) -> None:
-        """Compute the edges of leaves, largest leaves first, and divide those not uniform or failing the audit."""
+        """Compute the edges of leaves, the largest first. Divide leaves that are not uniform or fail the audit."""
         size = BLOCK
         while size:
             now = [leaves for leaves in waiting if leaves.size == size and leaves.block.size]
@@ -101,7 +101,7 @@ class Tree:
             size //= 2
 
     def _are_uniform(self, leaves: Leaves) -> np.ndarray:
-        """Return flags of leaves whose cells agree, that no curve crosses, and that this round may fill."""
+        """Return whether each leaf has cells that agree, is crossed by no curve, and need not be computed whole now."""
         found = self.evidence.are_uniform(leaves) & ~self._are_crossed(self.blocks.cells_of(leaves))
         if max(self._now.regular, self._now.chaotic) >= leaves.size:
             limit = np.where(self.evidence.have_chaos(leaves), self._now.chaotic, self._now.regular)
@@ -118,7 +118,7 @@ class Tree:
         return found
 
     def _pass_audit(self, leaves: Leaves) -> np.ndarray:
-        """Compute the chosen cells of leaves to be filled, and return for each leaf whether it is still uniform."""
+        """Audit leaves: compute their cells that this round chose, and return whether each leaf is still uniform."""
         square = self.blocks.cells_of(leaves)
         cell = self.blocks.cell_numbers(square)
         empty = square.inside & ~self.evidence.known[cell]
@@ -134,7 +134,10 @@ class Tree:
         return self._are_uniform(leaves)
 
     def _record_kind(self, leaves: Leaves, cell: np.ndarray, empty: np.ndarray) -> None:
-        """Record for each cell that is to be filled the kind of its leaf, unless this round has recorded one before."""
+        """Record in `self.leaf` the round and the kind of the leaf for cells to fill, once in a round for each cell.
+
+        cell: numbers of the cells of the leaves. empty: flags of those to fill.
+        """
         first = KINDS * self._number
         fresh = empty & (self.leaf[cell] < max(first, 1))
         kind = first + CHAOTIC * self.evidence.have_chaos(leaves) + leaves.size.bit_length() - 1

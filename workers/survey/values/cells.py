@@ -60,9 +60,10 @@ class Cells:
 
     @property
     def audit_leaf(self) -> np.ndarray:
-        """For each cell one code for the last round of audits in which the cell was to be filled and its leaf's kind.
+        """For each cell a code that combines the kind of its leaf and the last round of audits that was to fill it.
 
-        A leaf is a square of cells. In this class the code is 0 everywhere, because no cell is filled.
+        A leaf is a square of cells; `refined/rounds.py` defines its kind. In this class the code is 0 everywhere,
+        because no cell is filled.
         """
         return np.zeros(self.shape, np.int8)
 

@@ -87,7 +87,7 @@ def _sum_over_attractors(cells: Cells, weights: np.ndarray) -> np.ndarray:
 
 
 def attractor_count(cells: Cells) -> np.ndarray:
-    """Return the number of attractors of each cell, also beyond the slots; undecided samples count as one attractor."""
+    """Return each cell's number of attractors, with or without a slot; undecided samples count as one attractor."""
     return _sum_over_attractors(cells, np.ones(cells.attractors.cell.size))
 
 
@@ -134,7 +134,7 @@ def impulse_balance_error(cells: Cells) -> np.ndarray:
 
 
 def _largest_of_attractors(cells: Cells, values: np.ndarray) -> np.ndarray:
-    """Return the largest of `values` over the attractors of each cell. NaN is ignored, but stands where all are NaN."""
+    """Return the largest of `values` over the attractors of each cell, ignoring NaN; NaN if all values are NaN."""
     largest = np.full(cells.delta.size * cells.epsilon.size, np.nan)
     np.fmax.at(largest, cells.attractors.cell, values)
     return largest.reshape(cells.shape)

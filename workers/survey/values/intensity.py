@@ -34,7 +34,7 @@ def _attractor_values(cells: Cells, field: str) -> np.ndarray:
 
 
 def _levels_in_db(energy: np.ndarray, delta: np.ndarray) -> np.ndarray:
-    """Return energies per forcing period as levels in dB, relative to the natural energy at each damping."""
+    """Return energies per forcing period as levels in dB, relative to 2π²δ² (`natural_energy`) at each damping δ."""
     with np.errstate(divide="ignore"):  # the level of quiet running is −inf
         return np.asarray(10.0 * np.log10(energy / natural_energy(delta)))
 
@@ -44,9 +44,9 @@ def _slot_evaluator(field: str) -> Evaluate:
 
 
 def _sample_mean(cells: Cells, values: np.ndarray) -> np.ndarray:
-    """Return for each cell the mean of `values` over its samples, each with the value of the sample's attractor.
+    """Return the mean of `values` over the samples of each cell; a sample has the value of the attractor it reached.
 
-    values: a number for each attractor. The mean is NaN if the value of an attractor that samples reach is unknown.
+    values: a number for each attractor, NaN if unknown. The mean is NaN if a sample reached such an attractor.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def _sample_values(cells: Cells, field: str) -> np.ndarray:
     if field == "largest_speed":
         largest = np.zeros(cells.delta.size * cells.epsilon.size)
         won = cells.attractors.samples > 0
-        with np.errstate(invalid="ignore"):  # NaN counts as the largest value
+        with np.errstate(invalid="ignore"):  # one unknown speed (NaN) makes the result of its cell NaN
             np.maximum.at(largest, cells.attractors.cell[won], found.largest_speed[won])
         return largest
     if field == "level":
@@ -99,7 +99,7 @@ def _worst_evaluator(field: str) -> Evaluate:
 
     def evaluate(cells: Cells) -> np.ndarray:
         cell = cells.attractors.cell
-        by_energy = np.lexsort((cells.intensities.energy, cell))  # NaN is sorted last
+        by_energy = np.lexsort((cells.intensities.energy, cell))  # an unknown energy (NaN) is last
         worst = by_energy[np.searchsorted(cell, np.arange(cells.delta.size * cells.epsilon.size), side="right") - 1]
         values = _attractor_values(cells, field)[worst]
         return np.where(np.isnan(cells.intensities.energy[worst]), np.nan, values).reshape(cells.shape)

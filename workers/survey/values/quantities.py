@@ -427,9 +427,9 @@ BOUNDED: tuple[Quantity, ...] = (
 
 
 def groups_of(model: str, has_harmonics: bool = False) -> tuple[Group, ...]:
-    """Return the groups of variables that a model has, with the group families, although no tile writes families.
+    """Return the groups of variables that a survey of a model can have; families are always among them.
 
-    has_harmonics: whether the forcing has further harmonics, for which some groups do not exist.
+    has_harmonics: whether the forcing has further harmonics. Some groups exist only for forcing by one cosine.
 
     Returns
     -------

@@ -41,8 +41,8 @@ class RowForm(StrEnum):
 
 #: The groups for which every cell is sampled.
 SAMPLED = frozenset({Group.ATTRACTORS, Group.LYAPUNOV, Group.INTENSITY})
-#: The groups that are computed only on request: basins cost several times as much as all others, and intensities are
-#: two dozen variables that few users need.
+#: The groups that are computed only on request: basins cost several times as much as all others, intensities are two
+#: dozen variables that few users need, and families need further steps after the tiles.
 OPTIONAL = frozenset({Group.BASINS, Group.INTENSITY, Group.FAMILIES})
 #: {group: the groups from which it is computed}. A request for the group includes these groups.
 NEEDS = {Group.FAMILIES: frozenset({Group.ATTRACTORS, Group.LYAPUNOV})}
@@ -76,7 +76,7 @@ class Quantity:
     reference: str
     evaluate: Evaluate
     flags: tuple[str, ...] = ()  # meanings of the codes 0, 1, 2, …
-    needs: Capability | None = None  # capability that a model needs beside that of the group; None for no other
+    needs: Capability | None = None  # a capability that a model needs besides that in GROUP_NEEDS
 
     @property
     def fill_value(self) -> int | float | complex | bool:
