@@ -41,9 +41,11 @@ DELETION, TEMPORARY, SURVEY_STORE, CERTIFICATE_STORE = (
 class StoreEntry:
     """An entry in the directory of stores.
 
-    survey_id: id of the survey whose store or certificates the entry is; empty for other entries. is_deletion: True for
-    a store whose deletion has begun. is_temporary: True for a store whose creation has not ended. remove: function that
-    removes the entry.
+    An entry is a file or a directory, such as the store of a survey or the store of its certificates.
+
+    survey_id: id of this survey; empty if the entry's name belongs to no survey. is_deletion: True for a store whose
+    deletion has begun. is_temporary: True for a store whose creation has not ended. remove: function that removes the
+    entry.
     """
 
     name: str
