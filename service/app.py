@@ -133,7 +133,7 @@ def _lifespan(
         with open_data(settings, broadcast.notify) as (directory, database):
             recover(database, directory)
             manager = JobManager(database, directory, cluster, metrics.count_tile)
-            metrics.report_database(database, manager)
+            metrics.add_scraped_metrics(database, manager)
             app.state.front = Front(
                 settings=settings,
                 directory=directory,
