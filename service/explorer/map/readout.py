@@ -40,18 +40,19 @@ INTERVAL = "The half-width of the 95 % interval follows ±. It is of the survey'
 
 
 class Readout:
-    """Numbers of a cell beside the map. pane: a line about the cell, a button that unfolds the rest, and the numbers.
+    """Numbers of a cell beside the map. pane: a summary line, a button that unfolds the numbers, and the numbers.
 
-    Line and button show only while a point is open: the numbers of the cell are not the answer of the point.
+    While a point is open, the numbers are folded, because they are of the survey's cell and not of the point. While no
+    point is open, the numbers show without summary and button.
     """
 
     def __init__(self, sheet: str) -> None:
-        self._line, self._tables = Text("", sheet), Text(HINT, sheet)
+        self._summary, self._tables = Text("", sheet), Text(HINT, sheet)
         self._is_unfolded = False
         self._button = pn.widgets.Button(label=UNFOLD, css_classes=["unfold"], stylesheets=[sheet], margin=(2, 0))
         on_press(self._button, self._toggle)
         row: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": 0}
-        self._head = pn.Column(self._line.pane, self._button, visible=False, **row)
+        self._head = pn.Column(self._summary.pane, self._button, visible=False, **row)
         self._numbers = pn.Column(self._tables.pane, **row)
         self.pane = pn.Column(self._head, self._numbers, **row)
 
@@ -61,13 +62,13 @@ class Readout:
         return self._tables.html
 
     @property
-    def line(self) -> str:
-        """HTML of the line about the cell."""
-        return self._line.html
+    def summary(self) -> str:
+        """HTML of the summary of the cell."""
+        return self._summary.html
 
     @property
     def is_folded(self) -> bool:
-        """True if only the line about the cell shows."""
+        """True if only the summary and the button show."""
         return not self._numbers.visible
 
     def clear(self) -> None:
@@ -75,9 +76,9 @@ class Readout:
         self._tables.html = HINT
         self._head.visible, self._numbers.visible = False, True
 
-    def show(self, line: str, tables: str, is_point_open: bool) -> None:
+    def show(self, summary: str, tables: str, is_point_open: bool) -> None:
         """Show the numbers of a cell (HTML). While a point is open, show `tables` only if a viewer has unfolded it."""
-        self._line.html = line
+        self._summary.html = summary
         self._tables.html = (OF_THE_CELL if is_point_open else "") + tables
         self._head.visible = is_point_open
         self._numbers.visible = self._is_unfolded or not is_point_open
@@ -88,7 +89,7 @@ class Readout:
         self._button.label = FOLD if self._is_unfolded else UNFOLD
 
 
-def cell_line(cell: xr.Dataset | None, request: SurveyRequest) -> str:
+def cell_summary(cell: xr.Dataset | None, request: SurveyRequest) -> str:
     """Return a line about a cell of a survey, in HTML: where it is, the size of its sample, and its quiet fraction.
 
     cell: the cell, None outside of the survey.

@@ -51,7 +51,7 @@ def default_variable(request: SurveyRequest, is_waiting: bool) -> str:
     """Return the variable that a survey shows unless a viewer chooses another variable.
 
     A survey that waits for its turn shows its first map, if that map is a closed form. Every other survey shows its
-    quiet fraction or, if it has none, the first map that fills in while the survey is computed.
+    quiet fraction. If it has none, it shows its first map that is not a closed form, or else its first map.
 
     Returns
     -------
@@ -84,13 +84,16 @@ class UncomputedMaps(Protocol):
 
         Parameters
         ----------
+        number : int
+            Number of the slice; 0 without a third axis.
         computed : Callable[[], MapPlane]
-            Returns the map of the cells that the survey has computed; raises MissingError if it has no cells yet.
+            Returns the map of the cells that the survey has computed; raises MissingError if it has no cells yet. It is
+            called when a viewer reads a cell.
 
         Returns
         -------
         MapPlane
-            The map.
+            The map. Its colours are closed forms; `cell_at` returns the survey's cell, if it is computed already.
         """
 
 

@@ -476,7 +476,7 @@ def test_the_example_is_still_there_beside_surveys(tmp_path: Path) -> None:
         assert shown.map.figure.x_range.start == pytest.approx(0.4)
         assert shown.view.query() == "?survey=example&variable=quiet_fraction&overlays=none"
         shown.open((0.6, 0.1))
-        await eventually(lambda: "64 starts, quiet" in shown.readout.line)
+        await eventually(lambda: "64 starts, quiet" in shown.readout.summary)
         row = example_row(shown.shared.exact.request)
         assert row["name"] == "Example: the paper's plane at β = 0.6"
         assert (row["id"], row["size"]) == (EXAMPLE, "200 × 150")
@@ -614,13 +614,13 @@ def test_beside_an_open_point_its_cell_is_one_line_until_it_is_unfolded(tmp_path
         cell = shown.plane.cell_at(*there)
         assert cell is not None
         share, error = (100 * float(cell[name]) for name in ("quiet_fraction", "fraction_error"))
-        assert f": 64 starts, quiet {share:.0f} ± {error:.0f} %</p>" in shown.readout.line
+        assert f": 64 starts, quiet {share:.0f} ± {error:.0f} %</p>" in shown.readout.summary
         assert "not of the open point" in shown.readout.html
         unfold.clicks += 1
         assert not shown.readout.is_folded
         shown.hover(*here)
         at = f"Survey&#x27;s grid cell at δ {here[0]:g}"
-        await eventually(lambda: at in shown.readout.line)
+        await eventually(lambda: at in shown.readout.summary)
         assert not shown.readout.is_folded  # as the viewer left it
         shown.store.dispatch(BookmarkChosen(((0.5, 0.6), (0.1, 0.2)), None, {}))
         await eventually(lambda: "Point at the map" in shown.readout.html)  # nothing of the old cell is left
