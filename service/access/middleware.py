@@ -96,8 +96,8 @@ class AccessMiddleware:
     Parameters
     ----------
     app
-        The application that gets the accepted requests. ``state["caller"]`` of a request is its `Caller`. If a service
-        requires keys, it is None for requests without a valid key, which may reach open paths such as /v1/health only.
+        The application that gets the accepted requests. ``state["caller"]`` of a request is its `Caller`. The value is
+        None for a request that lacks a required key; such a request may reach only open paths, such as /v1/health.
     settings
         The settings of the service.
     """

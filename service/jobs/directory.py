@@ -134,12 +134,12 @@ class DataDirectory:
             yield
 
     def identify(self, known: str | None = None) -> None:
-        """Check the identity of the directory, or give one to a new directory. The caller must have locked it.
+        """Check the identity of the locked directory: a text in its file IDENTITY_FILE, which a new directory gets.
 
         Parameters
         ----------
         known : str | None
-            Identity of the directory according to a job database outside it. None accepts any directory.
+            Identity that a job database outside the directory has recorded. None accepts any directory.
 
         Raises
         ------

@@ -319,7 +319,7 @@ class JobManager:
 
         def is_over() -> bool:
             nonlocal is_paused
-            is_paused = is_paused or self._is_turn_over(survey_id)
+            is_paused = is_paused or self._must_pause(survey_id)
             return is_paused
 
         def on_forecast(seconds: float) -> None:
@@ -341,7 +341,7 @@ class JobManager:
                 return
             if goes_on:
                 self._left[survey_id] = left
-                self._database.set_state(survey_id, State.RUNNING)  # removes the message about certificates
+                self._database.set_state(survey_id, State.RUNNING)  # removes a message about the progress of proofs
             else:
                 self._database.set_state(survey_id, State.SUCCESSFUL)
 
@@ -368,7 +368,7 @@ class JobManager:
         lost = self._database.keep_tiles(job.id, done)
         return {tile.index: tile for tile in tiles_of(request) if tile.index not in done}, bool(lost)
 
-    def _is_turn_over(self, survey_id: str) -> bool:
+    def _must_pause(self, survey_id: str) -> bool:
         """Return whether the turn is over and another survey is next. If the same survey is next, begin its turn."""
         if not self._turns.is_turn_over:
             return False

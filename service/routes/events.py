@@ -64,7 +64,7 @@ async def follow(
 
 
 async def event_stream(front: Front, caller: Caller, survey_id: str, kind: JobKind, last_event_id: int) -> Response:
-    """Return the stream of a job's events after `last_event_id`; status 204 if the job has ended and has none."""
+    """Return the stream of a job's events after `last_event_id`; status 204 if the job has ended and none follows."""
     job = await run_in_threadpool(find_job, front, survey_id, kind)
     if State(job.state).is_final and last_event_id >= job.last_event:
         return Response(status_code=204)

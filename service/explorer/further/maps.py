@@ -19,7 +19,7 @@ from gear_rattle.service.explorer.state.store import JOBS, Store
 
 
 class ComparisonMaps:
-    """Comparison maps of a page. places: a panel for each map that can be added, empty until then. add: the button.
+    """Comparison maps of a page. places: panels for all maps that can be added, empty at first. add: button.
 
     Parameters
     ----------

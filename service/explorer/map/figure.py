@@ -45,7 +45,7 @@ LETTER, ROW, REGION_LETTER, REGION_ROW, DISC = 9.0, 19.0, 9.0, 20.0, 11.0
 POINTER_MS, WINDOW_MS = 50, 200
 BAR_ROOM = 110  # pixels for the colour bar and its numbers: Bokeh does not measure numbers again when they change
 NARROW = 500  # width of a figure in pixels, below which the colour bar is below the map
-LARGEST_ZOOM = 5000.0  # greatest ratio of survey to window: browsers misplace cells of a larger image
+LARGEST_ZOOM = 5000.0  # greatest width of a survey in widths of the window: browsers misplace cells beyond it
 
 
 class MapFigure:
@@ -416,7 +416,7 @@ class MapFigure:
             self._place_names()
 
     def draw_point_lines(self, points: np.ndarray | None) -> None:
-        """Draw lines of the open point, such as the ellipse of its tolerances: (δ, ε) as (k, 2), NaN between lines."""
+        """Draw lines at the open point, as of its tolerances; None removes them. points: (δ, ε), NaN between lines."""
         if points is None:
             glyphs.clear(self.ellipse_at)
         else:

@@ -144,7 +144,7 @@ class KeyedLines(MapLines):
     def _list_lines(self) -> None:
         """List the lines of the survey's model in the key.
 
-        For the survey of a machine, start a task that removes from the key the lines that do not cross the survey.
+        For the survey of a machine, start a task that removes from the key the lines outside the survey's plane.
         """
         request, model = self._store.request, self._store.model
         window = None if request is None or request.machine is None else window_of(request)

@@ -177,7 +177,7 @@ class MapPlane:
         return self._values_and_status(slice(None), slice(None))
 
     def enlarged_block(self, window: Ranges) -> MapBlock:
-        """Return a very narrow window as ENLARGED² drawn cells, each with the value of the survey's cell there."""
+        """Return a very narrow window as ENLARGED² points, each with the value of the survey's cell around it."""
         (left, right), (bottom, top) = window
         delta, epsilon = (
             low + (np.arange(ENLARGED) + 0.5) * (high - low) / ENLARGED for low, high in ((left, right), (bottom, top))
@@ -331,7 +331,7 @@ class Atlas:
 
     def _plane_class(self, job: JobRow, variable: str) -> type[MapPlane]:
         """Return LeveledPlane if the store of a successful survey has pyramid levels of the map, else MapPlane."""
-        if variable in (LARGEST, SHARE):  # they are not in the pyramid levels
+        if variable in (LARGEST, SHARE):  # the pyramid levels lack both maps
             return MapPlane
         is_large = levels_of(SurveyRequest.model_validate(job.request).shape)
         ended = is_large and job.state == State.SUCCESSFUL
@@ -342,7 +342,7 @@ class Atlas:
         return sum(plane.values.size for plane in self._planes.values())
 
     def forget(self, kept: Callable[[str], bool]) -> None:
-        """Remove maps from memory. kept: returns from a survey's id whether the survey's maps stay."""
+        """Remove maps from memory. kept: function that returns, for the id of a survey, whether its maps stay."""
         with self._lock:
             for key in [key for key in self._planes if not kept(key[0])]:
                 del self._planes[key]

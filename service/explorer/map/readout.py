@@ -102,31 +102,31 @@ def cell_summary(cell: xr.Dataset | None, request: SurveyRequest) -> str:
     if cell is None:
         return "<p>Outside of the survey's grid.</p>"
     said = []
-    if missing := _without_numbers(int(cell["status"])):
+    if missing := _status_without_numbers(int(cell["status"])):
         said = [missing]
     elif "quiet_fraction" in cell:
         count, share = request.initial_conditions.count, float(cell["quiet_fraction"])
         low, high = rattle.wilson_interval(share * count, count)
         said = [f"{count:,} starts", f"quiet {100 * share:.0f} ± {50 * float(high - low):.0f} %"]
-    place = f"Survey's grid cell at {cell_place(cell, request)}"
+    place = f"Survey's grid cell at {cell_position(cell, request)}"
     return f'<p title="{INTERVAL}">{escape(": ".join([place, ", ".join(said)]) if said else place)}</p>'
 
 
-def cell_place(cell: xr.Dataset, request: SurveyRequest) -> str:
+def cell_position(cell: xr.Dataset, request: SurveyRequest) -> str:
     """Return a cell's δ and ε, in enough digits to tell it from its neighbours, or a machine's rpm and eccentricity."""
     delta, epsilon = float(cell["delta"]), float(cell["epsilon"])
     if request.machine is not None:
         return ", ".join(value for _, value in _speed_and_eccentricity(request.machine, delta, epsilon))
-    return f"δ {_cell_text(delta, request.delta)}, ε {_cell_text(epsilon, request.epsilon)}"
+    return f"δ {_coordinate_text(delta, request.delta)}, ε {_coordinate_text(epsilon, request.epsilon)}"
 
 
-def _cell_text(value: float, axis: Axis) -> str:
-    """Return a coordinate of a cell, rounded to less than half a cell."""
+def _coordinate_text(value: float, axis: Axis) -> str:
+    """Return a coordinate of a cell as text, rounded by less than half a cell."""
     digits = max(math.ceil(-math.log10((axis.stop - axis.start) / (axis.num - 1) / 2)), 1)
     return f"{value:.{digits}f}".rstrip("0").rstrip(".")
 
 
-def readout(
+def cell_tables(
     cell: xr.Dataset | None,
     delta: float,
     epsilon: float,
@@ -159,8 +159,8 @@ def readout(
     tables = [_definition_list(rows)]
     if cell is None:
         return "".join(tables) + "<p>Outside of the survey.</p>"
-    tables.append(f"<h2>Cell at {cell_place(cell, request)}</h2>{_distance_note(cell, delta, epsilon, window)}")
-    if missing := _without_numbers(int(cell["status"])):
+    tables.append(f"<h2>Cell at {cell_position(cell, request)}</h2>{_distance_note(cell, delta, epsilon, window)}")
+    if missing := _status_without_numbers(int(cell["status"])):
         return "".join(tables) + f"<p>{escape(missing)}</p>"
     scalars = _definition_list(_scalar_rows(cell))
     tables.append(scalars if machine is None else in_revolutions(scalars))
@@ -171,7 +171,7 @@ def readout(
     return "".join(tables)
 
 
-def _without_numbers(status: int) -> str:
+def _status_without_numbers(status: int) -> str:
     """Return the status of a cell in words if the cell has no numbers; "" if it has."""
     return STATUS[status].replace("_", " ") if status in (0, FAILED) else ""
 
@@ -218,7 +218,7 @@ def _value_in_words(plane: MapPlane, delta: float, epsilon: float) -> str:
     if at is None:
         return "outside of the survey"
     value, status = at
-    if missing := _without_numbers(status):
+    if missing := _status_without_numbers(status):
         said = missing
     elif np.isnan(value):
         said = words_without_value(plane.plane)

@@ -143,7 +143,7 @@ class SurveyMap(ABC):
             self._refining = self._viewer.start(self._draw_all_cells(plane, window, pixels))
 
     async def _draw_all_cells(self, plane: MapPlane, window: Ranges, room: Room) -> None:
-        """Draw a window's cells in more detail than the whole survey, of which one drawn cell may stand for several."""
+        """Draw a window's cells in more detail than the drawing of the whole survey has."""
         values, box = await self._viewer.run_in_thread(partial(shown_window, plane, window, room))
         self._viewer.change(
             lambda: self.figure.draw_finer_cells(values, box) if (plane, window) == self._refined else None

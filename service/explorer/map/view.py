@@ -22,7 +22,7 @@ from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import KeyedLines
 from gear_rattle.service.explorer.map.picture import drawn_settings
 from gear_rattle.service.explorer.map.planes import SIDE, MapBlock, MapPlane
-from gear_rattle.service.explorer.map.readout import Readout, cell_in_words, cell_summary, finer_value, readout
+from gear_rattle.service.explorer.map.readout import Readout, cell_in_words, cell_summary, cell_tables, finer_value
 from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form
 from gear_rattle.service.explorer.map.survey_map import SurveyMap
 from gear_rattle.service.explorer.point.state import point_marks
@@ -128,7 +128,7 @@ class MapView(SurveyMap):
     def show_error(self, error: RattleError) -> None:
         """Write why the map could not be drawn, or that the first cells of the survey are being computed."""
         job = self._store.job
-        # any state before the last: the page's job may be old, and a survey may run that waits according to it
+        # not only in the state running: a survey that waits, according to the page's older job, may run by now
         is_empty = job is not None and not State(job.state).is_final and not job.cells_done
         if is_empty and isinstance(error, MissingError):
             self.show_nothing(BEGINS)
@@ -198,7 +198,7 @@ class MapView(SurveyMap):
 
             def read() -> tuple[str, str]:
                 cell = plane.cell_at(*at)
-                return cell_summary(cell, request), readout(cell, *at, request, window, here)
+                return cell_summary(cell, request), cell_tables(cell, *at, request, window, here)
 
             def show(texts: tuple[str, str]) -> None:
                 self.readout.show(*texts, self._store.view.point is not None)

@@ -34,7 +34,7 @@ from gear_rattle.service.explorer.map.controls import FEATURED, MapControls
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import key_entries
 from gear_rattle.service.explorer.map.planes import Atlas, MapPlane, maps_of
-from gear_rattle.service.explorer.map.readout import cell_place
+from gear_rattle.service.explorer.map.readout import cell_position
 from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form
 from gear_rattle.service.explorer.map.survey_map import block_of
 from gear_rattle.service.explorer.map.view import MapView
@@ -643,8 +643,8 @@ def test_a_cell_s_place_has_as_many_digits_as_tell_it_from_the_next(num: int, sp
     values = request.delta.values()
     near = {"0.601": 0.6005560928, "0.6": 0.6, "0.097": 0.0966, "0.70000063": 0.700000625}[expected]
     cell = xr.Dataset(coords={"delta": near, "epsilon": 0.1})
-    assert cell_place(cell, request) == f"δ {expected}, ε 0.1"
-    places = {cell_place(xr.Dataset(coords={"delta": each, "epsilon": 0.1}), request) for each in values}
+    assert cell_position(cell, request) == f"δ {expected}, ε 0.1"
+    places = {cell_position(xr.Dataset(coords={"delta": each, "epsilon": 0.1}), request) for each in values}
     assert len(places) == num
 
 
