@@ -23,7 +23,7 @@ COOKIE = "rattle_session"
 #: Cookie in which older versions kept the key itself; signing in removes it.
 OLD_COOKIE = "rattle_key"
 
-#: Scopes that a new key gets, by the requested scope. A key that may submit may also read.
+#: {scope that is requested for a new key: scopes that the key gets}. A key that may submit may also read.
 GRANTED_SCOPES = {Scope.READ: (Scope.READ,), Scope.SUBMIT: (Scope.READ, Scope.SUBMIT)}
 
 

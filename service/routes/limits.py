@@ -133,7 +133,7 @@ async def limits(
     """
     require_few_samples(front, count)
     if (over is None) != (values is None) or (low is None) != (high is None):
-        raise ParameterError("over and values belong together, and so do low and high: give both of a pair or neither")
+        raise ParameterError("over and values belong together, and so do low and high: of each pair give both or none")
     between = None if low is None or high is None else (low, high)
     found = await compute_in_process(
         front,

@@ -32,7 +32,7 @@ KEPT = 4  # most drawings of completed maps in memory, a few MiB each; most page
 
 EXAMPLE = "example at β = 0.6, which comes with the explorer"
 
-USUAL = "quiet_fraction"  # variable that a survey shows first, if it has this variable
+USUAL = "quiet_fraction"  # variable that a page shows first of a survey that has it
 BEFOREHAND = "exact values, shown before the survey has computed them"
 WAITING = "exact values; the survey waits for its turn"
 
@@ -75,7 +75,10 @@ class UncomputedMaps(Protocol):
         """Maps of the example, in the form that `maps_of` returns."""
 
     def plane(self, variable: str, index: int) -> MapPlane:
-        """Return a map of the example that comes with the explorer. It blocks: use a thread."""
+        """Return a map of the example that comes with the explorer. It blocks: use a thread.
+
+        index: number of the attractor or the orbit, for a variable that has a map for each.
+        """
 
     def unfinished_map(
         self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], MapPlane]
