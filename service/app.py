@@ -56,8 +56,8 @@ SOURCES = Path(__file__).with_name("documents")  # a link to docs/; a wheel cont
 WORKERS_NICE = 5
 
 Cluster = Callable[[], AbstractContextManager["Client"]]
-#: A function that opens the cluster. Its argument is a function that returns whether the start-up was cancelled; it is
-#: called again and again while the cluster starts.
+#: A function that opens the cluster. Its argument is a function that returns True if the start-up was cancelled; the
+#: start-up calls this function again and again.
 StartCluster = Callable[[Callable[[], bool]], AbstractContextManager["Client"]]
 Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
 
@@ -88,7 +88,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
         static_url=REFERENCE_ASSETS,
-        swagger_ui_parameters={"validatorUrl": None},  # by default /docs sends the OpenAPI document to another host
+        swagger_ui_parameters={"validatorUrl": None},  # no validator of another host gets our OpenAPI document
     )
     app.add_middleware(AnyTagMiddleware)
     app.add_middleware(HeadMiddleware)
@@ -133,7 +133,7 @@ def _lifespan(
         with open_data(settings, broadcast.notify) as (directory, database):
             recover(database, directory)
             manager = JobManager(database, directory, cluster, metrics.count_tile)
-            metrics.report_database(database, manager)
+            metrics.add_scraped_metrics(database, manager)
             app.state.front = Front(
                 settings=settings,
                 directory=directory,

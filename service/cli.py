@@ -130,8 +130,8 @@ app.add_typer(key.app, name="key", rich_help_panel="Service", epilog="Example: r
 def main() -> None:
     """Run a command. An error of this project is printed as a sentence without traceback; the exit status is then 2."""
     status: list[int] = []
-    atexit.register(_end_process, status)  # the function that is registered first is called last
-    atexit.register(gc.freeze)  # prevents a slow garbage collection among all modules at the end
+    atexit.register(_end_process, status)  # registered first, so that it is called last
+    atexit.register(gc.freeze)  # the garbage collection at exit would scan all modules, which is slow
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors=letters.NEAREST)  # replaces letters, such as δ, that the terminal does not have
@@ -149,7 +149,7 @@ def _end_process(status: list[int]) -> None:
     """
     if any(thread.daemon for thread in threading.enumerate()):
         for stream in (sys.stdout, sys.stderr):
-            with suppress(OSError, ValueError):  # the program that reads the output may have ended
+            with suppress(OSError, ValueError):  # raised if the program that reads the output has ended
                 stream.flush()
         os._exit(status[0] if status else FAILED)
 

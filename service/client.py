@@ -172,8 +172,8 @@ class Client:
             raise ServiceError(f"The service at {self._http.base_url} cannot be reached: {error}") from error
         except (TypeError, ValueError) as error:  # NaN and Python objects are no JSON, headers have ASCII only
             raise ServiceError(
-                f"The request cannot be sent ({error}): give finite numbers, texts, lists and mappings, and a key or "
-                "an idempotency key of ASCII characters."
+                f"The request cannot be sent ({error}): give finite numbers, texts, lists and mappings; an API key and "
+                "an idempotency key may have ASCII characters only."
             ) from error
         if answer.is_error:
             refusal = _response_error(answer)
@@ -206,7 +206,7 @@ class Client:
         return found
 
     def events(self, path: str, after: int) -> Iterator[tuple[int, Document]]:
-        """Yield the number and the data of each event of a stream after number ``after``, until the stream ends."""
+        """Yield number and data of each event after number ``after`` of the stream at ``path``, until the end."""
         with connect_sse(self._http, "GET", path, headers=self.headers | {"Last-Event-ID": str(after)}) as source:
             if source.response.is_error:
                 source.response.read()
@@ -230,7 +230,7 @@ class Job:
     Attributes
     ----------
     document
-        The document of the job in the service's last answer.
+        The JSON object that describes the job, as the service last sent it.
     """
 
     def __init__(self, client: Client, document: Document) -> None:
@@ -336,13 +336,13 @@ class Job:
     def _new_events(self, seen: int, deadline: float) -> Iterator[tuple[int, Document]]:
         """Yield the number and the data of each event after number `seen`.
 
-        With a finite deadline, wait a second at most and yield the job's document as the only event instead, because an
-        event stream may stay open beyond the deadline.
+        If the deadline is finite, the event stream is not read, because it may stay open beyond the deadline. Instead,
+        wait for at most a second, and then yield `seen` and the document of the job, once.
 
         Yields
         ------
         tuple[int, Document]
-            Number and data of an event.
+            Number and data of an event, or `seen` and the job's document.
         """
         if deadline == math.inf:
             yield from self._client.events(self._link("events"), after=seen)

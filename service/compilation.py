@@ -16,7 +16,13 @@ EXAMPLE_POINT = 0.6, 0.1  # δ, ε of the computed example
 
 
 def answer_kernel_steps(name: str) -> Steps:
-    """Return steps that compile those kernels of the model `name` that REST or the explorer needs but no survey."""
+    """Return functions that compile the kernels of a model `name` for the service's answers, except those of surveys.
+
+    Returns
+    -------
+    Steps
+        {name of a step: function without arguments that compiles kernels by computing an example}.
+    """
     model, (delta, epsilon) = example_of(name), EXAMPLE_POINT
     gear = model.gear(delta, epsilon)
 

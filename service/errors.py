@@ -86,7 +86,7 @@ class ConflictError(ServiceError):
 
 
 class LimitError(ServiceError):
-    """The service does not accept a value of the request. field: the location of the value in the request."""
+    """The service does not accept a value of the request. field: location of the value, such as "query.count"."""
 
     code = "limit_exceeded"
 

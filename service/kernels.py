@@ -50,7 +50,7 @@ class Kernels:
             await asyncio.gather(*self._compiled.values(), return_exceptions=True)
 
     def start_compiling(self, model: str = DEFAULT_MODEL) -> None:
-        """Begin to compile the kernels of a model, unless this has begun before or an earlier process compiled them."""
+        """Begin to compile a model's kernels, unless an earlier call has begun or an earlier process compiled them."""
         if model in self._compiled:
             return
         loop = asyncio.get_running_loop()
@@ -66,11 +66,11 @@ class Kernels:
         return not all(compiled.done() for compiled in self._compiled.values())
 
     def is_compiled(self, model: str) -> bool:
-        """Return whether the compilation of a model's kernels has begun and ended."""
+        """Return whether the compilation of a model's kernels has begun and has ended, with success or by an error."""
         return model in self._compiled and self._compiled[model].done()
 
     async def wait_until_compiled(self, model: str, patience: float | None = None) -> None:
-        """Wait until all kernels of a model are compiled.
+        """Wait until all kernels of a model are compiled, or their compilation has failed.
 
         Parameters
         ----------
@@ -100,10 +100,10 @@ class Kernels:
 
 
 async def _compile(model: str) -> None:
-    """Compile the kernels of a model in a process that is killed, with its child process, when the service ends."""
+    """Compile a model's kernels in a worker process, which is killed with its child process if the service ends."""
     try:
         await to_process.run_sync(compile_kernels, model, cancellable=True)
-    except BrokenWorkerProcess as error:  # requests then compile the kernels that they need, and report errors
+    except BrokenWorkerProcess as error:  # each request then compiles the kernels that it needs
         log.warning("the process that compiles kernels has died: %s", error)
     except Exception:
         log.exception("the kernels of the model %s could not be compiled", model)

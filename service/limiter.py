@@ -16,7 +16,7 @@ class PriorityLimiter:
 
     def __init__(self, number: int) -> None:
         self._limiter = CapacityLimiter(number)
-        self._giving_way: list[CancelScope] = []  # cancel scopes of running background computations, the newest last
+        self._background_scopes: list[CancelScope] = []  # of running computations, the newest last
         self._waiting = 0
         self._nobody_waits = Event()
         self._nobody_waits.set()
@@ -31,8 +31,8 @@ class PriorityLimiter:
         if self._waiting == 1:
             self._nobody_waits = Event()
         try:
-            if self._limiter.available_tokens < 1 and self._giving_way:
-                self._giving_way.pop().cancel()
+            if self._limiter.available_tokens < 1 and self._background_scopes:
+                self._background_scopes.pop().cancel()
             await self._limiter.acquire_on_behalf_of(slot := object())
         finally:
             self._waiting -= 1
@@ -57,9 +57,9 @@ class PriorityLimiter:
                 if self._waiting:
                     continue
                 with CancelScope() as scope:
-                    self._giving_way.append(scope)
+                    self._background_scopes.append(scope)
                     try:
                         return await compute()
                     finally:
-                        if scope in self._giving_way:
-                            self._giving_way.remove(scope)
+                        if scope in self._background_scopes:
+                            self._background_scopes.remove(scope)

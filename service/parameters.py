@@ -23,13 +23,13 @@ class AddedParameter(NamedTuple):
 
     @property
     def described(self) -> str:
-        """The label and, if one is declared, the part that has the parameter, such as "Restitution of impacts"."""
+        """The label and, if the declaration has `of`, the thing that has the parameter: "Restitution of impacts"."""
         words = f"{self.label} of {self.of}" if self.of else self.label
         return words[0].upper() + words[1:]
 
     @classmethod
     def from_declaration(cls, model: str, given: dict[str, Any]) -> AddedParameter:
-        """Return the parameter that one entry of a model's declaration.toml describes. model: name of the model."""
+        """Make a parameter from an entry of a model's declaration.toml. model: name of the model. given: the entry."""
         return cls(model=model, **{name: value for name, value in given.items() if name in cls._fields})
 
 

@@ -34,8 +34,8 @@ from gear_rattle.workers import Bucket
 class Front:
     """The state of an application that its routes need. It exists during the application's lifespan.
 
-    picture_limiter, export_limiter, point_limiter: limiters of how many pictures are drawn, files are written, and
-    parameter points are computed at the same time.
+    picture_limiter, export_limiter, point_limiter: they limit how many pictures are drawn, how many files are written,
+    and how many parameter points are computed at the same time.
     """
 
     settings: Settings
@@ -99,12 +99,12 @@ class Front:
 
     @cached_property
     def window_limiter(self) -> CapacityLimiter:
-        """The limiter of the number of windows of maps that are computed at the same time."""
+        """The limiter of how many windows of maps are computed at the same time (`Settings.max_windows`)."""
         return CapacityLimiter(self.settings.max_windows)
 
     @cached_property
     def slow_point_limiter(self) -> PriorityLimiter:
-        """The limiter of slow computations for points of all pages. It leaves a process free for quick computations."""
+        """The limiter of slow computations at points. If `max_points` is over 1, it leaves a process to quick ones."""
         return PriorityLimiter(max(1, self.settings.max_points - 1))
 
     @contextmanager

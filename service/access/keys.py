@@ -23,7 +23,7 @@ COOKIE = "rattle_session"
 #: Cookie in which older versions kept the key itself; signing in removes it.
 OLD_COOKIE = "rattle_key"
 
-#: Scopes that a new key gets, by the requested scope. A key that may submit may also read.
+#: {scope that is requested for a new key: scopes that the key gets}. A key that may submit may also read.
 GRANTED_SCOPES = {Scope.READ: (Scope.READ,), Scope.SUBMIT: (Scope.READ, Scope.SUBMIT)}
 
 
@@ -36,9 +36,9 @@ class Caller:
 
     @property
     def identity(self) -> Identity | None:
-        """The id of the caller's key, and the hash of the browser's session; None for a caller without a key.
+        """(id of the caller's key, hash of the browser's session); None for a caller without a key.
 
-        The hash is None for a request with the key itself.
+        The hash is None if the request has the key itself instead of a session's cookie.
         """
         return (self.key.id, self.session) if self.key else None
 

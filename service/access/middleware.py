@@ -77,7 +77,7 @@ BEARER = HTTPBearer(
 
 
 async def caller_of(request: Request, _: Annotated[HTTPAuthorizationCredentials | None, Security(BEARER)]) -> Caller:
-    """Return the sender of a request. OpenAPI says of a route with this dependency that it needs a key."""
+    """Return the sender of a request. In the OpenAPI document, routes with this dependency need a key."""
     caller: Caller = request.state.caller
     return caller
 
@@ -96,8 +96,8 @@ class AccessMiddleware:
     Parameters
     ----------
     app
-        The application that gets the accepted requests. ``state["caller"]`` of a request is the `Caller`; None if the
-        service requires keys and the request has none, for a path that needs no key.
+        The application that gets the accepted requests. ``state["caller"]`` of a request is its `Caller`. The value is
+        None for a request that lacks a required key; such a request may reach only open paths, such as /v1/health.
     settings
         The settings of the service.
     """

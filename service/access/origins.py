@@ -44,14 +44,14 @@ def is_local(scope: Scope, headers: Headers) -> bool:
 def require_own_name(headers: Headers, host: str, allowed: Collection[str]) -> None:
     """Refuse requests that name another host than this service.
 
-    In a DNS rebinding attack, the name of a foreign page is made to point to this machine. The page then has the same
-    origin as this service, and could use a service without keys. The attack is impossible with an address instead of a
-    name, so any address is accepted if the service listens on all addresses.
+    In a DNS rebinding attack, a foreign site lets its name point to this machine. For a browser, pages of that site and
+    this service then have the same origin, so the pages could use a service without keys. The attack needs a name: a
+    service that listens on all addresses accepts any IP address in the Host header.
 
     Raises
     ------
     ForbiddenError
-        The Host header names neither loopback, nor ``host``, nor one of ``allowed``.
+        The Host header names neither loopback, nor ``host``, nor one of ``allowed``, nor such an IP address.
     """
     name = _host_name(headers.get("host", ""))
     if name == "localhost" or name.endswith(".localhost") or name in {each.lower() for each in (host, *allowed)}:

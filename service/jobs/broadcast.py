@@ -67,7 +67,7 @@ class Feed:
             self._loop.call_soon_threadsafe(self._stale.set)
 
     def events_after(self, seen: int) -> list[EncodedEvent] | None:
-        """Return the events after number `seen` that the feed has read; None if it has dropped some of them."""
+        """Return the events after number `seen` that the feed has read; None if only the database has all of them."""
         if seen >= self._last:
             return []
         first = self._recent[0].id if self._recent else self._last + 1
@@ -144,7 +144,7 @@ class Broadcast:
         read : Read
             Function that returns the events of a survey after a given number from the database.
         last : int
-            Number of the latest event that the listener knows.
+            Number of the job's latest event. If the survey has no feed yet, a new feed reads only later events.
 
         Yields
         ------

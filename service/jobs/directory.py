@@ -41,9 +41,11 @@ DELETION, TEMPORARY, SURVEY_STORE, CERTIFICATE_STORE = (
 class StoreEntry:
     """An entry in the directory of stores.
 
-    survey_id: id of the survey whose store or certificates the entry is; empty for other entries. is_deletion: True for
-    a store whose deletion has begun. is_temporary: True for a store whose creation has not ended. remove: function that
-    removes the entry.
+    An entry is a file or a directory, such as the store of a survey or the store of its certificates.
+
+    survey_id: id of this survey; empty if the entry's name belongs to no survey. is_deletion: True for a store whose
+    deletion has begun. is_temporary: True for a store whose creation has not ended. remove: function that removes the
+    entry.
     """
 
     name: str
@@ -132,12 +134,12 @@ class DataDirectory:
             yield
 
     def identify(self, known: str | None = None) -> None:
-        """Check the identity of the directory, or give one to a new directory. The caller must have locked it.
+        """Check the identity of the locked directory: a text in its file IDENTITY_FILE, which a new directory gets.
 
         Parameters
         ----------
         known : str | None
-            Identity of the directory according to a job database outside it. None accepts any directory.
+            Identity that a job database outside the directory has recorded. None accepts any directory.
 
         Raises
         ------

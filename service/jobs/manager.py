@@ -85,11 +85,12 @@ class JobManager:
     ) -> None:
         self._on_tile = on_tile
         self._turns = turns or Turns()
-        # For each survey that waits for its next turn, by id: its missing tiles, by index.
+        # {id of a survey that waits for its next turn: {index: missing tile}}.
         self._left: dict[str, dict[int, AnyTile]] = {}
-        # For each survey that waits for its next turn, and for the running one, by id: the state of its run.
+        # {id of a survey that runs or waits for its next turn: state of its run}.
         self._run_states: dict[str, RunState] = {}
-        self._ends: dict[str, float] = {}  # predicted `time.monotonic` at which the running survey's tiles end, by id
+        # {id of the running survey: predicted value of `time.monotonic` at the end of its tiles}.
+        self._ends: dict[str, float] = {}
         self._client: Client | None = None
         self._database = database
         self._directory = directory
@@ -134,7 +135,7 @@ class JobManager:
         UnknownSurveyError
             There is no such survey.
         ConflictError
-            The survey was dismissed, but its last tiles still run after some seconds; or it has been started again.
+            The survey cannot be deleted, because its last tiles still run after some seconds, or it was queued again.
         DirectoryAwayError
             The data directory is missing, so nothing can be deleted.
         """
@@ -178,7 +179,7 @@ class JobManager:
         job = self._database.job(survey_id)
         if not job.is_readable:
             raise ConflictError(UNREADABLE)
-        if job.state == State.SUCCESSFUL and not _is_of_this_version(job):  # a run of this version would fail
+        if job.state == State.SUCCESSFUL and not _is_of_this_version(job):  # this version cannot continue its store
             raise ConflictError(
                 f"{job.kind.capitalize()} {survey_id} was computed by another version, and only that version can "
                 "verify it. Submit it again."
@@ -216,7 +217,7 @@ class JobManager:
         pause = FIRST_PAUSE
         while not self._stopping.is_set():
             self._wake.clear()
-            if self._stopping.is_set():  # a stop just before `clear` has lost its wake-up
+            if self._stopping.is_set():  # `ask_to_stop` may have set `_wake` just before `clear`
                 return
             if client.status != "running":
                 raise ClusterLostError("the connection to the dask scheduler is lost")
@@ -300,8 +301,8 @@ class JobManager:
         request = _request_of(job)
         path = self._directory.store(survey_id)
         left = self._left.pop(survey_id, None)
-        has_message = bool(job.message)  # for example "waits for its store", from before a restart
-        if left is None or job.state == State.ACCEPTED:  # a survey is ACCEPTED again to verify all its tiles
+        has_message = bool(job.message)  # for example "waits for its store", of an earlier attempt
+        if left is None or job.state == State.ACCEPTED:  # ACCEPTED: new, or to be verified
             left, has_lost = self._prepare_tiles(job, request, path, client)
             has_message |= has_lost
 
@@ -318,7 +319,7 @@ class JobManager:
 
         def is_over() -> bool:
             nonlocal is_paused
-            is_paused = is_paused or self._is_turn_over(survey_id)
+            is_paused = is_paused or self._must_pause(survey_id)
             return is_paused
 
         def on_forecast(seconds: float) -> None:
@@ -340,14 +341,20 @@ class JobManager:
                 return
             if goes_on:
                 self._left[survey_id] = left
-                self._database.set_state(survey_id, State.RUNNING)  # removes the message about certificates
+                self._database.set_state(survey_id, State.RUNNING)  # removes a message about the progress of proofs
             else:
                 self._database.set_state(survey_id, State.SUCCESSFUL)
 
     def _prepare_tiles(
         self, job: JobRow, request: AnyRequest, path: Path | Bucket, client: Client
     ) -> tuple[dict[int, AnyTile], bool]:
-        """Create or repair the store. Return the missing tiles by index, and whether tiles on record are lost."""
+        """Create or repair the store of a survey, and find the tiles that must be computed.
+
+        Returns
+        -------
+        tuple[dict[int, AnyTile], bool]
+            {index: missing tile}, and whether tiles are lost: the database has recorded them, the store has no values.
+        """
 
         # The cluster computes the template, because curves take minutes in some windows.
         def compute_template(request: AnyRequest, created: str | None) -> Template:
@@ -361,8 +368,8 @@ class JobManager:
         lost = self._database.keep_tiles(job.id, done)
         return {tile.index: tile for tile in tiles_of(request) if tile.index not in done}, bool(lost)
 
-    def _is_turn_over(self, survey_id: str) -> bool:
-        """Return whether another survey's turn must begin now. If the running survey is next, begin its next turn."""
+    def _must_pause(self, survey_id: str) -> bool:
+        """Return whether the turn is over and another survey is next. If the same survey is next, begin its turn."""
         if not self._turns.is_turn_over:
             return False
         following = self._turns.next_survey(self._database.active_surveys())
@@ -403,7 +410,9 @@ class JobManager:
 
     @contextmanager
     def borrow_client(self) -> Iterator[Client]:
-        """Yield the client of the cluster for the tasks of another thread, which run beside the tiles of surveys.
+        """Yield the client of the cluster to a thread other than the job thread.
+
+        Tasks that this thread submits run at the same time as the tiles of surveys.
 
         Yields
         ------
@@ -422,7 +431,7 @@ class JobManager:
         try:
             yield client
         except ClusterLostError:
-            self.wake()  # otherwise the job thread would notice the loss only while a survey is running
+            self.wake()  # the job thread also waits while no survey runs, and would not notice the loss
             raise
 
     def _is_interrupted(self) -> bool:

@@ -40,7 +40,7 @@ def open_data(
     url, require = (directory.database_url, directory.require_present) if inside else (settings.database_url, None)
     assert url is not None
     with directory.lock(), closing(Database(url, on_change, require=require)) as database:
-        if inside or settings.store:  # the database is in the directory, or the stores are in a bucket
+        if inside or settings.store:  # a wrong disk cannot separate database and stores
             directory.identify()
         else:
             directory.identify(database.directory_identity())

@@ -14,7 +14,11 @@ TURN_SECONDS = 3.0  # duration of a turn; running tasks end within two seconds a
 
 @dataclass
 class _KeyTurns:
-    """The turns of an API key. last: number of its last turn. is_smallest_next: True if its smallest survey is next."""
+    """The turns of an API key.
+
+    last: number of its last turn among the turns of all keys; 0 before its first turn. is_smallest_next: True if its
+    next turn goes to its survey with the fewest remaining cells, False if to the survey that has waited longest.
+    """
 
     last: int = 0
     is_smallest_next: bool = True

@@ -57,8 +57,8 @@ class Metrics:
         """Count a request. route: the template of its path, such as /v1/surveys/{survey_id}."""
         self._requests.labels(method, route, str(status)).observe(seconds)
 
-    def report_database(self, database: Database, manager: ThreadCounter) -> None:
-        """Add numbers of the job database and of the cluster to the metrics. They are read at every scrape."""
+    def add_scraped_metrics(self, database: Database, manager: ThreadCounter) -> None:
+        """Add metrics of the job database and of the cluster, whose values are read whenever Prometheus asks."""
         self.registry.register(_ScrapedValues(database, manager))
 
     def exposition(self) -> bytes:
@@ -67,7 +67,7 @@ class Metrics:
 
 
 class _ScrapedValues(Collector):
-    """The metrics that are read at every scrape: numbers of surveys and tiles, and of the cluster's threads."""
+    """Numbers of surveys, of tiles and of the cluster's threads, which are read whenever Prometheus asks (scrapes)."""
 
     def __init__(self, database: Database, manager: ThreadCounter) -> None:
         self._database = database

@@ -14,7 +14,7 @@ from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest
 
 
 def is_expected_file(front: Front, survey_id: str, key: str) -> bool:
-    """Return whether the store of a survey must already have the file with this key. This blocks: use a thread."""
+    """Return whether a survey's store must have the file `key` now; False while its tile is missing. Use a thread."""
     try:
         ended = front.database.job(survey_id).state == State.SUCCESSFUL
         manifest = _cached_manifest(front.directory.store(survey_id), ended)

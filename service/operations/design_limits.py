@@ -83,7 +83,7 @@ class DesignLimits:
 
 
 def dampings_coarse_first(delta: Pair) -> list[float]:
-    """Return evenly spaced dampings across a window: both ends first, then the middles between earlier dampings."""
+    """Return DAMPINGS evenly spaced dampings of a range, the ends first, then the middle, the quarters, and so on."""
     values = np.linspace(*delta, DAMPINGS)
     order = [0, DAMPINGS - 1]
     step = DAMPINGS - 1

@@ -14,7 +14,9 @@ STEPS, COUNT = 160, 32  # points of the parameter along a diagram, and initial c
 
 
 def diagram_span(gear: AnyGear, direction: str, either_way: float | None = None) -> Pair:
-    """Return a range of δ or ε around a point. Its low end is at least 0 in ε, and at least half the point's δ in δ.
+    """Return the range of δ or ε that the diagram through a point covers: the point ± the extent.
+
+    Its low end is raised to 0 in ε, or to half the point's δ in δ, if the extent would reach lower.
 
     direction: "epsilon" or "delta". either_way: the extent on each side; None: the default extent.
 

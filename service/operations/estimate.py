@@ -158,7 +158,7 @@ def cell_seconds(request: AnyRequest) -> float:
 
 
 def _few_gears(request: PopulationRequest) -> PopulationRequest:
-    """Return a request for a few gears of the population, with the same share of judged gears."""
+    """Return a request for a few gears of the population, of which the same share is tested for the requirement."""
     gears = min(request.gears, MEASURED_SIDE * MEASURED_SIDE)
     judged = max(1, round(gears * request.plan.n_judged / request.n_cells))
     few = {"gears": gears, "pairs": 0, "judged": judged, "tile": None}
@@ -172,7 +172,7 @@ def _few_cells(request: SurveyRequest) -> SurveyRequest:
 
 
 def _few_values(axis: Axis) -> Axis:
-    """Return an axis with the centres of a few equal parts of `axis`; its ends would represent it less well."""
+    """Return an axis of at most MEASURED_SIDE values: the centres of equal parts of `axis`, which are typical of it."""
     num = min(axis.num, MEASURED_SIDE)
     half = (axis.stop - axis.start) / (2 * num)
     return Axis(start=axis.start + half, stop=axis.stop - half, num=num)

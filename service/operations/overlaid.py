@@ -79,7 +79,8 @@ class Overlays:
         window = clip_to_plane(look.delta, look.epsilon)
         try:
             frame = await self.windows.last_frame(request, asked.variable, asked.index, window, pixels)
-        except ClusterLostError as error:  # the coarse cells would be kept under the tag of the finer picture
+        except ClusterLostError as error:
+            # Coarse cells are no substitute: clients would keep their picture under the ETag of the finer one.
             raise UnavailableError("The workers were lost while the window was computed. Try again soon.") from error
         except SurveyError:  # the window lies outside the plane, or is too narrow: the survey's own cells are drawn
             return None

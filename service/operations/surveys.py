@@ -40,10 +40,10 @@ class Description(StrictRecord):
 def submit_survey(
     front: Front, caller: Caller, request: AnyRequest, idempotency_key: str | None = None, force: bool = False
 ) -> JobRow:
-    """Accept a survey or a population, or return an identical one that exists.
+    """Accept a survey or a population, unless an identical one exists or its idempotency key was used before.
 
-    force: accept a new one although an identical one exists. An idempotency key that was used before returns its survey
-    even so.
+    force: accept a new one although an identical one exists. If the idempotency key was used before, the survey of that
+    request is returned all the same.
 
     Returns
     -------
@@ -197,7 +197,7 @@ def current_caller(front: Front, caller: Caller) -> Caller | None:
     Returns
     -------
     Caller | None
-        The caller, or None.
+        A caller without a key is returned unchanged.
     """
     if caller.key is None:
         return caller

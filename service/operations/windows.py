@@ -34,7 +34,7 @@ def clip_to_plane(delta: Pair, epsilon: Pair) -> Window:
 
 
 def is_coarse(delta: np.ndarray, epsilon: np.ndarray, window: tuple[Pair, Pair], pixels: tuple[int, int]) -> bool:
-    """Return whether cells of a survey with these axes exceed COARSEST pixels of a window, along either axis."""
+    """Return whether a survey's cells are larger than COARSEST pixels along δ or ε. pixels: the size of the window."""
     for axis, (low, high), size in zip((delta, epsilon), window, pixels, strict=True):
         step = (axis[-1] - axis[0]) / (axis.size - 1)
         if step / (high - low) * size > COARSEST:
@@ -43,7 +43,7 @@ def is_coarse(delta: np.ndarray, epsilon: np.ndarray, window: tuple[Pair, Pair],
 
 
 class Windows:
-    """The windows with finer cells than their survey's, for all pages and pictures of a service."""
+    """Windows of maps with smaller cells than their survey has, for all pages and pictures of a service."""
 
     def __init__(self, front: Front) -> None:
         self._front = front

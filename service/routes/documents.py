@@ -80,7 +80,7 @@ SurveyId = Annotated[
 
 
 def path_of(survey_id: str, kind: JobKind = JobKind.SURVEY) -> str:
-    """Return the path of a survey or a population, with which the paths of its resources begin."""
+    """Return the path at which clients request a survey or population: /v1/surveys/ID, after a proxy's prefix."""
     return public_path(f"/v1/{'surveys' if kind == JobKind.SURVEY else 'populations'}/{survey_id}")
 
 

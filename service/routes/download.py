@@ -42,7 +42,7 @@ def _binary_responses(media_type: str) -> dict[int | str, dict[str, Any]]:
     responses={**_binary_responses(NETCDF), **declare_problems(404, 422)},
 )
 async def netcdf(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
-    """Return all groups of the store except its levels.
+    """Return a survey with all its variables as one file: all groups of its store except the pyramid levels.
 
     Each complex variable becomes two variables, `…_real` and `…_imag`.
     """
@@ -74,7 +74,10 @@ async def parquet(
     responses={200: {"content": {CSV: {"schema": {"type": "string"}}}}, **NOT_MODIFIED, **declare_problems(404, 422)},
 )
 async def csv(request: Request, front: FrontState, survey_id: SurveyId, form: RowFormQuery = RowForm.CELLS) -> Response:
-    """Return a table. Codes, such as those of regions, are numbers. A cell with `status` 0 is not computed yet."""
+    """Return a table with a row for each cell, or for each attractor or orbit of each cell.
+
+    Codes, such as those of regions, are numbers. A cell with `status` 0 is not computed yet.
+    """
     place, headers = await _store_and_headers(front, survey_id, "csv" if form is RowForm.CELLS else f"{form}.csv")
     if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)
@@ -101,7 +104,7 @@ async def _file_response(
         _read_blocks(file),
         media_type=media_type,
         headers=headers | {"Content-Length": str(size)},
-        background=BackgroundTask(file.close),  # a HEAD request reads no block, so `_read_blocks` does not close it
+        background=BackgroundTask(file.close),  # `_read_blocks` closes the file only if a block is read, not for HEAD
     )
 
 

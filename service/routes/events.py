@@ -27,7 +27,7 @@ from gear_rattle.service.web.problems import declare_problems
 router = APIRouter(prefix="/v1/surveys", tags=["surveys"])
 
 LARGEST_ID = 2**53  # largest accepted id of an event
-SEND_SECONDS = 30  # a stream ends if its client takes longer to accept an event
+SEND_SECONDS = 30  # longest time for a client to accept an event; then the stream ends
 GRACE_SECONDS = 2.0  # seconds that a stream has to end when the service stops
 #: Schema of an event of the stream.
 EVENT_SCHEMA = {
@@ -64,7 +64,7 @@ async def follow(
 
 
 async def event_stream(front: Front, caller: Caller, survey_id: str, kind: JobKind, last_event_id: int) -> Response:
-    """Return the stream of a job's events after `last_event_id`; status 204 if the job has ended and none is left."""
+    """Return the stream of a job's events after `last_event_id`; status 204 if the job has ended and none follows."""
     job = await run_in_threadpool(find_job, front, survey_id, kind)
     if State(job.state).is_final and last_event_id >= job.last_event:
         return Response(status_code=204)

@@ -19,7 +19,7 @@ from gear_rattle.service.routes.model.machine import (
     LINE,
     positive_query,
 )
-from gear_rattle.service.routes.model.points import MostImpacts, SampleSeed, require_few
+from gear_rattle.service.routes.model.points import MostImpacts, SampleSeed, require_few_samples
 from gear_rattle.service.state import FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
 from gear_rattle.service.web.problems import declare_problems
@@ -131,9 +131,9 @@ async def limits(
     The limit is the largest allowed eccentricity, mesh error, backlash, restitution or speed, or the least allowed
     damping, drag or load. For a machine a length is in metres, drag in N m s/rad, a load in N m.
     """
-    require_few(front, count)
+    require_few_samples(front, count)
     if (over is None) != (values is None) or (low is None) != (high is None):
-        raise ParameterError("over and values belong together, and so do low and high: give both of a pair or neither")
+        raise ParameterError("over and values belong together, and so do low and high: of each pair give both or none")
     between = None if low is None or high is None else (low, high)
     found = await compute_in_process(
         front,

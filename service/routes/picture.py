@@ -92,14 +92,17 @@ async def look_of_query(
 
 
 def _range(name: str, low: float | None, high: float | None, ends: tuple[str, str] | None = None) -> Pair | None:
-    """Return both ends of a range, or None if neither is given. Raises LimitError for one end or a too narrow range."""
+    """Return two query parameters as a range; None if both are missing. Raises LimitError if the range is not valid.
+
+    ends: names of the two parameters for messages; None: `name` with _min and with _max.
+    """
     first, last = ends or (f"{name}_min", f"{name}_max")
     both = _both_or_none(first, low, last, high)
     if both is None:
         return None
     low, high = both
     if not high - low > max(NARROWEST * max(abs(low), abs(high)), 1 / FARTHEST):
-        raise LimitError(f"query.{first}", f"{first} must be less than {last}, by at least 1e-10 of the larger one.")
+        raise LimitError(f"query.{first}", f"{first} must be less than {last}, by more than 1e-10 of their magnitude.")
     return both
 
 
@@ -197,7 +200,7 @@ async def _picture_response(
         asked = replace(asked, look=asked.look.with_caption(_caption(job, str(request.url))))
     headers = {
         "ETag": weak_etag(survey_id, job.last_event, asked, form),
-        "Cache-Control": REVALIDATE,  # another version may draw differently, and lost tiles may have been repaired
+        "Cache-Control": REVALIDATE,  # later versions may draw otherwise, and repairs may add lost tiles
     }
     if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)

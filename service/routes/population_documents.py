@@ -77,7 +77,7 @@ class Interval(BaseModel):
 
 
 class IndexDocument(BaseModel):
-    """Sobol indices of a number: the shares of a variance that the number explains, alone and with interactions."""
+    """Sobol indices of a number of the gears: its shares of a result's variance, alone and with all interactions."""
 
     first: Interval
     total: Interval

@@ -70,7 +70,10 @@ async def read(
 
 
 async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, request: Request) -> Response:
-    """Return the file with this key in the store of a survey or a population."""
+    """Return a file of a survey's or a population's store.
+
+    Raises MissingError or HTTPException (404) if there is no such file, DamageError if a written file cannot be read.
+    """
     job, store = await run_in_threadpool(front.job_and_store, survey_id, kind)
     if not KEY.fullmatch(key) or key.endswith(".partial"):
         raise MissingError(f"The store of {kind} {survey_id} has no key {key!r}.")
@@ -83,7 +86,7 @@ async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, req
         if not await run_in_threadpool(is_expected_file, front, survey_id, key):
             raise HTTPException(404) from error
         try:
-            response = await file_at(store, key, request, unchanging)  # the file may have been written just now
+            response = await file_at(store, key, request, unchanging)  # a tile may have written the file meanwhile
         except (HTTPException, OSError):
             raise DamageError(
                 f"{key} of {kind} {survey_id} was computed but cannot be read now. "
@@ -96,7 +99,10 @@ async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, req
 
 
 async def file_at(store: pathlib.Path | Bucket, key: str, request: Request, unchanging: bool) -> Response:
-    """Return the file with this key in a store. Raises HTTPException or OSError if there is no such file."""
+    """Return the file with this key in a store. Raises HTTPException or OSError if there is no such file.
+
+    unchanging: False if files may still change; then the time of a client's copy (If-Modified-Since) does not count.
+    """
     if isinstance(store, Bucket):
         return await object_response(store, key, request)
     files = StaticFiles(directory=store, check_dir=False)

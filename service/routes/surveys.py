@@ -92,8 +92,8 @@ def submit(
     survey is computed from the beginning.
 
     If the same body is sent again with the same `Idempotency-Key`, the answer is the survey of the first answer, with
-    or without `force`, as long as that survey exists. A survey remembers the key that created it, and the latest 100
-    other keys.
+    or without `force`, as long as that survey exists. A survey remembers the idempotency key that created it, and the
+    latest 100 others.
     """
     job = submit_survey(front, caller, body, idempotency_key, force)
     set_job_headers(response, job, JobKind.SURVEY)
@@ -139,9 +139,10 @@ def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     responses=declare_problems(404, 409, 422, 429),
 )
 def verify(front: FrontState, caller: CallerState, response: Response, survey_id: SurveyId) -> SurveyDetail:
-    """Queue an ended survey again: a successful or dismissed one, or a failed one that may succeed now.
+    """Queue a survey that has ended, to check all its tiles and compute damaged or missing tiles again.
 
-    All chunks are compared with their checksums. Undamaged chunks are kept, and can be read all the time.
+    The survey may be successful, dismissed or failed. All chunks are compared with their checksums. Undamaged chunks
+    are kept, and can be read all the time.
     """
     job = verify_survey(front, caller, survey_id)
     response.headers["Location"] = path_of(job.id)

@@ -18,7 +18,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gear_rattle.workers.survey.version import code_version
 
-SERVICE = Path(__file__).parents[1]  # the folder with the code of all answers
+SERVICE = Path(__file__).parents[1]  # the package `service`, whose code determines all answers
 
 #: Cache-Control: the client must ask each time whether its copy is still valid, and gets 304 if it is.
 REVALIDATE = "no-cache"
@@ -97,7 +97,7 @@ async def set_query_etag(request: Request, response: Response) -> None:
 
 
 def weak_etag(*parts: object) -> str:
-    """Return a weak ETag made of `parts`. Equal ETags mean equal answers, except that one may show a further tile."""
+    """Return a weak ETag: a hash of `parts` and the code. Of two answers with one ETag, one may have a newer tile."""
     return f'W/"{_digest(_answer_version().encode(), repr(parts).encode())}"'
 
 

@@ -280,7 +280,15 @@ def _links(parameters: dict[str, str], *names: str) -> dict[str, Any]:
 
 
 def _point_links(*names: str, **parts: str) -> dict[str, Any]:
-    """Return OpenAPI links to operations at a point. parts: {coordinate: path in the answer, by default its name}."""
+    """Return OpenAPI links to operations at a parameter point.
+
+    parts: {parameter of the point: path of its value in the answer}. A parameter without an entry has its name as path.
+
+    Returns
+    -------
+    dict[str, Any]
+        The links, by the names of the operations.
+    """
     return _links({name: parts.get(name, name) for name in ("delta", "epsilon", *OTHERS)}, *names)
 
 

@@ -43,7 +43,7 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
     Parameters
     ----------
     app
-        The application. Its lifespan calls ``app.state.on_start`` when ``app.state.front`` exists.
+        The application. Its lifespan must set ``app.state.front`` and then call ``app.state.on_start()``.
     settings
         The settings of the service, with its address and limits.
     log_config
@@ -91,7 +91,7 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
         gc.set_threshold(GC_OBJECTS)
         gc.freeze()  # otherwise every full collection scans all modules, and delays answers
         if settings.preload:
-            app.state.front.kernels.start_compiling()  # before the first request needs the kernels
+            app.state.front.kernels.start_compiling()  # so that the first requests need not wait
         if explorer := app.state.explorer:  # prepare the explorer before somebody opens it
             app.state.preparing = asyncio.ensure_future(explorer.prepare())  # the reference keeps the task alive
 
@@ -101,7 +101,7 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
 
 
 def return_large_blocks() -> None:
-    """Make glibc return the memory of freed arrays to the system. Other C libraries do not need it."""
+    """Make glibc return the memory of freed arrays to the system. Do nothing with other C libraries."""
     with suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, LARGE_BLOCK)
 

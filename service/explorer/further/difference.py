@@ -30,13 +30,13 @@ def require_small(request: SurveyRequest) -> None:
 
 
 class Difference(MapPlane):
-    """Values of the first map less the values of another map, float32. For maps of codes: 1 where they differ, else 0.
+    """The first map less another map of the same variable, float32. For maps of codes: 1 where they differ, else 0.
 
     A difference of phases is wrapped to [−0.5, 0.5). The value is NaN where either map has no value. The status is 0
-    where either map is not computed or the other map has no cell.
+    where either map is not computed or the other map has no cell, and FAILED where a cell of either map failed.
 
-    is_same_grid: True if both maps have the same cells. Otherwise each cell of the first map is compared with the cell
-    of the other map that contains its centre.
+    has_same_grid: True if both maps have the same cells. Otherwise each cell of the first map is compared with that
+    cell of the other map that contains the centre of the first map's cell.
     """
 
     def __init__(self, first: MapPlane, other: MapPlane) -> None:
@@ -53,7 +53,7 @@ class Difference(MapPlane):
         self.id, self.number, self.request = f"{first.id} {other.id}", first.number, first.request
         self.delta, self.epsilon, self._levels = first.delta, first.epsilon, possible_levels(first.request.shape)
         axes = ((other.delta, first.delta), (other.epsilon, first.epsilon))
-        self.is_same_grid = all(np.array_equal(*pair) for pair in axes)
+        self.has_same_grid = all(np.array_equal(*pair) for pair in axes)
         column, row = (cell_indices(*pair) for pair in axes)
         (mine, status), (others, beside) = first.all_cells(), other.all_cells()
         others, beside = (each[np.ix_(row, column)] for each in (others, beside))

@@ -19,7 +19,7 @@ from gear_rattle.service.explorer.state.store import JOBS, Store
 
 
 class ComparisonMaps:
-    """Comparison maps. places: their panels, empty until a map is added. add: button that adds a map.
+    """Comparison maps of a page. places: panels for all maps that can be added, empty at first. add: button.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class ComparisonMaps:
         store.subscribe(self._on_pointer_change, "pointer")
 
     def _on_view_change(self) -> None:
-        """Make as many comparison maps as the view lists, and show in each the survey and variable that are chosen."""
+        """Add or remove comparison maps until they are those of the view, and let each show its survey and variable."""
         view = self._store.view
         self.add.visible = not view.is_example and len(view.further) < MOST_FURTHER
         if not self._store.has_surveys:
@@ -83,7 +83,7 @@ class ComparisonMaps:
             each.show_pointer()
 
     def _add_map(self) -> None:
-        """Add a comparison map: the first map of the same survey that is not shown yet."""
+        """Add a map of the survey that the first map shows: of a variable that is not shown yet, if there is one."""
         view, request = self._store.view, self._store.request
         if request is None or view.is_example:
             return

@@ -187,10 +187,10 @@ class ComparisonMap(SurveyMap):
 
 
 def _title_of(plane: MapPlane, colours: Colouring, job: JobRow, first: JobRow | None, request: SurveyRequest) -> str:
-    if not isinstance(plane, Difference) or first is None:  # not a difference: the menu above the map names its survey
+    if not isinstance(plane, Difference) or first is None:  # the menu above the map names the survey
         return f"{plane.request.gear_model}{f' ({colours.note})' if colours.note else ''}"
     cells = "the same cells"
-    if not plane.is_same_grid:
+    if not plane.has_same_grid:
         size = " × ".join(str(axis.num) for axis in (request.delta, request.epsilon))
         cells = f"each cell of the first survey with the nearest cell of the second, which has {size} cells"
     return f"{first.display_name} less {job.display_name}, {cells}: {colours.title}"

@@ -26,7 +26,9 @@ ANSWER_FIRST = f"@media (max-width: 1199px) {{ :host(.{OPENED}) > .go-to-place {
 
 
 class RightSide:
-    """Right side of the page: the panel `above`, the open point, and the panel `under`.
+    """Right side of the page: from top to bottom the panel `above`, the open point, and the panel `under`.
+
+    below: panel for a figure below the diagram of the open point.
 
     Attributes
     ----------

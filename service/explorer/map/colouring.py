@@ -23,8 +23,8 @@ from gear_rattle.workers.pictures.maps import (
 )
 
 SHADES = 256
-#: A family has its name on the map if the family is wider than WIDE, a share of the map, and if no other name is nearer
-#: than NAME, pixels along δ and along ε.
+#: The map shows the name of a family that is wider than WIDE, a share of the map, unless the name of a wider family is
+#: nearer than NAME, the pixels along δ and along ε.
 WIDE, NAME = 0.02, (130, 24)
 
 
@@ -32,8 +32,8 @@ WIDE, NAME = 0.02, (130, 24)
 class Shade:
     """Colour of a map, its meaning (`label`), and its share.
 
-    share: for a code, such as a region, the share of the computed cells that have it; for cells without a value, and
-    for cells not above 0 on a log scale, their share of all cells.
+    share: if the colour means a code, such as a region, the code's share of the computed cells. If it means a reason
+    why cells show no value, such as a value not above 0 on a log scale, the share of these cells among all cells.
     """
 
     label: str
@@ -45,10 +45,10 @@ class Shade:
 class Colouring:
     """Colours of a map.
 
-    reasons: uint8 (epsilon, delta), 0 where the colour of a cell shows its value. Elsewhere a number i stands for the
-    reason why it does not (no value, or not above 0 on a log scale), which has the colour `reason_colours[i - 1]`.
-    low, high: range of the colours; the first code of a categorical map is `low` + 0.5. log: True if the colours are
-    evenly spaced in the logarithm of the value.
+    reasons: uint8 (epsilon, delta), 0 where the colour of a cell shows its value. A number i > 0 stands for a reason
+    why it does not, such as a value not above 0 on a log scale; the colour is then `reason_colours[i - 1]`. low, high:
+    range of the colours; on a categorical map the first code less 0.5, and the last code plus 0.5. log: True if the
+    colours are evenly spaced in the logarithm of the value.
     """
 
     title: str
@@ -114,7 +114,7 @@ def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool
     if codes is not None and labels:
         every = range(int(codes[0]), int(codes[-1]) + 1)
         colours = [to_hex(cmap(norm(code))) for code in every]
-        if variable == LARGEST:  # a window may show families that are not visible in the whole survey
+        if variable == LARGEST:  # all families, because a window may show more than the whole map
             colours = list(colours_of_codes(plane.plane))
             every = range(len(colours))
         named = tuple(

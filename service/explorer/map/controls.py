@@ -30,8 +30,8 @@ NUMBERED = "Attractor no."
 class FeaturedMap(NamedTuple):
     """Map with a button.
 
-    variables: names of variables that can show it; the first that a survey has is used. group: quantity that is ticked
-    in the form of a new survey, so that the survey has one of these variables.
+    variables: the button shows the first of these variables that the survey has. group: quantity that must be ticked in
+    the form of a new survey, so that the survey has one of these variables. meaning: how to read the map.
     """
 
     button: str
@@ -75,7 +75,7 @@ FEATURED = (
 
 
 def map_buttons(names: Collection[str], request: SurveyRequest) -> list[dict[str, Any]]:
-    """Return the buttons of the featured maps, as `MapButtons` has them. names: the variables that the survey has."""
+    """Return the value of `MapButtons.buttons` for the featured maps. names: the variables that the survey has."""
     buttons = []
     for each in FEATURED:
         variable = next((name for name in each.variables if name in names), "")
@@ -95,12 +95,12 @@ def _how_to_compute(each: FeaturedMap, request: SurveyRequest) -> str:
 
 
 def meaning_of(variable: str) -> str:
-    """Return how to read a map; an empty string for a map without a button."""
+    """Return a sentence that says how to read the map of a variable; "" if none of the buttons shows this variable."""
     return next((each.meaning for each in FEATURED if variable in each.variables), "")
 
 
 class MapControls:
-    """Widgets that choose a map. featured: the buttons. panel: all other widgets. The page may append to both."""
+    """Widgets that choose a map. featured: the buttons. panel: all others, in `row`, to which the page adds its own."""
 
     def __init__(self, shared: SharedState, store: Store, sheet: str) -> None:
         self._shared, self._store = shared, store
@@ -186,7 +186,7 @@ class MapControls:
         self._store.dispatch(SliceChosen(int(self.slice.value or 0)))
 
     def _on_rule(self) -> None:
-        """Set the chosen rule for the colour range, and the scale. With OWN, start from the limits of the drawn map."""
+        """Dispatch the chosen rule for the colour range, and the scale. The rule OWN begins with the drawn range."""
         view, limits = self._store.view, self.rule.value
         if limits == OWN:
             limits = view.limits if isinstance(view.limits, tuple) else view.seen and view.seen.limits

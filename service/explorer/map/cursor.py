@@ -27,15 +27,15 @@ from gear_rattle.service.explorer.state.events import (
 )
 from gear_rattle.service.explorer.state.store import Store, window_of
 
-FEWEST = 8  # least number of cells across a window for steps of one cell; a narrower window has STEPS steps
+FEWEST = 8  # a step is one cell, but in a window with fewer cells than this it is 1/STEPS of the window
 STEPS = 40
 FAR = 0.1  # length of a step with Shift, as a share of the window
 MOST = 1000  # most steps in one message, which a key that is held down sends
 CLOSER = 0.5  # factor of the window's width when a viewer zooms in
-EDGE = 0.25  # if a window moves to a cursor outside, the cursor's distance from its edge, as a share of the window
+EDGE = 0.25  # a window that moves to a cursor outside leaves this share of itself between its edge and the cursor
 WIDEST = 3.0  # greatest width of a window, in widths of the survey
 WINDOWS = {"back": "Back to the window before", "forward": "Forward to the window after"}
-GO = "point "  # prefix of the command that opens the point (δ, ε) of a link in the page
+GO = "point "  # prefix of a command; δ and ε of the point to open follow
 
 
 class CursorKeys:
@@ -75,7 +75,7 @@ class CursorKeys:
         return view.point or window_middle(self._store.window)
 
     def execute(self, word: str) -> None:
-        """Carry out a command, which is a word of keyboard.js."""
+        """Carry out a command that keyboard.js sends, such as "closer", or "point " with δ and ε."""
         at, dispatch = self.position, self._store.dispatch
         match word:
             case "closer" | "farther":
@@ -112,10 +112,11 @@ def window_middle(window: Ranges) -> Pair:
 
 
 def cursor_after_steps(axes: tuple[np.ndarray, np.ndarray], at: Pair, window: Ranges, steps: list[int]) -> Pair:
-    """Return the cursor after `steps`: steps to the right and up, then far steps to the right and up.
+    """Return the point to which steps move the cursor from the point `at`.
 
-    A step is one cell of the survey, or 1/STEPS of a window with fewer than FEWEST cells across. A far step is the
-    share FAR of the window.
+    steps: numbers of steps to the right, steps up, far steps to the right and far steps up; negative numbers go left or
+    down. A step is one cell of the survey, or 1/STEPS of a window with fewer than FEWEST cells across. A far step is
+    the share FAR of the window.
 
     Returns
     -------

@@ -38,14 +38,14 @@ from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle.plot import MARKERS, STYLES
 
 SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
-#: Pixels: width of a letter and height of a row in the name of a codimension-two point, the same in the name of a
-#: region or a family, and half the side of the square that a pin takes. No point's name is written over another name or
-#: a pin.
+#: Sizes in pixels, so that the name of a codimension-two point covers no other name and no pin. LETTER, ROW: width of a
+#: letter and height of a row of such a name. REGION_LETTER, REGION_ROW: the same for the name of a region or a family.
+#: DISC: half the side of the square that a pin takes.
 LETTER, ROW, REGION_LETTER, REGION_ROW, DISC = 9.0, 19.0, 9.0, 20.0, 11.0
 POINTER_MS, WINDOW_MS = 50, 200
 BAR_ROOM = 110  # pixels for the colour bar and its numbers: Bokeh does not measure numbers again when they change
 NARROW = 500  # width of a figure in pixels, below which the colour bar is below the map
-LARGEST_ZOOM = 5000.0  # greatest ratio of survey to window; beyond it a browser misplaces the enlarged cells
+LARGEST_ZOOM = 5000.0  # greatest width of a survey in widths of the window: browsers misplace cells beyond it
 
 
 class MapFigure:
@@ -112,7 +112,7 @@ class MapFigure:
         glyphs.share_models(plot.renderers)
         self._beyond = glyphs.range_arrows(INK[theme][0])
         for mark in self._beyond:
-            plot.add_layout(mark, "right")  # in the place "center" the arrow would be cut off at the frame
+            plot.add_layout(mark, "right")  # not "center", where the frame would cut off the arrow
         self._is_narrow, self._is_categorical = False, True
         self._place_bars()
         plot.on_change("outer_width", handler_in_event_loop(self._on_width))
@@ -202,7 +202,7 @@ class MapFigure:
             self._dispatch(WindowMoved(window))
 
     def show_window(self, window: Ranges) -> None:
-        """Show a window, unless the browser reported it: then the browser shows it, or already a newer window."""
+        """Show a window. If the browser reported it, do not send it back: the browser may show a newer one already."""
         if self._leader is self and window != self._window:
             self._window = window
             self._axes.show_window(*window)
@@ -401,7 +401,7 @@ class MapFigure:
         self._band.visible = LIMIT in names
 
     def mark_point(self, point: Pair | None) -> None:
-        """Mark the open point; None removes the mark."""
+        """Mark the open point, or the chosen point of its diagram; None removes the mark."""
         _set_marker(self.cross_at, point)
 
     def mark_pins(self, points: Mapping[str, Pair]) -> None:
@@ -415,8 +415,8 @@ class MapFigure:
             self.pins_at.data = found
             self._place_names()
 
-    def draw_tolerances(self, points: np.ndarray | None) -> None:
-        """Draw the tolerances about the open point as a line (k, 2) of (δ, ε); None removes the line."""
+    def draw_point_lines(self, points: np.ndarray | None) -> None:
+        """Draw lines at the open point, as of its tolerances; None removes them. points: (δ, ε), NaN between lines."""
         if points is None:
             glyphs.clear(self.ellipse_at)
         else:

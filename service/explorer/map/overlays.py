@@ -48,7 +48,8 @@ class MapLines:
         Parameters
         ----------
         of : Hashable
-            Other values on which the lines depend. All lines are removed when the model or one of these values changes.
+            Further values on which all lines depend, such as the id of the survey. If one of them or the model changes,
+            all lines are removed first.
         """
         if self._of != (model, *of):
             self.clear()
@@ -65,7 +66,7 @@ class MapLines:
                 self._tasks[name] = asked, self._viewer.start(self._compute_line(name, model, window))
 
     def _dependencies_of(self, name: str, window: Ranges) -> Hashable:  # noqa: ARG002 - in a subclass it decides
-        """Return the values, besides the model, on which a line depends."""
+        """Return the values, besides the model, on which a line depends. If they change, the line is computed again."""
         return window
 
     def clear(self) -> None:
@@ -76,7 +77,7 @@ class MapLines:
         self._figure.remove_lines()
 
     def _change_lines(self, name: str, change: Callable[[], object]) -> None:
-        """Change the figure for the task that computes a line, unless this task is cancelled before the change."""
+        """Let the page call `change` for the task that computes a line, unless another task takes its place before."""
         task = asyncio.current_task()
 
         def change_unless_cancelled() -> None:
@@ -130,7 +131,7 @@ class KeyedLines(MapLines):
 
     def _on_chosen(self) -> None:
         chosen = tuple(name for name in OVERLAYS if name in self.key.chosen)
-        if chosen != self._store.view.lines:  # if equal, the browser only sends back what the page wrote
+        if chosen != self._store.view.lines:  # equal if the browser only returns the page's own choice
             self._store.dispatch(OverlaysChosen(chosen))
 
     def _on_share(self) -> None:
@@ -143,7 +144,7 @@ class KeyedLines(MapLines):
     def _list_lines(self) -> None:
         """List the lines of the survey's model in the key.
 
-        In a machine's survey, a task then removes the lines that are nowhere in the survey's plane.
+        For the survey of a machine, start a task that removes from the key the lines outside the survey's plane.
         """
         request, model = self._store.request, self._store.model
         window = None if request is None or request.machine is None else window_of(request)
@@ -244,10 +245,10 @@ def _is_offered(name: str, model: Model) -> bool:
 
 
 def _line_meaning(name: str, model: Model) -> str:
-    """Return the meaning of a line.
+    """Return the meaning of a line for its entry in the key: a sentence of the help, for most lines.
 
-    It is a sentence of the help. For a curve of a model other than the default one, it is that model's description of
-    the curve, or the message that the model has no such curves.
+    For a curve of a model other than the default one, the meaning is that model's description of the curve, or the
+    message that the model has no such curves.
 
     Returns
     -------

@@ -45,8 +45,8 @@ UNSEEN: Room = (700, 550)  # assumed pixels of a map until the browser has repor
 class MapBlock:
     """Drawn cells of a map: `values` (float32) and `status`, both (epsilon, delta), and the `box` that the cells cover.
 
-    If a map has more cells than pixels, a drawn cell stands for several cells and shows rare values among them. The
-    fields `shares` and `without` are explained in `gear_rattle.workers.pictures.levels.DisplayedCells`.
+    If a map has more cells than pixels, a drawn cell stands for several cells: it shows a rare code among them, or a
+    number such as their mean. `gear_rattle.workers.pictures.levels.DisplayedCells` explains `shares` and `without`.
     """
 
     delta: np.ndarray
@@ -64,7 +64,11 @@ class MapBlock:
 
 
 class MapPlane:
-    """Map of a survey: the `values` (float32) and the `status` of its cells, both (epsilon, delta)."""
+    """Map of a survey: the `values` (float32) and the `status` of its cells, both (epsilon, delta).
+
+    index: number of the slot or the orbit, for a variable that has a map for each. The argument `number` is the number
+    of the slice, 0 without a third axis; the attribute `number` is the number of the job.
+    """
 
     is_kept = True  # True if all cells are kept in memory
 
@@ -92,15 +96,15 @@ class MapPlane:
             whole = job.state == State.SUCCESSFUL
             done = set(self._tiles) if whole else written_tiles(self._front, self.id)
             fresh = (done - self._known).intersection(self._tiles)
-            for indices in self._readings(fresh):
+            for indices in self._tiles_to_read(fresh):
                 if time.monotonic() > deadline:
                     return False
                 self._read_tiles(indices)
                 self._known.update(fresh.intersection(indices))
             return True
 
-    def _readings(self, fresh: set[int]) -> Iterator[list[int]]:
-        """Yield indices of tiles to read at once: all tiles of some rows if most are new, else one new tile."""
+    def _tiles_to_read(self, fresh: set[int]) -> Iterator[list[int]]:
+        """Yield lists of tiles to read at once: all tiles of some rows if most of them are new, else one new tile."""
         _, across = self.request.tile_grid
         together = across * max(1, BAND // (self.delta.size * self.request.tile_shape[0]))
         every = list(self._tiles)
@@ -133,8 +137,8 @@ class MapPlane:
         Parameters
         ----------
         anywhere : bool
-            If True, several cells that are drawn as one show their largest value, instead of their mean or a rare
-            value. Only for a map whose cells are in memory (`is_kept`).
+            If several cells are drawn as one: True shows their largest value, so that a map of a family shows it
+            wherever it is; False shows a rare code or a mean. True needs a map with its cells in memory (`is_kept`).
 
         Returns
         -------
@@ -173,7 +177,7 @@ class MapPlane:
         return self._values_and_status(slice(None), slice(None))
 
     def enlarged_block(self, window: Ranges) -> MapBlock:
-        """Return a window far narrower than the survey as ENLARGED² points, each with the value of its cell."""
+        """Return a very narrow window as ENLARGED² points, each with the value of the survey's cell around it."""
         (left, right), (bottom, top) = window
         delta, epsilon = (
             low + (np.arange(ENLARGED) + 0.5) * (high - low) / ENLARGED for low, high in ((left, right), (bottom, top))
@@ -204,7 +208,7 @@ class MapPlane:
         names = [
             name
             for name, values in self._dataset.data_vars.items()
-            # these two maps are computed from the other variables
+            # LARGEST and SHARE are no variables of the store, but are made from such variables for maps
             if values.dims[-2:] == CELL and name not in (LARGEST, SHARE)
         ]
         return self._dataset[names].isel(epsilon=i, delta=j).load()
@@ -326,8 +330,8 @@ class Atlas:
         return plane, plane.update(job)
 
     def _plane_class(self, job: JobRow, variable: str) -> type[MapPlane]:
-        """Return the class that reads a map of a survey."""
-        if variable in (LARGEST, SHARE):  # the pyramid levels lack these two variables
+        """Return LeveledPlane if the store of a successful survey has pyramid levels of the map, else MapPlane."""
+        if variable in (LARGEST, SHARE):  # the pyramid levels lack both maps
             return MapPlane
         is_large = levels_of(SurveyRequest.model_validate(job.request).shape)
         ended = is_large and job.state == State.SUCCESSFUL
@@ -338,7 +342,7 @@ class Atlas:
         return sum(plane.values.size for plane in self._planes.values())
 
     def forget(self, kept: Callable[[str], bool]) -> None:
-        """Remove maps from memory. kept: returns from a survey's id whether the survey's maps stay."""
+        """Remove maps from memory. kept: function that returns, for the id of a survey, whether its maps stay."""
         with self._lock:
             for key in [key for key in self._planes if not kept(key[0])]:
                 del self._planes[key]
@@ -350,7 +354,7 @@ def maps_of(request: SurveyRequest) -> dict[str, Any]:
     Returns
     -------
     dict[str, Any]
-        For each variable the names of its several maps, () if the variable is one map.
+        {variable: names of its maps, one for each slot or orbit; () if the variable has a single map}.
     """
     from gear_rattle.workers.survey.values.quantities import dimension_labels, variables_of_groups
 
@@ -363,7 +367,13 @@ def maps_of(request: SurveyRequest) -> dict[str, Any]:
 
 
 def map_options(request: SurveyRequest, *wanted: MapChoice | None) -> tuple[MapChoice, dict[str, str]]:
-    """Return the first wanted map that a survey has, else its first map; and {name: text in an address} of all maps."""
+    """Return the map to choose in a menu of a survey's maps, and the options of the menu.
+
+    Returns
+    -------
+    tuple[MapChoice, dict[str, str]]
+        The first of the `wanted` maps that the survey has, else its first map; {name of a map: text in an address}.
+    """
     maps = map_names(request)
     chosen = next(each for each in (*wanted, *maps.values()) if each is not None and each in maps.values())
     return chosen, {words: each.address_text for words, each in maps.items()}

@@ -40,18 +40,19 @@ INTERVAL = "The half-width of the 95 % interval follows ±. It is of the survey'
 
 
 class Readout:
-    """Numbers of a cell beside the map. pane: a line about the cell, a button that unfolds the rest, and the numbers.
+    """Numbers of a cell beside the map. pane: a summary line, a button that unfolds the numbers, and the numbers.
 
-    Line and button show only while a point is open: the numbers of the cell are not the answer of the point.
+    While a point is open, the numbers are folded, because they are of the survey's cell and not of the point. While no
+    point is open, the numbers show without summary and button.
     """
 
     def __init__(self, sheet: str) -> None:
-        self._line, self._tables = Text("", sheet), Text(HINT, sheet)
+        self._summary, self._tables = Text("", sheet), Text(HINT, sheet)
         self._is_unfolded = False
         self._button = pn.widgets.Button(label=UNFOLD, css_classes=["unfold"], stylesheets=[sheet], margin=(2, 0))
         on_press(self._button, self._toggle)
         row: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": 0}
-        self._head = pn.Column(self._line.pane, self._button, visible=False, **row)
+        self._head = pn.Column(self._summary.pane, self._button, visible=False, **row)
         self._numbers = pn.Column(self._tables.pane, **row)
         self.pane = pn.Column(self._head, self._numbers, **row)
 
@@ -61,13 +62,13 @@ class Readout:
         return self._tables.html
 
     @property
-    def line(self) -> str:
-        """HTML of the line about the cell."""
-        return self._line.html
+    def summary(self) -> str:
+        """HTML of the summary of the cell."""
+        return self._summary.html
 
     @property
     def is_folded(self) -> bool:
-        """True if only the line about the cell shows."""
+        """True if only the summary and the button show."""
         return not self._numbers.visible
 
     def clear(self) -> None:
@@ -75,9 +76,9 @@ class Readout:
         self._tables.html = HINT
         self._head.visible, self._numbers.visible = False, True
 
-    def show(self, line: str, tables: str, is_point_open: bool) -> None:
+    def show(self, summary: str, tables: str, is_point_open: bool) -> None:
         """Show the numbers of a cell (HTML). While a point is open, show `tables` only if a viewer has unfolded it."""
-        self._line.html = line
+        self._summary.html = summary
         self._tables.html = (OF_THE_CELL if is_point_open else "") + tables
         self._head.visible = is_point_open
         self._numbers.visible = self._is_unfolded or not is_point_open
@@ -88,7 +89,7 @@ class Readout:
         self._button.label = FOLD if self._is_unfolded else UNFOLD
 
 
-def cell_line(cell: xr.Dataset | None, request: SurveyRequest) -> str:
+def cell_summary(cell: xr.Dataset | None, request: SurveyRequest) -> str:
     """Return a line about a cell of a survey, in HTML: where it is, the size of its sample, and its quiet fraction.
 
     cell: the cell, None outside of the survey.
@@ -101,31 +102,31 @@ def cell_line(cell: xr.Dataset | None, request: SurveyRequest) -> str:
     if cell is None:
         return "<p>Outside of the survey's grid.</p>"
     said = []
-    if missing := _without_numbers(int(cell["status"])):
+    if missing := _status_without_numbers(int(cell["status"])):
         said = [missing]
     elif "quiet_fraction" in cell:
         count, share = request.initial_conditions.count, float(cell["quiet_fraction"])
         low, high = rattle.wilson_interval(share * count, count)
         said = [f"{count:,} starts", f"quiet {100 * share:.0f} ± {50 * float(high - low):.0f} %"]
-    place = f"Survey's grid cell at {cell_place(cell, request)}"
+    place = f"Survey's grid cell at {cell_position(cell, request)}"
     return f'<p title="{INTERVAL}">{escape(": ".join([place, ", ".join(said)]) if said else place)}</p>'
 
 
-def cell_place(cell: xr.Dataset, request: SurveyRequest) -> str:
+def cell_position(cell: xr.Dataset, request: SurveyRequest) -> str:
     """Return a cell's δ and ε, in enough digits to tell it from its neighbours, or a machine's rpm and eccentricity."""
     delta, epsilon = float(cell["delta"]), float(cell["epsilon"])
     if request.machine is not None:
         return ", ".join(value for _, value in _speed_and_eccentricity(request.machine, delta, epsilon))
-    return f"δ {_cell_text(delta, request.delta)}, ε {_cell_text(epsilon, request.epsilon)}"
+    return f"δ {_coordinate_text(delta, request.delta)}, ε {_coordinate_text(epsilon, request.epsilon)}"
 
 
-def _cell_text(value: float, axis: Axis) -> str:
-    """Return a coordinate of a cell, rounded to less than half a cell."""
+def _coordinate_text(value: float, axis: Axis) -> str:
+    """Return a coordinate of a cell as text, rounded by less than half a cell."""
     digits = max(math.ceil(-math.log10((axis.stop - axis.start) / (axis.num - 1) / 2)), 1)
     return f"{value:.{digits}f}".rstrip("0").rstrip(".")
 
 
-def readout(
+def cell_tables(
     cell: xr.Dataset | None,
     delta: float,
     epsilon: float,
@@ -158,8 +159,8 @@ def readout(
     tables = [_definition_list(rows)]
     if cell is None:
         return "".join(tables) + "<p>Outside of the survey.</p>"
-    tables.append(f"<h2>Cell at {cell_place(cell, request)}</h2>{_distance_note(cell, delta, epsilon, window)}")
-    if missing := _without_numbers(int(cell["status"])):
+    tables.append(f"<h2>Cell at {cell_position(cell, request)}</h2>{_distance_note(cell, delta, epsilon, window)}")
+    if missing := _status_without_numbers(int(cell["status"])):
         return "".join(tables) + f"<p>{escape(missing)}</p>"
     scalars = _definition_list(_scalar_rows(cell))
     tables.append(scalars if machine is None else in_revolutions(scalars))
@@ -170,7 +171,7 @@ def readout(
     return "".join(tables)
 
 
-def _without_numbers(status: int) -> str:
+def _status_without_numbers(status: int) -> str:
     """Return the status of a cell in words if the cell has no numbers; "" if it has."""
     return STATUS[status].replace("_", " ") if status in (0, FAILED) else ""
 
@@ -217,7 +218,7 @@ def _value_in_words(plane: MapPlane, delta: float, epsilon: float) -> str:
     if at is None:
         return "outside of the survey"
     value, status = at
-    if missing := _without_numbers(status):
+    if missing := _status_without_numbers(status):
         said = missing
     elif np.isnan(value):
         said = words_without_value(plane.plane)

@@ -32,7 +32,7 @@ KEPT = 4  # most drawings of completed maps in memory, a few MiB each; most page
 
 EXAMPLE = "example at β = 0.6, which comes with the explorer"
 
-USUAL = "quiet_fraction"  # variable that a survey shows first, if it has this variable
+USUAL = "quiet_fraction"  # variable that a page shows first of a survey that has it
 BEFOREHAND = "exact values, shown before the survey has computed them"
 WAITING = "exact values; the survey waits for its turn"
 
@@ -51,7 +51,7 @@ def default_variable(request: SurveyRequest, is_waiting: bool) -> str:
     """Return the variable that a survey shows unless a viewer chooses another variable.
 
     A survey that waits for its turn shows its first map, if that map is a closed form. Every other survey shows its
-    quiet fraction or, if it has none, the first map that fills in while the survey is computed.
+    quiet fraction. If it has none, it shows its first map that is not a closed form, or else its first map.
 
     Returns
     -------
@@ -75,7 +75,10 @@ class UncomputedMaps(Protocol):
         """Maps of the example, in the form that `maps_of` returns."""
 
     def plane(self, variable: str, index: int) -> MapPlane:
-        """Return a map of the example that comes with the explorer. It blocks: use a thread."""
+        """Return a map of the example that comes with the explorer. It blocks: use a thread.
+
+        index: number of the attractor or the orbit, for a variable that has a map for each.
+        """
 
     def unfinished_map(
         self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], MapPlane]
@@ -84,13 +87,16 @@ class UncomputedMaps(Protocol):
 
         Parameters
         ----------
+        number : int
+            Number of the slice; 0 without a third axis.
         computed : Callable[[], MapPlane]
-            Returns the map of the cells that the survey has computed; raises MissingError if it has no cells yet.
+            Returns the map of the cells that the survey has computed; raises MissingError if it has no cells yet. It is
+            called when a viewer reads a cell.
 
         Returns
         -------
         MapPlane
-            The map.
+            The map. Its colours are closed forms; `cell_at` returns the survey's cell, if it is computed already.
         """
 
 

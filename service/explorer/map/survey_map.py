@@ -55,7 +55,7 @@ class SurveyMap(ABC):
         self.drawings = DrawingRunner(viewer, self.show_error)
         self._chosen: MapChoice | None = None
         self._how: tuple[Limits | Pair, bool] = "auto", False
-        # function that returns the cells of the window; None, instead of a function, while the whole survey is shown
+        # function that returns the drawn cells of the window; None while the whole survey is shown
         self._seen: Callable[[], MapBlock] | None = None
         self._refined: tuple[MapPlane, Ranges] | None = None
         self._refining: asyncio.Task[None] | None = None
@@ -80,9 +80,9 @@ class SurveyMap(ABC):
         Parameters
         ----------
         chosen : MapChoice | None
-            Map that the workers compute in finer windows; None for a map that only surveys have.
+            Map that the workers can compute in finer windows; None if they cannot, as for a difference.
         limits, log
-            Range of the colours that the view requests, and True for a log scale.
+            Range of the colours or the rule for it, and True for a log scale, both as the viewer has chosen.
         """
         is_new = plane is not self.plane
         self.plane, self.colours, self._chosen, self._how = plane, colours, chosen, (limits, log)
@@ -143,7 +143,7 @@ class SurveyMap(ABC):
             self._refining = self._viewer.start(self._draw_all_cells(plane, window, pixels))
 
     async def _draw_all_cells(self, plane: MapPlane, window: Ranges, room: Room) -> None:
-        """Draw the cells of a window, several of which may be one cell in the drawing of the whole survey."""
+        """Draw a window's cells in more detail than the drawing of the whole survey has."""
         values, box = await self._viewer.run_in_thread(partial(shown_window, plane, window, room))
         self._viewer.change(
             lambda: self.figure.draw_finer_cells(values, box) if (plane, window) == self._refined else None

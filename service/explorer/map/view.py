@@ -22,7 +22,7 @@ from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import KeyedLines
 from gear_rattle.service.explorer.map.picture import drawn_settings
 from gear_rattle.service.explorer.map.planes import SIDE, MapBlock, MapPlane
-from gear_rattle.service.explorer.map.readout import Readout, cell_in_words, cell_line, finer_value, readout
+from gear_rattle.service.explorer.map.readout import Readout, cell_in_words, cell_summary, cell_tables, finer_value
 from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form
 from gear_rattle.service.explorer.map.survey_map import SurveyMap
 from gear_rattle.service.explorer.point.state import point_marks
@@ -104,7 +104,7 @@ class MapView(SurveyMap):
             self.forget_window()  # the finer cells of the window belong to another map
         request = store.request
         is_large = request is not None and max(request.shape) > SIDE
-        # the drawing of a large survey, or with names of families, depends on the pixels
+        # a large survey, or a map with names of families, is drawn again when its pixels change
         room = self.figure.pixels if is_large or view.variable == LARGEST else ()
         what = view.survey, view.slice, chosen, view.limits, view.log, room
         self.drawings.request(what, [] if job is None else [job], partial(self._draw, view, job))
@@ -128,7 +128,7 @@ class MapView(SurveyMap):
     def show_error(self, error: RattleError) -> None:
         """Write why the map could not be drawn, or that the first cells of the survey are being computed."""
         job = self._store.job
-        # the status may be older than the drawing, so a survey that is said to wait for its turn may already run
+        # not only in the state running: a survey that waits, according to the page's older job, may run by now
         is_empty = job is not None and not State(job.state).is_final and not job.cells_done
         if is_empty and isinstance(error, MissingError):
             self.show_nothing(BEGINS)
@@ -183,7 +183,7 @@ class MapView(SurveyMap):
         self.figure.mark_cursor(None if pointer is None or is_here else pointer.at)
 
     def _read_cell_at_pointer(self) -> None:
-        """Show the numbers of the cell at the pointer, else of the open point's cell, and cancel an earlier reading."""
+        """Show the numbers of the cell at the pointer or, without a pointer, of the cell at the open point."""
         self.stop_reading()
         pointer, plane = self._store.view.pointer, self.plane
         said = ""
@@ -198,7 +198,7 @@ class MapView(SurveyMap):
 
             def read() -> tuple[str, str]:
                 cell = plane.cell_at(*at)
-                return cell_line(cell, request), readout(cell, *at, request, window, here)
+                return cell_summary(cell, request), cell_tables(cell, *at, request, window, here)
 
             def show(texts: tuple[str, str]) -> None:
                 self.readout.show(*texts, self._store.view.point is not None)
@@ -206,11 +206,11 @@ class MapView(SurveyMap):
             self.read_cell(read, show)
 
     def _mark_point_and_pins(self) -> None:
-        """Mark the open point with its tolerances, and the pins, if their model is the model of the map."""
+        """Mark the open point, its lines and the pins; leave out those whose model is not the model of the map."""
         view, model, machine = self._store.view, self._store.model, self._store.machine
         self.figure.mark_pins(points_by_number(view.pins, model))
         if (marked := (view.point, view.machine, view.point_state, model, machine)) != self._marked:
             self._marked = marked
             at, lines = point_marks(view, model, machine)
             self.figure.mark_point(at)
-            self.figure.draw_tolerances(lines)
+            self.figure.draw_point_lines(lines)

@@ -16,9 +16,9 @@ Route = TypeVar("Route", bound=Callable[..., Any])
 
 
 def query_of(name: str, otherwise: str = DEFAULT_MODEL, example: float | None = None) -> Any:
-    """Return the annotated type of the query parameter `name`, which a model adds.
+    """Return the annotated type of a query parameter of a route: the parameter `name` that a model adds.
 
-    otherwise: the description's words for the model that a query without this parameter gets.
+    otherwise: words of the description for the model that the route uses if the query lacks this parameter.
     """
     each = ADDED[name]
     upper = each.greatest if math.isfinite(each.greatest) else None
@@ -31,7 +31,7 @@ def query_of(name: str, otherwise: str = DEFAULT_MODEL, example: float | None = 
 
 
 def machine_texts() -> dict[str, str]:
-    """Return {name of a machine's number that selects a model: description of this number}."""
+    """Return {name: description} of the numbers of a machine that select another model, such as `stiffness`."""
     return {
         each.machine_number: f"{each.machine_text}: the {owner_of(name).name} model"
         for name, each in ADDED.items()
@@ -45,7 +45,7 @@ def with_queries(after: dict[str, dict[str, Any]]) -> Callable[[Route], Route]:
     Parameters
     ----------
     after : dict of str to dict
-        The parameters to add, as {own parameter of the route: {name of a parameter to add after it: its type}}.
+        {parameter of the route: {name: annotated type} of the query parameters to add after it}.
 
     Returns
     -------

@@ -18,7 +18,7 @@ from gear_rattle.service.routes.model.points import (
     SampledSpeed,
     SampleSeed,
     point_document,
-    require_few,
+    require_few_samples,
 )
 from gear_rattle.service.state import FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
@@ -32,7 +32,10 @@ router = APIRouter(prefix="/v1", tags=["points"])
 
 
 class ErrorsDocument(BaseModel):
-    """Half-widths of the 95 % intervals of the intensity's fields of these names; 0 if exact, null if undecided."""
+    """Errors of the fields of an intensity with the same names.
+
+    An error is half the width of the 95 % interval; 0 if the field is exact, null if the attractor is undecided.
+    """
 
     impacts_plus: float | None
     impacts_minus: float | None
@@ -100,7 +103,7 @@ async def intensity(
 
     Values of periodic motions are exact; values of chaotic motions have error bars.
     """
-    require_few(front, count)
+    require_few_samples(front, count)
     found = await compute_in_process(
         front,
         intensities,

@@ -42,7 +42,7 @@ class EndDocument(BaseModel):
 
 
 class CurveDocument(BaseModel):
-    """A bifurcation curve: parallel lists with an entry for each point, in the order of the connected pieces."""
+    """A bifurcation curve. The lists from `delta` to `piece` have an entry for each point, one piece after another."""
 
     name: str
     meaning: str

@@ -39,7 +39,7 @@ MostImpacts = Annotated[
 SampleSeed = Annotated[int, Query(ge=0, lt=2**32)]
 
 
-def require_few(front: Front, count: int) -> None:
+def require_few_samples(front: Front, count: int) -> None:
     """Raise LimitError if a point has more initial conditions than this service allows."""
     if count > front.settings.max_point_count:
         raise LimitError(
@@ -207,7 +207,7 @@ async def attractors(
 ) -> Attractors:
     """Return the attractors of a point, or of a machine in SI units."""
     gear = point.gear
-    require_few(front, count)
+    require_few_samples(front, count)
     found = await compute_in_process(
         front,
         gear.attractors,

@@ -20,7 +20,7 @@ from gear_rattle.service.routes.model.machine import (
     MeasuredMachineQuery,
     machine_document,
 )
-from gear_rattle.service.routes.model.points import SampleCount, SampleSeed, require_few
+from gear_rattle.service.routes.model.points import SampleCount, SampleSeed, require_few_samples
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
 from gear_rattle.service.web.problems import declare_problems
@@ -99,14 +99,14 @@ async def verdict_of_measured(
 ) -> VerdictDocument:
     """Return the verdict on a machine whose transmission error is a CSV table, which includes its eccentricity.
 
-    `machine` in the answer has the model's numbers, restitution and harmonics, which routes for a parameter point take.
+    `machine` in the answer has this machine's parameter point, restitution and harmonics as other routes take them.
     """
     measured = await run_in_threadpool(_read_curve, curve, orders)
     return await _verdict_document(front, replace(machine, errors=measured.harmonics), measured, count, seed)
 
 
 def _read_curve(text: str, orders: int) -> TransmissionError:
-    """Read a transmission error from a CSV text. Raises RattleError whose message says "the body" for the file."""
+    """Read a transmission error from the CSV text of a request. Raises RattleError, which calls the text "the body"."""
     with TemporaryDirectory() as directory:
         table = Path(directory, "curve.csv")
         table.write_text(text, encoding="utf-8")
@@ -119,7 +119,7 @@ def _read_curve(text: str, orders: int) -> TransmissionError:
 async def _verdict_document(
     front: Front, machine: Machine, measured: TransmissionError | None, count: int, seed: int
 ) -> VerdictDocument:
-    require_few(front, count)
+    require_few_samples(front, count)
     found = await compute_in_process(
         front,
         machine.verdict,

@@ -70,7 +70,7 @@ def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(
         for variable, index in (("orbit_velocity", 3), ("orbit_phase", 0), ("region", 0)):
             first, other = planes(variable, index)
             found = Difference(first, other)
-            assert not found.is_same_grid
+            assert not found.has_same_grid
             for i, j in np.ndindex(found.values.shape):
                 delta, epsilon = float(first.delta[j]), float(first.epsilon[i])
                 mine, theirs = first.value_and_status(delta, epsilon), other.value_and_status(delta, epsilon)
@@ -91,7 +91,7 @@ def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(
         assert shades["different"] == pytest.approx(changed)
         (same,) = planes("orbit_velocity", 3)[:1]
         nothing = Difference(same, same)
-        assert nothing.is_same_grid
+        assert nothing.has_same_grid
         known = np.isfinite(same.values)
         assert known.any()
         assert (nothing.values[known] == 0).all()

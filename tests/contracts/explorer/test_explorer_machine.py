@@ -20,7 +20,7 @@ from gear_rattle.service.explorer.common.point_state import PointState, Toleranc
 from gear_rattle.service.explorer.design.fields import POINT, MachineFields
 from gear_rattle.service.explorer.design.tolerance import population_numbers, tolerance_outline
 from gear_rattle.service.explorer.map.overlays import curve_pieces
-from gear_rattle.service.explorer.map.readout import readout
+from gear_rattle.service.explorer.map.readout import cell_tables
 from gear_rattle.service.explorer.point.state import machine_and_model
 from gear_rattle.service.explorer.point.work import PointTasks
 from gear_rattle.service.explorer.state.store import window_of
@@ -183,11 +183,11 @@ def test_what_is_entered_of_a_machine_is_checked(tmp_path: Path) -> None:
 def test_a_point_of_a_machine_s_survey_is_read_in_si() -> None:
     machine = rattle.Machine(**NUMBERS, eccentricity=20e-6, rpm=3000)
     window = (0.02, 0.08), (0.0, 1e-3)
-    said = readout(None, machine.delta, machine.epsilon, MACHINE, window)
+    said = cell_tables(None, machine.delta, machine.epsilon, MACHINE, window)
     assert "<dd>3000 rpm</dd>" in said
     assert "<dd>20 µm</dd>" in said
     assert said.index("3000 rpm") < said.index("δ")
-    assert "rpm" not in readout(None, 0.6, 0.1, SurveyRequest(**BODY), ((0.4, 1.0), (0.0, 0.3)))
+    assert "rpm" not in cell_tables(None, 0.6, 0.1, SurveyRequest(**BODY), ((0.4, 1.0), (0.0, 0.3)))
 
 
 def test_fields_of_a_machine_give_what_the_library_takes() -> None:

@@ -34,7 +34,7 @@ from gear_rattle.service.explorer.map.controls import FEATURED, MapControls
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import key_entries
 from gear_rattle.service.explorer.map.planes import Atlas, MapPlane, maps_of
-from gear_rattle.service.explorer.map.readout import cell_place
+from gear_rattle.service.explorer.map.readout import cell_position
 from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form
 from gear_rattle.service.explorer.map.survey_map import block_of
 from gear_rattle.service.explorer.map.view import MapView
@@ -476,7 +476,7 @@ def test_the_example_is_still_there_beside_surveys(tmp_path: Path) -> None:
         assert shown.map.figure.x_range.start == pytest.approx(0.4)
         assert shown.view.query() == "?survey=example&variable=quiet_fraction&overlays=none"
         shown.open((0.6, 0.1))
-        await eventually(lambda: "64 starts, quiet" in shown.readout.line)
+        await eventually(lambda: "64 starts, quiet" in shown.readout.summary)
         row = example_row(shown.shared.exact.request)
         assert row["name"] == "Example: the paper's plane at β = 0.6"
         assert (row["id"], row["size"]) == (EXAMPLE, "200 × 150")
@@ -614,13 +614,13 @@ def test_beside_an_open_point_its_cell_is_one_line_until_it_is_unfolded(tmp_path
         cell = shown.plane.cell_at(*there)
         assert cell is not None
         share, error = (100 * float(cell[name]) for name in ("quiet_fraction", "fraction_error"))
-        assert f": 64 starts, quiet {share:.0f} ± {error:.0f} %</p>" in shown.readout.line
+        assert f": 64 starts, quiet {share:.0f} ± {error:.0f} %</p>" in shown.readout.summary
         assert "not of the open point" in shown.readout.html
         unfold.clicks += 1
         assert not shown.readout.is_folded
         shown.hover(*here)
         at = f"Survey&#x27;s grid cell at δ {here[0]:g}"
-        await eventually(lambda: at in shown.readout.line)
+        await eventually(lambda: at in shown.readout.summary)
         assert not shown.readout.is_folded  # as the viewer left it
         shown.store.dispatch(BookmarkChosen(((0.5, 0.6), (0.1, 0.2)), None, {}))
         await eventually(lambda: "Point at the map" in shown.readout.html)  # nothing of the old cell is left
@@ -643,8 +643,8 @@ def test_a_cell_s_place_has_as_many_digits_as_tell_it_from_the_next(num: int, sp
     values = request.delta.values()
     near = {"0.601": 0.6005560928, "0.6": 0.6, "0.097": 0.0966, "0.70000063": 0.700000625}[expected]
     cell = xr.Dataset(coords={"delta": near, "epsilon": 0.1})
-    assert cell_place(cell, request) == f"δ {expected}, ε 0.1"
-    places = {cell_place(xr.Dataset(coords={"delta": each, "epsilon": 0.1}), request) for each in values}
+    assert cell_position(cell, request) == f"δ {expected}, ε 0.1"
+    places = {cell_position(xr.Dataset(coords={"delta": each, "epsilon": 0.1}), request) for each in values}
     assert len(places) == num
 
 
