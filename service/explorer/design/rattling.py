@@ -21,7 +21,7 @@ def motion_intensities(gear: AnyGear, attractors: Sequence[rattle.Attractor]) ->
 def _intensity(gear: AnyGear, attractor: rattle.Attractor) -> rattle.Intensity | None:
     try:
         return gear.intensity(attractor)
-    except rattle.RattleError:  # the motion is too close to grazing, or to rest
+    except rattle.RattleError:  # for example, the motion is too close to grazing or to rest
         return None
 
 

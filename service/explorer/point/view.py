@@ -119,7 +119,7 @@ class Answer:
     def _on_view_change(self) -> None:
         point, state = self._point, self._point.state
         self._panel.show_tab(state.shown_tab)
-        self._panel.take.html = words.notebook_link(self._gear, *state.way)
+        self._panel.take.html = words.notebook_link(self._gear, *state.diagram_choice)
         if point.is_ready and state.shown_tab == ANSWER and not self._is_margin_requested:
             self._is_margin_requested = True
             point.work.start(point.work.run_part(self._panel.safe, self._compute_margin))
