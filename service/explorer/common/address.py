@@ -112,7 +112,7 @@ class Pin(NamedTuple):
 
     @property
     def address_text(self) -> str:
-        """Text of the pin in an address. The stiffness κ (UNNAMED) has no name there, as in older addresses."""
+        """Text of the pin in an address. The stiffness κ is written without its name, as in older addresses."""
         more = [repr(value) if name == UNNAMED else f"{name}:{value!r}" for name, value in self.added]
         harmonics = [HARMONIC + each for each in harmonic_texts(self.harmonics)]
         return ",".join([*map(repr, self[:3]), *more, *harmonics])
@@ -182,7 +182,7 @@ class ComparisonChoice:
 
 
 class Pointer(NamedTuple):
-    """Point (δ, ε) that a viewer points at. source: name of the figure under the mouse; KEYBOARD for the cursor."""
+    """Point (δ, ε) that a viewer points at. source: name of the figure under the mouse; KEYBOARD if keys chose it."""
 
     at: Pair
     source: str

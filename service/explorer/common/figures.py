@@ -11,8 +11,8 @@ from bokeh.plotting import figure
 #: Colours of the text, the background and the lines of each theme.
 INK = {"light": ("#1d2733", "#ffffff", "#c4ccd4"), "dark": ("#e4e9ee", "#171c22", "#47525e")}
 Limits = tuple[float, float]
-#: Style of a column of parts on paper. As a block, it continues on the next sheet after any part; as a flexible box,
-#: Chromium would keep it on one sheet.
+#: Style of a printed column of parts: as a block it may continue on the next sheet of paper after any part, while
+#: Chromium does not divide a flexible box between sheets.
 PRINTED = "@media print { :host { display: block !important; } }"
 CONTRAST = 4.5  # least contrast of a thin line with a dark background, by the formula of WCAG 2
 BESIDE = 62  # pixels to the left of the frames of stacked figures, equal so that their axes are in line

@@ -39,7 +39,7 @@ POINT = ("x", "y", "marker", "name", "dx", "dy", "to_x", "to_y")
 
 @dataclass(frozen=True)
 class Scale:
-    """Renderers of a map on one colour scale. A map has two, linear and logarithmic: a renderer keeps its mapper.
+    """Renderers of a map on one colour scale. A map has a linear and a logarithmic one: a renderer keeps its mapper.
 
     mapper: the colour mapper that `cells`, `fine` and `bar` share. cells: renderer of the survey's cells. fine:
     renderer of finer cells in a window. bar: the colour bar.
@@ -57,7 +57,10 @@ def empty_source(columns: tuple[str, ...]) -> ColumnDataSource:
 
 
 def share_models(renderers: Sequence[Any]) -> None:
-    """Let renderers share one index filter and one selection policy: own ones are a fifth of a page's models."""
+    """Give renderers one index filter and one selection policy in common.
+
+    Separate ones, which Bokeh makes by default, would be a fifth of all Bokeh models of a page.
+    """
     every, policy = AllIndices(), UnionRenderers()
     for renderer in renderers:
         renderer.view = CDSView(filter=every)

@@ -75,7 +75,7 @@ def followed_range(gear: AnyGear, map_range: Pair | None) -> Pair:
 
 
 def motion_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> MotionExtent | None:
-    """Return the range of ε in which an attractor attracts, searched in the range `within`; None if it is undecided."""
+    """Return the range of ε in which an attractor attracts, searched in `within`; None for an undecided attractor."""
     if attractor.kind == "undecided":
         return None
     if attractor.kind == "quiet":
@@ -168,7 +168,7 @@ def _piece_number(event: Any, branch: Any) -> int:
 
 
 def _end_at(event: Any, branch: Any, remains: bool) -> ExtentEnd:
-    """Return the end of a motion at an event of its branch. remains: True if an admissible point follows it."""
+    """Return the end of a motion at an event of its branch. remains: True if an admissible point follows the event."""
     next_motion = getattr(event, "beyond", None)
     return ExtentEnd(
         str(event.kind),

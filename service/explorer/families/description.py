@@ -31,7 +31,7 @@ NOT_ALONE = "Some cells have two of its attractors: continuation through other c
 
 @dataclass(frozen=True)
 class Extent:
-    """The longest row or column of a family's cells without a gap.
+    """The longest row or column of adjoining cells that all have a family.
 
     direction: "delta" for a row, "epsilon" for a column. middle: the point (δ, ε) in its middle. either_way: half its
     length and one cell more, in δ or ε, so that a diagram along it shows both ends.
@@ -53,7 +53,7 @@ class FamilyDescription:
 
     row: the family's numbers in the survey's table of families, by name. of_plane: share of the computed cells that
     have the family. of_samples: share of all samples that go to the family. borders: {name of a curve:
-    number of pairs of neighbouring cells of which one has the family, and which the curve separates}. extents: the
+    number of places where it separates a cell that has the family from a neighbouring cell that lacks it}. extents: the
     longest row and the longest column of the family's cells.
     """
 

@@ -208,5 +208,5 @@ class _Socket:
             if code in LEFT:
                 session.request_expiration()  # otherwise the computations of the closed page would go on
         if visit.cancelled_caught:
-            with suppress(RuntimeError):  # the browser has closed the websocket meanwhile
+            with suppress(RuntimeError):  # raised if the browser has closed the websocket meanwhile
                 await send({"type": "websocket.close", "code": 1008, "reason": SIGNED_OUT})

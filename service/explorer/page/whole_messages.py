@@ -42,7 +42,7 @@ async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send)
             if message["type"] != "websocket.disconnect":
                 return message
             left.append(message)
-            # an empty message instead of this one, for which `app` would handle its last message once more
+            # an empty message first: at the disconnection, `app` would handle its last message once more
             return {"type": "websocket.receive"}
         if is_told:
             raise RuntimeError("the browser has left")

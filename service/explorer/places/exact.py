@@ -197,7 +197,7 @@ def _closed_form_dataset(cells: Cells, names: Collection[str] = ()) -> xr.Datase
     quantities = [each for each in every if not names or each.name in names]
     dims = {dim for each in quantities for dim in each.dims[:-2]}
     labels = {dim: list(dimension_labels(dim, 1)) for dim in dims}
-    # `status` is the only quantity without a group: each cell counts as computed
+    # the values of `status`, the only quantity without a group: each cell counts as computed
     done = np.ones(cells.shape, np.int8)
     values = {
         each.name: (each.dims, np.asarray(each.evaluate(cells)) if each.group else done, each.attributes)

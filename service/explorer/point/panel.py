@@ -34,7 +34,7 @@ WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": MARGIN}
 PLACES = 100  # steps of the slider from the first to the last point (δ, ε) of the diagram
 DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
 ALONG = (BASINS, MOTION, DIAGRAM)  # tabs that show the point (δ, ε) that the slider chooses
-CLICKED = -1  # number in the list of motions of the motion from a clicked state
+CLICKED = -1  # value of the menu of motions for the motion from a clicked state
 
 
 @dataclass(frozen=True)
@@ -250,7 +250,7 @@ class PointPanel:
         return found
 
     def mark_position(self, at: float) -> None:
-        """Mark the point that the slider chooses in the diagram, if it was drawn. at: position on the axis."""
+        """Mark the point that the slider chooses, if the diagram was drawn. at: its value on the parameter axis."""
         if "diagram" in self.__dict__:
             self.diagram.mark_position(at)
 

@@ -182,6 +182,6 @@ def point_marks(view: View, model: Model, machine: SurveyedMachine | None) -> tu
     lines = [] if state.tolerance is None else [tolerance_outline(*here, made, state.tolerance)]
     if state.to is not None:
         lines += [np.full((1, 2), np.nan), np.array([here, state.to])]
-    with suppress(RattleError):  # no gear is possible at this point: the panel of the point shows the error
+    with suppress(RattleError):  # raised if no gear is possible here: the panel of the point shows the error
         here = chosen_place(model.gear(*here), state) or here
     return here, np.concatenate(lines) if lines else None

@@ -74,7 +74,7 @@ def recurrence_in_words(count: int, period: str) -> str:
 
 
 def percent_text(share: float) -> str:
-    """Return a share in per cent, with three digits; only exactly 0 and 1 are written as 0 % and 100 %."""
+    """Return a share in per cent, with three significant digits. Only exactly 0 and 1 become 0 % and 100 %."""
     if 0 < share < ENOUGH:
         return "less than 0.05 %"
     if 1 - ENOUGH < share < 1:
@@ -136,7 +136,7 @@ def point_in_words(gear: AnyGear) -> str:
 
 
 def quiet_limit_in_words(gear: AnyGear, period: str = PERIOD) -> str:
-    """Return in words whether the gear can run quietly, and where rattle begins."""
+    """Return in words up to which ε quiet running is possible, and if ε is below SN1, where P(1,1,0) begins."""
     if gear.epsilon >= gear.quiet_limit:
         quiet = (
             f"The gear cannot run quietly here: above an eccentricity of {number_text(gear.quiet_limit)} the teeth "
@@ -242,7 +242,7 @@ def shares_bar(found: SampledAttractors, palette: Palette) -> str:
 
 
 def html_table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """Return a table in HTML, rows after the first six folded; the first cell of a row is a head. Cells are HTML."""
+    """Return a table in HTML, with rows after the sixth folded. The first cell of a row is its head. Cells are HTML."""
     head = "".join(f'<th scope="col">{each}</th>' for each in heads)
     lines = []
     for first, *rest in rows:

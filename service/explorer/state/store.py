@@ -37,7 +37,7 @@ class Listeners:
         self._listeners.pop(listener, None)
 
     def call_listeners(self, changed: set[str]) -> None:
-        """Call the listeners of changed values. If a listener changes values, their listeners are called next."""
+        """Call the listeners of changed values, then those of values that these listeners have changed, and so on."""
         self._changed |= changed
         if self._is_calling:
             return
