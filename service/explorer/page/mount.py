@@ -192,7 +192,7 @@ class _Socket:
         CALLER.set(caller)
         code = 0
         session = pages.session_of(scope)
-        if session is None:  # without this, Bokeh would make another page than the browser has
+        if session is None:  # without this answer, Bokeh would make a page that the browser does not have
             log.info("a websocket was refused: its page does not exist, or no longer exists")
             await send({"type": "websocket.close", "code": 1008, "reason": GONE})
             return
