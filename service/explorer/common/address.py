@@ -83,13 +83,13 @@ class EnteredMachine(NamedTuple):
 
     @property
     def address_text(self) -> str:
-        """Text of the machine in an address: values of the first NUMBERED fields, then other values as name:value."""
+        """Text of the machine in an address: the values `inertia` to `stiffness`, then all others as name:value."""
         plain = ["" if each is None else str(each) for each in self[:NUMBERED]]
         more = [f"{name}:{value}" for name, value in list(self._asdict().items())[NUMBERED:] if value is not None]
         return ",".join([*plain, *more])
 
 
-NUMBERED = EnteredMachine._fields.index("restitution")  # number of the first fields, which have no names in addresses
+NUMBERED = EnteredMachine._fields.index("restitution")  # number of fields whose values have no names in addresses
 
 
 class Pin(NamedTuple):
@@ -112,7 +112,7 @@ class Pin(NamedTuple):
 
     @property
     def address_text(self) -> str:
-        """Text of the pin in an address. The parameter UNNAMED is written without its name, as in older addresses."""
+        """Text of the pin in an address. The stiffness κ is written without its name, as in older addresses."""
         more = [repr(value) if name == UNNAMED else f"{name}:{value!r}" for name, value in self.added]
         harmonics = [HARMONIC + each for each in harmonic_texts(self.harmonics)]
         return ",".join([*map(repr, self[:3]), *more, *harmonics])
@@ -130,7 +130,7 @@ def pin_of(delta: float, epsilon: float, model: Model) -> Pin:
 
 
 def points_by_number(pins: Sequence[Pin], model: Model) -> dict[str, Pair]:
-    """Return {number of a pin: its point (δ, ε)} for the pins of a model. Numbers, from 1, count pins of all models."""
+    """Return {number: point (δ, ε)} for the pins of one model. Each pin is numbered by its place in `pins`, from 1."""
     return {str(i): (pin.delta, pin.epsilon) for i, pin in enumerate(pins, start=1) if pin.model == model}
 
 
@@ -182,7 +182,7 @@ class ComparisonChoice:
 
 
 class Pointer(NamedTuple):
-    """Point (δ, ε) that a viewer points at. source: name of the figure under the mouse; KEYBOARD for the cursor."""
+    """Point (δ, ε) that a viewer points at. source: name of the figure under the mouse; KEYBOARD if keys chose it."""
 
     at: Pair
     source: str
@@ -191,8 +191,8 @@ class Pointer(NamedTuple):
 class DrawnSettings(NamedTuple):
     """Settings with which a map was drawn.
 
-    limits: range of the colours as numbers, also where the view has a rule; None for a categorical map. log: True if
-    the colours are on a log scale. pixels: size of the map on the screen, None if the whole survey is shown.
+    limits: (low, high) of the colours, computed if the view has a rule for them; None for a categorical map. log: True
+    if the colours are on a log scale. pixels: size of the map on the screen, None if the whole survey is shown.
     """
 
     limits: Pair | None
@@ -292,11 +292,11 @@ class View:
     Attributes
     ----------
     family : int | None
-        Number of the highlighted family, while all other cells are dimmed; None for no family.
+        Number of the highlighted family; cells without it are dimmed. None if no family is highlighted.
     limits : Limits | Pair
         Rule for the range of colours, or (low, high).
     overlays : tuple[str, ...] | None
-        Lines that a viewer chose, None for the default lines of a map; `lines` are the lines that are drawn.
+        Lines that a viewer chose, None for the default lines; the property `lines` returns the drawn lines.
     delta, epsilon : Pair | None
         Window (low, high) along each axis, None for the whole survey.
     machine : EnteredMachine | None
@@ -312,9 +312,9 @@ class View:
     pins : tuple[Pin, ...]
         Points that are compared.
     is_variable_chosen : bool
-        True if a viewer chose the variable. This field and all fields below it are not in the address.
+        True if a viewer or the address chose the variable. This field and all later ones are not in the address.
     sounds, yields : int
-        Numbers of requests: of the sound of a motion, and of the yield of the point's tolerances.
+        How often viewers requested the sound of a motion, and the yield of the point's tolerances.
     rpm : float | None
         Speed of the machine whose sound was requested; None if a viewer entered none.
     pointer : Pointer | None
@@ -378,7 +378,7 @@ class View:
 
     @classmethod
     def parse(cls, query: Mapping[str, Sequence[bytes]]) -> View:
-        """Return the view that a query describes. A field without a value that can be read gets its default."""
+        """Return the view that a query describes. A field whose text is missing or invalid gets its default."""
         firsts = {name: values[0].decode("utf-8", "replace") for name, values in query.items() if values}
         texts = {name: value for name, value in firsts.items() if len(value) <= LONGEST}
         found = read_fields(cls, texts)

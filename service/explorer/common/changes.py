@@ -25,11 +25,10 @@ _waiting: WeakKeyDictionary[Document, list[Change]] = WeakKeyDictionary()
 
 
 def wait_for_browser(document: Document) -> None:
-    """Delay the changes of a document, from the connection of its browser until the browser has loaded the document.
+    """Delay all changes of a document from now, when its browser connects, until the browser has loaded the document.
 
-    A change that is sent earlier arrives twice, alone and as part of the document, and Panel drops changes that it
-    holds back during this time. Changes made before a browser connects are part of the document. Call this function in
-    the event loop.
+    Some changes in this time would arrive twice, alone and as part of the document; Panel would hold others back and
+    lose them. Earlier changes are part of the document. Call this function in the event loop.
     """
     loop = asyncio.get_running_loop()
     _waiting.setdefault(document, [])
@@ -56,10 +55,11 @@ def change_document(document: Document, change: Callable[[], object]) -> None:
             _waiting[document].append(apply)
             return
         with set_curdoc(document):
-            document.hold("combine")  # otherwise Panel sends its own changes separately, after later changes of Bokeh
+            # all changes are sent together; otherwise Panel's own would be sent after later ones of Bokeh
+            document.hold("combine")
             try:
                 change()
-            except Exception:  # Bokeh would not report the error
+            except Exception:  # logged here, because Bokeh would not report the error
                 log.exception("a page of the explorer could not be changed")
             finally:
                 document.unhold()
@@ -97,7 +97,7 @@ async def change_and_wait(document: Document, change: Callable[[], object]) -> N
 
 
 def act_in_event_loop(act: Callable[[], object]) -> None:
-    """Change the current page by `act`, as `change_document` does. Without a page, as in a test, call `act` at once."""
+    """Call `act`, which changes the current page, by `change_document`; at once if there is no page, as in tests."""
     document = pn.state.curdoc
     if document is None or document.session_context is None:
         act()

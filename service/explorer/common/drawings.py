@@ -17,15 +17,15 @@ Show = Callable[[], object]
 
 
 class DrawingRunner:
-    """Runs one drawing at a time, because the thread of a cancelled drawing would go on.
+    """Runs one drawing at a time. A new request waits for the running drawing, whose thread cannot be cancelled.
 
-    If several drawings are requested meanwhile, only the newest follows. While a survey runs, PAUSE seconds pass
-    between two drawings.
+    If several requests arrive meanwhile, only the newest is drawn. While a survey runs, PAUSE seconds pass between two
+    drawings.
 
     Parameters
     ----------
     show_error : Callable[[RattleError], object]
-        Shows an error that a drawing raises, while this drawing is the requested one.
+        Shows an error of a drawing. It is not called if another drawing has been requested meanwhile.
     """
 
     def __init__(self, viewer: Viewer, show_error: Callable[[RattleError], object]) -> None:

@@ -11,8 +11,8 @@ from bokeh.plotting import figure
 #: Colours of the text, the background and the lines of each theme.
 INK = {"light": ("#1d2733", "#ffffff", "#c4ccd4"), "dark": ("#e4e9ee", "#171c22", "#47525e")}
 Limits = tuple[float, float]
-#: Style of a printed column: as a block it breaks between its parts at the end of a sheet of paper. Chromium does not
-#: break a flexible box there.
+#: Style of a printed column of parts: as a block it may continue on the next sheet of paper after any part, while
+#: Chromium does not divide a flexible box between sheets.
 PRINTED = "@media print { :host { display: block !important; } }"
 CONTRAST = 4.5  # least contrast of a thin line with a dark background, by the formula of WCAG 2
 BESIDE = 62  # pixels to the left of the frames of stacked figures, equal so that their axes are in line

@@ -39,7 +39,7 @@ POINT = ("x", "y", "marker", "name", "dx", "dy", "to_x", "to_y")
 
 @dataclass(frozen=True)
 class Scale:
-    """Renderers of a map on one colour scale, linear or logarithmic. Bokeh cannot replace a renderer's mapper later.
+    """Renderers of a map on one colour scale. A map has a linear and a logarithmic one: a renderer keeps its mapper.
 
     mapper: the colour mapper that `cells`, `fine` and `bar` share. cells: renderer of the survey's cells. fine:
     renderer of finer cells in a window. bar: the colour bar.
@@ -57,7 +57,10 @@ def empty_source(columns: tuple[str, ...]) -> ColumnDataSource:
 
 
 def share_models(renderers: Sequence[Any]) -> None:
-    """Let renderers share stateless models, which Bokeh makes for each renderer: a fifth of all models of a page."""
+    """Give renderers one index filter and one selection policy in common.
+
+    Separate ones, which Bokeh makes by default, would be a fifth of all Bokeh models of a page.
+    """
     every, policy = AllIndices(), UnionRenderers()
     for renderer in renderers:
         renderer.view = CDSView(filter=every)
@@ -130,7 +133,8 @@ def place_bars(plot: Any, bars: Sequence[Any], is_below: bool) -> None:
     for bar in bars:
         bar.update(width="auto" if is_below else BAR_WIDTH, height=BAR_WIDTH if is_below else "auto")
     right, below = ([each for each in side if each not in bars] for side in (plot.right, plot.below))
-    if is_below:  # bars are added below, then removed at the right: Bokeh drops the view of a bar on neither side
+    # a bar is added to its new side before it leaves the old one: Bokeh would drop the view of a bar on neither side
+    if is_below:
         plot.below = [*below, *bars]
         plot.right = right
     else:

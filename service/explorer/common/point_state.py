@@ -45,7 +45,7 @@ def _parse_attractor(text: str) -> int:
 def _parse_start(text: str) -> Pair:
     tau, v = parse_pair(text)
     if not 0 <= tau < 1 or v <= 0:
-        raise ValueError(f"An initial condition needs a phase from 0 to 1 and a speed above 0, not {text!r}.")
+        raise ValueError(f"An initial condition needs a phase from 0 to below 1 and a speed above 0, not {text!r}.")
     return tau, v
 
 
@@ -75,13 +75,14 @@ class PointState:
     direction : str
         Axis of the diagram, "epsilon" or "delta".
     span : float | None
-        Extent of the diagram on either side of the point; None for the default.
+        Extent of the diagram in δ or ε on either side of the point; None for the default.
     to : Pair | None
         Point (δ, ε) at which the diagram ends; None for a diagram along `direction`.
     tolerance : Tolerance | None
         Tolerances that a viewer entered; None if there are none.
     at : float | None
-        Place whose basins and motion are shown, from 0 to 1 on the line of the diagram; None for the point itself.
+        Position of the point whose basins and motion are shown, from 0 to 1 along the line of the diagram; None for the
+        open point itself.
     tab : str | None
         Open tab; None if the other values decide which tab is open, see `shown_tab`.
     """
@@ -96,8 +97,8 @@ class PointState:
     tab: str | None = address_field(None, partial(allowed_text, TABS))
 
     @property
-    def way(self) -> tuple[str, float | None, Pair | None]:
-        """Choice of the diagram: `direction`, `span` and `to`, in this order."""
+    def diagram_choice(self) -> tuple[str, float | None, Pair | None]:
+        """Values that choose the diagram: `direction`, `span` and `to`."""
         return self.direction, self.span, self.to
 
     @property
@@ -112,11 +113,11 @@ class PointState:
         return ANSWER if self.at is None else BASINS
 
     def limited_to(self, v_max: float) -> PointState:
-        """Return the state, without its initial condition if the speed there is above v_max."""
+        """Return the state, without the initial condition `start` if its speed is above v_max."""
         return self if self.start is None or self.start[1] <= v_max else replace(self, start=None)
 
     def with_changes(self, **fields: Any) -> PointState:
-        """Return the state with other values of some fields, as it would be read back from a page's address."""
+        """Return the state with other values of some fields. A value that `read` would refuse becomes the default."""
         return PointState.read(replace(self, **fields).text())
 
     @classmethod

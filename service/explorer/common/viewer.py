@@ -84,8 +84,8 @@ class Viewer:
     async def run_in_thread(self, work: Callable[[], Result], scope: Scope = Scope.READ) -> Result:
         """Run `work` in a thread if the caller's API key has a scope, and return the result.
 
-        A running thread cannot be cancelled: it counts among THREADS until it ends. Work that is cancelled while it
-        waits for a free thread never begins.
+        A page has at most THREADS threads. A running thread cannot be cancelled, and counts until it ends. Work that is
+        cancelled while it waits for a free thread never begins.
 
         Returns
         -------

@@ -27,7 +27,7 @@ class WidgetWatcher:
                 act_in_event_loop(lambda: act_on_newest(event))
 
         def act_on_newest(event: Any) -> None:
-            if self._newest[widget] is event:  # if this is not the newest event, the call for the newest one follows
+            if self._newest[widget] is event:  # an older event is ignored: the call for the newest one follows
                 with self.paused():  # the page may have written another value of the widget meanwhile
                     setattr(widget, name, event.new)
                 used()

@@ -25,8 +25,8 @@ NARROWEST = 1e-13  # least width of a window, in δ or ε
 class MapAxes:
     """Axes of a map: δ and ε, or a machine's speed and eccentricity with δ and ε above and on the right.
 
-    Damping falls as speed rises, so for a machine δ rises to the left. is_follower: True if the map shares its ranges
-    with another map, which alone sets the direction of the δ axis.
+    Damping falls as speed rises, so for a machine δ rises to the left. is_follower: True if the ranges are those of
+    another map, whose own `MapAxes` sets the direction of δ.
     """
 
     def __init__(self, plot: figure, is_follower: bool) -> None:

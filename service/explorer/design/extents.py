@@ -22,10 +22,10 @@ from rattle.stiff import StiffOrbit, stiff_branch
 # largest number of attractors that are followed; largest number of impacts of a motion that is followed on a branch
 MOST_FOLLOWED, MOST_IMPACTS = 12, 64
 STEPS = 150  # steps of a sweep over the whole range of ε
-STATES, RETURNS = 16, 37  # states of a chaotic attractor that a sweep follows; returns from one to the next
+STATES, RETURNS = 16, 37  # number of states of a chaotic attractor that a sweep follows; number of returns between two
 WINDOW = 4  # a sweep of chaos passes periodic windows that are at most this many steps wide
-# A step is halved until it is at most FINEST of a full step and at most NEAR of the distance from the gear's ε, but not
-# below LEAST of a full step.
+# A sweep halves a step that loses the attractor, until the step is at most FINEST of a full step and at most NEAR of
+# the distance from the gear's ε, or at most LEAST of a full step.
 FINEST, NEAR, LEAST = 1 / 32, 1 / 8, 1e-9
 
 #: Kinds of an end: first the events of a branch, with the names of `rattle`, then the ends that are no such event.
@@ -39,9 +39,9 @@ class ExtentEnd(NamedTuple):
     kind: SN, PD or GR for an event of the branch; "crisis" for a boundary crisis; "quiet limit" for the end of quiet
     running; "swept" if a sweep only bracketed the end; "range" if the motion attracts up to the end of the range that
     was searched; "lost" if the motion could not be followed farther. error: half the width of the bracket, 0 if the end
-    is exact. curve: the curve of the (δ, ε) plane on which the event lies, or "". beyond: the name of the attractor
-    that a sweep reaches beyond the end, or of the motion that follows an event of a branch; "" if unknown. remains:
-    True if the end is a period doubling of the motion itself, beyond which the motion exists without attracting.
+    is exact. curve: the curve of the (δ, ε) plane on which the event lies, or "". beyond: the name of the motion on the
+    far side of the end, which the sweep reached or the event leads to; "" if unknown. remains: True for a period
+    doubling on whose far side the motion still exists, but does not attract.
     """
 
     kind: str
@@ -75,13 +75,13 @@ def followed_range(gear: AnyGear, map_range: Pair | None) -> Pair:
 
 
 def motion_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> MotionExtent | None:
-    """Return the range of ε in which an attractor attracts, searched in the range `within`; None if it is undecided."""
+    """Return the range of ε in which an attractor attracts, searched in `within`; None for an undecided attractor."""
     if attractor.kind == "undecided":
         return None
     if attractor.kind == "quiet":
         return MotionExtent(ExtentEnd(RANGE, 0.0), ExtentEnd(QUIET_LIMIT, gear.quiet_limit))
     if attractor.kind == "periodic" and attractor.n_plus + attractor.n_minus <= MOST_IMPACTS:
-        with suppress(RattleError):  # the motion is too close to grazing for Newton's method, so it is swept
+        with suppress(RattleError):  # the motion is swept, for example if Newton's method fails close to grazing
             branch = _branch_of(gear, attractor, within)
             if branch is not None:
                 return _extent_of_branch(branch, within)
@@ -91,7 +91,15 @@ def motion_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> M
 def add_crisis(
     gear: AnyGear, attractors: Sequence[rattle.Attractor], extents: Sequence[MotionExtent | None]
 ) -> tuple[MotionExtent | None, ...]:
-    """Return the extents, with the boundary crisis of the gear's damping in place of a swept upper end near it."""
+    """Return the extents, with the boundary crisis at the gear's δ in place of each swept upper end of chaos near it.
+
+    An end is near if its distance from the crisis is at most the width of its bracket.
+
+    Returns
+    -------
+    tuple[MotionExtent | None, ...]
+        The extents, as many and in the same order as `extents`.
+    """
     crisis = _crisis(gear) if Capability.CRISIS in model_at(gear).has else None
     if crisis is None:
         return tuple(extents)
@@ -101,7 +109,7 @@ def add_crisis(
 
 
 def has_swept_chaos(attractors: Sequence[rattle.Attractor], extents: Sequence[MotionExtent | None]) -> bool:
-    """Return whether a sweep only bracketed the upper end of a chaotic attractor; it may be the boundary crisis."""
+    """Return whether a sweep only bracketed the upper end in ε of any chaotic attractor, see `add_crisis`."""
     pairs = zip(attractors, extents, strict=False)  # attractors beyond MOST_FOLLOWED have no extent
     return any(one.kind == "chaotic" and each is not None and each.high.kind == SWEPT for one, each in pairs)
 
@@ -131,15 +139,16 @@ def _branch_of(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> Any:
 
 def _extent_of_branch(branch: Any, within: Pair) -> MotionExtent:
     """Return the extent of the attracting part of a branch around the point from which the branch was followed."""
-    grazes = [(each, each.after or -1) for each in getattr(branch, "grazes", ())]  # stiff branches end at grazes
-    events = [(each, _piece_of(each, branch)) for each in branch.events if each.admissible] + grazes
+    # only stiff branches have `grazes`, at which they end: before the first point (piece −1) or after the last one
+    grazes = [(each, each.after or -1) for each in getattr(branch, "grazes", ())]
+    events = [(each, _piece_number(each, branch)) for each in branch.events if each.admissible] + grazes
     attracts = branch.stable & branch.admissible
 
     def end(way: int) -> ExtentEnd:
         point = branch.start
         while True:
             beyond, is_last = point + way, not 0 <= point + way < len(branch)
-            piece = min(point, beyond)  # number of the piece of the branch between `point` and `beyond`
+            piece = min(point, beyond)  # piece k of a branch lies between its points k and k + 1
             here = [event for event, at in events if at == piece][::way]
             if here and (is_last or here[0].kind in (SADDLE_NODE, FLIP) or not attracts[beyond]):
                 return _end_at(here[0], branch, not is_last and bool(branch.admissible[beyond]))
@@ -152,14 +161,14 @@ def _extent_of_branch(branch: Any, within: Pair) -> MotionExtent:
     return MotionExtent(end(-1), end(1))
 
 
-def _piece_of(event: Any, branch: Any) -> int:
-    """Return the number of the branch's last point before an event; −1 for the flip from which the branch begins."""
+def _piece_number(event: Any, branch: Any) -> int:
+    """Return k if an event lies between the points k and k + 1 of a branch, −1 if the branch begins at this flip."""
     is_origin = event.itinerary.m < branch.m and event.after == 0 and branch.ends[0] != "span"
     return -1 if is_origin else int(event.after)
 
 
 def _end_at(event: Any, branch: Any, remains: bool) -> ExtentEnd:
-    """Return the end of a motion at an event of its branch. remains: True if the branch's next point is admissible."""
+    """Return the end of a motion at an event of its branch. remains: True if an admissible point follows the event."""
     next_motion = getattr(event, "beyond", None)
     return ExtentEnd(
         str(event.kind),
@@ -226,15 +235,16 @@ def _like(attractor: rattle.Attractor, found: Iterable[rattle.Attractor]) -> rat
 def _after_window(
     gear: AnyGear, attractor: rattle.Attractor, found: Sequence[rattle.Attractor], at: float, step: float, end: float
 ) -> tuple[float, rattle.Attractor] | None:
-    """Return where chaos begins again after a periodic window, which begins with the attractors `found` at ε = `at`.
+    """Return where chaos begins again after a periodic window, into which a sweep came at ε = `at`.
 
-    The first attractor is followed for at most WINDOW steps of size `step`, not beyond `end`.
+    attractor: the attractor that the sweep followed up to the window. found: the attractors at ε = `at`; the first is
+    followed through the window for at most WINDOW steps of size `step`, not beyond `end`.
 
     Returns
     -------
     tuple[float, rattle.Attractor] | None
-        The eccentricity and the chaotic attractor there; None if `attractor` is not chaotic, if the first attractor in
-        `found` is not periodic, or if no chaos follows.
+        The eccentricity and the chaotic attractor there; None if `attractor` is not chaotic, if the motion in the
+        window is not periodic, or if no chaos follows.
     """
     if attractor.kind != "chaotic":
         return None

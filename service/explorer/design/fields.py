@@ -20,9 +20,9 @@ DIGITS = 12  # significant digits of a number that is converted from SI units
 class NumberEntry(NamedTuple):
     """A number of a machine, and the field in which it is entered.
 
-    name, unit: the label of the field. per: how many of this unit are one of the library's unit (SI, but rpm for
-    speed). first: the first value of the field; None if the field may be empty. is_count: True for a count, such as the
-    number of teeth. about: the tooltip, "" for none.
+    name, unit: the label of the field. per: factor from the library's unit (SI, but rpm for speed) to `unit`, such as
+    1e6 from m to µm. first: the first value of the field; None if the field may be empty. is_count: True for a count,
+    such as the number of teeth. about: the tooltip, "" for none.
     """
 
     name: str

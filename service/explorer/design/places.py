@@ -25,7 +25,7 @@ CRISES = {"0.6": (0.6, 0.1108867568), "0.762": (0.762, 0.09742235)}
 class Bookmark:
     """A window of the plane, with a point to open in it (None for no point), and the state of the point's tabs.
 
-    state: None keeps the tab that is open, see `BookmarkChosen`.
+    state: None for the state of a point that is opened without one, see `PointOpened`.
     """
 
     window: Ranges
@@ -39,9 +39,7 @@ def bookmarks() -> dict[str, Bookmark]:
 
 
 def shown_bookmark(window: Ranges | None, point: Pair | None) -> Bookmark | None:
-    """Return the bookmark that a view shows; None if there is none.
-
-    It has the window and the point of the view, or if there is no such bookmark, the window of the view and no point.
+    """Return the bookmark with a view's window and point, else the first one with its window and no point, else None.
 
     Parameters
     ----------

@@ -14,14 +14,14 @@ SECONDS, RATE = 3.0, 22050  # length of a sound in seconds, and its samples per 
 
 
 def motion_intensities(gear: AnyGear, attractors: Sequence[rattle.Attractor]) -> tuple[rattle.Intensity | None, ...]:
-    """Return the intensity of each attractor; None if the library fails to follow it, NaN values if it is undecided."""
+    """Return the intensity of each attractor: None if it cannot be followed, with NaN values if it is undecided."""
     return tuple(_intensity(gear, each) for each in attractors)
 
 
 def _intensity(gear: AnyGear, attractor: rattle.Attractor) -> rattle.Intensity | None:
     try:
         return gear.intensity(attractor)
-    except rattle.RattleError:  # the motion is too close to grazing, or to rest
+    except rattle.RattleError:  # for example, the motion is too close to grazing or to rest
         return None
 
 
@@ -42,7 +42,7 @@ def spectrum_lines(gear: AnyGear, attractor: rattle.Attractor) -> Lines | Densit
 
 
 def sound_file(gear: AnyGear, attractor: rattle.Attractor, rpm: float) -> bytes:
-    """Return the motion as a WAV file, its loudest sample at full volume; silence if it is quiet."""
+    """Return the motion as a WAV file, scaled to full volume; silence for quiet motion. rpm: speed of the machine."""
     return wav(gear.sound(attractor, rpm, SECONDS, RATE), RATE)
 
 

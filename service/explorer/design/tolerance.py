@@ -21,8 +21,8 @@ HELD = 0.95  # share of the gears inside the ellipse
 RADIUS = math.sqrt(-2.0 * math.log(1.0 - HELD))  # radius of the ellipse in standard deviations
 SIDES = 96  # number of sides of the polygon that is drawn for the ellipse
 COUNT, JUDGED = 8, 256  # initial conditions per gear; largest number of gears that are judged as passing or not
-# Fields of `rattle.Machine` that are passed to `rattle.population` in another form (the speed as rpm, the eccentricity
-# with its tolerance, errors as error_20 and the like), or that no machine of the page has (driven_errors).
+# Fields of a machine that `population_numbers` does not copy: `rattle.population` takes the speed as rpm, the
+# eccentricity with its tolerance and the errors as error_20 and the like; no machine of the page has driven_errors.
 NOT_GIVEN = ("speed", "eccentricity", "errors", "driven_errors")
 LEAST = 0.1  # least speed and damping of a gear, relative to the mean
 
@@ -56,12 +56,14 @@ def tolerance_outline(delta: float, epsilon: float, machine: Machine | None, wid
 
 
 def population_numbers(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[str, Any]:
-    """Return the numbers of gears with tolerances, in the form that `rattle.population` takes.
+    """Return the numbers of a gear, or of its machine, with two tolerances, in the form that `rattle.population` takes.
+
+    The tolerances are those of δ and ε, or of a machine's speed and eccentricity.
 
     Returns
     -------
     dict[str, Any]
-        Numbers by name; a number with a tolerance is a normal distribution.
+        Numbers by name; a number with a tolerance above 0 is a normal distribution.
 
     Raises
     ------

@@ -39,7 +39,10 @@ class ToleranceFields:
         )  # fmt: skip
 
     def fill(self, gear: AnyGear, machine: Machine | None, widths: Tolerance | None) -> None:
-        """Set the fields for a point: tolerances of speed and eccentricity if it has a machine, else of δ and ε."""
+        """Set the fields for a point: tolerances of speed and eccentricity if it has a machine, else of δ and ε.
+
+        widths: the values of the fields; None for the defaults.
+        """
         first, second, share = self.widgets
         if machine is None:
             first.label, second.label, self._per = "σ of δ", "σ of ε", (1.0, 1.0)

@@ -31,10 +31,10 @@ NOT_ALONE = "Some cells have two of its attractors: continuation through other c
 
 @dataclass(frozen=True)
 class Extent:
-    """The longest row or column of a family's cells without a gap.
+    """The longest row or column of adjoining cells that all have a family.
 
     direction: "delta" for a row, "epsilon" for a column. middle: the point (δ, ε) in its middle. either_way: half its
-    length plus one cell, as a difference of δ or ε.
+    length and one cell more, in δ or ε, so that a diagram along it shows both ends.
     """
 
     direction: str
@@ -52,9 +52,9 @@ class FamilyDescription:
     """Description of one family.
 
     row: the family's numbers in the survey's table of families, by name. of_plane: share of the computed cells that
-    have the family. of_samples: share of all samples that go to the family. borders: for each curve, the number of
-    pairs of neighbouring cells that the curve separates and of which only one has the family. extents: the longest row
-    and the longest column of the family's cells.
+    have the family. of_samples: share of all samples that go to the family. borders: {name of a curve:
+    number of places where it separates a cell that has the family from a neighbouring cell that lacks it}. extents: the
+    longest row and the longest column of the family's cells.
     """
 
     name: str
@@ -162,7 +162,7 @@ def _longest_extent(there: np.ndarray, plane: MapPlane, direction: str) -> Exten
     return Extent(
         direction,
         (middle, beside) if direction == "delta" else (beside, middle),
-        # half the length and one more cell, so that the diagram shows where the family ends
+        # one cell more than half the length, so that the diagram shows where the family ends
         (end - first) / 2 * step + step,
     )
 
@@ -188,7 +188,7 @@ def family_in_words(found: FamilyDescription, model: Model) -> str:
 
 
 def _borders_in_words(found: FamilyDescription, model: Model) -> list[str]:
-    """Return one sentence, in a list, on the curves at which the family is born or ends."""
+    """Return a list of one sentence: on which curves the family is born or ends, or that it has no borders."""
     edges = int(found.row["edges"])
     if not edges:
         return ["Its cells have no border with other cells."]

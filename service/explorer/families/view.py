@@ -43,8 +43,8 @@ ALONG = {"delta": "Its diagram along δ", "epsilon": "Its diagram along ε"}
 class FamilyData(NamedTuple):
     """Data of a survey's families, read from its store. They do not depend on the window of the map.
 
-    names: the names of the first families. family: the description of the chosen family, None if none is chosen. plane:
-    the map of this family's basin fraction. why: the message if no family has the chosen number, else "".
+    names: the names of the first families. family, plane: the description of the chosen family and the map of its basin
+    fraction; None if no family is chosen, or none has the chosen number. why: the message in the latter case, else "".
     """
 
     names: list[str]

@@ -13,7 +13,7 @@ from gear_rattle.service.web.prefix import route_path
 if TYPE_CHECKING:
     from gear_rattle.service.explorer.page.pages import Pages
 
-FOREVER = "private, max-age=31536000, immutable"  # for an address with a version, whose content never changes
+FOREVER = "private, max-age=31536000, immutable"  # Cache-Control of an address with a version
 MOST_KEPT = 16 << 20  # most bytes of responses in memory
 
 

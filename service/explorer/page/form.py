@@ -198,7 +198,7 @@ class SurveyForm:
 
     @property
     def _entered_parameters(self) -> set[str]:
-        """Names of the model's additional parameters that the form asks for; a machine determines some by itself."""
+        """Names of the model's additional parameters that a viewer enters; not those that follow from a machine."""
         added = MODELS[self.model.value].added
         return {each.name for each in added if not (self._is_machine and each.machine_number)}
 
@@ -286,7 +286,7 @@ class SurveyForm:
 
 
 def has_machine_parameter(model: type[Model]) -> bool:
-    """Return whether a model has a parameter without default that a machine determines, as κ of the stiff gear."""
+    """Return whether a model has a parameter that follows from a machine and has no default, such as κ."""
     return any(each.machine_number and each.default is None for each in model.added)
 
 

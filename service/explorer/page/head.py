@@ -21,7 +21,7 @@ SCHEME: ContextVar[str] = ContextVar("scheme", default="light")
 
 
 def theme_of(view: View, scheme: str) -> str:
-    """Return the theme of a view; if the view has none, the colour scheme of the system, or light if it is unknown."""
+    """Return the theme of a view; if it has none, the colour scheme of the viewer's system, else "light"."""
     return view.theme or (scheme if scheme in THEMES else THEMES[0])
 
 

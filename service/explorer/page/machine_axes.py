@@ -37,7 +37,7 @@ class MachineAxes:
         )  # fmt: skip
 
     def fields(self, counts: Sequence[int | None]) -> dict[str, Any]:
-        """Return the machine of a request. counts: the numbers of speeds and of eccentricities."""
+        """Return {"machine": numbers and ranges of the machine} for a request. counts: how many values of each axis."""
         axes = {
             name: {
                 "start": NUMBERS[name].to_library_unit(start.value),

@@ -98,7 +98,7 @@ class Explorer:
             await self.load()
             if self._front.settings.preload and self._shared is not None:
                 await self._shared.prepare()
-        except Exception:  # the next request of a page tries to load it again
+        except Exception:  # `load` tries again at the next request of a page
             log.exception("the explorer cannot be loaded")
 
     async def load(self) -> Pages:
@@ -134,7 +134,7 @@ class Explorer:
         found = Pages(lambda: open_page(shared), TITLE)
         self._head = head_html(found)
         adopt_handlers()  # the service formats the log records of Panel's handlers too
-        gc.freeze()  # otherwise every full collection scans the modules that were just loaded, and delays answers
+        gc.freeze()  # otherwise every full garbage collection would scan the packages just loaded, and delay answers
         return found
 
     def _on_map_drawn(self) -> None:
@@ -192,7 +192,7 @@ class _Socket:
         CALLER.set(caller)
         code = 0
         session = pages.session_of(scope)
-        if session is None:  # Bokeh would make a new page, whose parts the browser does not know
+        if session is None:  # without this answer, Bokeh would make a page that the browser does not have
             log.info("a websocket was refused: its page does not exist, or no longer exists")
             await send({"type": "websocket.close", "code": 1008, "reason": GONE})
             return
@@ -208,5 +208,5 @@ class _Socket:
             if code in LEFT:
                 session.request_expiration()  # otherwise the computations of the closed page would go on
         if visit.cancelled_caught:
-            with suppress(RuntimeError):  # the browser has closed the websocket meanwhile
+            with suppress(RuntimeError):  # raised if the browser has closed the websocket meanwhile
                 await send({"type": "websocket.close", "code": 1008, "reason": SIGNED_OUT})

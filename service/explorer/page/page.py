@@ -71,7 +71,7 @@ class Page:
         location: Any = pn.state.location
         self._location = location
         self._location.param.watch(lambda _event: viewer.change(self._show_address), "search")
-        self._was_told = False  # True once the surveys are known
+        self._has_list = False  # True once the list of surveys has arrived
         self._default_survey = ""  # id of the survey that is shown because the viewer chose none
         self._form: SurveyForm | None = None
         viewer.tell = self._show_notice
@@ -162,7 +162,7 @@ class Page:
         submitted later does not replace the example, at which the viewer may be looking.
         """
         shown, jobs = self.store.view.survey, self.store.jobs
-        is_first, self._was_told = not self._was_told, True
+        is_first, self._has_list = not self._has_list, True
         # a job status that was read before the deletion may still come
         gone = shown == self._default_survey and shown not in jobs
         if (gone if shown else is_first) and (first := default_survey(each.job for each in jobs.values())):
@@ -259,7 +259,8 @@ class Page:
 
     def _remove(self, caller: Caller, survey_id: str, is_deletion: bool) -> None:
         ended = find_job(self._shared.front, survey_id).shown_status[0].is_final
-        if ended == is_deletion:  # "cancel" must not delete a survey that has just ended
+        # `remove_survey` deletes a survey that has ended, but "cancel" must not delete one that has just ended
+        if ended == is_deletion:
             remove_survey(self._shared.front, caller, survey_id)
 
     def _show_notice(self, text: str) -> None:

@@ -68,7 +68,7 @@ class _PageHandler(Handler):
             with set_curdoc(document):
                 try:
                     self._made[document] = self._open_page()
-                except Exception as error:  # Bokeh would only log the error
+                except Exception as error:  # raised in `modify_document`; Bokeh would only log it here
                     self._made[document] = error
 
         await session_context.with_locked_document(make)
@@ -76,11 +76,11 @@ class _PageHandler(Handler):
         await asyncio.sleep(0)
 
     def modify_document(self, doc: Document) -> None:
-        """Put the parts into the document. Raises the error that making the parts raised."""
+        """Put the parts that `on_session_created` made into the document, or raise the error that it kept."""
         made = self._made.pop(doc)
         if isinstance(made, Exception):
             raise made
-        with doc.models.freeze():  # otherwise Bokeh counts all models after each part
+        with doc.models.freeze():  # otherwise Bokeh would collect all models anew after each part
             made.server_doc(doc, title=self._title)
 
 
@@ -90,7 +90,8 @@ class Pages:
     Parameters
     ----------
     open_page
-        Makes a page for the caller and the colour scheme in the context variables; called in the event loop.
+        Makes a page for the caller and colour scheme in the context variables CALLER and SCHEME. It is called in the
+        event loop.
     title
         Title of the document.
     """
@@ -123,8 +124,8 @@ class Pages:
         return [session for session in found if session is not None and not session.destroyed]
 
     def session_of(self, scope: Scope) -> ServerSession | None:
-        """Return the session of the page that a websocket names; None if there is no such page."""
-        with suppress(ProtocolError, LookupError, ValueError):  # the text is not a token of this service
+        """Return the session of the page that the token in a websocket's request names; None if it is gone."""
+        with suppress(ProtocolError, LookupError, ValueError):  # raised for a text that is not a token of this service
             asked = get_session_id("".join(scope["subprotocols"][-1:]))
             return next((session for session in self.sessions() if session.id == asked), None)
         return None

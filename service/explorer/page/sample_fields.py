@@ -94,7 +94,7 @@ class SampleFields:
         )
 
     def offer_groups(self, groups: list[str]) -> None:
-        """Offer these groups of quantities; the chosen ones among them stay chosen."""
+        """Offer these groups of quantities. A chosen group stays chosen if it is among them."""
         self.quantities.param.update(options=groups, value=[each for each in self.quantities.value if each in groups])
 
     def fields(self) -> dict[str, Any]:

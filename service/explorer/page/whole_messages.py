@@ -1,8 +1,7 @@
-"""Work around defects of websockets on Python 3.11, where Panel's newest version uses bokeh_fastapi.
+"""Work around three defects of bokeh_fastapi, by which Panel serves websockets on Python 3.11.
 
-bokeh_fastapi sends a message in parts, and may send another message between two parts if a part has to wait. It
-notices that a browser has left only when `receive` raises. For a token that this service did not issue it may raise
-any exception.
+It sends a message in parts, and may send another message between two parts if a part has to wait. It notices that a
+browser has left only when `receive` raises. For a token that this service did not issue it may raise any exception.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send)
             message = await outbox.get()
             try:
                 await send(message)
-            except Exception as error:  # the browser has left
+            except Exception as error:  # for example, the browser has left
                 log.debug("a message to a page is lost: %s", error)
             outbox.task_done()
 
@@ -43,7 +42,8 @@ async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send)
             if message["type"] != "websocket.disconnect":
                 return message
             left.append(message)
-            return {"type": "websocket.receive"}  # an empty message, or `app` handles its last message once more
+            # an empty message first: at the disconnection, `app` would handle its last message once more
+            return {"type": "websocket.receive"}
         if is_told:
             raise RuntimeError("the browser has left")
         is_told = True
@@ -59,4 +59,4 @@ async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send)
         with suppress(RuntimeError):
             await send({"type": "websocket.close", "code": 1008})
     finally:
-        sender.cancel()  # messages in the queue are not sent: after a cancellation the caller may have lost its rights
+        sender.cancel()  # queued messages are not sent: this task may end because the caller lost its rights

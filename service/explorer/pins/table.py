@@ -54,7 +54,7 @@ def table_lines(pins: Sequence[Pin], results: Mapping[Pin, PinResults | str]) ->
     Parameters
     ----------
     results : Mapping[Pin, PinResults | str]
-        Results of the pins, or the message of the error; a pin that is not in it is still being computed.
+        Results of each pin, or the message if its computation failed; a pin without an entry is being computed.
 
     Returns
     -------
@@ -83,7 +83,7 @@ def table_lines(pins: Sequence[Pin], results: Mapping[Pin, PinResults | str]) ->
 
 
 def _region_name(known: PinResults) -> str:
-    """Return the region in words; empty if it is None."""
+    """Return the region of a pinned point in words; "" if the results have none."""
     return "" if known.region is None else region_in_words(known.region)
 
 

@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 
 class PinTable(JSComponent):
-    """Table of pinned points, with buttons to pin the offered point, to remove a pin, and to go to a pin."""
+    """Table of pinned points, with buttons to pin the open point, to remove a pin, and to go to a pin."""
 
     offered = param.String(default="")
     heads = param.List(default=[])

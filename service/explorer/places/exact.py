@@ -77,9 +77,9 @@ class ExamplePlane(ExactPlane):
 
 
 class UnfinishedPlane(ExactPlane):
-    """Closed-form map of an unfinished survey, at most SIDE cells along an axis.
+    """Closed-form map of an unfinished survey, at most SIDE cells along an axis. The constructor blocks: use a thread.
 
-    `cell_at` reads the survey's own cell, if it is computed. The constructor blocks: use a thread.
+    computed: returns the map of the cells that the survey has computed, from which `cell_at` reads a cell if possible.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class UnfinishedPlane(ExactPlane):
         super().__init__(cells, _closed_form_dataset(cells, {variable}), variable, index)
         self.id, self.request, self._computed = survey_id, request, computed
         self._levels = possible_levels(cells.shape)
-        # copies, so that the memory of all other evaluated quantities is released
+        # copies without the quantities that `cells` keeps once they are evaluated, which would fill the memory
         self.plane, self._evaluated = self.plane.copy(), replace(cells)
 
     def cell_at(self, delta: float, epsilon: float) -> xr.Dataset | None:
@@ -104,7 +104,7 @@ class UnfinishedPlane(ExactPlane):
         """
         if self.value_and_status(delta, epsilon) is None:
             return None
-        with suppress(MissingError):  # the error is raised while the survey waits for its turn
+        with suppress(MissingError):  # raised if the survey has no cells yet, as it waits for its turn
             found = self._computed().cell_at(delta, epsilon)
             if found is not None and found["status"]:
                 return found
@@ -131,7 +131,7 @@ class ExactMaps:
 
     @property
     def maps(self) -> dict[str, Any]:
-        """Maps of the example, in the form that `maps_of` returns."""
+        """Maps of the example: {variable: names of its maps, () if it has one map}, as `maps_of` returns."""
         exact = maps_of(_closed_form_request(REQUEST))
         return {name: names for name, names in maps_of(REQUEST).items() if name in {*MAPS, *exact}}
 
@@ -142,17 +142,22 @@ class ExactMaps:
     def unfinished_map(
         self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], MapPlane]
     ) -> MapPlane:
-        """Return a closed-form map of an unfinished survey. It blocks: use a thread.
+        """Return a closed-form map of an unfinished survey, whose `cell_at` reads computed cells from the survey.
+
+        This method blocks: use a thread.
 
         Parameters
         ----------
+        index, number : int
+            Number of the attractor or orbit, if the variable has several maps; index of the slice.
         computed : Callable[[], MapPlane]
-            Returns the map of the cells that the survey has computed; raises MissingError if it has no cells yet.
+            Called by `cell_at`. Returns the map of the cells that the survey has computed; raises MissingError if it
+            has no cells yet.
 
         Returns
         -------
         MapPlane
-            The map.
+            The map, which all pages share.
         """
         key = job.id, variable, index, number
         with self._lock:
@@ -192,7 +197,8 @@ def _closed_form_dataset(cells: Cells, names: Collection[str] = ()) -> xr.Datase
     quantities = [each for each in every if not names or each.name in names]
     dims = {dim for each in quantities for dim in each.dims[:-2]}
     labels = {dim: list(dimension_labels(dim, 1)) for dim in dims}
-    done = np.ones(cells.shape, np.int8)  # values of the status, which is the only quantity without a group
+    # the values of `status`, the only quantity without a group: each cell counts as computed
+    done = np.ones(cells.shape, np.int8)
     values = {
         each.name: (each.dims, np.asarray(each.evaluate(cells)) if each.group else done, each.attributes)
         for each in quantities

@@ -88,7 +88,16 @@ class BasinsTab:
         self._panel.show_place(own_stop if state.at is None else round(PLACES * state.at), own_stop, place or here)
 
     def _missing_parts(self, is_away: bool) -> list[Part]:
-        """Return the parts that the open tab still lacks: those of the chosen place if `is_away`, else of the point."""
+        """Return the parts of the basins that the open tab needs and that are not begun yet.
+
+        is_away: True for the parts at another point of the diagram, False for those at the open point itself. If the
+        slider has not chosen this point, there are none.
+
+        Returns
+        -------
+        list[Part]
+            The parts in their order, from which the caller removes each part as it begins.
+        """
         tab = self._point.state.shown_tab
         if is_away:
             return self._place_parts if self._place is not None and tab in (BASINS, MOTION) else []

@@ -37,7 +37,7 @@ UPWARD, DOWNWARD = {"light": "#4a90d9", "dark": "#7fb3e0"}, "#e8862e"
 DOTS = 3.6, 1.8  # diameters in pixels: where both sweeps find one state, the small dot lies on the large one
 ROOM = 0.04  # margin above and below the speeds, relative to their range
 DENSE, ALL = "dense", "all"  # choices of a viewer: the axis shows the dense range of speeds, or all speeds
-MOST_THIN = 0.5  # least excess of a dense range of speeds: its share of all states less its share of the axis
+MOST_THIN = 0.5  # a range of speeds is dense if its excess mass is larger than this, see `dense_speed_range`
 PLACES = 1e-7, 1e-3  # states whose parameter and speed are equal when rounded to these steps count once
 # pixels: height of the figure, height of its speed axis, width that is assumed until a browser sends the true one
 HEIGHT, INNER, NARROW = 360, 270, 300
@@ -101,7 +101,7 @@ class DiagramPicture:
             clear(source)
 
     def show(self, found: DiagramLines, at: float) -> None:
-        """Draw a diagram. at: position on its parameter axis of the point (δ, ε) whose basins and motion are shown."""
+        """Draw a diagram, and mark the point whose basins and motion are shown. at: its value on the parameter axis."""
         self._found = found
         self.figure.x_range.update(start=found.span[0], end=found.span[1])
         self.figure.xaxis.axis_label = axis_name(found)
@@ -156,7 +156,7 @@ class DiagramPicture:
         }
 
     def mark_position(self, at: float) -> None:
-        """Mark the point (δ, ε) whose basins and motion are shown. at: its position on the parameter axis."""
+        """Mark the point whose basins and motion are shown. at: its value on the parameter axis."""
         self._here.location = at
 
 
@@ -195,13 +195,13 @@ def speed_range(found: DiagramLines) -> Pair:
 def dense_speed_range(found: DiagramLines) -> Pair | None:
     """Return the range of speeds in which the states of attractors are dense, with a margin; None if there is none.
 
-    A chaotic attractor or a cascade has many states at each parameter, and a periodic motion few. The result is the
-    range of largest excess mass: its share of the distinct states less its share of the range of all speeds.
+    A chaotic attractor or a cascade has many states at each parameter, and a periodic motion few. The excess mass of a
+    range is its share of the distinct states less its share of the range of all speeds.
 
     Returns
     -------
     tuple[float, float] | None
-        Lowest and highest speed; None if the excess mass is at most MOST_THIN.
+        Lowest and highest speed of the range with the largest excess mass; None if this mass is at most MOST_THIN.
     """
     low, high = speed_range(found)
     distinct = np.unique(np.round(np.column_stack([found.x, found.v]) / PLACES), axis=0)

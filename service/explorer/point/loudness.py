@@ -33,7 +33,7 @@ def intensity_table(
     machine: Machine | None,
     palette: Palette,
 ) -> str:
-    """Return a table of intensities in HTML, in SI units if a machine is given; dashes for an intensity None."""
+    """Return a table of intensities in HTML, in SI units with a machine. An intensity None makes a row of dashes."""
     rows = []
     for attractor, each in zip(attractors, found, strict=True):
         cells = ["–"] * len(IN_SI if machine else PLAIN)

@@ -34,7 +34,7 @@ WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": MARGIN}
 PLACES = 100  # steps of the slider from the first to the last point (δ, ε) of the diagram
 DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
 ALONG = (BASINS, MOTION, DIAGRAM)  # tabs that show the point (δ, ε) that the slider chooses
-CLICKED = -1  # number of the motion from the clicked state, in the list of motions
+CLICKED = -1  # value of the menu of motions for the motion from a clicked state
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class PointPanel:
 
     def __init__(self, theme: str, dispatch: Callable[[Event], None], below: FigurePlace | None = None) -> None:
         self.theme, self._dispatch, self._below = theme, dispatch, below or FigurePlace()
-        self._own_stop = 0  # position of the slider at which it stands for the open point itself
+        self._own_stop = 0  # slider position of the open point; all other positions are other points of the diagram
         self._watch = WidgetWatcher()
         self._texts = [self._new_text() for _ in range(18)]
         (
@@ -125,7 +125,7 @@ class PointPanel:
         self.clear_results()
 
     def clear_results(self) -> None:
-        """Remove all results of a point except the text of the position, which may already describe the next point."""
+        """Remove all results of a point, but not the text of its parameters, which may already be of the next point."""
         for text in self._texts:
             if text is not self.where:
                 text.html = ""
@@ -164,7 +164,10 @@ class PointPanel:
         return found
 
     def show_place(self, stop: int, own_stop: int, at: Pair) -> None:
-        """Set the slider to position `stop`. own_stop: position of the open point. at: point (δ, ε) for the label."""
+        """Set the slider to position `stop`, and write the point `at` (δ, ε) of this position in its label.
+
+        own_stop: position of the open point. A viewer who moves the slider there chooses the open point itself.
+        """
         self._own_stop = own_stop
         with self._watch.paused():
             self.place_slider.param.update(value=stop, label=f"Along the diagram, at δ {at[0]:.5g}, ε {at[1]:.5g}")
@@ -247,7 +250,7 @@ class PointPanel:
         return found
 
     def mark_position(self, at: float) -> None:
-        """Mark the point that the slider chooses in the diagram, if it was drawn. at: position on the axis."""
+        """Mark the point that the slider chooses, if the diagram was drawn. at: its value on the parameter axis."""
         if "diagram" in self.__dict__:
             self.diagram.mark_position(at)
 

@@ -21,7 +21,7 @@ from rattle.models import AnyGear, Capability, model_at, require_capability
 ARCLENGTH, SPACING = 60.0, 0.02  # arclength of a drawn manifold; spacing of points on manifolds and Γ
 # if the sweeps of a diagram found more states, every k-th is drawn: at least this number, fewer than twice this number
 MOST_POINTS = 8000
-SAME_ORBIT = 1e-6  # an attractor and an orbit are the same motion if neither τ nor v differs by more
+SAME_ORBIT = 1e-6  # an attractor and an orbit are the same motion if their τ and v differ by less than this
 CELL_NAMES = {f"attractor_{name}" for name in ("kind", "m", "n_plus", "n_minus", "fraction")}
 Array = NDArray[np.float64]
 
@@ -52,10 +52,12 @@ class PeriodOneOrbits(NamedTuple):
 
 
 class Margin(NamedTuple):
-    """Least impact that ends quiet motion: v, tau and undecided are the results of `Gear.boundary_distance`.
+    """Least impact that ends quiet motion, from `Gear.boundary_distance`.
 
-    leads_to: the attractor to which this impact leads, None if no such impact was found. v_max: the largest speed that
-    was searched.
+    v, tau: its speed and phase; v is 0 if there is no quiet motion, inf if no such impact was found, NaN if the speed
+    cannot be computed. undecided: the least speed of an impact after which the motion is undecided, inf if there is
+    none. leads_to: the attractor to which the impact leads; None if v is 0, inf or NaN. v_max: the largest searched
+    speed.
     """
 
     v: float
@@ -126,10 +128,11 @@ class DiagramEvent(NamedTuple):
 
 
 class DiagramLines(NamedTuple):
-    """A one-parameter diagram: branches, events, and the states (n,) of attractors that sweeps found.
+    """A one-parameter diagram: its branches (`strokes`), its events, and states of attractors that sweeps found.
 
-    direction: the axis of x, "epsilon" or "delta". If `to` is not None, x is instead the fraction of the way to this
-    point. span: the range of x. upward: whether x grew in the sweep that found a state.
+    direction: the parameter x, "epsilon" or "delta". If `to` is not None, x is instead the fraction of the way to this
+    point. span: the range of x. marks: the impacts of all events. x, v, tau (n,): parameter, speed and phase of each
+    state. upward (n,): True if x grew in the sweep that found the state.
     """
 
     direction: str
@@ -189,14 +192,14 @@ def _multipliers(gear: AnyGear, attractor: rattle.Attractor) -> tuple[complex, c
     state = attractor.tau, attractor.v, attractor.n_plus
     try:
         orbit = gear.orbit(*state)
-    except rattle.RattleError:  # too close to grazing for Newton's method: a table then has a dash for the multipliers
+    except rattle.RattleError:  # for example, too close to grazing for Newton's method: a table then has a dash
         return None
     first, second = orbit.multipliers
     return complex(first), complex(second)
 
 
 def add_letters(found: SampledAttractors, orbits: Iterable[rattle.Orbit]) -> SampledAttractors:
-    """Return `found` with new letters: the letter of each attractor that is one of these period-one orbits, else ""."""
+    """Return `found` with the letter A to D of each attractor that is one of these orbits, and "" for the others."""
     return found._replace(letters=tuple(_letter(orbits, each) for each in found.attractors))
 
 

@@ -29,7 +29,7 @@ ATTRACTORS, CHAOS, ORBITS, PLACE, READY = "attractors", "chaos", "orbits", "plac
 class Place(NamedTuple):
     """Gear whose basins and motion are shown.
 
-    attractors: the attractors of this gear, () if it is the gear of the open point itself.
+    attractors: the attractors in these basins; () for the open point itself, see `OpenPoint.attractors`.
     """
 
     gear: AnyGear
@@ -51,7 +51,8 @@ class OpenPoint(Listeners):
     chaos : list[ChaosEvent]
         Beginnings and ends of chaos along ε, empty until they are known.
     place : Place
-        The point itself, or another point (δ, ε) of its diagram, whose basins are known and shown instead.
+        Gear whose basins and motion are shown: that of the open point, or of another point (δ, ε) of its diagram once
+        the basins there are known.
     is_ready : bool
         True once the answer is on the page, after which the open tab is filled.
     """
@@ -125,7 +126,7 @@ class OpenPoint(Listeners):
 
 def diagram_line(gear: AnyGear, state: PointState) -> tuple[Pair, Pair]:
     """Return the points (δ, ε) at which the diagram of a point begins and ends."""
-    return diagram_ends(gear, *state.way)
+    return diagram_ends(gear, *state.diagram_choice)
 
 
 def chosen_place(gear: AnyGear, state: PointState) -> Pair | None:
@@ -181,6 +182,6 @@ def point_marks(view: View, model: Model, machine: SurveyedMachine | None) -> tu
     lines = [] if state.tolerance is None else [tolerance_outline(*here, made, state.tolerance)]
     if state.to is not None:
         lines += [np.full((1, 2), np.nan), np.array([here, state.to])]
-    with suppress(RattleError):  # no gear is possible at this point: the panel of the point shows the error
+    with suppress(RattleError):  # raised if no gear is possible here: the panel of the point shows the error
         here = chosen_place(model.gear(*here), state) or here
     return here, np.concatenate(lines) if lines else None

@@ -60,7 +60,7 @@ class MotionTab:
 
     @property
     def _motion_key(self) -> tuple[object, ...]:
-        """Key of the chosen motion: the number of its attractor, the clicked initial condition, and its gear."""
+        """Values that decide which motion is shown: number of the attractor, clicked initial condition, gear."""
         return self._point.state.attractor, self._point.state.start, self._point.place.gear
 
     async def _compute_motion(self) -> None:
@@ -125,7 +125,7 @@ class DiagramTab:
 
     def __init__(self, point: OpenPoint, panel: PointPanel) -> None:
         self._point, self._panel = point, panel
-        self._way = point.state.way
+        self._choice = point.state.diagram_choice
         self._known: DiagramLines | None = None
         self._drawn: DiagramLines | None = None
         self._task: asyncio.Task[None] | None = None
@@ -140,9 +140,9 @@ class DiagramTab:
             return
         panel.show_direction(state.direction)
         panel.mark_position(self._position)
-        if self._way != state.way:
+        if self._choice != state.diagram_choice:
             point.work.give_up(self._task)
-            self._way, self._known, self._task = state.way, None, None
+            self._choice, self._known, self._task = state.diagram_choice, None, None
             panel.under_diagram.html = waiting_html("the diagram")
         is_shown = self._known is not None and (state.shown_tab == NUMBERS or self._drawn is self._known)
         if state.shown_tab in (DIAGRAM, NUMBERS) and not is_shown and (self._task is None or self._task.done()):
@@ -159,10 +159,12 @@ class DiagramTab:
         return epsilon if state.direction == "epsilon" else delta
 
     async def _compute(self) -> None:
-        way = self._way
+        choice = self._choice
         if self._known is None:
-            found = await self._point.work.compute(parts.diagram, self._point.gear, *way, what="The diagram", slow=True)
-            if way != self._way:
+            found = await self._point.work.compute(
+                parts.diagram, self._point.gear, *choice, what="The diagram", slow=True
+            )
+            if choice != self._choice:
                 return  # the viewer has chosen another diagram, which another task computes
             self._known = found
         await self._point.work.change(self._show)

@@ -83,7 +83,7 @@ class PointView:
             tab(point, panel)
 
     def show_survey_answer(self, found: parts.SampledAttractors) -> None:
-        """Show the attractors of the survey's cell around the point, unless the attractors of the point are known."""
+        """Show the attractors of the survey's cell around the point, if those of the point are not computed yet."""
         if self._point is not None and self._point.attractors is None:
             self._answer.show(found, SURVEYED)
 
@@ -119,13 +119,13 @@ class Answer:
     def _on_view_change(self) -> None:
         point, state = self._point, self._point.state
         self._panel.show_tab(state.shown_tab)
-        self._panel.take.html = words.notebook_link(self._gear, *state.way)
+        self._panel.take.html = words.notebook_link(self._gear, *state.diagram_choice)
         if point.is_ready and state.shown_tab == ANSWER and not self._is_margin_requested:
             self._is_margin_requested = True
             point.work.start(point.work.run_part(self._panel.safe, self._compute_margin))
 
     async def _fill(self) -> None:
-        """Fill in attractors and intensities, let the tabs be filled (`is_ready`), then fill in orbits and extents."""
+        """Fill in attractors and intensities; let the open tab be filled (`is_ready`); fill in orbits and extents."""
         point, panel = self._point, self._panel
         await point.work.run_part(panel.likely, self._compute_attractors)
         await point.work.run_part(panel.loud, self._compute_intensities)

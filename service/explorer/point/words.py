@@ -74,7 +74,7 @@ def recurrence_in_words(count: int, period: str) -> str:
 
 
 def percent_text(share: float) -> str:
-    """Return a share in per cent, with three digits; only exactly 0 and 1 are written as 0 % and 100 %."""
+    """Return a share in per cent, with three significant digits. Only exactly 0 and 1 become 0 % and 100 %."""
     if 0 < share < ENOUGH:
         return "less than 0.05 %"
     if 1 - ENOUGH < share < 1:
@@ -83,7 +83,7 @@ def percent_text(share: float) -> str:
 
 
 def complex_text(value: complex, digits: int = 4) -> str:
-    """Return a complex number as text. An imaginary part below 1e-12 of max(1, |real part|) is left out."""
+    """Return a complex number as text. An imaginary part of the size of rounding errors is left out."""
     if abs(value.imag) < 1e-12 * max(1.0, abs(value.real)):
         return number_text(value.real, digits)
     sign = "+" if value.imag > 0 else MINUS
@@ -136,7 +136,7 @@ def point_in_words(gear: AnyGear) -> str:
 
 
 def quiet_limit_in_words(gear: AnyGear, period: str = PERIOD) -> str:
-    """Return in words whether the gear can run quietly, and where rattle begins."""
+    """Return in words up to which ε quiet running is possible, and if ε is below SN1, where P(1,1,0) begins."""
     if gear.epsilon >= gear.quiet_limit:
         quiet = (
             f"The gear cannot run quietly here: above an eccentricity of {number_text(gear.quiet_limit)} the teeth "
@@ -151,7 +151,7 @@ def quiet_limit_in_words(gear: AnyGear, period: str = PERIOD) -> str:
 
 
 def harmonics_in_words(harmonics: Sequence[Harmonic]) -> str:
-    """Return harmonics in words: the order of each, its amplitude over the first harmonic's, its phase in turns."""
+    """Return harmonics in words: order, amplitude relative to the first harmonic, and phase in turns of each."""
     few = [f"{order}: {number_text(size)} at {number_text(phase)}" for order, size, phase in harmonics[:MOST_HARMONICS]]
     more = len(harmonics) - len(few)
     return f"harmonic{'s' * (len(harmonics) > 1)} {'; '.join(few)}{f'; and {more} more' if more else ''}"
@@ -242,7 +242,7 @@ def shares_bar(found: SampledAttractors, palette: Palette) -> str:
 
 
 def html_table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """Return a table in HTML, rows after the first six folded; the first cell of a row is a head. Cells are HTML."""
+    """Return a table in HTML, with rows after the sixth folded. The first cell of a row is its head. Cells are HTML."""
     head = "".join(f'<th scope="col">{each}</th>' for each in heads)
     lines = []
     for first, *rest in rows:
@@ -307,7 +307,7 @@ def attractors_table(found: SampledAttractors, palette: Palette) -> str:
 
 
 def bracket_text(value: float, error: float) -> str:
-    """Return a number with its error, the half-width of a bracket, and no more digits than this error allows."""
+    """Return "value ± error", the error rounded up at its first digit or to an integer; the value alone if it is 0."""
     if error == 0.0:
         return number_text(value)
     places = max(0, -math.floor(math.log10(error)))

@@ -1,4 +1,4 @@
-"""Run the tasks of the view of one point. Other processes compute its parts. All tasks end soon after the view."""
+"""Run the tasks of the view of one point. Other processes compute its parts. Tasks end soon after their view."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ async def _prepare_one(front: Front) -> None:
             what="The kernels",
             advice="",
         )
-    except RattleError as error:  # the process of the first clicked point will then load the kernels
+    except RattleError as error:  # no harm: the first clicked point then loads the kernels in its process
         log.info("no process is ready for points yet: %s", error)
 
 
@@ -97,15 +97,18 @@ class PointTasks:
     ) -> Result:
         """Return the result of a function, computed in another process.
 
-        what: the result in words, for messages. slow: True for a function that takes long. If there are several
-        processes for points, slow functions together leave one of them free.
-
-        Raises UnavailableError if too many computations wait, or if the function takes too long.
+        what: the result in words, for messages. slow: True for a function that takes long. Slow functions leave one
+        process free for quick ones, unless the service has only one process for points.
 
         Returns
         -------
         Result
             The return value of the function.
+
+        Raises
+        ------
+        UnavailableError
+            Too many computations wait, or the function takes too long.
         """
         await self.wait_for_kernels()
         async with self._front.slow_point_limiter.foreground_slot() if slow else nullcontext():

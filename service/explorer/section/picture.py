@@ -1,4 +1,4 @@
-"""Draw a profile as steps against the parameter of the diagram, which is above the figure of the profile."""
+"""Draw the profile of a map as steps, in a figure that stands below the diagram and shares its parameter axis."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def _value_text(found: Profile, value: float) -> str:
 
 
 def value_range(found: Profile) -> Pair:
-    """Return the default range of the axis of values: all codes for a map of codes, else all finite values."""
+    """Return the default (low, high) of the axis of values, with a margin around all codes or all finite values."""
     if found.names:
         return min(found.names) - 0.5, max(found.names) + 0.5
     known = found.values[np.isfinite(found.values)].astype(float)

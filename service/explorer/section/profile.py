@@ -24,8 +24,8 @@ class Profile:
 
     at: positions (k + 1,) from 0 to 1 along the line, at which the line enters or leaves a cell.
 
-    names: meaning of each code, empty if values are no codes. gaps: share of the line without values, by reason.
-    together: numbers of the survey's cells, along δ and along ε, that were read as one cell.
+    names: {code: its meaning}, empty if values are no codes. gaps: {reason: share of the line that has no values for
+    this reason}. together: (p, q) if each value stands for p cells of the survey along δ and q along ε.
     """
 
     title: str
@@ -37,14 +37,12 @@ class Profile:
 
 
 def crossed_cells(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the positions where a line crosses from one cell into the next, and the cells between them.
-
-    Outside of all cells, row and column are −1.
+    """Return the cells that a line crosses, and the positions along the line at which it enters and leaves them.
 
     Parameters
     ----------
     box : Ranges
-        Ranges of δ and ε that the cells cover: rows of one width along ε, columns of one width along δ.
+        Ranges of δ and ε that all cells cover. Rows follow ε, columns δ; all rows, and all columns, are equally wide.
     shape : tuple[int, int]
         Numbers of rows and of columns.
     ends : Ends
@@ -53,7 +51,7 @@ def crossed_cells(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.n
     Returns
     -------
     tuple[np.ndarray, np.ndarray, np.ndarray]
-        Crossings (k + 1,) from 0 to 1, and row and column (k,) of the cells.
+        Positions (k + 1,) from 0 to 1, and row and column (k,) of the cell between each two; −1 outside of all cells.
     """
     (x, y), (to_x, to_y) = ends
     ways = tuple(zip((x, y), (to_x, to_y), box, shape[::-1], strict=True))
@@ -74,7 +72,7 @@ def crossed_cells(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.n
 
 
 def profile_of(plane: MapPlane, ends: Ends) -> Profile:
-    """Return the profile of a map along a line from one point (δ, ε) to another. It blocks: use a thread."""
+    """Return the profile of a map along a line between two points (δ, ε). It blocks: use a thread."""
     delta, epsilon = ((min(pair), max(pair)) for pair in zip(*ends, strict=True))
     block = plane.block((delta, epsilon), ROOM)
     shape = block.values.shape

@@ -33,7 +33,7 @@ NO_WAY = "The end point needs a δ above 0 and an ε of at least 0."
 
 
 class ProfileSection:
-    """Show the profile of a survey along the diagram of the open point. below: panel for it under the diagram."""
+    """Show the profile of a survey along the diagram of the open point. below: the panel of the profile."""
 
     def __init__(self, shared: SharedState, viewer: Viewer, store: Store, theme: str, sheet: str) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
@@ -82,7 +82,7 @@ class ProfileSection:
             self.drawings.stop()
             self.below.panel.visible = False
             return
-        place = view.point, view.machine, view.point_state.way
+        place = view.point, view.machine, view.point_state.diagram_choice
         wanted = view.survey, view.slice, view.variable, view.index, view.profile, view.profile_limits, place
         jobs = [job] if job is not None else []
         self.drawings.request(wanted, jobs, partial(self._draw, view, job, request, opened[1]))
@@ -92,7 +92,7 @@ class ProfileSection:
     ) -> AsyncGenerator[Show, None]:
         assert view.point is not None
         gear = model.gear(*view.point)
-        direction, either_way, to = view.point_state.way
+        direction, either_way, to = view.point_state.diagram_choice
         ends = diagram_ends(gear, direction, either_way, to)
         span = (0.0, 1.0) if to else diagram_span(gear, direction, either_way)
         chosen, options = map_options(request, view.profile, MapChoice(view.variable, view.index))

@@ -67,7 +67,8 @@ class LimitsSet:
 class MapDrawn:
     """A map was drawn, or the drawn map was removed.
 
-    seen: settings of the drawn map, None if the map was removed. limits: `limits` of the view that was drawn.
+    seen: settings of the drawn map, None if the map was removed. limits: `View.limits` when the map was drawn. If they
+    are numbers and the view still has them, the view gets the drawn limits.
     """
 
     seen: DrawnSettings | None
@@ -90,7 +91,7 @@ class ShareSet:
 
 @dataclass(frozen=True)
 class FamilyChosen:
-    """A family was chosen by its number, or with None the choice was undone."""
+    """A family was chosen by its number. None: the chosen family is no longer highlighted."""
 
     family: int | None
 
@@ -129,8 +130,8 @@ class PointerMoved:
 class PointOpened:
     """A point (δ, ε) was opened. machine: the machine that was entered for the point, or None.
 
-    state: state of the point's tabs. If it is None, a point that is already open keeps its state; another point gets
-    the default state with the tab that is open.
+    state: new state of the point's tabs. If it is None and this point is open already, its tabs stay as they are; else
+    they get their default state, except that the chosen tab stays open.
     """
 
     point: Pair
@@ -168,7 +169,7 @@ class DirectionChosen:
 
 @dataclass(frozen=True)
 class PlaceChosen:
-    """A place on the line of the diagram was chosen, from 0 to 1, or with None the point itself."""
+    """A point of the diagram was chosen. at: its position from 0 to 1 along the line, None for the open point."""
 
     at: float | None
 
@@ -201,10 +202,9 @@ class PointClosed:
 
 @dataclass(frozen=True)
 class BookmarkChosen:
-    """A bookmark was chosen: its window, its point (None for no point), and the state of the point's tabs.
+    """A bookmark was chosen: its window is shown, and its point is opened. point: None closes the open point.
 
-    state: if it is None, a point that is already open keeps its state; another point gets the default state with the
-    tab that is open.
+    state: new state of the point's tabs, or None, see `PointOpened`.
     """
 
     window: Ranges

@@ -139,20 +139,19 @@ def _set_window(view: View, window: Ranges | None) -> View:
 def _open_point(view: View, point: Pair, machine: EnteredMachine | None, state: PointState | None) -> View:
     """Open a point (δ, ε), if δ > 0 and ε ≥ 0.
 
-    state: state of the point's tabs. If it is None, a point that is already open keeps the state of its tabs, and
-    another point gets the default state with the tab that is open.
+    state: new state of the point's tabs, or None, see `PointOpened`.
 
     Returns
     -------
     View
-        The view with the open point.
+        The view with the open point; the given view if the point is not allowed.
     """
     if point[0] <= 0 or point[1] < 0:
         return view
     if state is None:
         is_open = (view.point, view.machine) == (point, machine)
         state = view.point_state if is_open else PointState(tab=view.point_state.tab)
-    # a pointer elsewhere is dropped, so that the numbers beside the map are of the point's cell
+    # a pointer at another point is dropped: the numbers beside the map shall be of the opened point's cell
     pointer = view.pointer if view.pointer is not None and view.pointer.at == point else None
     return replace(view, point=point, machine=machine, point_state=state.with_changes(), pointer=pointer)
 

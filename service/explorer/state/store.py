@@ -37,7 +37,7 @@ class Listeners:
         self._listeners.pop(listener, None)
 
     def call_listeners(self, changed: set[str]) -> None:
-        """Call the listeners of changed values. Changes that a listener itself makes follow in another round."""
+        """Call the listeners of changed values, then those of values that these listeners have changed, and so on."""
         self._changed |= changed
         if self._is_calling:
             return
@@ -108,7 +108,7 @@ class Store(Listeners):
 
     @property
     def request(self) -> SurveyRequest | None:
-        """Request of the chosen slice, or of a survey without third axis; None if `whole_request` is None."""
+        """Request of the shown survey; of its chosen slice if it has a third axis. None if `whole_request` is None."""
         whole = self.whole_request
         return whole if whole is None else whole.slice_request(whole.slice_index(self.view.slice))
 
@@ -131,7 +131,7 @@ class Store(Listeners):
 
 
 def request_of_job(job: JobRow) -> SurveyRequest:
-    """Return the request of a readable survey."""
+    """Return the request of a survey. Its database row must be readable (`is_readable`)."""
     return SurveyRequest.model_validate(job.request)
 
 
