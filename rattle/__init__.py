@@ -17,9 +17,9 @@ from rattle.attractors.basins import Basins
 from rattle.attractors.measures import BasinEntropy, Uncertainty, basin_entropy, differing, disagreement
 from rattle.attractors.reached import Reached
 from rattle.attractors.table import KINDS, Attractor, Attractors, AttractorTable
-from rattle.continuation.diagram import Diagram
+from rattle.continuation.bifurcation_diagram import Diagram
 from rattle.errors import MissingExtraError, NotProvedError, ParameterError, RattleError
-from rattle.families.table import Families, FamilyTable
+from rattle.families.family_table import Families, FamilyTable
 from rattle.impacting.attractors.boundary_distance import BoundaryDistance, boundary_distances
 from rattle.impacting.attractors.classifier import attractors_of
 from rattle.impacting.attractors.families import families_of
@@ -43,8 +43,8 @@ from rattle.numerics.compile import source_hash, toolchain
 from rattle.numerics.sampling import wilson_interval
 from rattle.numerics.states import sampled_states
 from rattle.orbits.iterates import Impact, Iterates, Stretched, Trajectory
-from rattle.orbits.period_one import REGIONS, Orbit, PeriodOne
-from rattle.orbits.period_one import classify as classify_regions
+from rattle.orbits.period_one_orbits import REGIONS, Orbit, PeriodOne
+from rattle.orbits.period_one_orbits import classify as classify_regions
 from rattle.populations.answers import Estimate, Index, Population
 from rattle.populations.distributions import LogNormal, Measured, Normal, Triangular, Uniform
 from rattle.populations.limit import Limit, design_limit, design_limits

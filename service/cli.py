@@ -19,11 +19,11 @@ from typer.core import TyperGroup
 
 from gear_rattle.service.commands import key, letters
 from gear_rattle.service.commands.attractors import attractors
+from gear_rattle.service.commands.bifurcation_curves import curves
+from gear_rattle.service.commands.bifurcation_diagram import diagram
 from gear_rattle.service.commands.certify import certify
 from gear_rattle.service.commands.compare import compare
 from gear_rattle.service.commands.copy import copy
-from gear_rattle.service.commands.curves import curves
-from gear_rattle.service.commands.diagram import diagram
 from gear_rattle.service.commands.explain import explain
 from gear_rattle.service.commands.export import export
 from gear_rattle.service.commands.figure import figure

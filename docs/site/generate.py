@@ -14,8 +14,8 @@ from gear_rattle.service.app import create_app
 from gear_rattle.service.cli import app as command
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers import QUANTITIES, Group
-from gear_rattle.workers.survey.curves import CURVE_VARIABLES, POINT_VARIABLES
-from gear_rattle.workers.survey.families import FAMILY_VARIABLES
+from gear_rattle.workers.survey.plane_curves import CURVE_VARIABLES, POINT_VARIABLES
+from gear_rattle.workers.survey.stored_families import FAMILY_VARIABLES
 from gear_rattle.workers.survey.values.quantities import COORDINATES, REFINED
 
 STORE = """# What a store holds

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rattle.continuation.arclength import ContinuationProblem, plane_scale
 from rattle.errors import RattleError
 from rattle.numerics.complex_step import Array, singularity_function
-from rattle.orbits.periodic import Equations
+from rattle.orbits.periodic_motions import Equations
 
 
 class Kind(StrEnum):

@@ -23,7 +23,7 @@ from rattle.notebook import (
     motion_label,
 )
 from rattle.numerics.complex_step import Array
-from rattle.orbits.periodic import Equations
+from rattle.orbits.periodic_motions import Equations
 
 
 @dataclass(frozen=True, repr=False)

@@ -13,7 +13,7 @@ from rattle.attractors.speeds import SampleSpec
 from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.continuation.arclength import ContinuationProblem
 from rattle.numerics.complex_step import Array
-from rattle.orbits.periodic import Periodic
+from rattle.orbits.periodic_motions import Periodic
 from rattle.parameters import Parameters
 
 #: Least number of points of a branch across a segment.

@@ -17,7 +17,7 @@ from rattle.continuation.arclength import LARGEST_TURN, plane_scale, solution_ab
 from rattle.continuation.conditions import Kind
 from rattle.continuation.motions import Motion, Motions
 from rattle.numerics.complex_step import Array
-from rattle.orbits.periodic import Equations, Periodic, unknowns_from_impact
+from rattle.orbits.periodic_motions import Equations, Periodic, unknowns_from_impact
 
 #: Largest difference in an unknown between solutions that count as the same motion.
 SAME_MOTION = 1e-7

@@ -1,10 +1,10 @@
 """Families: the attractors of a grid, joined between neighbouring cells, so that one motion has one number."""
 
+from rattle.families.family_table import tabulate_families
 from rattle.families.join import in_order, joined, together
 from rattle.families.pieces import GridPiece, connect_attractors, continue_into_piece, no_attractors
 from rattle.families.spread import Rectangle
 from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, add_sums, numbers_of, sums_of
-from rattle.families.table import tabulate_families
 
 __all__ = [
     "NO_FAMILY",

@@ -13,10 +13,10 @@ from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import SampleSpec
 from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.errors import real_array, require, require_number
+from rattle.families.family_table import Families, tabulate_families
 from rattle.families.footprints import overlapping_pairs
 from rattle.families.spread import NOWHERE, ORBIT_COLUMNS, LinkedOrbits, Rectangle, spread_orbits, write_arrivals
 from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, numbers_of, sums_of
-from rattle.families.table import Families, tabulate_families
 from rattle.parameters import Parameters
 
 #: The sides of a cell towards the next row and the next column, as columns of `LinkedOrbits.to`. They suffice to visit

@@ -17,8 +17,8 @@ from rattle.attractors.measures import Uncertainty
 from rattle.attractors.reached import Reached
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import Attractor, Attractors, attractors_of_samples
-from rattle.continuation.curves import Curve
-from rattle.continuation.diagram import Diagram
+from rattle.continuation.bifurcation_diagram import Diagram
+from rattle.continuation.curve_continuation import Curve
 from rattle.errors import RattleError, require_number
 from rattle.families.join import join_rows
 from rattle.impacting.bifurcations.codimension_two import CodimensionTwo
@@ -29,8 +29,8 @@ from rattle.intensity.spectrum import Density, Lines
 from rattle.intensity.table import Intensities, intensities_of
 from rattle.intensity.visit import Impacts
 from rattle.orbits.iterates import Impact, Iterates, StatesAfterReturn, Stretched, Trajectory
-from rattle.orbits.period_one import MissingLimit, Orbit, PeriodOne
-from rattle.orbits.periodic import Periodic
+from rattle.orbits.period_one_orbits import MissingLimit, Orbit, PeriodOne
+from rattle.orbits.periodic_motions import Periodic
 from rattle.parameters import BETA, Parameter, Parameters
 
 Range = tuple[float, float]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.errors import RattleError, require, require_number
-from rattle.orbits.periodic import Periodic
+from rattle.orbits.periodic_motions import Periodic
 from rattle.orbits.saddles import Array, LocalManifold, local_manifold
 
 # most points of an image of the fundamental domain; most images of a manifold; most refinements of an image

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rattle.errors import RattleError, require
 from rattle.flight.law import folded
 from rattle.orbits.images import images
-from rattle.orbits.periodic import Periodic
+from rattle.orbits.periodic_motions import Periodic
 from rattle.orbits.return_map import power_map
 
 Array = NDArray[np.float64]

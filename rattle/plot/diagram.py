@@ -12,8 +12,8 @@ from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from rattle.attractors.table import KINDS, AttractorTable
+from rattle.continuation.bifurcation_diagram import Diagram
 from rattle.continuation.conditions import Kind
-from rattle.continuation.diagram import Diagram
 from rattle.continuation.followed import FollowedBranch
 from rattle.continuation.motions import Segment
 from rattle.continuation.sweeps import SweepPoints

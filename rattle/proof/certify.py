@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rattle.errors import ParameterError, require
-from rattle.orbits.periodic import Periodic
+from rattle.orbits.periodic_motions import Periodic
 from rattle.proof.certificate import Certificate, Exact, exact_number
 
 #: Largest relative difference between an exact parameter and the double with which the motion was computed.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rattle._version import __version__
 from rattle.errors import NotProvedError
-from rattle.orbits.periodic import Periodic
+from rattle.orbits.periodic_motions import Periodic
 from rattle.proof import impacting, stiff
 from rattle.proof.balls import (
     BITS,

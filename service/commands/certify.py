@@ -134,7 +134,7 @@ def _check_file(path: Path) -> None:
     from gear_rattle.workers.certificates import CERTIFICATES
     from rattle.proof import check
     from rattle.proof.areas.checker import check as areas
-    from rattle.proof.bifurcations.check import check as check_bifurcation
+    from rattle.proof.bifurcations.check_points import check as check_bifurcation
     from rattle.proof.chaos.check import check as check_horseshoe
 
     file = path / CERTIFICATES if path.is_dir() else path

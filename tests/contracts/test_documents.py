@@ -21,7 +21,7 @@ from gear_rattle.workers import SurveyRequest
 from rattle import crisis, curves, inelastic, stiff
 from rattle.attractors import classify
 from rattle.attractors.speeds import PAPER_SPEED, sampled_speed
-from rattle.continuation.curves import Curve
+from rattle.continuation.curve_continuation import Curve
 from rattle.stiff import StiffGear
 
 ROOT = Path(__file__).parents[2]

@@ -20,7 +20,7 @@ import numpy as np
 import rattle
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.periodic import PeriodicOrbit, orbit_of
-from rattle.orbits.periodic import Periodic, solve_at_parameters
+from rattle.orbits.periodic_motions import Periodic, solve_at_parameters
 from rattle.proof.check import Refused, check
 from rattle.stiff import StiffGear
 from rattle.stiff.orbits.equations import StiffItinerary

@@ -123,7 +123,11 @@ MUTATIONS = {
         "self.square_plus_speed(-1) < -low",
     ),
     "one motion counted for none": ("areas/two_impacts", "return sides == [", "return sides != ["),
-    "quiet beyond its limit": ("areas/quiet", "True if piece.epsilon < share", "True if piece.epsilon.lower() < share"),
+    "quiet beyond its limit": (
+        "areas/quiet_enclosure",
+        "True if piece.epsilon < share",
+        "True if piece.epsilon.lower() < share",
+    ),
     "bounces that grow, called shrinking": ("areas/capture", "ratio**3 - third / 3", "ratio**3 + third / 3"),
     "a condition with a wrong sign": (
         "bifurcations/codimension_two",

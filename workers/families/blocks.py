@@ -15,14 +15,14 @@ import zarr
 
 from gear_rattle.workers.errors import report_damage
 from gear_rattle.workers.storage.location import Place
-from gear_rattle.workers.survey.families import (
+from gear_rattle.workers.survey.request import Along, SurveyRequest
+from gear_rattle.workers.survey.stored_families import (
     ATTRACTOR_VARIABLES,
     FAMILY,
     GROUP,
     ListedAttractors,
     attractors_in_slots,
 )
-from gear_rattle.workers.survey.request import Along, SurveyRequest
 from rattle import Attractors
 from rattle.families import Rectangle
 

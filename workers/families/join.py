@@ -28,9 +28,9 @@ from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import recording_tiles, require_manifest
 from gear_rattle.workers.storage.store import add_to_store, has_added
 from gear_rattle.workers.survey.crossings import Crossings, Polyline, crossings_of
-from gear_rattle.workers.survey.families import FAMILY, JoinedFamilies, files_of_families, slots_of_families
 from gear_rattle.workers.survey.manifest import group_path
 from gear_rattle.workers.survey.request import Along, SurveyRequest
+from gear_rattle.workers.survey.stored_families import FAMILY, JoinedFamilies, files_of_families, slots_of_families
 from gear_rattle.workers.survey.tiles import Tile, tiles_of_slice
 from gear_rattle.workers.survey.values.schema import Group
 from rattle import Attractors

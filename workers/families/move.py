@@ -10,8 +10,8 @@ from gear_rattle.workers.families.blocks import Block, position_in_cell, read_ta
 from gear_rattle.workers.kinds import compute_tile
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import read_tile, write_tile
-from gear_rattle.workers.survey.families import attractors_in_slots, complete_sources
 from gear_rattle.workers.survey.request import SurveyRequest
+from gear_rattle.workers.survey.stored_families import attractors_in_slots, complete_sources
 from gear_rattle.workers.survey.tiles import Tile, TileArrays
 from gear_rattle.workers.survey.values.schema import SLOT
 from rattle.families import Rectangle

@@ -12,8 +12,8 @@ import numpy as np
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.storage.location import Place
 from gear_rattle.workers.storage.store import open_survey
-from gear_rattle.workers.survey.families import FAMILY, GROUP
 from gear_rattle.workers.survey.slices import slice_group_path, slice_of
+from gear_rattle.workers.survey.stored_families import FAMILY, GROUP
 from gear_rattle.workers.survey.values.schema import CELL, Group
 from rattle import KINDS, wilson_interval
 

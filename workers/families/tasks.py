@@ -29,9 +29,9 @@ from gear_rattle.workers.families.blocks import (
 )
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.survey.crossings import Crossings
-from gear_rattle.workers.survey.families import ListedAttractors, create_family_array, slots_in_cells
 from gear_rattle.workers.survey.manifest import digest
 from gear_rattle.workers.survey.request import SurveyRequest
+from gear_rattle.workers.survey.stored_families import ListedAttractors, create_family_array, slots_in_cells
 from rattle import Attractors
 from rattle.families import (
     NO_FAMILY,

@@ -17,8 +17,8 @@ from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexed
 
 from gear_rattle.workers.errors import SurveyError, report_damage
 from gear_rattle.workers.pictures.look import AMONG, LARGEST, SHARE, WHICH
-from gear_rattle.workers.survey.families import FAMILY, GROUP
 from gear_rattle.workers.survey.slices import slice_group_path, slice_of, surveyed_model
+from gear_rattle.workers.survey.stored_families import FAMILY, GROUP
 from gear_rattle.workers.survey.values.schema import CELL, SLOT, Group
 from rattle import KINDS
 from rattle.attractors import CHAOTIC, PERIODIC

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from gear_rattle.workers.pictures.look import LIMIT, NO_OVERLAYS, OPACITY, OWN_STYLES, OverlayData
 from gear_rattle.workers.survey.axes import Window
-from gear_rattle.workers.survey.curves import MissingCurve, traced_curve, window_around
+from gear_rattle.workers.survey.plane_curves import MissingCurve, traced_curve, window_around
 from gear_rattle.workers.survey.slices import surveyed_model
 from rattle import plot
 from rattle.curves import NAMES

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gear_rattle.workers.errors import SurveyError, missing_map_message
-from gear_rattle.workers.survey.families import FAMILY
 from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION
 from gear_rattle.workers.survey.slices import require_slice, third_axis_length
+from gear_rattle.workers.survey.stored_families import FAMILY
 from gear_rattle.workers.survey.values.schema import CELL, OF_PERIODIC, SLOT
 from rattle.attractors import PERIODIC
 

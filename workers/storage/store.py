@@ -31,8 +31,6 @@ from gear_rattle.workers.storage.manifest import (
     whole_root,
     with_attributes,
 )
-from gear_rattle.workers.survey.families import FAMILY
-from gear_rattle.workers.survey.families import GROUP as FAMILIES
 from gear_rattle.workers.survey.levels.grid import GROUP as LEVELS
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, chunk_key, file_digests
 from gear_rattle.workers.survey.refined.audit import (
@@ -46,6 +44,8 @@ from gear_rattle.workers.survey.refined.audit import (
     audit_attributes,
 )
 from gear_rattle.workers.survey.request import SurveyRequest
+from gear_rattle.workers.survey.stored_families import FAMILY
+from gear_rattle.workers.survey.stored_families import GROUP as FAMILIES
 from gear_rattle.workers.survey.template import Template, current_time
 from gear_rattle.workers.survey.values.schema import CELL
 from gear_rattle.workers.survey.version import code_version

@@ -15,7 +15,9 @@ from zarr.storage import MemoryStore, StoreLike
 
 import rattle
 from gear_rattle.workers.survey.axes import Axis
-from gear_rattle.workers.survey.curves import (
+from gear_rattle.workers.survey.machine import AXES
+from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, SLICE, SLICES, Manifest, file_digests, group_path
+from gear_rattle.workers.survey.plane_curves import (
     CURVE_VARIABLES,
     POINT_VARIABLES,
     CurveVariable,
@@ -23,8 +25,6 @@ from gear_rattle.workers.survey.curves import (
     traced_curve,
     window_around,
 )
-from gear_rattle.workers.survey.machine import AXES
-from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, SLICE, SLICES, Manifest, file_digests, group_path
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.tiles import cells_of_tile
 from gear_rattle.workers.survey.values.quantities import COORDINATES, DOI, dimension_labels, shape_of

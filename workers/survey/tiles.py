@@ -7,7 +7,7 @@ from types import EllipsisType
 
 import numpy as np
 
-from gear_rattle.workers.survey.curves import traced_crossings
+from gear_rattle.workers.survey.plane_curves import traced_crossings
 from gear_rattle.workers.survey.refined.fill import FillingPlan, RefinedCells, refined_cells
 from gear_rattle.workers.survey.refined.rounds import AuditRound, first_round
 from gear_rattle.workers.survey.request import Along, SurveyRequest

@@ -34,8 +34,8 @@ from rattle.impacting.bifurcations.registry import name_of
 from rattle.impacting.orbits.equations import Itinerary, equations_on_line
 from rattle.impacting.orbits.periodic import PeriodicOrbit, as_periodic, orbit_of
 from rattle.numerics.complex_step import Array
-from rattle.orbits.period_one import Orbit
-from rattle.orbits.periodic import solve_at_parameters, twins
+from rattle.orbits.period_one_orbits import Orbit
+from rattle.orbits.periodic_motions import solve_at_parameters, twins
 
 LONGEST = 0.05  # longest continuation step, in the Euclidean norm of times and parameter
 FEW_POINTS = 6  # least number of points of a branch from one parameter point to another

@@ -4,7 +4,7 @@ import numpy as np
 
 from rattle.continuation.arclength import ContinuationProblem
 from rattle.continuation.conditions import condition, scale_at
-from rattle.continuation.curves import (
+from rattle.continuation.curve_continuation import (
     POINTS_ACROSS,
     QUIET_LIMIT,
     Curve,
@@ -24,7 +24,7 @@ from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.impacting.orbits.periodic import why_virtual
 from rattle.numerics.complex_step import Array
-from rattle.orbits.periodic import unknowns_from_impact
+from rattle.orbits.periodic_motions import unknowns_from_impact
 
 MOST_ACROSS = 1000  # largest allowed number of points of a curve across a window
 # starting points of a curve are also searched on both sides of each codimension-two point, this far away, relative in δ

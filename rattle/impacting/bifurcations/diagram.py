@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.continuation.arclength import ContinuationProblem
-from rattle.continuation.diagram import Diagram, diagram_of, require_end
+from rattle.continuation.bifurcation_diagram import Diagram, diagram_of, require_end
 from rattle.continuation.motions import POINTS_ACROSS, Motion, Motions, Segment, split_into_runs
 from rattle.errors import RattleError, require_number
 from rattle.impacting.attractors.classifier import ImpactingClassifier
@@ -20,7 +20,7 @@ from rattle.impacting.orbits.equations import Itinerary, equations_on_line
 from rattle.impacting.orbits.period_one import period_one
 from rattle.impacting.orbits.periodic import PeriodicOrbit, follow_impacts, orbit_of
 from rattle.numerics.complex_step import Array
-from rattle.orbits.periodic import solve_at_parameters
+from rattle.orbits.periodic_motions import solve_at_parameters
 from rattle.parameters import Parameters
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rattle.continuation.conditions import Kind
-from rattle.continuation.curves import QUIET_LIMIT
+from rattle.continuation.curve_continuation import QUIET_LIMIT
 from rattle.errors import require_one_of
 from rattle.impacting.bifurcations import starts
 from rattle.impacting.bifurcations.events import Event

@@ -19,7 +19,15 @@ from rattle.errors import broadcast_parameters, require_one_of
 from rattle.flight.impact_law import ELASTIC
 from rattle.impacting.orbits import closed_form
 from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formula
-from rattle.orbits.period_one import NAMES, MissingLimit, Orbit, PeriodOne, classify, existing_orbits, multipliers_of
+from rattle.orbits.period_one_orbits import (
+    NAMES,
+    MissingLimit,
+    Orbit,
+    PeriodOne,
+    classify,
+    existing_orbits,
+    multipliers_of,
+)
 
 CURVES = ("G1", "G2")
 # factor on ε of SN1 that gives a point just above SN1; the largest double, which limits this product

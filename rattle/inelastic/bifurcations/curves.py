@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rattle.continuation.arclength import ContinuationProblem
 from rattle.continuation.conditions import condition, scale_at
-from rattle.continuation.curves import (
+from rattle.continuation.curve_continuation import (
     QUIET_LIMIT,
     Curve,
     CurveDescription,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from rattle.continuation.conditions import Kind
-from rattle.continuation.curves import QUIET_LIMIT
+from rattle.continuation.curve_continuation import QUIET_LIMIT
 from rattle.errors import require_one_of
 from rattle.impacting.bifurcations.registry import CURVES as ELASTIC_CURVES
 from rattle.inelastic.bifurcations import starts

@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike
 
 from rattle import inelastic
 from rattle.attractors.classify import Classifier
-from rattle.continuation.curves import Curve
+from rattle.continuation.curve_continuation import Curve
 from rattle.errors import RattleError
 from rattle.impacting.bifurcations.codimension_two import CodimensionTwo
 from rattle.inelastic.attractors.classifier import InelasticClassifier
 from rattle.models.model import Array, Capability, Functions, Model, Range
 from rattle.orbits.iterates import StatesAfterReturn
-from rattle.orbits.period_one import PeriodOne
+from rattle.orbits.period_one_orbits import PeriodOne
 from rattle.parameters import Harmonic, Parameters, parameters_in
 
 RESTITUTION, LOAD = parameters_in(__file__)

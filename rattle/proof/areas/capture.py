@@ -14,7 +14,7 @@ from fractions import Fraction
 
 from rattle.errors import NotProvedError
 from rattle.proof.areas.piece import PlanePiece, hull, upper
-from rattle.proof.areas.quiet import quiet_limit_enclosure
+from rattle.proof.areas.quiet_enclosure import quiet_limit_enclosure
 from rattle.proof.balls import PI, arb, arb_series
 
 #: Number of parts of a forcing period; the bounds are computed over each part.

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 
 from rattle.errors import NotProvedError
-from rattle.proof.areas import one_impact, quiet, two_impacts
+from rattle.proof.areas import one_impact, quiet_enclosure, two_impacts
 from rattle.proof.areas.block import CLAIMS, LOUD, QUIET, ClaimedState
 from rattle.proof.areas.piece import PlanePiece, hull
 from rattle.proof.balls import ball
@@ -49,7 +49,7 @@ class Prover:
     def _require_on_whole_piece(self, piece: PlanePiece, claim: str, delta: Ends) -> None:
         """Raise NotProvedError unless the claim is proved on a piece as a whole, without cutting it."""
         if claim in (QUIET, LOUD):
-            if quiet.is_quiet_possible(piece) is not (claim == QUIET):
+            if quiet_enclosure.is_quiet_possible(piece) is not (claim == QUIET):
                 raise NotProvedError(f"it is not proved that {claim} on the whole block: try a smaller block")
             return
         states = CLAIMS[claim]

@@ -10,7 +10,7 @@ import numpy as np
 from rattle._version import __version__
 from rattle.continuation.arclength import solution_with_value, tangent_at
 from rattle.continuation.conditions import MULTIPLIER, Kind, condition
-from rattle.continuation.curves import QUIET_LIMIT
+from rattle.continuation.curve_continuation import QUIET_LIMIT
 from rattle.errors import NotProvedError, require, require_number, require_one_of
 from rattle.impacting.bifurcations.codimension_two import codimension_two
 from rattle.impacting.bifurcations.events import Event

@@ -6,8 +6,8 @@ from numpy.typing import ArrayLike
 
 from rattle.attractors.classify import BUDGET
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
+from rattle.families.family_table import Families
 from rattle.families.join import families_over
-from rattle.families.table import Families
 from rattle.stiff.attractors.classifier import StiffClassifier
 
 

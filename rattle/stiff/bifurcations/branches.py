@@ -24,7 +24,7 @@ from rattle.continuation.followed import start_of_doubled_branch
 from rattle.continuation.line import FIRST_OF_DOUBLED, HALF_PERIOD, Parameter, line_through
 from rattle.errors import RattleError, require, require_integer, require_pair
 from rattle.numerics.complex_step import Array
-from rattle.orbits.period_one import Orbit
+from rattle.orbits.period_one_orbits import Orbit
 from rattle.stiff.bifurcations.grazes import VANISHING, Graze, graze_at_end
 from rattle.stiff.bifurcations.line import TWICE, MotionsOnLine
 from rattle.stiff.bifurcations.records import StiffBranch, StiffEvent, unknowns_of
@@ -259,7 +259,7 @@ def stiff_curve(
         If the event is neither a saddle-node nor a flip, or no solution inside the window.
     """
     require(isinstance(event, StiffEvent), f"event must be a StiffEvent, got {type(event).__name__}")
-    from rattle.continuation.curves import PlaneWindow, pieces_in_window
+    from rattle.continuation.curve_continuation import PlaneWindow, pieces_in_window
 
     window = PlaneWindow(require_pair("delta", delta), require_pair("epsilon", epsilon), resolution)
     itinerary = event.orbit.itinerary

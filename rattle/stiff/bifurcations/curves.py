@@ -11,7 +11,7 @@ import numpy as np
 
 from rattle.continuation.arclength import ContinuationProblem
 from rattle.continuation.conditions import Kind, condition, scale_at
-from rattle.continuation.curves import (
+from rattle.continuation.curve_continuation import (
     Curve,
     CurveDescription,
     PlaneWindow,

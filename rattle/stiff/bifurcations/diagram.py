@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.continuation.arclength import ContinuationProblem
+from rattle.continuation.bifurcation_diagram import Diagram, diagram_of, require_end
 from rattle.continuation.conditions import Kind
-from rattle.continuation.diagram import Diagram, diagram_of, require_end
 from rattle.continuation.motions import POINTS_ACROSS, Motion, Motions, Segment
 from rattle.errors import RattleError, require_number, require_pair
 from rattle.numerics.complex_step import Array

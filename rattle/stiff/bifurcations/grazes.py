@@ -15,7 +15,7 @@ import numpy as np
 
 from rattle.continuation.arclength import newton_on_curve, tangent_at
 from rattle.numerics.complex_step import Array
-from rattle.orbits.periodic import unknowns_from_impact
+from rattle.orbits.periodic_motions import unknowns_from_impact
 from rattle.stiff.bifurcations.line import MotionsOnLine
 from rattle.stiff.orbits.periodic import FailingPiece, first_failing_piece
 

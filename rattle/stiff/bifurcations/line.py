@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rattle.continuation.arclength import ContinuationProblem, line_scale, root_between, solution_with_value
 from rattle.flight.impact_law import ELASTIC
 from rattle.numerics.complex_step import Array
-from rattle.orbits.periodic import solve_at_parameters, twins
+from rattle.orbits.periodic_motions import solve_at_parameters, twins
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.periodic import StiffOrbit, is_admissible_solution, orbit_of, trace_of
 

@@ -35,7 +35,7 @@ from rattle.flight.between import (
 from rattle.flight.forcing import TWO_PI, analytic_force_ahead, analytic_phase, complex_sine_cosine
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.complex_step import Array, batch_of, reshape_like
-from rattle.orbits.periodic import Equations
+from rattle.orbits.periodic_motions import Equations
 
 SMALL = 0.5  # duration σ, or angle, below which a Taylor series is used
 TERMS = 16  # number of terms of the series for a contact

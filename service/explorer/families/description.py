@@ -20,8 +20,8 @@ from gear_rattle.workers import Bucket, SurveyRequest, open_survey
 from gear_rattle.workers.errors import SurveyError, report_damage
 from gear_rattle.workers.pictures.largest import family_names, open_maps
 from gear_rattle.workers.pictures.look import LARGEST
-from gear_rattle.workers.survey.families import GROUP
 from gear_rattle.workers.survey.slices import slice_group_path
+from gear_rattle.workers.survey.stored_families import GROUP
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from rattle.models import Model
 

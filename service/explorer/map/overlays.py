@@ -24,7 +24,7 @@ from gear_rattle.service.explorer.state.store import JOBS, Store, window_of
 from gear_rattle.service.operations.overlaid import Overlays, limit_band, limit_line
 from gear_rattle.workers.pictures.look import CRISIS, LIMIT, POINTS, USUAL_SHARE
 from gear_rattle.workers.survey.axes import Window
-from gear_rattle.workers.survey.curves import LOWEST_DELTA, MissingCurve, traced_curve
+from gear_rattle.workers.survey.plane_curves import LOWEST_DELTA, MissingCurve, traced_curve
 from rattle import RattleError
 from rattle.models import DEFAULT_MODEL, Capability, Model, lacking
 from rattle.plot import polyline

@@ -24,8 +24,8 @@ from gear_rattle.service.explorer.point.words import complex_text, number_text
 from gear_rattle.workers import QUANTITIES, Axis, SurveyRequest
 from gear_rattle.workers.pictures.look import in_revolutions
 from gear_rattle.workers.pictures.maps import meanings_of, title_of, words_without_value
-from gear_rattle.workers.survey.families import FAMILY
 from gear_rattle.workers.survey.machine import SurveyedMachine
+from gear_rattle.workers.survey.stored_families import FAMILY
 from gear_rattle.workers.survey.values.evaluate import FAILED, STATUS
 from gear_rattle.workers.survey.values.schema import CELL
 from rattle.plot import legend_name

@@ -32,7 +32,7 @@ from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.explorer.page.form import SurveyForm, error_message
 from gear_rattle.service.explorer.page.head import SCHEME, theme_of
 from gear_rattle.service.explorer.page.rows import example_row, survey_row
-from gear_rattle.service.explorer.pins.view import Pins
+from gear_rattle.service.explorer.pins.pins_view import Pins
 from gear_rattle.service.explorer.section.section import ProfileSection
 from gear_rattle.service.explorer.state.events import SurveyChosen
 from gear_rattle.service.explorer.state.store import JOBS, Store, request_of_job

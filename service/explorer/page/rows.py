@@ -12,7 +12,7 @@ from gear_rattle.service.explorer.map.picture import picture_query, third_axis_n
 from gear_rattle.service.harmonics import harmonic_texts
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.pictures.look import LARGEST
-from gear_rattle.workers.survey.families import FAMILY
+from gear_rattle.workers.survey.stored_families import FAMILY
 from rattle.models import ADDED
 
 STORED = {LARGEST: FAMILY}  # {map that is not stored: the stored variable from which it is made}

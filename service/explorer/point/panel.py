@@ -17,7 +17,7 @@ from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.design.tolerance_fields import ToleranceFields
 from gear_rattle.service.explorer.files import asset
-from gear_rattle.service.explorer.point import basins, diagram, loudness, motion
+from gear_rattle.service.explorer.point import basins, loudness, motion, point_diagram
 from gear_rattle.service.explorer.state.events import (
     AttractorChosen,
     DirectionChosen,
@@ -260,9 +260,9 @@ class PointPanel:
             self.direction.value = chosen
 
     @cached_property
-    def diagram(self) -> diagram.DiagramPicture:
+    def diagram(self) -> point_diagram.DiagramPicture:
         """Picture of the one-parameter diagram. The picture and its tab are made at first use."""
-        found = diagram.DiagramPicture(self.theme, self._below.x_range)
+        found = point_diagram.DiagramPicture(self.theme, self._below.x_range)
         self._bodies[DIAGRAM][:] = [
             self._new_text("<h2 class=tab>One-parameter diagram</h2>").pane, self.direction, found.speeds,
             pn.pane.Bokeh(found.figure, **WIDE), self.under_diagram.pane, self._below.panel,

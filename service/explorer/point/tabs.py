@@ -10,7 +10,7 @@ from gear_rattle.service.explorer.common.point_state import DIAGRAM, MOTION, NUM
 from gear_rattle.service.explorer.common.text import faint_html
 from gear_rattle.service.explorer.design import rattling, tolerance
 from gear_rattle.service.explorer.design.fields import machine_at_other_point
-from gear_rattle.service.explorer.point import diagram, loudness, motion, parts
+from gear_rattle.service.explorer.point import loudness, motion, parts, point_diagram
 from gear_rattle.service.explorer.point.panel import CLICKED, PointPanel
 from gear_rattle.service.explorer.point.parts import DiagramLines
 from gear_rattle.service.explorer.point.state import ATTRACTORS, CHAOS, PLACE, READY, OpenPoint, chosen_place
@@ -177,13 +177,13 @@ class DiagramTab:
         if self._point.state.shown_tab == DIAGRAM:
             self._drawn = found
             panel.diagram.show(found, self._position)
-            said = faint_html(diagram.diagram_caption(found))
-            panel.under_diagram.html = diagram.diagram_legend(found, panel.theme) + said
+            said = faint_html(point_diagram.diagram_caption(found))
+            panel.under_diagram.html = point_diagram.diagram_legend(found, panel.theme) + said
 
     def _list_events(self) -> None:
         """Fill the table of events: events of the diagram, and beginnings and ends of chaos."""
         if self._known is not None:
-            self._panel.events.html = diagram.diagram_table(self._known, self._point.chaos)
+            self._panel.events.html = point_diagram.diagram_table(self._known, self._point.chaos)
 
 
 class YieldPart:

@@ -28,7 +28,7 @@ from gear_rattle.service.explorer.design.extents import (
     motion_extent,
 )
 from gear_rattle.service.explorer.point import parts, words
-from gear_rattle.service.explorer.point.diagram import diagram_table
+from gear_rattle.service.explorer.point.point_diagram import diagram_table
 from gear_rattle.service.state import Front
 from rattle.crisis import boundary_crisis
 from rattle.curves import trace

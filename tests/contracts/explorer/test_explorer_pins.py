@@ -19,9 +19,9 @@ from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.explorer.common.address import MOST_PINS, Pin, View, pin_of
 from gear_rattle.service.explorer.common.viewer import Viewer
-from gear_rattle.service.explorer.pins import view
+from gear_rattle.service.explorer.pins import pins_view
+from gear_rattle.service.explorer.pins.pins_view import Pins
 from gear_rattle.service.explorer.pins.table import COMPUTED, PinResults, csv_text, results_of_point, table_lines
-from gear_rattle.service.explorer.pins.view import Pins
 from gear_rattle.service.explorer.places.example import REQUEST as EXAMPLE
 from gear_rattle.service.explorer.point.state import open_point_as_pin
 from gear_rattle.service.explorer.state.events import PinAdded, PointOpened, SurveyChosen
@@ -186,7 +186,7 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
         await press("pin")
         assert (store.view.pins, pins.table.offered) == ((HERE, QUIET), "")
         assert pins.table.heads == [f"1: {HERE.label}", f"2: {QUIET.label}"]
-        assert pins.table.lines[3] == ["Region", "0.6 is busy.", view.FAILED]
+        assert pins.table.lines[3] == ["Region", "0.6 is busy.", pins_view.FAILED]
         await press("pin")
         open_pin(HERE)
         await press("go", 7)
@@ -199,11 +199,11 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
             open_pin(Pin(0.5, number / 100, 0.6))
             await press("pin")
         assert len(store.view.pins) == MOST_PINS
-        assert said == [view.FULL]
+        assert said == [pins_view.FULL]
         pins.end()
         assert len(stopped) == 1 + MOST_PINS
 
-    monkeypatch.setattr(view, "PointTasks", PointTasks)
+    monkeypatch.setattr(pins_view, "PointTasks", PointTasks)
     asyncio.run(main())
 
 

@@ -14,7 +14,7 @@ from gear_rattle.service.explorer.common.point_state import PointState
 from gear_rattle.service.explorer.design.places import CORNERS, CRISES, EITHER_WAY, bookmarks
 from gear_rattle.service.explorer.places.example import EXAMPLE, REQUEST, load_sampled
 from gear_rattle.service.explorer.point import parts
-from gear_rattle.service.explorer.point.diagram import diagram_table
+from gear_rattle.service.explorer.point.point_diagram import diagram_table
 from gear_rattle.service.explorer.state.events import DiagramEndChosen
 from gear_rattle.service.operations import diagrams
 from gear_rattle.service.state import Front

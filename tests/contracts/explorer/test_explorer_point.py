@@ -27,7 +27,10 @@ from gear_rattle.service.explorer.places.exact import ExactMaps
 from gear_rattle.service.explorer.places.example import REQUEST as EXAMPLE
 from gear_rattle.service.explorer.point import parts, words, work
 from gear_rattle.service.explorer.point.basins import MOST_NAMED, basins_legend
-from gear_rattle.service.explorer.point.diagram import (
+from gear_rattle.service.explorer.point.motion import motion_caption
+from gear_rattle.service.explorer.point.panel import PointPanel
+from gear_rattle.service.explorer.point.parts import DiagramLines, EventImpacts, Stroke
+from gear_rattle.service.explorer.point.point_diagram import (
     DiagramPicture,
     dense_speed_range,
     diagram_caption,
@@ -35,9 +38,6 @@ from gear_rattle.service.explorer.point.diagram import (
     placed_event_names,
     speed_range,
 )
-from gear_rattle.service.explorer.point.motion import motion_caption
-from gear_rattle.service.explorer.point.panel import PointPanel
-from gear_rattle.service.explorer.point.parts import DiagramLines, EventImpacts, Stroke
 from gear_rattle.service.explorer.point.view import PointView
 from gear_rattle.service.explorer.point.work import prepare_processes
 from gear_rattle.service.explorer.state.events import PlaceChosen, TabChosen

@@ -13,7 +13,7 @@ import rattle
 from gear_rattle.service.explorer.common.address import MapChoice, View
 from gear_rattle.service.explorer.common.point_state import PointState
 from gear_rattle.service.explorer.places.exact import ExactMaps
-from gear_rattle.service.explorer.point.diagram import DiagramPicture
+from gear_rattle.service.explorer.point.point_diagram import DiagramPicture
 from gear_rattle.service.explorer.section.picture import value_range
 from gear_rattle.service.explorer.section.profile import OUTSIDE, crossed_cells, profile_in_words, profile_of
 from gear_rattle.service.explorer.section.section import NO_WAY, ProfileSection

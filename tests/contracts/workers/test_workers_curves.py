@@ -8,7 +8,7 @@ import xarray as xr
 from depth import deep
 
 from gear_rattle.workers import Axis, SurveyRequest, create_store
-from gear_rattle.workers.survey.curves import CURVE_VARIABLES, POINT_VARIABLES
+from gear_rattle.workers.survey.plane_curves import CURVE_VARIABLES, POINT_VARIABLES
 from rattle import curves
 from rattle.continuation import arclength
 from rattle.numerics.complex_step import Array, Function

@@ -9,8 +9,8 @@ import rattle
 from gear_rattle.workers.boundaries.edges import FamilyEdges, edges_in_part, edges_of
 from gear_rattle.workers.survey.crossings import Crossings, crossings_of
 from rattle import curves
+from rattle.families.family_table import Families
 from rattle.families.spread import Rectangle
-from rattle.families.table import Families
 
 DELTA, EPSILON = np.linspace(0.55, 0.65, 19), np.linspace(0.05, 0.08, 23)
 WINDOW = (0.54, 0.66), (0.045, 0.085)

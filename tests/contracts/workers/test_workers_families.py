@@ -32,7 +32,7 @@ from gear_rattle.workers import (
     tiles_of,
 )
 from gear_rattle.workers.storage.added import run_in_process
-from gear_rattle.workers.survey.families import EDGE_VARIABLES, FAMILY_VARIABLES
+from gear_rattle.workers.survey.stored_families import EDGE_VARIABLES, FAMILY_VARIABLES
 
 GROUPS = ("attractors", "lyapunov", "families")
 TILES = ((12, 10), (5, 4), (3, 10))

@@ -12,7 +12,7 @@ from rattle.curves import name_of
 from rattle.impacting.bifurcations.branches import beyond, branch
 from rattle.impacting.bifurcations.diagram import diagram
 from rattle.impacting.orbits.periodic import orbit_of
-from rattle.orbits.periodic import solve_at_parameters
+from rattle.orbits.periodic_motions import solve_at_parameters
 
 STEPS = either(50, 100)
 PERIODIC, CHAOTIC, UNDECIDED = (KINDS.index(name) for name in ("periodic", "chaotic", "undecided"))

@@ -17,8 +17,7 @@ from rattle.errors import NotProvedError
 from rattle.impacting.map.quiet import capture_speed
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.impacting.orbits.period_one import period_one, regions
-from rattle.proof.areas import one_impact, two_impacts
-from rattle.proof.areas import quiet as quiet_motion
+from rattle.proof.areas import one_impact, quiet_enclosure, two_impacts
 from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, ProvedBlock
 from rattle.proof.areas.capture import _growth_coefficient, require_captures
 from rattle.proof.areas.checker.check import check
@@ -210,7 +209,7 @@ def test_how_much_higher_a_bounce_is_than_the_one_before():
     half = np.tanh(delta * after.time / 2) / delta  # of the bounce, from its middle
     middle = tau + np.log1p(delta * half) / delta - np.arctan(delta / (2 * np.pi)) / (2 * np.pi)
     with precision(64):
-        share = arb(epsilon) / quiet_motion.quiet_limit_enclosure(arb_series([arb(delta)]))[0]
+        share = arb(epsilon) / quiet_enclosure.quiet_limit_enclosure(arb_series([arb(delta)]))[0]
         found = _growth_coefficient(arb(middle), arb(half), arb(delta), share)
     assert float(found.lower()) < changed / half**3 < float(found.upper())
     assert float(found.upper() - found.lower()) < 8 * abs(changed) / half**3

@@ -14,7 +14,7 @@ import rattle
 from rattle.paper.numbers import PROVED, epsilon_at
 from rattle.proof.balls import arb, ball, precision
 from rattle.proof.bifurcations import prove, systems
-from rattle.proof.bifurcations.check import check
+from rattle.proof.bifurcations.check_points import check
 from rattle.proof.check import Refused
 from rattle.proof.flights import ModelPoint, flight
 

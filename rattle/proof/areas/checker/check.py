@@ -13,7 +13,7 @@ from typing import Any
 from .column import Column
 from .intervals import IV, BlockRefused, Interval, interval_between, number_from_text, require
 from .one_impact import OneImpact
-from .quiet import BounceBounds, require_side_of_quiet_limit
+from .quiet_motion import BounceBounds, require_side_of_quiet_limit
 
 #: Most times that the δ interval of a block is halved before the block is refused.
 DEEPEST = 5

@@ -8,8 +8,8 @@ import zarr
 from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
-from gear_rattle.workers.survey.curves import TEXT, CurveVariable
 from gear_rattle.workers.survey.manifest import ROOT
+from gear_rattle.workers.survey.plane_curves import TEXT, CurveVariable
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.template import (
     CODECS,
