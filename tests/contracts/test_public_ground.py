@@ -198,6 +198,13 @@ def test_nothing_private_of_another_project_is_used() -> None:
     assert not [str(each) for each in findings() if not is_excepted(each)]
 
 
+def test_the_page_s_scripts_use_nothing_private_of_bokeh() -> None:
+    scripts = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "service" / "explorer").rglob("*.js")}
+    assert len(scripts) > 10
+    private = re.compile(r"Bokeh\.require|\b(?!this\b)\w+\._\w")  # modules of BokehJS, and names with an underscore
+    assert not {name: private.findall(script) for name, script in scripts.items() if private.search(script)}
+
+
 def test_exceptions_are_few_have_a_reason_and_are_needed() -> None:
     assert len(exceptions()) <= MOST_EXCEPTIONS
     for each in exceptions():

@@ -36,7 +36,7 @@ def head_html(pages: Pages) -> str:
         f'<link rel="prefetch" as="style" href="static/extensions/panel/{name}.css?v={JS_VERSION}">' for name in STYLES
     )
     parts = {"styles": styles, "scripts": f"{scripts}\n{early}", "css": asset("page.css")}
-    parts |= {name: asset(f"{name}.js") for name in ("theme", "stops", "print", "lost", "sheets", "visuals", "open")}
+    parts |= {name: asset(f"{name}.js") for name in ("theme", "stops", "print", "lost", "sheets", "open")}
     head = asset("head.html")
     for name, text in parts.items():
         head = head.replace(f"{{{name}}}", text)
