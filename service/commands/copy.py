@@ -1,4 +1,4 @@
-"""``rattle copy``: copy a store to a directory, a bucket, a zip file, or NetCDF."""
+"""``rattle copy``: copy a store to a directory, a bucket, a zip file, an Icechunk repository, or NetCDF."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ import typer
 def copy(
     source: Annotated[str, typer.Argument(metavar="SRC", help="Path, s3:// URL or .zip of a survey's store.")],
     target: Annotated[
-        str, typer.Argument(metavar="DST", help="Path, s3:// URL, .zip or .nc file that does not exist yet.")
+        str,
+        typer.Argument(metavar="DST", help="Path, s3:// URL, .zip, .icechunk or .nc that does not exist yet."),
     ],
 ) -> None:
-    """Copy a survey to a directory, to a bucket (s3://BUCKET/PREFIX), to a zip file or to NetCDF, by the ending of DST.
+    """Copy a survey to a directory, bucket (s3://BUCKET/PREFIX), zip file, Icechunk repository or NetCDF file.
 
-    Every file is compared with its checksum at the source and at the destination; NetCDF has checksums of its own. The
-    same command continues an interrupted copy. Certificates beside a survey are not copied.
+    The ending of DST chooses the kind. Every file is compared with its checksum at the source and at the destination;
+    NetCDF has checksums of its own. The same command continues an interrupted copy, or begins it again for a zip file,
+    an Icechunk repository or NetCDF. Certificates beside a survey are not copied.
     """
     for each in (source, target):
         if "://" in each and not each.startswith("s3://"):

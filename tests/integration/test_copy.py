@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import icechunk
 import numpy as np
 import pytest
 import xarray as xr
@@ -73,6 +74,45 @@ def test_a_zip_file_is_opened_by_xarray_and_by_this_package(survey: Path, tmp_pa
     ):
         xr.testing.assert_identical(found, whole)
         assert np.array_equal(plain["region"], whole["region"])
+
+
+def test_a_copy_as_an_icechunk_repository_is_one_commit_with_every_array(survey: Path, tmp_path: Path) -> None:
+    target = tmp_path / "survey.icechunk"
+    said = command(survey, target)
+    repository = icechunk.Repository.open(icechunk.local_filesystem_storage(str(target)))
+    assert len(list(repository.ancestry(branch="main"))) == 2  # the empty snapshot and the copy
+    session = repository.readonly_session("main")
+    own = zarr.open_group(survey, mode="r")
+    copied = zarr.open_group(session.store, mode="r", use_consolidated=False)
+    arrays = {name: each for name, each in own.members(max_depth=None) if isinstance(each, zarr.Array)}
+    assert len(arrays) > 20
+    for name, each in arrays.items():
+        assert (copied[name].chunks, copied[name].attrs.asdict()) == (each.chunks, each.attrs.asdict())
+        np.testing.assert_array_equal(copied[name], each)
+    assert f"{len(files_in(survey)) - 1:,} files" in said  # all but the manifest
+    with (
+        xr.open_zarr(survey) as stored,
+        xr.open_zarr(session.store, consolidated=False) as found,
+    ):
+        xr.testing.assert_identical(found.load(), stored.load())
+    with pytest.raises(SurveyError, match="is a repository with a commit"):
+        copy_store(survey, target)
+    (tmp_path / "other.icechunk").mkdir()
+    with pytest.raises(SurveyError, match="choose another directory"):
+        copy_store(survey, tmp_path / "other.icechunk")
+
+
+def test_an_interrupted_icechunk_copy_has_no_commit_and_is_begun_again(
+    survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target, copying = tmp_path / "copy.icechunk", gear_rattle.workers.storage.copy
+    monkeypatch.setattr(copying, "BATCH", 20)
+    with pytest.raises(KeyboardInterrupt):
+        copy_store(survey, target, lambda done, _: (_ for _ in ()).throw(KeyboardInterrupt) if done > 30 else None)
+    repository = icechunk.Repository.open(icechunk.local_filesystem_storage(str(target)))
+    assert len(list(repository.ancestry(branch="main"))) == 1
+    assert copy_store(survey, target).files == len(files_in(survey)) - 1
+    assert len(list(repository.ancestry(branch="main"))) == 2
 
 
 def test_a_copy_as_netcdf_holds_the_numbers_and_checksums(survey: Path, tmp_path: Path) -> None:

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 from zipfile import ZIP_STORED, BadZipFile, ZipFile
 
 from gear_rattle.workers.errors import SurveyError, storage_error
 from gear_rattle.workers.storage.bucket import CREATING, LOCK, Bucket
 from gear_rattle.workers.storage.location import Directory, Place, place_of
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest
+from rattle import MissingExtraError
 
-ZIP = ".zip"
+if TYPE_CHECKING:
+    import icechunk
+    from zarr.abc.store import Store
+
+ZIP, ICECHUNK = ".zip", ".icechunk"
 READERS = 8  # files read at a time, because a bucket answers slowly
 BATCH = 256  # at most this many files are in memory at a time
 
@@ -61,18 +67,19 @@ class ZipStore:
 def copy_store(
     source: str | Path | Place, target: str | Path, on_file: Callable[[int, int], None] | None = None
 ) -> CopyResult:
-    """Copy a survey or population, finished or not, to a directory, a bucket or a zip file.
+    """Copy a survey or population, finished or not, to a directory, a bucket, a zip file or an Icechunk repository.
 
     The same call continues an interrupted copy, and keeps whole files that the target already has. The root is written
-    last; until then the copy is not a store. A zip file appears only when it is complete.
+    last; until then the copy is not a store. A zip file appears only when it is complete. A repository has the whole
+    copy as one commit on its branch main, without the manifest, so that it can be read but not copied back.
 
     Parameters
     ----------
     source
         Path, s3:// URL or zip file of a survey's or population's store.
     target
-        Path, s3:// URL or zip file. It must not exist, except that a path or URL may have an interrupted copy of this
-        store.
+        Path, s3:// URL, zip file, or directory of a repository that ends in .icechunk. It must not exist, except that
+        it may have an interrupted copy of this store if it is no zip file.
     on_file
         Called with the number of copied files and the number of all files.
 
@@ -87,11 +94,15 @@ def copy_store(
         The source is not a store, one of its files is damaged, or the target has other contents.
     StorageError
         The target cannot be written, or does not read back as it was written.
+    MissingExtraError
+        The target is an Icechunk repository, and icechunk is not installed.
     """
     files = _files_of(source)
     manifest, content = _read_manifest(files)
     if str(target).endswith(ZIP):
         return _copy_to_zip(files, manifest, content, Path(target), on_file)
+    if str(target).endswith(ICECHUNK):
+        return _copy_to_icechunk(files, manifest, Path(target), on_file)
     place = place_of(target)
     before = _earlier_manifest(place)
     if before is not None and before.content_hash != manifest.content_hash:
@@ -220,6 +231,69 @@ def _copy_to_zip(
         refusal = storage_error(f"{path} cannot be written", error)
         raise refusal from error
     return CopyResult(total, size, 0)
+
+
+def _copy_to_icechunk(
+    files: FileSource, manifest: Manifest, path: Path, on_file: Callable[[int, int], None] | None
+) -> CopyResult:
+    repository = _repository_at(path)
+    branch = "main"
+    session = repository.writable_session(branch)
+    # The repository takes a chunk only after its array, and an array only after its group.
+    keys = sorted(_keys_with_digests(manifest), key=lambda one: (not one[0].endswith(ROOT), one[0].count("/")))
+    size, done, total = 0, 0, len(keys)
+    try:
+        with ThreadPoolExecutor(READERS) as threads:
+            for some in _batches(keys):
+                parts = list(threads.map(lambda one: _read_whole(files, *one), some))
+                asyncio.run(_write_files(session.store, dict(zip((key for key, _ in some), parts, strict=True))))
+                size, done = size + sum(map(len, parts)), done + len(some)
+                if on_file:
+                    on_file(done, total)
+        session.commit(f"gear-rattle: {files}")
+        written = repository.readonly_session(branch).store
+        for some in _batches(keys):
+            for (key, known), part in zip(some, asyncio.run(_read_files(written, some)), strict=True):
+                if digest(part) not in known:
+                    raise OSError(f"{key} does not read back as it was written")
+    except OSError as error:
+        refusal = storage_error(f"{path} cannot be written", error)
+        raise refusal from error
+    return CopyResult(total, size, 0)
+
+
+def _repository_at(path: Path) -> icechunk.Repository:
+    """Create an Icechunk repository, or open one that has no commit. Raises SurveyError for any other directory."""
+    try:
+        import icechunk
+    except ImportError as error:
+        raise MissingExtraError("Icechunk needs icechunk: pip install 'gear-rattle[icechunk]'") from error
+    icechunk.set_logs_filter("error")  # it warns of several writers, and a copy has one
+    storage = icechunk.local_filesystem_storage(str(path))
+    try:
+        if not path.exists():
+            return icechunk.Repository.create(storage)
+        repository = icechunk.Repository.open(storage)
+        if len(list(repository.ancestry(branch="main"))) == 1:  # the empty snapshot with which a repository begins
+            return repository
+    except icechunk.IcechunkError as error:
+        raise SurveyError(f"{path} cannot become a repository ({error}): choose another directory") from error
+    raise SurveyError(f"{path} is a repository with a commit: choose another directory, or remove it")
+
+
+async def _write_files(store: Store, contents: dict[str, bytes]) -> None:
+    from zarr.buffer import cpu
+
+    for key, content in contents.items():
+        await store.set(key, cpu.Buffer.from_bytes(content))
+
+
+async def _read_files(store: Store, keys: Iterable[tuple[str, tuple[str, ...]]]) -> list[bytes]:
+    """Return the content of each file, b"" for a file that is not there."""
+    from zarr.buffer import default_buffer_prototype
+
+    found = [await store.get(key, default_buffer_prototype()) for key, _ in keys]
+    return [b"" if each is None else each.to_bytes() for each in found]
 
 
 def _require_whole(files: FileSource, keys: Iterable[tuple[str, tuple[str, ...]]]) -> None:
