@@ -82,21 +82,21 @@ def _draw_motions(distances: Axes, multipliers: Axes, motions: dict[str, Periodi
         axes.legend(fontsize=8, frameon=False)
 
 
-def _draw_bifurcations(axes: Axes, limit: PeriodicOrbit) -> None:
+def _draw_bifurcations(axes: Axes, motion_d: PeriodicOrbit) -> None:
     """Draw how far SN1, SN2, PD1 and the quiet limit are from those of the impacting model.
 
-    limit: the motion D of the impacting model.
+    motion_d: the motion D of the impacting model, from which SN2 and PD1 are reached along ε.
     """
-    delta, beta = limit.delta, limit.beta
-    span = 0.5 * limit.epsilon, 1.6 * limit.epsilon
-    truth = {str(event.kind): event.epsilon for event in branch(limit, "epsilon", span).events}
+    delta, beta = motion_d.delta, motion_d.beta
+    span = 0.5 * motion_d.epsilon, 1.6 * motion_d.epsilon
+    truth = {str(event.kind): event.epsilon for event in branch(motion_d, "epsilon", span).events}
     found: dict[str, list[tuple[float, float]]] = {"SN1": [], "SN2": [], "PD1": [], "quiet limit": []}
     for kappa in STIFFNESSES:
         found["SN1"].append((kappa, saddle_node_1(delta, float(kappa), beta).epsilon - float(sn1_formula(delta))))
         found["quiet limit"].append((kappa, float(stiff_quiet_limit(delta, kappa) - quiet_limit(delta))))
         if kappa < 1e3:
             continue
-        events = stiff_branch(from_limit(limit, float(kappa)), "epsilon", span).events
+        events = stiff_branch(from_limit(motion_d, float(kappa)), "epsilon", span).events
         for kind, name in (("SN", "SN2"), ("PD", "PD1")):
             near = [event.orbit.epsilon for event in events if event.kind == kind]
             if near and kind in truth:
