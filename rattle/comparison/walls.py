@@ -53,11 +53,11 @@ SCATTER = 4.0
 #: Largest cost of an error of a speed. It is also the cost of each end of a flight at which the velocity has the wrong
 #: direction.
 LARGEST_COST = 4.0
-#: Cost of a false impact, and most false impacts in a row.
+#: Cost of a false impact, and largest number of false impacts in a row.
 FALSE_COST, MOST_FALSE = 6.0, 2
 #: Value with which a false impact enters the mean `Fit.misfit`; a true impact enters it with a value from 0 to 1.
 FALSE_MISFIT = 0.5
-#: Largest distance from an offset within which its interval is searched, in forcing periods, and the number of steps.
+#: The ends of an offset's interval are searched in STEPS steps, up to the distance FARTHEST in forcing periods.
 FARTHEST, STEPS = 0.25, 128
 #: A standard error is computed from sums of costs over this number of successive impacts, because one wrong time
 #: changes the costs of neighbouring impacts.

@@ -48,7 +48,7 @@ SATURATION, LIGHTNESS = 0.65, (0.25, 0.75)
 #: found by trial, so that the types of Figure 4 and the types at 500 random points of the plane differ most.
 HUE_STEPS, LIGHTNESS_STEPS = (0.753, 0.439, 0.588), (0.127, 0.726, 0.28)
 #: Largest accepted number m, n₊ or n₋ of a label.
-LARGEST_NUMBER = 10**9
+LARGEST_LABEL_NUMBER = 10**9
 #: Distance in CIELAB below which two colours look alike.
 ALIKE = 15.0
 #: Least distance in CIELAB of a spare colour from the colour of quiet motion.
@@ -78,9 +78,9 @@ def _type_of(motion: Motion) -> str | Label:
     )
     m, n_plus, n_minus = motion
     return (
-        require_integer("m", m, 1, LARGEST_NUMBER),
-        require_integer("n_plus", n_plus, 1, LARGEST_NUMBER),
-        require_integer("n_minus", n_minus, 0, LARGEST_NUMBER),
+        require_integer("m", m, 1, LARGEST_LABEL_NUMBER),
+        require_integer("n_plus", n_plus, 1, LARGEST_LABEL_NUMBER),
+        require_integer("n_minus", n_minus, 0, LARGEST_LABEL_NUMBER),
     )
 
 
@@ -200,7 +200,7 @@ class Palette:
 @cache
 def _spare_colours() -> tuple[tuple[str, NDArray[np.float64]], ...]:
     """Return the spare colours that differ from the colour of quiet motion, as "#rrggbb" and in CIELAB."""
-    found = (_hex(hue, lightness, saturation) for hue, lightness, saturation in SPARE)
+    found = (_hex_colour(hue, lightness, saturation) for hue, lightness, saturation in SPARE)
     every, quiet = [(each, _cielab(each)) for each in found], _cielab(KIND_COLOURS["quiet"])
     return tuple((each, lab) for each, lab in every if np.hypot.reduce(lab - quiet) >= LEAST_QUIET_DISTANCE)
 
@@ -230,10 +230,10 @@ def _colour_by_rule(label: Label) -> str:
             break
         hue -= high - low
     dark, light = LIGHTNESS
-    return _hex(low + hue, dark + _fractional_sum(label, LIGHTNESS_STEPS) * (light - dark), SATURATION)
+    return _hex_colour(low + hue, dark + _fractional_sum(label, LIGHTNESS_STEPS) * (light - dark), SATURATION)
 
 
-def _hex(hue: float, lightness: float, saturation: float) -> str:
+def _hex_colour(hue: float, lightness: float, saturation: float) -> str:
     """Return a colour as "#rrggbb"; the hue is in degrees."""
     rgb = colorsys.hls_to_rgb(hue / 360, lightness, saturation)
     return "#" + "".join(f"{round(255 * part):02x}" for part in rgb)

@@ -32,7 +32,8 @@ FORWARD, BACKWARD = "#8fc7ee", "#e8862e"
 MARKS = {Kind.SADDLE_NODE: "o", Kind.FLIP: "D", Kind.GRAZING: "s"}
 MEANINGS = {Kind.SADDLE_NODE: "SN: saddle-node", Kind.FLIP: "PD: flip", Kind.GRAZING: "G: graze"}
 STYLES = {True: "-", False: (0, (4.0, 2.0))}
-#: Line width and colour: NAMED for the branches of A to D; OTHER for other branches, where stable and where unstable.
+#: Line width and colour: NAMED for the branches of A to D, OTHER[True] for stable parts of other branches and
+#: OTHER[False] for their unstable parts.
 NAMED, OTHER = (1.3, "black"), {True: (0.8, "#333333"), False: (0.5, "#777777")}
 Limits = tuple[float, float] | None
 ALL_PHASES = (0.0, 1.0)
@@ -42,7 +43,7 @@ NAMED_LEFT_OUT = 4
 MARGIN, LEAST_MARGIN = 0.1, 0.01
 #: Size of labels in points, and the number of points along a curve that are tried for its name.
 SIZE, ANCHORS = 10, 40
-#: Steps of the sweeps for the impacting and for the stiff gear.
+#: Number of steps of each sweep for the impacting gear and for the stiff gear.
 STEPS, STIFF_STEPS = 500, 250
 #: Steps of the sweeps, and limits of v and τ, of the paper's Figures 5 and 9.
 WINDOWS: dict[tuple[float, tuple[float, float], float], tuple[int, Limits, Limits]] = {

@@ -105,7 +105,7 @@ class Labels:
         for point in points:
             origin = self.axes.transData.transform(point)
             for offset in offsets:
-                cost = self._cost(origin, origin + pixels * offset, half, least)
+                cost = self._label_cost(origin, origin + pixels * offset, half, least)
                 if cost < least:
                     least, best = cost, (origin, point, offset)
         origin, text.xy, offset = best
@@ -132,7 +132,7 @@ class Labels:
         others = self.covered[_distances(self.covered, fine[:: max(1, len(fine) // 2000)]) > 6.0]
         stretch = max(2, int(2 * half[0] / 4))
         places = [
-            (self._cost_along(centre, angle, bend, half, others), centre, angle)
+            (self._parallel_label_cost(centre, angle, bend, half, others), centre, angle)
             for start in range(0, max(len(fine) - stretch, 0), max(1, stretch // 6))
             for centre, angle, bend in _places_beside(fine[start : start + stretch], half[1])
         ]
@@ -142,7 +142,7 @@ class Labels:
             inside = line[~np.isnan(line[:, 0])]
             chosen = inside[:: max(1, len(inside) // ANCHORS)]
             return self.add(name, *((float(x), float(y)) for x, y in chosen), size=size, colour=colour)
-        self._move(text, centre)
+        self._move_text(text, centre)
         text.set_rotation(np.degrees(angle))
         self.boxes.append(_turned_box(centre, half, angle))
         return text
@@ -170,7 +170,7 @@ class Labels:
             for centre in cells[roomiest]:
                 box = _box(centre, half)
                 if not (self._misplacement_cost(box) or self._count_hidden(centre, half)):
-                    self._move(text, centre)
+                    self._move_text(text, centre)
                     self.boxes.append(box)
                     return True
         text.remove()
@@ -204,7 +204,7 @@ class Labels:
             room = np.minimum(room, np.hypot(*away.T))
         return cells, room
 
-    def _move(self, text: Text, centre: Array) -> None:
+    def _move_text(self, text: Text, centre: Array) -> None:
         """Move a text so that its centre is at `centre`, in pixels."""
         x, y = self.axes.transData.inverted().transform(centre)
         text.set_position((float(x), float(y)))
@@ -213,7 +213,7 @@ class Labels:
         """Return the number of points of lines that a label would cover; half: half of its width and height."""
         return int(np.all(np.abs(self.covered - centre) < half, axis=1).sum())
 
-    def _cost(self, origin: Array, centre: Array, half: Array, most: float) -> float:
+    def _label_cost(self, origin: Array, centre: Array, half: Array, most: float) -> float:
         """Return the cost of a label at `centre` for a point at `origin`.
 
         half: half of the label's width and height. most: the cost at which the computation stops.
@@ -221,7 +221,7 @@ class Labels:
         Returns
         -------
         float
-            The cost if it is below `most`, else a number from `most` up to the cost.
+            The cost, if it is below `most`. Otherwise any number that is at least `most` and at most the cost.
         """
         cost = float(np.hypot(*(centre - origin)))
         if cost >= most:
@@ -234,7 +234,7 @@ class Labels:
         crossed = sum(_is_crossing(leader, other) for other in self.leaders)
         return cost + FAULT_COST * (crossed + sum(other.count_contains(dense) > 0 for other in self.boxes))
 
-    def _cost_along(self, centre: Array, angle: float, bend: float, half: Array, others: Array) -> float:
+    def _parallel_label_cost(self, centre: Array, angle: float, bend: float, half: Array, others: Array) -> float:
         """Return the cost of a label along a line.
 
         centre, angle: centre and direction of the label. bend: how far the line beside the label deviates from a
