@@ -154,7 +154,7 @@ def compare(
 
 
 def _badness(comparison: Comparison) -> float:
-    """Return the misfit of a comparison plus the distance of the nearest attractor, 0 if there is no attractor."""
+    """Return the misfit of a comparison plus its nearest attractor's distance (0 if there is no attractor)."""
     return comparison.misfit + (comparison.near[0].distance if comparison.near else 0.0)
 
 

@@ -162,14 +162,14 @@ class Labels:
             False if there is no room; then nothing is written.
         """
         text = self.axes.text(0, 0, name, ha="center", va="center", weight="bold", path_effects=HALO, zorder=5)
-        cells, room = self._free_space(inside)
+        cells, room = self._cells_and_distances(inside)
         roomiest = np.argsort(-room, kind="stable")[:CANDIDATES]
         for smaller in (1.0, 0.75):
             text.set_fontsize(smaller * size)
             half = np.array(Text.get_window_extent(text, self.renderer).size) / 2 + ROOM
             for centre in cells[roomiest]:
                 box = _box(centre, half)
-                if not (self._misplacement_cost(box) or self._count_hidden(centre, half)):
+                if not (self._misplacement_cost(box) or self._count_covered_points(centre, half)):
                     self._move_text(text, centre)
                     self.boxes.append(box)
                     return True
@@ -186,12 +186,12 @@ class Labels:
         tuple[Point, float]
             The centre in data coordinates, and its distance in pixels.
         """
-        cells, room = self._free_space(inside)
+        cells, room = self._cells_and_distances(inside)
         best = int(np.argmax(room))
         x, y = self.axes.transData.inverted().transform(cells[best])
         return (float(x), float(y)), float(room[best])
 
-    def _free_space(self, inside: NDArray[np.bool_]) -> tuple[Array, Array]:
+    def _cells_and_distances(self, inside: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return the centres (n, 2) of a part's cells in pixels, and their distances from lines, labels and edges."""
         rows, columns = inside.shape
         i, j = np.nonzero(inside)
@@ -209,7 +209,7 @@ class Labels:
         x, y = self.axes.transData.inverted().transform(centre)
         text.set_position((float(x), float(y)))
 
-    def _count_hidden(self, centre: Array, half: Array) -> int:
+    def _count_covered_points(self, centre: Array, half: Array) -> int:
         """Return the number of points of lines that a label would cover; half: half of its width and height."""
         return int(np.all(np.abs(self.covered - centre) < half, axis=1).sum())
 
@@ -226,7 +226,9 @@ class Labels:
         cost = float(np.hypot(*(centre - origin)))
         if cost >= most:
             return cost
-        cost += self._misplacement_cost(_box(centre, half)) + min(20 * self._count_hidden(centre, half), MOST_LINE_COST)
+        cost += self._misplacement_cost(_box(centre, half)) + min(
+            20 * self._count_covered_points(centre, half), MOST_LINE_COST
+        )
         if cost >= most:
             return cost
         leader = np.array([origin, centre])

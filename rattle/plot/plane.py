@@ -160,7 +160,7 @@ def plane_figure(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
     axes.set(xlim=delta, ylim=epsilon)
     marks = _draw_paper_marks(axes) if beta == BETA else {}
     axes.set_title(f"half-backlash β = {beta:g}", fontsize=10)
-    _explain_widths(axes, lines)
+    _add_width_legend(axes, lines)
     points = codimension_two(beta)
     covered = _draw_inset(axes, curves, lines, {point.name: point for point in points})
     taken = [*lines.values(), *marks.values(), *([] if covered is None else _lines_over_box(covered))]
@@ -174,7 +174,7 @@ def plane_figure(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
     return Drawing(figure, tuple(notes))
 
 
-def _explain_widths(axes: Axes, lines: Mapping[str, Array]) -> None:
+def _add_width_legend(axes: Axes, lines: Mapping[str, Array]) -> None:
     """Add a legend of thick and thin lines below the axes, if both kinds of lines are drawn."""
     widths = ((True, THICK, "curves of the paper"), (False, THIN, "other curves"))
     entries = [

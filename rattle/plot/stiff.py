@@ -77,7 +77,7 @@ def _draw_motions(distances: Axes, multipliers: Axes, motions: dict[str, Periodi
         (distances, "motions A to D", "distance in (τ, v) from the impacting model"),
         (multipliers, "their multipliers", "change of the sum of both"),
     ):
-        _draw_slope(axes, 1e3, -0.5, "κ$^{-1/2}$")
+        _draw_power_law(axes, 1e3, -0.5, "κ$^{-1/2}$")
         axes.set(xlabel="stiffness κ", ylabel=label, title=title)
         axes.legend(fontsize=8, frameon=False)
 
@@ -105,13 +105,13 @@ def _draw_bifurcations(axes: Axes, motion_d: PeriodicOrbit) -> None:
         if points:
             kappas, off = np.array(points).T
             axes.loglog(kappas, np.abs(off), ".-", color=colour, label=name)
-    _draw_slope(axes, 1e3, -0.5, "κ$^{-1/2}$")
-    _draw_slope(axes, 1e3, -1.0, "κ$^{-1}$")
+    _draw_power_law(axes, 1e3, -0.5, "κ$^{-1/2}$")
+    _draw_power_law(axes, 1e3, -1.0, "κ$^{-1}$")
     axes.set(xlabel="stiffness κ", ylabel="distance in ε from the impacting model", title="curves and quiet limit")
     axes.legend(fontsize=8, frameon=False)
 
 
-def _draw_slope(axes: Axes, start: float, power: float, label: str) -> None:
+def _draw_power_law(axes: Axes, start: float, power: float, label: str) -> None:
     """Draw a reference line proportional to κ^power that is above all curves at κ = `start`."""
     lines = [np.asarray(line.get_xydata()) for line in axes.get_lines()]
     heights = [float(line[np.searchsorted(line[:, 0], start), 1]) for line in lines]

@@ -104,7 +104,7 @@ def _prove_captures(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[Prov
 
 
 def _round_inwards(low: float, high: float, plane: Ends) -> Ends:
-    """Round an ε range inwards to PLACES decimals; an end at or beyond an end of the plane becomes this exact end."""
+    """Round an ε range inwards to PLACES decimals, but replace ends at or beyond an end of the plane by this end."""
     unit = Fraction(1, 10**PLACES)
     least = plane[0] if low <= float(plane[0]) else (floor(Fraction(low) / unit) + 1) * unit
     return least, plane[1] if high >= float(plane[1]) else floor(Fraction(high) / unit) * unit

@@ -55,7 +55,7 @@ class Prover:
             return
         states = CLAIMS[claim]
         for letter in states.keys() & {"A", "C"}:
-            require_state(letter, states[letter], *_find_one_impact(piece, letter, states[letter]))
+            require_state(letter, states[letter], *_find_number_and_stability(piece, letter, states[letter]))
         for letter in states.keys() & {"B", "D"}:
             if delta not in self._cells:
                 self._cells[delta] = two_impacts.initial_cells(piece)
@@ -65,14 +65,14 @@ class Prover:
             require_state(letter, state, len(runs), attracts)
 
 
-def _find_one_impact(piece: PlanePiece, letter: str, state: ClaimedState) -> tuple[int | None, bool | None]:
+def _find_number_and_stability(piece: PlanePiece, letter: str, state: ClaimedState) -> tuple[int | None, bool | None]:
     """Return how many motions A (or C) exist, and whether the motion attracts.
 
     Returns
     -------
     tuple[int | None, bool | None]
-        The number of motions; None if it is undecided. Then True if the motion attracts and False if it is a saddle.
-        This value is None if it is undecided, if no motion exists, or if the claimed `state` says nothing about it.
+        The number of motions; None if it is undecided. Then True if the motion attracts, False if it is a saddle; None
+        if this is undecided, if no motion exists, or if the claimed `state` says nothing about stability.
     """
     exists = one_impact.exists(piece, letter)
     if exists and state is not ClaimedState.THERE:

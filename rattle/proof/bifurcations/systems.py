@@ -149,8 +149,9 @@ class EvaluatedSystem:
 def _jacobian_product_entry(
     flights: Sequence[FlightVelocities], phi: Sequence[Series], i: int, multiplier: int
 ) -> Series:
-    """Return entry i of J(μ) φ, with J(μ) the Jacobian for perturbations φ that μ multiplies over a period.
+    """Return entry i of J(μ) φ.
 
+    J(μ) is the Jacobian of the impact equations for perturbations that grow by the factor μ over the period.
     flights: the n flights of the motion. phi: φ (n,). multiplier: μ = 1 or −1.
 
     Returns

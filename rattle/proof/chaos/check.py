@@ -254,7 +254,7 @@ class HorseshoeClaim:
     def coordinates_in(
         self, target: int, periods: int, image: tuple[Vector, tuple[Vector, Vector]]
     ) -> tuple[Vector, list[Any]]:
-        """Return the coordinates (ξ, η) of an image in the set `target`, shifted by `periods` forcing periods.
+        """Return an image in the coordinates (ξ, η) of the set `target`, which is shifted by `periods` forcing periods.
 
         image: the centre (t, v) and the two half sides of a parallelogram that contains the image.
 

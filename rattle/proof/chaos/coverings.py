@@ -158,7 +158,7 @@ class MappedSet:
 
 
 def _coordinates_in(target: HSet, periods: int, part_image: Image) -> tuple[tuple[arb, arb], list[float]]:
-    """Return the image of a part in the coordinates (ξ, η) of the target, shifted by `periods` forcing periods.
+    """Return a part's image in the coordinates (ξ, η) of the target, which is shifted by `periods` forcing periods.
 
     Returns
     -------

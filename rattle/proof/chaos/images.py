@@ -224,7 +224,7 @@ def _middle_arrival_time(point: ModelPoint, middle: tuple[arb, arb], wall: int, 
     status, length, met, _ = first_impact.first_impact(wall, float(law.folded(t0)), w0, delta, epsilon, beta, DRIFT)[:4]
     if status != first_impact.OK or met != target:
         wall_name = "Σ⁺" if target > 0 else "Σ⁻"
-        raise NotProvedError(f"the flight from the middle of a set is not found to end on {wall_name}, as stated")
+        raise NotProvedError(f"the flight from the middle of a set is not found to end on {wall_name}")
     time, distance = (middle[0] + arb(float(length))).mid(), point.beta * (target - wall)
     for _ in range(MOST_NEWTON):
         height, speed = _flight_from_start(point, *middle, time).state_at(time)

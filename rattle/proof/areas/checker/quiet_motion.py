@@ -47,7 +47,7 @@ class BounceBounds:
         """
         places = [interval_between(Fraction(i, PARTS), Fraction(i + 1, PARTS)) for i in range(PARTS)]
         longest = ZERO
-        # v³/g falls from impact to impact, so v³/g ≤ speed³/(least g), and v ≤ speed (g/(least g))^(1/3)
+        # if v³/g falls from impact to impact, v³/g ≤ speed³/(least g), and v ≤ speed (g/(least g))^(1/3)
         for part in places:
             v = speed / (4 * PI * self.d) * IV.exp(IV.ln(self.force_terms(part)[0].b / self.weakest) / 3) * UP
             half = self.half_duration_bound(part, v.b)
