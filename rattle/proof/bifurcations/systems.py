@@ -228,4 +228,4 @@ def require_only_graze(flight: FlightEnclosure, wall: int, target: int, touched:
     above, below = flight.point.beta * (1 - wall), -flight.point.beta * (1 + wall)
     close = [turn for turn, height in extrema(flight, name) if not (height > below if turn == UP else height < above)]
     if close != [-touched]:
-        raise NotProvedError(f"{name} is not proved to touch a wall at its graze alone")
+        raise NotProvedError(f"{name} is not proved to touch a wall only at its graze")
